@@ -23,12 +23,12 @@ RUN python3 -m venv --system-site-packages /opt/quad_mpc \
 
 COPY . src/quad_mpc_ros
 RUN . /opt/ros/jazzy/setup.bash \
-    && colcon build --packages-select quad_mpc_ros \
-    && . install/setup.bash \
-    && ros2 run quad_mpc_ros quad_mpc compile
+    && colcon build --packages-select quad_mpc_ros
 
-# ubuntu
+# ubuntu, in whose cache the compiled code is
 USER 1000
 WORKDIR /home/ubuntu
+RUN . /workspace/install/setup.bash \
+    && ros2 run quad_mpc_ros quad_mpc compile
 ENTRYPOINT ["/bin/bash", "-c", "source /workspace/install/setup.bash && exec \"$@\"", "--"]
 CMD ["ros2", "run", "quad_mpc_ros", "quad_mpc", "fly"]

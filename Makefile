@@ -2,7 +2,7 @@
 export VENV PYTHON
 IN_VENV = @tools/in_venv.sh
 
-.PHONY: help run test bench docs lint clean
+.PHONY: help run test soak bench docs lint clean
 .NOTPARALLEL:
 
 help:  ## list the targets
@@ -16,8 +16,12 @@ test:  ## run the tests in the same way: make test ARGS='-k so3'; the slow ones:
 	$(IN_VENV) ros,test quad_mpc compile
 	$(IN_VENV) ros,test python -P -m pytest -n 2 --dist loadfile $(ARGS)
 
-bench:  ## measure beside acados and cvxpy, renew docs/performance.md: make bench ARGS='--repeats 5'
-	$(IN_VENV) bench python -P tools/update_performance.py $(ARGS)
+soak: export SOAK_DURATION ?= 1800
+soak:  ## fly over DDS for half an hour with lost odometries: make soak SOAK_DURATION=600
+	$(IN_VENV) ros,test python -P -m pytest -n 0 -s test/ros/nodes/test_endurance.py $(ARGS)
+
+bench:  ## measure next to acados and cvxpy, renew docs/performance.md: make bench ARGS='--repeats 5'
+	$(IN_VENV) bench python bench/performance.py --publish $(ARGS)
 
 docs:  ## make the documentation, pages and API, in build/docs
 	$(IN_VENV) docs sphinx-build -q -W --keep-going -j auto -c docs -d build/doctrees . build/docs

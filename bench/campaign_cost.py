@@ -22,11 +22,11 @@ from pathlib import Path
 from typing import Any
 
 from quad_mpc_ros.commands.campaign_options import add_engine_options, engine_of
-from quad_mpc_ros.experiments.campaigns.campaign import Campaign
-from quad_mpc_ros.experiments.campaigns.campaign_file import campaign_from
-from quad_mpc_ros.experiments.campaigns.engine import Engine
-from quad_mpc_ros.experiments.campaigns.flight import fly_batch
-from quad_mpc_ros.experiments.campaigns.flying import begin, fly_into
+from quad_mpc_ros.extras.campaigns.campaign import Campaign
+from quad_mpc_ros.extras.campaigns.campaign_file import campaign_from
+from quad_mpc_ros.extras.campaigns.engine import Engine
+from quad_mpc_ros.extras.campaigns.flight import fly_batch
+from quad_mpc_ros.extras.campaigns.flying import begin, fly_into
 
 _STEP, _WHOLE = 0.02, 12.0  # s of flight
 _USUAL = 500  # flights of a campaign

@@ -15,11 +15,11 @@ import sys
 import time
 from typing import NamedTuple
 
+from peers.controller import ControllerPeer
+from performance import TimedPeer
+
 from quad_mpc_ros import simulate, summarise
 from quad_mpc_ros.configuration.text_tables import text_table
-from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, load_config
 from quad_mpc_ros.simulation.closed_loop import fly
 
@@ -58,37 +58,21 @@ class Times(NamedTuple):
     whole: float
 
 
-class TimedController:
-    """The controller as a control law, timed."""
-
-    def __init__(self, controller: Controller) -> None:
-        self._controller = controller
-        self.seconds = self.mpc_seconds = 0.0
-
-    def __call__(self, odometry: OdometrySample, window: ReferenceWindow) -> CommandSample | None:
-        """Return the command that answers an odometry."""
-        started = time.perf_counter()
-        tick = self._controller.step(odometry, window)
-        self.seconds += time.perf_counter() - started
-        if tick is None:
-            return None
-        self.mpc_seconds += 1e-6 * tick.stats.step_time_us
-        return tick.command
-
-
 def timed(config: FlightConfig) -> tuple[Times, int]:
     """Fly three times: as it is, with the controller timed, and whole; and count the steps."""
     mpc, simulator, reference = config
     started = time.perf_counter()
     steps = sum(1 for _ in fly(mpc=mpc, simulator=simulator, reference=reference))
     flown = time.perf_counter() - started
-    law = TimedController(warmed_up(mpc))
+    law = TimedPeer(ControllerPeer(mpc))
     for _ in fly(simulator=simulator, reference=reference, controller=law):
         pass
+    controller = 1e-6 * sum(law.step_us)
+    solving = sum(effort.mpc_time or 0.0 for effort in law.efforts)
     started = time.perf_counter()
     summarise(simulate(mpc, simulator, reference))
     whole = time.perf_counter() - started
-    return Times(fly=flown, controller=law.seconds, mpc=law.mpc_seconds, whole=whole), steps
+    return Times(fly=flown, controller=controller, mpc=solving, whole=whole), steps
 
 
 def measured(config: FlightConfig, *, repeats: int) -> tuple[Times, int]:

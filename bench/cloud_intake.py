@@ -17,9 +17,15 @@ import numpy as np
 from quad_mpc_ros.control.config import ObstacleParameters
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.messages.point_cloud import PointCloud, read_point_cloud, written_point_cloud
-from quad_mpc_ros.obstacles.shapes import Box, Cylinder, Shape
-from quad_mpc_ros.obstacles.world import World
+from quad_mpc_ros.extras.obstacles.world import World
+from quad_mpc_ros.messages.point_cloud import (
+    PointCloud,
+    point_cloud_from_message,
+    written_point_cloud,
+)
+from quad_mpc_ros.messages.topics import OBSTACLES
+from quad_mpc_ros.ros.messages import message_in
+from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape
 
 RATE, SPEED = 10.0, 2.0  # Hz, m/s
 HALL = np.array([20.0, 14.0, 5.0])
@@ -61,7 +67,7 @@ def measure(clouds: str, *, points: int, scans: int) -> tuple[float, float, int]
         )
         world.receive_odometry(OdometrySample.at_rest(eye, stamp_ns=stamp_ns))
         began = time.thread_time()
-        world.receive_cloud(read_point_cloud(data))
+        world.receive_cloud(point_cloud_from_message(message_in(OBSTACLES, data)))
         taken = time.thread_time()
         found = world.points(stamp_ns, near=eye, radius=8.0)
         intake, asking = intake + taken - began, asking + time.thread_time() - taken

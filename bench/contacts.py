@@ -26,19 +26,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markdown_table import markdown_table
 
 from quad_mpc_ros import load_config
-from quad_mpc_ros.configuration.text_tables import markdown_table
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.warm_up import warmed_up
+from quad_mpc_ros.extras.plants.mujoco.film import Film
+from quad_mpc_ros.extras.plants.mujoco.plant import MujocoPlant
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
 from quad_mpc_ros.references.configured import joined_trajectory
 from quad_mpc_ros.references.director import GROUND, LANDING, Reply
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.live import LiveReference
 from quad_mpc_ros.references.path import Straight
-from quad_mpc_ros.simulation.mujoco.film import Film
-from quad_mpc_ros.simulation.mujoco.plant import MujocoPlant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 from quad_mpc_ros.simulation.sensors import OdometryStream
 

@@ -19,13 +19,13 @@ from typing import Any
 
 import numpy as np
 import yaml
+from markdown_table import markdown_table
 
 from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.configuration import files
-from quad_mpc_ros.configuration.text_tables import markdown_table
-from quad_mpc_ros.experiments.campaigns.campaign_file import Overrides, campaign_from
-from quad_mpc_ros.experiments.campaigns.flying import fly
-from quad_mpc_ros.experiments.campaigns.local_workers import LocalWorkers
+from quad_mpc_ros.extras.campaigns.campaign_file import Overrides, campaign_from
+from quad_mpc_ros.extras.campaigns.flying import fly
+from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers
 
 DELAYS = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12)  # s, more than modelled
 CALM = 0.175  # rad: it oscillates where it tilts further in hover, long after its start

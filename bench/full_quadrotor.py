@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.configuration import per_axis
-from quad_mpc_ros.planning.race_plan import RacePlan
+from quad_mpc_ros.extras.racing.planning.race_plan import RacePlan
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
 
 Array = NDArray[np.float64]

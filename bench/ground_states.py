@@ -15,8 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from quad_mpc_ros.control.estimation.ground_state import GroundState
-from quad_mpc_ros.experiments.campaigns.campaign import FlightPlan
-from quad_mpc_ros.experiments.campaigns.campaign_file import located_campaign, read_campaign
+from quad_mpc_ros.extras.campaigns.campaign import FlightPlan
+from quad_mpc_ros.extras.campaigns.campaign_file import located_campaign, read_campaign
 from quad_mpc_ros.simulation.closed_loop import fly
 
 _AIRBORNE = 0.02  # m

@@ -2,9 +2,9 @@
 
     python -P bench/obstacle_cost.py
 
-The step is :meth:`.mpc.Mpc.step` from states along a way around a pillar, each computed with its
-corridor and without it, one after the other. The guide is timed beside it, and the map of 100,000
-points about the vehicle with its grid, which the node makes in a thread of its own.
+The step is the estimate and :meth:`.mpc.Mpc.solve`, from states along a path around a pillar, each
+computed with its corridor and without it, one after the other. The guide is timed as well, and the
+map of 100,000 points about the vehicle with its grid, which the node makes in a thread of its own.
 """
 
 from __future__ import annotations
@@ -16,10 +16,12 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.control.mpc import Mpc
-from quad_mpc_ros.obstacles.avoidance import MovingPoints, ObstacleAvoidance
+from quad_mpc_ros.control.mpc import Mpc, MpcStep
+from quad_mpc_ros.extras.obstacles.avoidance import MovingPoints, ObstacleAvoidance
 
 _TICKS = 400
 
@@ -44,12 +46,20 @@ class Cloud:
         """Return the age of a map."""
         return 0.0
 
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Stay where it is: no odometry is reset here."""
+
 
 def timed(call: Callable[..., Any], *arguments: Any) -> tuple[float, Any]:
     """Return how long a call takes of this thread's CPU time [us], and what it returns."""
     began = time.thread_time()
     result = call(*arguments)
     return 1e6 * (time.thread_time() - began), result
+
+
+def step_of(estimator: DelayCompensation, mpc: Mpc) -> Callable[..., MpcStep]:
+    """Return what takes odometry, window and corridor, and plans."""
+    return lambda odometry, *flown: mpc.solve(estimator.predict(odometry), *flown)
 
 
 def cloud(count: int) -> Array:
@@ -67,7 +77,7 @@ def main() -> None:
     config = MpcConfig().updated({"obstacles.half_spaces": 8})
     obstacles = Cloud(cloud(100_000))
     guide = ObstacleAvoidance(config, obstacles, radius=0.25)
-    within, without = Mpc(config), Mpc(config)
+    within, without = (step_of(DelayCompensation(config), Mpc(config)) for _ in range(2))
     steps: list[tuple[float, float, float]] = []
     mapped_us: list[float] = []
     state, plan = np.zeros(6), None
@@ -100,10 +110,10 @@ def main() -> None:
             continue
         # By turns, so that each finds the processor's caches as the other does.
         if tick % 2:
-            outside = timed(without.step, seen, guided.window)
-        inside = timed(within.step, seen, guided.window, guided.corridor)
+            outside = timed(without, seen, guided.window)
+        inside = timed(within, seen, guided.window, guided.corridor)
         if not tick % 2:
-            outside = timed(without.step, seen, guided.window)
+            outside = timed(without, seen, guided.window)
         plan = inside[1].plan
         if plan is not None:
             steps.append((took, inside[0], outside[0]))

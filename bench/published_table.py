@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from quad_mpc_ros.configuration.text_tables import markdown_table
+from markdown_table import markdown_table
 
 
 class Flown(Protocol):

@@ -16,9 +16,10 @@ from full_quadrotor import check
 
 from quad_mpc_ros import load_config
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.planning.race_plan import plan_race
+from quad_mpc_ros.extras.racing.gates import course_from
+from quad_mpc_ros.extras.racing.planning.race_plan import plan_race
 from quad_mpc_ros.references.configured import judged_trajectory
-from quad_mpc_ros.references.gates import Course, course_from
+from quad_mpc_ros.references.course import Course
 
 VEHICLE = "vehicles/cpc"
 _ROOM = np.array([10.0, 10.0])  # m, to each side
@@ -64,7 +65,7 @@ def minimum_snap_time(course: dict[str, Any], config: Any) -> float:
         time_scaling="auto",
         max_speed=1e3,
         max_acceleration=0.9 * (mpc.vehicle().thrust(1.0) / mpc.mass - mpc.gravity),
-        trajectory_omega_max=mpc.omega_max,
+        omega_max=mpc.omega_max,
     )
     trajectory, verdict = judged_trajectory(reference)
     return 1e-9 * trajectory.period_ns if verdict.feasible else math.nan

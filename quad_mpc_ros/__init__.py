@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from quad_mpc_ros.control.lie import so3
     from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
     from quad_mpc_ros.control.model.vehicle import Vehicle
-    from quad_mpc_ros.planning.race_plan import plan_race
+    from quad_mpc_ros.extras.racing.planning.race_plan import plan_race
     from quad_mpc_ros.recordings.evaluation.metrics import summarise
     from quad_mpc_ros.recordings.evaluation.simulated import load_config, simulate
     from quad_mpc_ros.recordings.flight import Flight
@@ -79,7 +79,7 @@ _MODULES = {
     "Vehicle": "control.model.vehicle",
     "identify": "analysis.identification.fit",
     "load_config": "recordings.evaluation.simulated",
-    "plan_race": "planning.race_plan",
+    "plan_race": "extras.racing.planning.race_plan",
     "simulate": "recordings.evaluation.simulated",
     "so3": "control.lie",
     "summarise": "recordings.evaluation.metrics",
@@ -91,9 +91,8 @@ def __getattr__(name: str) -> object:
     module = _MODULES.get(name)
     if module is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    import importlib
-
-    value: object = getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    # With fromlist, as of a from statement, a name may be a module that nothing has imported yet.
+    value: object = getattr(__import__(f"{__name__}.{module}", fromlist=[name]), name)
     globals()[name] = value
     return value
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib
 import os
 import signal
@@ -26,7 +27,7 @@ COMMANDS = {
     "limits",
     "plan": "plan the race of least time through gates, for a vehicle",
     "preflight": "look at the running nodes before a flight: vehicle, limits, topics, odometry",
-    "report": "show recorded runs, or campaigns, on one page: path, errors, solver; crashes",
+    "report": "show recorded runs on one page: path, errors, solver",
     "identify": "fit lags, delay, thrust and drag of the vehicle to a recorded flight",
     "save-vehicle": "save the thrust and lags that a flying controller has estimated as a "
     "parameter file",
@@ -36,10 +37,11 @@ COMMANDS = {
     "params": "print every parameter: type, default, unit, range, whether live, meaning",
     "bridges": "list the bridges to flight stacks and what is installed for them",
     "compile": "compile everything now, so that no node has to when it starts",
-    "soak": "endurance test: fly for half an hour, or inject faults one after another",
-    "bench": "measure what a step costs, beside OSQP's own time and other controllers",
 }
 """What each command does; the module of that name does it."""
+
+
+_OPTIONAL = "quad_mpc_ros.extras."
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -57,18 +59,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str] | None) -> int:
     given = sys.argv[1:] if arguments is None else list(arguments)
-    options, unknown = parser_for(given).parse_known_args(given)
-    if unknown:
-        options.refuse(f"given {' '.join(unknown)}, expected no such argument")
     try:
+        options, unknown = parser_for(given).parse_known_args(given)
+        if unknown:
+            options.refuse(f"given {' '.join(unknown)}, expected no such argument")
         with _interruptible():
             return int(options.run(options))
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
+    except ModuleNotFoundError as error:
+        if not f"{error.name}.".startswith(_OPTIONAL):
+            raise
+        print(f"error: {_missing_part(given, str(error.name))}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        print(f"error: {error.filename!s:.60}…: {error.strerror}", file=sys.stderr)
+        return EXIT_BAD_INPUT
     except KeyboardInterrupt:
         print("\ninterrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
+
+
+def _missing_part(given: Sequence[str], module: str) -> str:
+    return f"given {' '.join(given):.60}, needs the optional part {module}, not installed"
 
 
 @contextmanager

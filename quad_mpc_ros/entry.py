@@ -21,10 +21,19 @@ def run(name: str) -> int:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not ignored
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     if name.endswith(_BRIDGE):
-        registry = importlib.import_module("quad_mpc_ros.ros.bridges.registry")
-        node = importlib.import_module("quad_mpc_ros.ros.bridges.node")
-        return int(node.run_bridge(registry.load_bridge(name)))
+        return _run_bridge(name)
     return int(importlib.import_module(module_of(name)).main())
+
+
+def _run_bridge(name: str) -> int:
+    registry = importlib.import_module("quad_mpc_ros.ros.bridges.registry")
+    node = importlib.import_module("quad_mpc_ros.ros.bridges.node")
+    try:
+        kind = registry.load_bridge(name)
+    except registry.UserError as error:  # a bridge that is not installed
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return int(node.run_bridge(kind))
 
 
 def module_of(name: str) -> str:

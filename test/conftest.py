@@ -164,16 +164,13 @@ pytest_plugins = [
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Where tests run on several processes, let the controller compile before those start.
+    """Where tests run on several processes, compile everything before those start.
 
     Both would do it at once, and nodes that wait for each other meanwhile.
     """
     option = session.config.option
     if not getattr(option, "numprocesses", None) or option.collectonly:
         return
-    from quad_mpc_ros.control.config import MpcConfig
-    from quad_mpc_ros.control.warm_up import warmed_up
+    from quad_mpc_ros.cli import main
 
-    warmed_up(MpcConfig())
-    warmed_up(MpcConfig(rate_time_constant=0.03, thrust_time_constant=0.03, input_delay=0.02))
-    warmed_up(MpcConfig(formulation="paper", estimate_disturbance=False))
+    assert main(["compile"]) == 0

@@ -5,9 +5,9 @@
     diff before.txt after.txt
 
 Flies through the command line, with both formulations, lags, delays, noise, wind, limits and most
-references, two flights in lockstep over DDS, and every fault that needs no wall clock in one
-process. Which package flies is up to the Python that runs this. Digests compare on one machine
-only: another one may compile the same sums in another order.
+references, two flights in lockstep over DDS, and in one process every fault of
+test/fixtures/faults that needs no wall clock. Which package flies is up to the Python that runs
+this. Digests compare on one machine only: another one may compile the same sums in another order.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from pathlib import Path
 from mcap.reader import make_reader
 
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.experiments.faults.cases import FAULTS, Fault, ProcessFault
-from quad_mpc_ros.experiments.faults.flight import FaultFlight
-from quad_mpc_ros.experiments.faults.solver import SolverFault
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
+from fixtures.faults.cases import FAULTS, Fault
+from fixtures.faults.flight import FaultFlight
 
 QUAD_MPC = (sys.executable, "-P", "-m", "quad_mpc_ros.cli")
 
@@ -128,7 +129,7 @@ def main() -> None:
 
 def names() -> list[str]:
     """Return the names of all flights."""
-    return [*SIMULATED, *OVER_DDS, *(f"fault_{name}" for name in faults())]
+    return [*SIMULATED, *OVER_DDS, *(f"fault_{name}" for name in FAULTS)]
 
 
 def fingerprint(name: str) -> str:
@@ -137,7 +138,7 @@ def fingerprint(name: str) -> str:
         return line(name, *flown("simulate", *SIMULATED[name]))
     if name in OVER_DDS:
         return line(name, *flown("fly", *OVER_DDS[name]))
-    return line(name, *flown_with(faults()[name.removeprefix("fault_")]))
+    return line(name, *flown_with(FAULTS[name.removeprefix("fault_")]))
 
 
 def line(name: str, count: int, digest: str) -> str:
@@ -165,16 +166,6 @@ def flown(command: str, arguments: list[str], assignments: list[str]) -> tuple[i
                     digest.update(message.data)
                     count += 1
         return count, digest.hexdigest()[:32]
-
-
-def faults() -> dict[str, Fault]:
-    """Return the faults that a flight in one process and in simulated time can have."""
-    return {
-        name: fault
-        for name, fault in FAULTS.items()
-        if fault.solver is not SolverFault.RUN_LONG
-        and fault.process is not ProcessFault.START_NODES
-    }
 
 
 def flown_with(fault: Fault) -> tuple[int, str]:

@@ -44,6 +44,7 @@ from quad_mpc_ros.ros.spin import fastest_executor
 BRIDGES = "px4", "mavlink"
 MOST_TILT = 20.0  # degrees beyond what the reference asks for
 PATIENCE = 60.0  # s
+REQUEST_PERIOD = 0.1  # s, for the mode
 TAKE_OFF = 22  # MAV_CMD
 OFFBOARD, HOLD = (6, 0), (4, 3)  # main and sub mode, px4_custom_mode.h
 CUSTOM, ARMED = 1, 128  # bits of MAV_MODE_FLAG
@@ -64,20 +65,20 @@ class Station:
     def __init__(self, device: str) -> None:
         self._line = open_line(Line(device=device, baud=0))
         self._codec = codec.Codec(system=255)
-        self._told = 0.0
+        self._requested = 0.0
         self.system, self.mode, self.armed = 0, (0, 0), False
 
     def poll(self) -> None:
-        """Take what has come; ask for ten heartbeats a second, so that modes are seen at once."""
+        """Take what has come, and request a heartbeat: PX4 takes no interval for it."""
         for message in self._codec.read(self._line.read()):
             autopilot = message.get_srcComponent() == codec.AUTOPILOT_COMPONENT
             if autopilot and message.get_msgId() == codec.HEARTBEAT:
                 self.system = message.get_srcSystem()
                 self.mode = message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24
                 self.armed = bool(message.base_mode & ARMED)
-        if self.system and time.monotonic() - self._told > 1.0:
-            self._told = time.monotonic()
-            self.send(codec.SET_MESSAGE_INTERVAL, codec.HEARTBEAT, 1e5)
+        if self.system and time.monotonic() - self._requested > REQUEST_PERIOD:
+            self._requested = time.monotonic()
+            self.send(codec.REQUEST_MESSAGE, codec.HEARTBEAT)
 
     def send(self, command: int, *parameters: float) -> None:
         """Send a command."""

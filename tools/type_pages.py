@@ -40,8 +40,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 STACKS = tuple(sorted((ROOT / "docs" / "stacks").glob("*.md")))
 FENCE = re.compile(r"^```(\w+)(?: +(\S+))?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-OF_THE_CHECKOUT = re.compile(r"make |\.venv/|python (bench|examples)/|quad_mpc bench --peers")
-STARTS_NODES = re.compile(r"ros2 (run|launch) |quad_mpc fly .*on_request|teleop_node")
+OF_THE_CHECKOUT = re.compile(r"make |\.venv/|python (bench|examples)/")
+STARTS_NODES = re.compile(r"ros2 (run|launch) |quad_mpc fly .*on_request")
 RUNS_ON = re.compile(rf"{STARTS_NODES.pattern}|quad_mpc watch")
 ASKS_NODES = re.compile(
     r"ros2 (param|service|lifecycle|topic|bag) |save-vehicle|preflight|watch --once"
@@ -86,7 +86,7 @@ ELSEWHERE = {
     r"flight\.mcap": "needs a recording of a flight stack",
     r"/px4_bridge/|bridge:=|--bridge px4": NEEDS_THE_STACK,
     r"/dev/tty": "needs a serial port",
-    r"ros2 run (joy|rqt_\w+) ": "needs a package of ROS beside ours",
+    r"ros2 run (joy|teleop_twist_|rqt_\w+) ": "needs a package of ROS beside ours",
     r"EFFECT": "a placeholder, for what the table below it lists",
 }
 

@@ -1,15 +1,17 @@
-"""Write config/<node>.yaml, docs/parameters.md and the table of docs/soak.md from the code.
+"""Write config/<node>.yaml and docs/parameters.md from the code.
 
-The table of docs/soak.md is written from the faults. Run it after changing one of either; a test
-fails while the files are not what it would write.
+Run it after changing a parameter; a test fails while the files are not what it would write.
 """
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 
-from quad_mpc_ros.commands.params import as_markdown, as_yaml, own_nodes
-from quad_mpc_ros.experiments.faults.cases import fault_table
+from quad_mpc_ros.commands.params import kind_text, own_nodes
+from quad_mpc_ros.configuration import ParameterSpec
+from quad_mpc_ros.configuration.files import value_text
 from quad_mpc_ros.ros.bridges.registry import bridge_configurations, bridge_packages
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -20,9 +22,7 @@ if missing := OURS - BRIDGES.keys():
     raise SystemExit(f"setup.py has changed ({', '.join(sorted(missing))}): install it again")
 ALL_NODES = {**own_nodes(), **BRIDGES}
 
-_SOAK_PAGE = Path("docs", "soak.md")
-_TABLE_BEGINS, _TABLE_ENDS = "<!-- faults -->", "<!-- end of faults -->"
-
+_WIDTH = 99
 _PAGE = """\
 # Parameters
 
@@ -45,15 +45,68 @@ def files() -> dict[Path, str]:
     }
     sections = [as_markdown(node, kind.specs()) for node, kind in ALL_NODES.items()]
     texts[Path("docs", "parameters.md")] = "\n".join([_PAGE, *sections])
-    texts[_SOAK_PAGE] = _soak_page()
     return texts
 
 
-def _soak_page() -> str:
-    """Return the page with the table of faults renewed."""
-    before, rest = (ROOT / _SOAK_PAGE).read_text(encoding="utf-8").split(_TABLE_BEGINS)
-    _, after = rest.split(_TABLE_ENDS)
-    return f"{before}{_TABLE_BEGINS}\n{fault_table()}\n{_TABLE_ENDS}{after}"
+def as_markdown(node: str, specs: Sequence[ParameterSpec]) -> str:
+    """Return a section of ``docs/parameters.md``."""
+    rows = [
+        (
+            f"`{spec.name}`",
+            kind_text(spec),
+            f"`{value_text(spec.default)}`",
+            spec.unit,
+            spec.allowed(),
+            "yes" if spec.live else "",
+            spec.doc,
+        )
+        for spec in specs
+    ]
+    header = ("name", "type", "default", "unit", "range", "live", "meaning")
+    lines = [_markdown_row(header), f"|{'---|' * len(header)}", *map(_markdown_row, rows)]
+    return "\n".join([f"## `{node}`", "", *lines, ""])
+
+
+def _markdown_row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+
+
+def as_yaml(node: str, specs: Sequence[ParameterSpec]) -> str:
+    """Return a ROS parameter file with every default, advanced ones last."""
+    lines = [f"/**/{node}:", "  ros__parameters:"]  # in every namespace
+    within: list[str] = []
+    for spec in _in_groups(specs):
+        *groups, name = spec.name.split(".")
+        for depth, group in enumerate(groups):
+            if within[: depth + 1] != groups[: depth + 1]:
+                lines.append(f"{'  ' * (depth + 2)}{group}:")
+        within = groups
+        indent = "  " * (len(groups) + 2)
+        lines += textwrap.wrap(
+            f"{spec.doc} {_rule(spec)}",
+            width=_WIDTH,
+            initial_indent=f"{indent}# ",
+            subsequent_indent=f"{indent}# ",
+        )
+        # rclpy cannot tell the type of an empty list in a file.
+        comment = "# " if spec.default == () else ""
+        lines.append(f"{indent}{comment}{name}: {value_text(spec.default)}")
+    return "\n".join(lines) + "\n"
+
+
+def _in_groups(specs: Sequence[ParameterSpec]) -> list[ParameterSpec]:
+    """Return parameters with those of a group together: a key may stand once in a file."""
+    groups: dict[str, int] = {}
+    for spec in specs:
+        groups.setdefault(spec.name.rpartition(".")[0], len(groups))
+    # What is advanced and in no group of it comes before the groups of it.
+    return sorted(specs, key=lambda spec: (spec.advanced, groups[spec.name.rpartition(".")[0]]))
+
+
+def _rule(spec: ParameterSpec) -> str:
+    unit = f" [{spec.unit}]" if spec.unit else ""
+    live = ", live" if spec.live else ""
+    return f"({spec.allowed()}{unit}{live})"
 
 
 if __name__ == "__main__":

@@ -11,17 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
-from quad_mpc_ros.analysis.figures import write_comparison, write_figures
+from quad_mpc_ros.analysis.figures import write_figures
 from quad_mpc_ros.analysis.figures.reference_figure import write_reference
 from quad_mpc_ros.cli import main
+from quad_mpc_ros.extras.racing.gate_path import configured_course
 from quad_mpc_ros.recordings.recording import Recording, flown_points
 from quad_mpc_ros.references.config import TRAJECTORIES, ReferenceConfig
 from quad_mpc_ros.references.configured import judged_trajectory
-from quad_mpc_ros.references.gate_path import configured_course
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
-PRESETS = {"paper": "Eq. (3) as printed", "paper_rigid_body": "true rigid body"}
 
 REFERENCE_DPI = 100
 # What a picture of the default would not show.
@@ -33,18 +32,14 @@ REFERENCE_CHANGES: dict[str, dict[str, object]] = {
 
 
 def update_flights() -> None:
-    """Fly the paper's square on both plants and copy the pictures to where the pages look."""
-    flights = {}
+    """Fly the paper's square and copy the pictures to where the pages look."""
     with tempfile.TemporaryDirectory() as scratch:
-        for preset, title in PRESETS.items():
-            out = Path(scratch, preset)
-            main(["simulate", "--config", preset, "--out", str(out)])
-            flights[title] = Recording(out / "bag").flight()
-        pictures = write_figures(flights[PRESETS["paper"]], Path(scratch, "figures"))
+        out = Path(scratch, "paper")
+        main(["simulate", "--config", "paper", "--out", str(out)])
+        pictures = write_figures(Recording(out / "bag").flight(), Path(scratch, "figures"))
         for picture in pictures:
             name = "square.png" if picture.name == "path.png" else f"paper_{picture.name}"
             (IMAGES / name).write_bytes(picture.read_bytes())
-    write_comparison(flights, IMAGES / "paper_and_rigid_body.png")
 
 
 def update_references() -> None:

@@ -17,8 +17,8 @@ from quad_mpc_ros.analysis.figures.path_figure import write_path
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.obstacles.configured import guidance
-from quad_mpc_ros.obstacles.world import World
+from quad_mpc_ros.extras.guidance import guidance
+from quad_mpc_ros.extras.obstacles.world import World
 from quad_mpc_ros.recordings.evaluation.simulated import FlightLog, load_config
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 

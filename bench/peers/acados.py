@@ -1,4 +1,4 @@
-"""acados as a peer of ``quad_mpc bench``: one real-time iteration with HPIPM on the same problem.
+"""acados as a peer: one real-time iteration with HPIPM on the same problem.
 
 R. Verschueren et al., "acados: a modular open-source framework for fast embedded optimal
 control", Mathematical Programming Computation, 2021. The wheel ``comma-deps-acados`` brings its
@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from peers.peer import Effort, NewPeer, PeerKind, PeerUnavailableError
 
 from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.control.config import MpcConfig
@@ -33,7 +34,6 @@ from quad_mpc_ros.control.model.reference_window import sample
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.control.ocp.limits import SPEED_MARGIN, TILT_MARGIN
-from quad_mpc_ros.experiments.bench.peers import Effort, NewPeer, PeerKind, PeerUnavailableError
 
 STATE_SIZE, INPUT_SIZE = 10, 4
 FREE = 1e4
@@ -436,5 +436,5 @@ PEER = PeerKind(
     "input. Its iterations are HPIPM's.",
     make=_made,
     swept=True,
-    distributions=("comma-deps-acados",),
+    package="comma-deps-acados",
 )

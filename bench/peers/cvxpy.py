@@ -1,4 +1,4 @@
-"""cvxpy as a peer of ``quad_mpc bench``, as the paper uses it: the same QP, rebuilt at every step.
+"""cvxpy as a peer, as the paper uses it: the same QP, rebuilt at every step.
 
 S. Diamond and S. Boyd, "CVXPY: A Python-embedded modeling language for convex optimization",
 Journal of Machine Learning Research, 2016. Model, linearisation and what becomes of a solution
@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from peers.peer import Effort, NewPeer, PeerKind, PeerUnavailableError
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.mpc import FORMULATIONS
-from quad_mpc_ros.control.ocp.stages import HorizonPattern, HorizonStages
-from quad_mpc_ros.experiments.bench.peers import Effort, NewPeer, PeerKind, PeerUnavailableError
+from quad_mpc_ros.control.ocp.horizon_qp import HorizonPattern, HorizonStages
 
 
 def cvxpy_module() -> Any:
@@ -54,8 +54,7 @@ class CvxpyPeer:
             solution = self._solve(self._problem.linearise())
             if solution is None:
                 return None
-            converged = self._problem.line_search(*solution)
-        plan = self._problem.plan()
+            plan, converged = self._problem.line_search(*solution)
         u = plan.command_over(0.0, 1.0 / self._config.control_rate)
         self._delay_compensation.record(u, stamp_ns=odometry.stamp_ns)
         return CommandSample(stamp_ns=odometry.stamp_ns, throttle=u.throttle, w_WB_B=u.w_WB_B)
@@ -105,7 +104,7 @@ def stagewise_problem(
     inputs = cvxpy.Variable((steps, len(su)))
     states = cvxpy.Variable((steps, len(sx)))
     H = np.broadcast_to(stages.H, (steps, len(sx), len(sx))) * np.outer(sx, sx)
-    g, c = (np.broadcast_to(part, (steps, len(sx))) for part in (stages.g * sx, stages.c / sx))
+    g = np.broadcast_to(stages.g * sx, (steps, len(sx)))
     R, r, lower, upper = (
         np.broadcast_to(part, (steps, len(su)))
         for part in (stages.R * su**2, stages.r * su, stages.lower / su, stages.upper / su)
@@ -117,7 +116,7 @@ def stagewise_problem(
         u, x_next = inputs[i], states[i]
         cost += 0.5 * cvxpy.quad_form(x_next, cvxpy.psd_wrap(H[i])) + g[i] @ x_next
         cost += 0.5 * cvxpy.sum(cvxpy.multiply(R[i], cvxpy.square(u))) + r[i] @ u
-        constraints += [x_next == A[i] @ x + B[i] @ u + c[i], u >= lower[i], u <= upper[i]]
+        constraints += [x_next == A[i] @ x + B[i] @ u, u >= lower[i], u <= upper[i]]
         x = x_next
     return cvxpy.Problem(cvxpy.Minimize(cost), constraints), inputs, states
 
@@ -132,5 +131,5 @@ PEER = PeerKind(
     description="this controller's linearisation, its QP written down stage by stage and rebuilt "
     "at every step, solved by OSQP with the same tolerance.",
     make=_made,
-    distributions=("cvxpy",),
+    package="cvxpy",
 )

@@ -6,7 +6,7 @@ import, ``run`` imports, so that ``--help`` is quick. May import everything.
 """
 
 EXIT_FAILED = 1
-"""A flight with failsafe, a reference that cannot be flown, a soak that does not hold."""
+"""A flight with failsafe, or a reference that cannot be flown."""
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 EXIT_BROKEN_PIPE = 141

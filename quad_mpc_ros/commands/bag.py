@@ -25,8 +25,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "repair",
         help="complete a recording that was cut short",
         description="Restore the index and metadata.yaml after the recorder was killed or lost "
-        "power. Damaged files stay beside the repaired ones as <name>.broken. A complete "
-        "bag is left alone.",
+        "power, after files were renamed, and correct log times of a clock that was not set. "
+        "Damaged files stay beside the repaired ones as <name>.broken. A sound bag is left alone.",
     )
     repairing.add_argument("bag", type=Path, metavar="BAG", help=WHICH_BAG)
 
@@ -51,8 +51,10 @@ def _repaired(file: RepairedFile) -> str:
     left = [f"{file.unreadable_bytes} bytes after the last whole record"]
     if file.damaged_chunks:
         left.append(f"{file.damaged_chunks} damaged chunks")
+    corrected = f", {file.corrected_times} log times corrected" if file.corrected_times else ""
     return (
-        f"{file.path.name}: {file.message_count} messages kept, left out {' and '.join(left)}; "
+        f"{file.path.name}: {file.message_count} messages kept, left out {' and '.join(left)}"
+        f"{corrected}; "
         f"the original is {file.original.name}"
     )
 
@@ -67,8 +69,8 @@ def _info(path: Path) -> str:
         f"duration  {reader.duration_ns * 1e-9:.3f} s{_start(reader.span)}",
         f"messages  {count}",
     ]
-    if not reader.complete:
-        lines.append(reader.unfinished)
+    if reader.warning:
+        lines.append(reader.warning)
     topics = [
         (f"  {topic}", f"{info.message_count}", info.type_name)
         for topic, info in sorted(reader.topics.items())

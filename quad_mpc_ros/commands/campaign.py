@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,10 +14,10 @@ from quad_mpc_ros.commands.campaign_options import (
     new_or_resumed,
 )
 from quad_mpc_ros.commands.output import prepared_out, results_in
-from quad_mpc_ros.commands.progress import CountProgress
+from quad_mpc_ros.commands.progress import Progress
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.experiments.campaigns.campaign import Campaign
+    from quad_mpc_ros.extras.campaigns.campaign import Campaign
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -25,7 +26,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "Fly many flights of the closed loop without ROS, with parameters that a file varies "
         "from flight to flight (docs/campaigns.md). Writes flights.csv and, with pyarrow, "
         "flights.parquet, a row a flight; flights/NUMBER.yaml, with which 'quad_mpc simulate "
-        "--config' makes one again; and, with Plotly, report.html. Exit code 0 when all were "
+        "--config' makes one again; and campaign.png. Exit code 0 when all were "
         "flown, crashed or not. Ctrl-C or a kill loses only the flights under way."
     )
     add_campaign_options(parser, "campaign")
@@ -40,10 +41,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Fly what is left to fly, print how it went, and return the exit code."""
-    from quad_mpc_ros.analysis.report import PLOTLY_NEEDED
-    from quad_mpc_ros.experiments.campaign_report import write_campaign_page
-    from quad_mpc_ros.experiments.campaigns.flying import HOLDS, begin, fly_into
-    from quad_mpc_ros.experiments.campaigns.results import results_text
+    from quad_mpc_ros.extras.campaigns.figure import write_figure
+    from quad_mpc_ros.extras.campaigns.flying import HOLDS, begin, fly_into
+    from quad_mpc_ros.extras.campaigns.results import results_text
 
     campaign, out = _campaign(options)
     with engine_of(options) as engine, results_in(out):
@@ -53,9 +53,9 @@ def run(options: argparse.Namespace) -> int:
             f"flying {campaign.flights} flights with {engine.workers} workers into {out}",
             file=sys.stderr,
         )
-        progress = CountProgress()
+        progress = Progress()
         try:
-            rows = fly_into(out, campaign, engine, progress.show)
+            rows = fly_into(out, campaign, engine, _observer(progress))
         except KeyboardInterrupt:
             print(f"\nto continue: quad_mpc campaign --resume {out}", file=sys.stderr)
             raise
@@ -63,20 +63,34 @@ def run(options: argparse.Namespace) -> int:
             progress.close()
     print(results_text(out, campaign, rows))
     with results_in(out):
-        page = write_campaign_page(out)
-    print(f"report   {page or PLOTLY_NEEDED}")
+        print(f"figure   {write_figure(out, campaign, rows)}")
     return 0
+
+
+def _observer(progress: Progress) -> Callable[[int, int, int], None]:
+    """Return what shows how many flights are done, how many crashed, and the time left."""
+    first: list[int] = []  # flights that a resumed campaign had done before
+
+    def observe(done: int, total: int, crashed: int) -> None:
+        if not first:
+            first.append(done)
+        if progress.due or done == total:
+            left = (total - done) * progress.seconds / max(done - first[0], 1)
+            when = f"   {left:5.0f} s left" if done > first[0] else ""
+            progress.show(f"{done} of {total} flights, {crashed} crashed{when}")
+
+    return observe
 
 
 def _campaign(options: argparse.Namespace) -> tuple[Campaign, Path]:
     """Return the campaign that is asked for and its folder."""
-    from quad_mpc_ros.experiments.campaigns.campaign_file import (
+    from quad_mpc_ros.extras.campaigns.campaign_file import (
         Overrides,
         identity_text,
         located_campaign,
         read_campaign,
     )
-    from quad_mpc_ros.experiments.campaigns.flying import campaign_of, grown
+    from quad_mpc_ros.extras.campaigns.flying import campaign_of, grown
 
     overrides = Overrides(
         config=options.config,

@@ -12,7 +12,7 @@ from quad_mpc_ros.commands.run_options import add_config, add_out, add_set
 from quad_mpc_ros.configuration import UserError
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.experiments.campaigns.engine import Engine
+    from quad_mpc_ros.extras.campaigns.engine import Engine
 
 
 T = TypeVar("T")
@@ -98,10 +98,10 @@ def add_engine_options(parser: argparse.ArgumentParser) -> None:
 def engine_of(options: argparse.Namespace) -> Engine:
     """Return the workers of the options. Raises :class:`UserError` where there are none."""
     if options.scheduler is not None:
-        from quad_mpc_ros.experiments.campaigns.dask_workers import DaskWorkers
+        from quad_mpc_ros.extras.campaigns.dask_workers import DaskWorkers
 
         return DaskWorkers(options.scheduler)
-    from quad_mpc_ros.experiments.campaigns.local_workers import LocalWorkers
+    from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers
 
     if options.workers is not None and options.workers < 1:
         raise UserError(f"--workers: given {options.workers}, expected a number >= 1")

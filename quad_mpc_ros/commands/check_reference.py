@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 
 from quad_mpc_ros.analysis.figures.reference_figure import write_reference
 from quad_mpc_ros.commands import EXIT_FAILED
@@ -13,9 +14,10 @@ from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.recordings.evaluation.simulated import load_config
 from quad_mpc_ros.recordings.recording import flown_points
+from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import judged_trajectory
+from quad_mpc_ros.references.course import Course
 from quad_mpc_ros.references.feasibility import Verdict, rates_beyond
-from quad_mpc_ros.references.gate_path import configured_course
 
 _FIGURE = "reference.png"
 
@@ -34,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
     """Judge, show and draw; return the exit code."""
     assignments = [*reference_assignments(options), *options.assignments]
     loaded = load_config(*(options.config or ["default"]), assignments=assignments)
-    config = loaded.reference
+    config = _within_the_mpc(loaded.reference, loaded.mpc)
     trajectory, verdict = judged_trajectory(config, read_bag=flown_points)
     out = prepared_out(options.out or default_out(config.trajectory), holds=(_FIGURE,))
     figure = out / _FIGURE
@@ -45,13 +47,33 @@ def run(options: argparse.Namespace) -> int:
             trajectory.at(times),
             verdict,
             figure,
-            course=configured_course(config),
+            course=_course(config),
         )
     print(f"{config.trajectory}\n\n{_verdict_table(verdict)}")
     for remark in _beyond_the_controller(verdict, loaded.mpc):
         print(remark)
     print(f"\nfigure  {figure}")
     return 0 if verdict.feasible else EXIT_FAILED
+
+
+def _course(config: ReferenceConfig) -> Course | None:
+    """Return the configured course, None without one."""
+    if not config.gates:
+        return None
+    from quad_mpc_ros.extras.racing.gates import read_course
+
+    return read_course(config.gates)
+
+
+def _within_the_mpc(reference: ReferenceConfig, mpc: MpcConfig) -> ReferenceConfig:
+    """Return the reference with the bounds of the MPC where these are the tighter ones."""
+    omega_max = map(min, reference.omega_max, mpc.omega_max)
+    return dataclasses.replace(
+        reference,
+        throttle_min=max(reference.throttle_min, mpc.throttle_min),
+        throttle_max=min(reference.throttle_max, mpc.throttle_max),
+        omega_max=tuple(omega_max),
+    )
 
 
 def _beyond_the_controller(verdict: Verdict, mpc: MpcConfig) -> list[str]:
@@ -85,9 +107,9 @@ def _verdict_table(verdict: Verdict) -> str:
     header = ("", "", "needed", "at", "limit", "left")
     return "\n".join(
         (
-            *text_table(facts, align="ll", widths=(22, 0), gap=""),
+            *text_table(facts, align="ll", widths=(21, 0), gap=" "),
             "",
-            *text_table([header, *needs], align="llrrrr", widths=(22, 6, 12, 12, 12, 12), gap=""),
+            *text_table([header, *needs], align="llrrrr", widths=(21, 6, 11, 11, 11, 11), gap=" "),
             "",
             "feasible" if verdict.feasible else f"not feasible: {verdict.reason()}",
         )

@@ -6,13 +6,14 @@ import argparse
 import itertools
 import multiprocessing
 import os
+import shutil
 import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 
-from quad_mpc_ros.configuration.kept_code import KeptCode
+from quad_mpc_ros.configuration.compilation import cache_folder, cached_functions
 
 _PRESETS = ("default", "agile", "paper", "paper_rigid_body", "vehicles/racer", "vehicles/sun_2022")
 _EFFECTS = (
@@ -37,55 +38,56 @@ _PROGRESS_PERIOD = 5.0  # s
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command is."""
     parser.description = (
-        "Compile whatever the controller, the simulator and the references call as machine code, "
-        "on all cores, and keep it on disk. It is for these sources, this Python, these libraries "
-        "and this processor; when one of them changes, run it again. Damaged files are found and "
-        "compiled again. A node that finds code missing compiles it itself, and says so."
+        "Compile the machine code of the controller, the simulator and the references on all "
+        "cores, and keep it in the user's cache folder or in NUMBA_CACHE_DIR. The cache is valid "
+        "for these sources, this Python, these libraries and this processor: run it again after "
+        "an update. If machine code is missing, a node compiles it first and logs that it does."
     )
-    parser.add_argument(
-        "--again", action="store_true", help="compile everything, whatever is there already"
-    )
+    parser.add_argument("--again", action="store_true", help="empty the cache first")
 
 
 def run(options: argparse.Namespace) -> int:
     """Compile what is missing; return the exit code."""
-    try:
-        kept = KeptCode()
-    except OSError as error:
-        print(f"error: {error}", file=sys.stderr)
+    folder = cache_folder()
+    if folder is None:
+        print(
+            "error: compile cache: cannot write it, expected a writable folder; "
+            "set NUMBA_CACHE_DIR to one",
+            file=sys.stderr,
+        )
         return 1
-    with kept.locked():
-        if options.again:
-            kept.remove_all()
-        if kept.is_complete():
-            print("all is compiled")
-            return 0
-        removed = kept.remove_damaged()
-        if removed:
-            print(f"removed {removed} files that are damaged or of an unfinished compilation")
-        begun = time.monotonic()
-        if not _compile(kept, begun):
-            # A file may be damaged in a way that no mark knows of.
-            print("  failed; once more from the beginning", flush=True)
-            kept.remove_all()
-            if not _compile(kept, begun):
-                print("error: the code does not compile, see above", file=sys.stderr)
-                return 1
-        kept.mark_complete()
-        print(f"all is compiled: {kept.count()} functions, {time.monotonic() - begun:.0f} s")
+    complete = folder / "complete"  # spares the flights that look for missing functions
+    if options.again:
+        shutil.rmtree(folder)
+        folder.mkdir()
+    elif complete.exists():
+        print("all is compiled")
+        return 0
+    begun = time.monotonic()
+    if not _compile(begun):
+        print(
+            f"error: compiling failed, see above; if {folder} is damaged, run "
+            "quad_mpc compile --again",
+            file=sys.stderr,
+        )
+        return 1
+    complete.touch()
+    os.sync()  # a truncated file would crash the nodes that load it
+    print(f"all is compiled: {cached_functions()} functions, {time.monotonic() - begun:.0f} s")
     return 0
 
 
-def _compile(kept: KeptCode, begun: float) -> bool:
-    """Compile in a process a core, the parts first that share least; return whether it worked.
+def _compile(begun: float) -> bool:
+    """Compile in one process per core, first the parts that share least; return whether it worked.
 
-    What two of them compile at the same time one may lose, so the last part is everything.
+    Two processes that compile the same function may overwrite each other's index, so the last part
+    is everything.
     """
     cores = len(os.sched_getaffinity(0))
     stages: list[list[Callable[[], None]]] = [[_everything]]
-    if cores > 1:
+    if cores > 1 and not cached_functions():
         stages.insert(0, [_problem, _estimation, _plants])
-    print(f"compiling on {cores} cores; the first time takes most of a minute", flush=True)
+        print(f"compiling on {cores} cores; the first time takes most of a minute", flush=True)
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(cores, len(stages[0])), mp_context=context) as pool:
         for stage in stages:
@@ -93,7 +95,7 @@ def _compile(kept: KeptCode, begun: float) -> bool:
             while running:
                 done, running = wait(running, timeout=_PROGRESS_PERIOD)
                 seconds = time.monotonic() - begun
-                print(f"  {kept.count()} functions after {seconds:.0f} s", flush=True)
+                print(f"  {cached_functions()} functions after {seconds:.0f} s", flush=True)
                 for part in done:
                     if (error := part.exception()) is not None:
                         what = (

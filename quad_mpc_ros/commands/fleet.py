@@ -12,45 +12,22 @@ from typing import Any
 
 from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.output import default_out, results_in, write_json
-from quad_mpc_ros.commands.processes import FlightError, NodeProcess, start_all, stop_all
 from quad_mpc_ros.commands.run_configuration import HALF_SPACES, RunConfig, run_configuration
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE, STATS
 
 _APART = 2.0  # m, of vehicles at the start
-# What the table needs; every further topic costs time of a recorder, and plans that of an MPC.
-_RECORDED = (ODOMETRY, REFERENCE, COMMAND, STATS)
+RECORDED = tuple(topic.name for topic in (ODOMETRY, REFERENCE, COMMAND, STATS))
+"""Topics that are recorded of each vehicle of a fleet: those that the table needs.
+
+Every further topic costs time of a recorder, and plans that of an MPC.
+"""
 
 
-def fly_fleet(options: argparse.Namespace) -> int:
-    """Fly ``options.vehicles`` vehicles, record and evaluate each; return the exit code."""
-    configs = configurations(options)
-    recorded = [topic.name for topic in _RECORDED]
-    print(f"flying {len(configs)} vehicles", file=sys.stderr)
-    fleet: dict[str, dict[str, NodeProcess]] = {}
-    try:
-        for namespace, config in configs.items():
-            fleet[namespace] = start_all(config, lockstep=False, namespace=namespace)
-        from quad_mpc_ros.commands.flight_monitor import FlightMonitor, watch_flight
-
-        with FlightMonitor(lockstep=False, namespaces=list(fleet), recorded=recorded) as monitor:
-            duration = next(iter(configs.values())).simulator.duration
-            wall_seconds = watch_flight(monitor, fleet, duration)
-    except FlightError as failure:
-        print(f"error: {failure}", file=sys.stderr)
-        return EXIT_FAILED
-    finally:
-        for processes in fleet.values():
-            stop_all(processes)
-    code = _finish(configs, wall_seconds=wall_seconds)
-    recorders = [processes["recorder"] for processes in fleet.values()]
-    return EXIT_FAILED if any(each.exit_code for each in recorders) else code
-
-
-def configurations(options: argparse.Namespace) -> dict[str, RunConfig]:
+def fleet_configurations(options: argparse.Namespace) -> dict[str, RunConfig]:
     """Return the configuration of each vehicle by its namespace, their folders made."""
-    recorded = ", ".join(topic.name for topic in _RECORDED)
     configs = {}
+    recorded = ", ".join(RECORDED)
     out: Path | None = options.out
     for number in range(1, options.vehicles + 1):
         namespace = f"uav{number}"
@@ -88,7 +65,7 @@ def _beside(config: RunConfig, number: int) -> RunConfig:
     return dataclasses.replace(config, simulator=moved)
 
 
-def _finish(configs: Mapping[str, RunConfig], *, wall_seconds: float) -> int:
+def finish_fleet(configs: Mapping[str, RunConfig], *, wall_seconds: float) -> int:
     """Evaluate each vehicle's bag, show one table, and return the exit code."""
     from quad_mpc_ros.recordings.evaluation.metrics import summarise, with_neighbours
     from quad_mpc_ros.recordings.evaluation.verdict import verdict_on
@@ -103,7 +80,7 @@ def _finish(configs: Mapping[str, RunConfig], *, wall_seconds: float) -> int:
         )
         with results_in(config.out):
             write_json(config.out / "summary.json", summaries[namespace])
-    print(fleet_table(summaries))
+    print(_fleet_table(summaries))
     print(f"\nbags and summaries  {next(iter(configs.values())).out.parent}/uav*")
     verdicts = {name: verdict_on(summary) for name, summary in summaries.items()}
     failed = [f"{name}: {verdict.line}" for name, verdict in verdicts.items() if not verdict.good]
@@ -111,7 +88,7 @@ def _finish(configs: Mapping[str, RunConfig], *, wall_seconds: float) -> int:
     return EXIT_FAILED if failed else 0
 
 
-def fleet_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
+def _fleet_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
     """Return a table of vehicles, and of all of them together."""
     to_command = ("odometry to command p50", "p99", "max [ms]")
     rows = [["", "RMSE [m]", "nearest [m]", *to_command, "late or none", "fallbacks"]]

@@ -14,11 +14,14 @@ from std_srvs.srv import Trigger
 from quad_mpc_ros.commands.observer import Observer, subscribe
 from quad_mpc_ros.commands.processes import FlightError, NodeProcess
 from quad_mpc_ros.commands.progress import Progress
+from quad_mpc_ros.configuration.compilation import cached_functions
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import (
+    BATTERY,
     CLOCK,
     COMMAND,
     DIAGNOSTICS,
+    IMU,
     ODOMETRY,
     PREDICTED_PATH,
     REFERENCE,
@@ -100,6 +103,7 @@ class FlightMonitor(Observer):
     ) -> None:
         super().__init__("quad_mpc_flight")
         self._prefixes = [f"{namespace}/" if namespace else "" for namespace in namespaces]
+        self._recorded = recorded
         self._peers: dict[str, dict[str, int]] = {}
         for prefix in self._prefixes:
             watched = prefix == self._prefixes[0]
@@ -113,8 +117,8 @@ class FlightMonitor(Observer):
             self._peers["simulator"][CLOCK.name] = _CLOCK_PEERS
             self._peers["recorder"][CLOCK.name] = 1
         self._health: dict[str, dict[str, str]] = {}
-        self._odometry: bytes | None = None
         self._reference: bytes | None = None
+        self._latest: tuple[bytes, bytes | None] | None = None  # odometry, its reference
         self._first_ns: int | None = None
 
     def __enter__(self) -> Self:
@@ -150,6 +154,14 @@ class FlightMonitor(Observer):
                 if int(health.get(f"{PEERS_KEY}{topic}", 0)) < peers
             ]
         for prefix in self._prefixes:
+            recorder = self._health.get(f"{prefix}recorder", {})
+            missing += [
+                f"{prefix}recorder: {topic.name}"
+                for topic in (BATTERY, IMU)
+                if f"{PEERS_KEY}{topic.name}" in self._health.get(f"{prefix}simulator", {})
+                and (self._recorded is None or topic.name in self._recorded)
+                and recorder.get(f"{PEERS_KEY}/{prefix}{topic.name}", "0") == "0"
+            ]
             # Or it would fly for a while uncommanded.
             if self._health.get(f"{prefix}mpc", {}).get(DISCOVERING) != "false":
                 missing.append(f"{prefix}mpc: who else commands")
@@ -180,16 +192,21 @@ class FlightMonitor(Observer):
         )
 
     def progress(self) -> tuple[float, float | None]:
-        """Return the time flown [s] and the position error [m] of what has last arrived."""
-        if self._odometry is None:
+        """Return the time flown [s] and the position error [m] of the latest odometry.
+
+        The error is that from the reference in force when the odometry arrived: references go on
+        after the end of a flight.
+        """
+        if self._latest is None:
             return 0.0, None
-        odometry = conversions.odometry_from_message(decoded(ODOMETRY, self._odometry))
+        data, reference = self._latest
+        odometry = conversions.odometry_from_message(decoded(ODOMETRY, data))
         if self._first_ns is None:
             self._first_ns = odometry.stamp_ns
         flown = (odometry.stamp_ns - self._first_ns) * 1e-9
-        if self._reference is None:
+        if reference is None:
             return flown, None
-        window = conversions.reference_from_message(decoded(REFERENCE, self._reference))
+        window = conversions.reference_from_message(decoded(REFERENCE, reference))
         return flown, float(np.linalg.norm(window.pose_at(odometry.stamp_ns)[0] - odometry.p_WB))
 
     def start_simulator(self) -> None:
@@ -206,7 +223,7 @@ class FlightMonitor(Observer):
         self._reference = data
 
     def _on_odometry(self, data: bytes) -> None:
-        self._odometry = data
+        self._latest = (data, self._reference)
 
 
 def watch_flight(
@@ -221,11 +238,12 @@ def watch_flight(
     monitor.start_simulator()
     flying = {namespace: dict(processes) for namespace, processes in vehicles.items()}
     simulators = [processes.pop("simulator") for processes in flying.values()]
-    started, progress = time.monotonic(), Progress(duration)
+    started, progress = time.monotonic(), Progress()
     while any(simulator.exit_code is None for simulator in simulators):
         monitor.spin(0.05)
         if progress.due:
-            progress.show(*monitor.progress())
+            flown, error = monitor.progress()
+            progress.show_flight(flown, duration, error)
         for processes in flying.values():
             _drop_ended_recorder(processes)
         _check_alive(flying)
@@ -245,6 +263,7 @@ def _await_readiness(
 ) -> None:
     print("  waiting for the nodes to connect", file=sys.stderr, flush=True)
     started = time.monotonic()
+    first_start = not cached_functions()
     patient = False
     while not monitor.ready():
         _check_alive(vehicles)
@@ -256,7 +275,10 @@ def _await_readiness(
         waited = time.monotonic() - started
         if waited > _PATIENCE and not patient:
             patient = True
-            print("  the first start compiles, which takes a while", file=sys.stderr, flush=True)
+            text = f"still waiting for {', '.join(monitor.missing()[:3])}"
+            if first_start:
+                text = "the first start compiles, which takes a while"
+            print(f"  {text}", file=sys.stderr, flush=True)
         if waited > _READY_TIMEOUT:
             raise FlightError(
                 f"the nodes did not connect within {_READY_TIMEOUT:g} s, missing: "

@@ -5,17 +5,19 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from collections.abc import Mapping
 
 from quad_mpc_ros.commands import EXIT_FAILED
-from quad_mpc_ros.commands.fleet import fly_fleet
+from quad_mpc_ros.commands.fleet import RECORDED, finish_fleet, fleet_configurations
 from quad_mpc_ros.commands.processes import (
     FlightError,
+    NodeProcess,
     require_ros,
     start_all,
     stop_all,
 )
 from quad_mpc_ros.commands.results import finish
-from quad_mpc_ros.commands.run_configuration import run_configuration
+from quad_mpc_ros.commands.run_configuration import RunConfig, run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.configuration import UserError
 
@@ -68,21 +70,48 @@ def run(options: argparse.Namespace) -> int:
     # Other machines on the network fly their own; set the variable to share this flight with them.
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     if options.vehicles > 1:
-        return fly_fleet(options)
-    config = run_configuration(options, lockstep=options.lockstep)
-    print(f"flying the {config.reference.trajectory} into {config.out}", file=sys.stderr)
-    lockstep, together = options.lockstep, options.together
-    processes = start_all(config, lockstep=lockstep, together=together)
+        configs = fleet_configurations(options)
+    else:
+        configs = {"": run_configuration(options, lockstep=options.lockstep)}
     try:
-        # While the nodes start, for it takes as long to import.
-        from quad_mpc_ros.commands.flight_monitor import FlightMonitor, watch_flight
-
-        with FlightMonitor(lockstep=lockstep, together=together) as monitor:
-            wall_seconds = watch_flight(monitor, {"": processes}, config.simulator.duration)
+        wall_seconds, all_recorded = _fly(configs, options)
     except FlightError as failure:
         print(f"error: {failure}", file=sys.stderr)
         return EXIT_FAILED
+    if options.vehicles > 1:
+        code = finish_fleet(configs, wall_seconds=wall_seconds)
+    else:
+        code = finish(configs[""].out, wall_seconds=wall_seconds)
+    return code if all_recorded else EXIT_FAILED
+
+
+def _fly(configs: Mapping[str, RunConfig], options: argparse.Namespace) -> tuple[float, bool]:
+    """Start the nodes of each vehicle, fly, and stop them.
+
+    Returns the seconds flown on the wall clock, and whether all recorders ended well. Raises
+    :class:`FlightError`.
+    """
+    first = next(iter(configs.values()))
+    into = first.out if len(configs) == 1 else first.out.parent
+    print(f"flying the {first.reference.trajectory} into {into}", file=sys.stderr)
+    vehicles: dict[str, dict[str, NodeProcess]] = {}
+    try:
+        for namespace, config in configs.items():
+            vehicles[namespace] = start_all(
+                config, lockstep=options.lockstep, namespace=namespace, together=options.together
+            )
+        # While the nodes start, for it takes as long to import.
+        from quad_mpc_ros.commands.flight_monitor import FlightMonitor, watch_flight
+
+        with FlightMonitor(
+            lockstep=options.lockstep,
+            namespaces=list(configs),
+            recorded=None if len(configs) == 1 else RECORDED,
+            together=options.together,
+        ) as monitor:
+            wall_seconds = watch_flight(monitor, vehicles, first.simulator.duration)
     finally:
-        stop_all(processes)
-    code = finish(config.out, wall_seconds=wall_seconds)
-    return EXIT_FAILED if processes["recorder"].exit_code else code
+        for processes in vehicles.values():
+            stop_all(processes)
+    recorders = [processes["recorder"] for processes in vehicles.values()]
+    return wall_seconds, not any(recorder.exit_code for recorder in recorders)

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any, cast
 from quad_mpc_ros.commands import recording
 from quad_mpc_ros.commands.output import check_writable, write_new
 from quad_mpc_ros.commands.save_vehicle import add_vehicle_file_options
-from quad_mpc_ros.configuration import ConfigurationError, UserError
+from quad_mpc_ros.configuration import UserError
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.analysis.identification.measurements import VoltageMap
     from quad_mpc_ros.recordings.run import RecordedRun
 
 
@@ -27,7 +26,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "standard output, and what was found with its 95 %% intervals on standard error."
     )
     recording.add_options(parser)
-    _add_battery_options(parser)
+    parser.add_argument(
+        "--battery-topic",
+        default="",
+        metavar="NAME",
+        help="sensor_msgs/BatteryState, or BatteryStatus of px4_msgs or rosflight_msgs (default: "
+        "the only one in the bag)",
+    )
     add_vehicle_file_options(parser)
     parser.add_argument(
         "--plot", type=Path, metavar="PNG", help="draw measured and fitted rates and thrust"
@@ -44,6 +49,7 @@ def run(options: argparse.Namespace) -> int:
     from quad_mpc_ros.analysis.identification.measurements import (
         RECORDED,
         measurements_of,
+        recorded_voltage_map,
     )
     from quad_mpc_ros.analysis.identification.report import identification_table, parameter_file
     from quad_mpc_ros.control.config import MpcConfig
@@ -53,11 +59,12 @@ def run(options: argparse.Namespace) -> int:
     bag = recording.opened(options.bag)
     run = bag.run(recording.topic_names(options), topics=RECORDED)
     mpc = cast("MpcConfig", recording.configuration(options, run)["mpc"])
+    bridge = _bridge(options, run)
     data = measurements_of(
         run,
         vehicle=mpc.vehicle(),
         twist_frame=mpc.odometry.twist_frame,
-        voltage_map=_voltage_map(options, run),
+        voltage_map=recorded_voltage_map({"bridge": bridge}),
     )
     if run.voltages and not data.knows_voltage:
         print(
@@ -70,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
     age = float("nan") if lockstep else data.command_age
     table = identification_table(found, mpc, command_age=age, file=options.out)
     print(table, file=sys.stderr)
-    text = parameter_file(found, mpc, bag=run.bag, keep=options.keep, bridge=_bridge(options, run))
+    text = parameter_file(found, mpc, bag=run.bag, keep=options.keep, bridge=bridge)
     if options.out is None:
         print(text, end="")
     else:
@@ -87,30 +94,6 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _add_battery_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--battery-topic",
-        default="",
-        metavar="NAME",
-        help="sensor_msgs/BatteryState, or BatteryStatus of px4_msgs or rosflight_msgs (default: "
-        "the only one in the bag)",
-    )
-    parser.add_argument(
-        "--battery-voltage",
-        type=float,
-        metavar="V",
-        help="voltage at which to state the thrust (default: thrust_map.battery_voltage of a "
-        "bridge whose parameters are in the bag, else the mean of the flight)",
-    )
-    parser.add_argument(
-        "--battery-exponent",
-        type=float,
-        metavar="N",
-        help="thrust_map.battery_exponent of the bridge in that flight, with --battery-voltage "
-        "(default: 0, the bridge left the voltage out)",
-    )
-
-
 def _bridge(options: argparse.Namespace, run: RecordedRun) -> Mapping[str, Any]:
     """Return the recorded parameters of the bridge, with what ``--config`` says over them."""
     from quad_mpc_ros.analysis.identification.measurements import recorded_bridge
@@ -122,28 +105,3 @@ def _bridge(options: argparse.Namespace, run: RecordedRun) -> Mapping[str, Any]:
     given = files.collected(options.config, [], schema=schema)["bridge"]
     BridgeConfig.build(given)
     return {**recorded_bridge(run.parameters), **given}
-
-
-def _voltage_map(options: argparse.Namespace, run: RecordedRun) -> VoltageMap:
-    """Return what the bridge made of the voltage, as given or else as recorded."""
-    from quad_mpc_ros.analysis.identification.measurements import VoltageMap, recorded_voltage_map
-    from quad_mpc_ros.ros.bridges.config import ThrustParameters
-
-    if options.battery_voltage is None:
-        if options.battery_exponent is not None:
-            raise UserError(
-                f"--battery-exponent: given {options.battery_exponent}, expected "
-                "--battery-voltage as well"
-            )
-        return recorded_voltage_map(run.parameters)
-    try:
-        given = ThrustParameters(
-            battery_voltage=options.battery_voltage,
-            battery_exponent=options.battery_exponent or 0.0,
-        )
-    except ConfigurationError as error:
-        name = error.name.rpartition(".")[2].replace("_", "-")
-        raise error.of_option(f"--{name}") from error
-    return VoltageMap(
-        battery_voltage=given.battery_voltage, battery_exponent=given.battery_exponent
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Self
 
@@ -12,6 +13,8 @@ from rclpy.signals import SignalHandlerOptions
 
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.messages import message_class, qos_of
+
+_LONGEST_WAIT = 0.05  # s, until a condition is looked at again
 
 
 class Observer:
@@ -29,6 +32,15 @@ class Observer:
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         return self
+
+    def spin_until(self, condition: Callable[[], bool], deadline: float) -> bool:
+        """Handle what arrives until a condition holds; return False at a monotonic time [s]."""
+        while not condition():
+            remaining = deadline - time.monotonic()
+            if remaining <= 0.0:
+                return False
+            self.executor.spin_once(timeout_sec=min(remaining, _LONGEST_WAIT))
+        return True
 
     def __exit__(self, *_: object) -> None:
         self.node.destroy_node()

@@ -61,18 +61,16 @@ def default_out(label: str) -> Path:
     return Path("runs") / f"{now}_{label}"
 
 
-def check_free(out: Path, *, holds: Sequence[str]) -> None:
-    """Refuse a folder that has what it is to hold. Raises :class:`UserError`."""
+def prepared_out(out: Path, *, holds: Sequence[str] = ("bag", "summary.json", "figures")) -> Path:
+    """Make the folder of a run and return it; refuse one that has what it is to hold.
+
+    Raises :class:`UserError`.
+    """
     for name in holds:
         if (out / name).exists():
             raise UserError(
                 f"--out: {out / name} exists and is not overwritten; give a new folder"
             )
-
-
-def prepared_out(out: Path, *, holds: Sequence[str] = ("bag", "summary.json", "figures")) -> Path:
-    """Make the folder of a run and return it; refuse one that has what it is to hold."""
-    check_free(out, holds=holds)
     try:
         out.mkdir(parents=True, exist_ok=True)
         probe = out / ".writable"

@@ -16,19 +16,20 @@ import numpy as np
 from quad_mpc_ros.analysis.figures.reference_figure import write_reference
 from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.output import check_writable, results_in, write_new, written_by_name
-from quad_mpc_ros.commands.progress import PlanProgress
+from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.commands.run_options import add_config, add_set
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.configuration.arguments import number
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.planning.limits import MODELS
-from quad_mpc_ros.planning.race_plan import RacePlan, plan_race
-from quad_mpc_ros.recordings.evaluation.race import VEHICLE_RADIUS
+from quad_mpc_ros.extras.racing.gates import course_text, read_course
+from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
+from quad_mpc_ros.extras.racing.planning.limits import MODELS
+from quad_mpc_ros.extras.racing.planning.race_plan import RacePlan, plan_race
+from quad_mpc_ros.extras.racing.verdict import VEHICLE_RADIUS
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, load_config
 from quad_mpc_ros.recordings.plan_file import write_plan
 from quad_mpc_ros.references.feasibility import Verdict, judged
-from quad_mpc_ros.references.gates import course_text, read_course
 
 _SAVED_EVERY = 2.0  # s
 _PART, _BAG = ".part", ".mcap"
@@ -98,6 +99,7 @@ def run(options: argparse.Namespace) -> int:
     check_writable("--out", options.out, overwrite=options.overwrite)
     picture = options.out.with_suffix(".png")
     check_writable("--out", picture, overwrite=options.overwrite)
+    casadi()  # or refuse to plan
     course = read_course(options.gates)
     margin = f"reference.limit_margin={options.margin!r}"
     config = load_config(
@@ -175,14 +177,18 @@ class _Part:
             *(sorted(each.flattened().items()) for each in config),
         )
         self._key = hashlib.sha256(repr(given).encode()).hexdigest()
-        self._progress = PlanProgress()
+        self._progress = Progress()
         self._due = time.monotonic() + _SAVED_EVERY
         self.found = self._read()
         self.interrupted = False
 
     def take(self, stage: str, iteration: int, planned: float, variables: Array) -> None:
         """Show how far it is, and keep the variables of the vehicle now and then."""
-        self._progress.show(stage, iteration, planned)
+        if self._progress.due:
+            self._progress.show(
+                f"{stage}: iteration {iteration}, {planned:.3f} s   "
+                f"after {self._progress.seconds:.0f} s"
+            )
         if stage == "vehicle" and (self.interrupted or time.monotonic() >= self._due):
             self._keep(variables)
         if self.interrupted:
@@ -230,5 +236,5 @@ def _table(plan: RacePlan, verdict: Verdict, *, seconds: float) -> str:
             rows.append((f"gate {gate}", "-", "-"))
         else:
             rows.append((f"gate {gate}", f"{passage.time:.3f} s", f"{passage.miss:.3f} m"))
-    lines = text_table(facts, align="ll", widths=(16, 0), gap="")
-    return "\n".join((*lines, "", *text_table(rows, align="lrr", widths=(10, 12, 14), gap="")))
+    lines = text_table(facts, align="ll", widths=(15, 0), gap=" ")
+    return "\n".join((*lines, "", *text_table(rows, align="lrr", widths=(10, 11, 13), gap=" ")))

@@ -11,11 +11,10 @@ from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.processes import require_ros
 from quad_mpc_ros.commands.run_options import add_config
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration.text_tables import text_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from quad_mpc_ros.ros.preflight.finding import Finding
 
 _NONE = "none"
 _LEAST = 1.0  # s
@@ -53,7 +52,9 @@ def run(options: argparse.Namespace) -> int:
         raise UserError(f"--timeout: given {options.timeout}, expected {_LEAST:g} or more")
     require_ros("preflight", instead="; 'simulate' and 'campaign' rehearse without it")
     from quad_mpc_ros.commands.running_vehicle import RunningVehicle
+    from quad_mpc_ros.configuration.compilation import cached_functions
     from quad_mpc_ros.ros.preflight.checks import findings
+    from quad_mpc_ros.ros.preflight.finding import Level
     from quad_mpc_ros.ros.preflight.own import free_bytes
 
     _check_namespace(options.namespace)
@@ -62,15 +63,24 @@ def run(options: argparse.Namespace) -> int:
     with RunningVehicle(options.namespace) as vehicle:
         facts = vehicle.facts(bridge=bridge, timeout=options.timeout)
     here = Path.cwd()
-    facts = facts.changed(
-        stated=stated, free={str(here): free_bytes(here)}, compiled=_is_compiled()
+    found = findings(
+        facts.changed(
+            stated=stated,
+            free={str(here): free_bytes(here)},
+            compiled=cached_functions() > 0,
+        )
     )
-    found = findings(facts)
-    print(_report(found))
-    print(_verdict(found), file=sys.stderr)
-    from quad_mpc_ros.ros.preflight.finding import Level
-
-    return EXIT_FAILED if any(each.level is Level.ERROR for _, each in found) else 0
+    rows = [(each.level.name.lower(), name, each.text) for name, each in found]
+    print("\n".join(text_table(rows, align="lll")))
+    levels = [each.level for _, each in found]
+    errors, warnings = levels.count(Level.ERROR), levels.count(Level.WARNING)
+    print(
+        f"{errors} to mend before it flies, {warnings} to look at: docs/preflight.md"
+        if errors
+        else f"nothing must be mended, {warnings} to look at",
+        file=sys.stderr,
+    )
+    return EXIT_FAILED if errors else 0
 
 
 def _check_namespace(namespace: str) -> None:
@@ -103,33 +113,3 @@ def _stated(sources: Sequence[str]) -> dict[str, dict[str, Any]]:
     schema = node_configurations()
     files.load(sources, [], schema=schema)
     return files.collected(sources, [], schema=schema)
-
-
-def _is_compiled() -> bool | None:
-    from quad_mpc_ros.configuration.kept_code import KeptCode
-
-    try:
-        return KeptCode().is_complete()
-    except OSError:
-        return None
-
-
-def _report(found: Sequence[tuple[str, Finding]]) -> str:
-    from quad_mpc_ros.configuration.text_tables import text_table
-
-    rows = [(each.level.name.lower(), name, each.text) for name, each in found]
-    return "\n".join(text_table(rows, align="lll"))
-
-
-def _verdict(found: Sequence[tuple[str, Finding]]) -> str:
-    """Return in one line whether it may fly."""
-    from quad_mpc_ros.ros.preflight.finding import Level
-
-    counts = {
-        level: sum(each.level is level for _, each in found)
-        for level in (Level.ERROR, Level.WARNING)
-    }
-    errors, warnings = counts[Level.ERROR], counts[Level.WARNING]
-    if errors:
-        return f"{errors} to mend before it flies, {warnings} to look at: docs/preflight.md"
-    return f"nothing must be mended, {warnings} to look at"

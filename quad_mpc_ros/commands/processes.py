@@ -8,10 +8,9 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import quad_mpc_ros
 from quad_mpc_ros.configuration import UserError
@@ -33,9 +32,8 @@ class FlightError(Exception):
 class NodeProcess:
     """One node, with its parameter file and its log in the folder of the run.
 
-    ``module`` is run instead of the node's own, ``others`` are nodes in it as well, ``remaps`` are
-    topics by the name that the node knows, ``overrides`` are parameters that win over those of the
-    run, ``namespace`` is a vehicle's.
+    ``module`` is run instead of the node's own, ``others`` are nodes in it as well, ``namespace``
+    is a vehicle's.
     """
 
     def __init__(
@@ -46,14 +44,11 @@ class NodeProcess:
         use_sim_time: bool = False,
         module: str | None = None,
         others: Sequence[str] = (),
-        remaps: Mapping[str, str] = MappingProxyType({}),
-        overrides: Mapping[str, Any] = MappingProxyType({}),
         namespace: str = "",
     ) -> None:
         from quad_mpc_ros.configuration import files
 
         self.node = node
-        names = {**remaps, "__ns": f"/{namespace}"} if namespace else remaps
         self._log = run.out / "log" / f"{node}.log"
         self._log.parent.mkdir(exist_ok=True)
         parameters = self._log.with_suffix(".yaml")
@@ -64,16 +59,16 @@ class NodeProcess:
                 "use_sim_time": use_sim_time,
                 # The flight begins when all is ready: then the simulator is started, not before.
                 "autostart": name != "simulator",
-                **overrides,
             }
             texts.append(files.dump(f"/{namespace}/{name}" if namespace else name, values))
         parameters.write_text("".join(texts), encoding="utf-8")
         # Simulated time waits for all nodes: no priorities are needed.
         waits = node == "recorder" and not use_sim_time
-        # Appended: a node may be started more than once in a run.
-        with self._log.open("ab") as log:
+        program = _module(module) if module else _executable(node)
+        remaps = ("-r", f"__ns:=/{namespace}") if namespace else ()
+        with self._log.open("wb") as log:
             self._process = subprocess.Popen(
-                _command_line(_module(module) if module else _executable(node), parameters, names),
+                (*program, "--ros-args", "--params-file", str(parameters), *remaps),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -84,19 +79,9 @@ class NodeProcess:
             )
 
     @property
-    def pid(self) -> int:
-        """Number of the process."""
-        return self._process.pid
-
-    @property
     def exit_code(self) -> int | None:
         """Exit code, or None while it runs."""
         return self._process.poll()
-
-    def send(self, number: signal.Signals) -> None:
-        """Send a signal, if it still runs."""
-        if self._process.poll() is None:
-            self._process.send_signal(number)
 
     def stop(self) -> int:
         """End the node as Ctrl-C would, by force when it does not end; return the exit code."""
@@ -173,13 +158,6 @@ def stop_all(processes: dict[str, NodeProcess]) -> None:
     """End the nodes, the recorder last, so that it records the end of the others."""
     for node in sorted(processes, key=lambda name: name == "recorder"):
         processes[node].stop()
-
-
-def _command_line(
-    program: Sequence[str], parameters: Path, remaps: Mapping[str, str]
-) -> Sequence[str]:
-    remapped = [word for name, to in remaps.items() for word in ("-r", f"{name}:={to}")]
-    return (*program, "--ros-args", "--params-file", str(parameters), *remapped)
 
 
 def _executable(node: str) -> Sequence[str]:

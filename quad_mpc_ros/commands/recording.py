@@ -25,7 +25,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     for option, meaning in (
         ("--odom-topic", "nav_msgs/Odometry (default: the topic that ends in /odom)"),
         ("--pose-topic", "geometry_msgs/PoseStamped, with --twist-topic in place of odometry"),
-        ("--twist-topic", "geometry_msgs/TwistStamped that belongs to --pose-topic"),
+        (
+            "--twist-topic",
+            "geometry_msgs/TwistStamped that belongs to --pose-topic; if in the world frame, with "
+            "--set mpc.odometry.twist_frame=world",
+        ),
         (
             "--command-topic",
             "geometry_msgs/TwistStamped, throttle in linear.z, body rates in angular (default: "
@@ -33,12 +37,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         ),
     ):
         parser.add_argument(option, default="", metavar="NAME", help=meaning)
-    parser.add_argument(
-        "--twist-frame",
-        choices=("child", "world"),
-        help="frame of the twist: child (REP-103, body) or world (default: "
-        "mpc.odometry.twist_frame)",
-    )
 
 
 def opened(path: Path) -> Recording:
@@ -49,8 +47,8 @@ def opened(path: Path) -> Recording:
     from quad_mpc_ros.recordings.recording import Recording
 
     bag = Recording(path)
-    if bag.unfinished:
-        print(f"warning: {bag.unfinished}", file=sys.stderr)
+    if bag.warning:
+        print(f"warning: {bag.warning}", file=sys.stderr)
     return bag
 
 
@@ -80,12 +78,9 @@ def configuration(
     from quad_mpc_ros.configuration import files
     from quad_mpc_ros.recordings.parameters import recorded_parameters
 
-    made = [*assignments]
-    if options.twist_frame is not None:
-        made.append(f"mpc.odometry.twist_frame={options.twist_frame}")
     return files.load(
         options.config,
-        [*made, *options.assignments],
+        [*assignments, *options.assignments],
         schema=SCHEMA,
         base={node: recorded_parameters(run.parameters, kind) for node, kind in SCHEMA.items()},
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +13,7 @@ from quad_mpc_ros.commands.output import default_out, prepared_out, results_in, 
 from quad_mpc_ros.commands.run_options import add_config, add_out, add_set
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.experiments.rehearsal.rehearsal import Rehearsal
+    from quad_mpc_ros.extras.campaigns.rehearsal.rehearsal import Rehearsal
 
 RESULT, PICTURE, LOST = "rehearsal.json", "rehearsal.png", "lost"
 
@@ -35,21 +34,21 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Rehearse, show and draw; return the exit code."""
-    from quad_mpc_ros.commands.progress import StudyProgress
-    from quad_mpc_ros.experiments.rehearsal.figure import write_rehearsal
-    from quad_mpc_ros.experiments.rehearsal.rehearsal import (
+    from quad_mpc_ros.commands.progress import Progress
+    from quad_mpc_ros.extras.campaigns.rehearsal.figure import write_rehearsal
+    from quad_mpc_ros.extras.campaigns.rehearsal.rehearsal import (
         VEHICLES,
         disturbed_campaign,
         rehearse,
     )
-    from quad_mpc_ros.experiments.rehearsal.verdict import (
+    from quad_mpc_ros.extras.campaigns.rehearsal.verdict import (
         READY,
         rehearsal_figures,
         rehearsal_table,
         verdict_on,
     )
 
-    config, progress = options.config or ["default"], StudyProgress()
+    config, progress = options.config or ["default"], Progress()
     disturbed_campaign(config, options.assignments)  # what is wrong in it is said before all else
     with engine_of(options) as engine:
         out = prepared_out(options.out or default_out("rehearsal"), holds=(RESULT, PICTURE, LOST))
@@ -58,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
             config,
             options.assignments,
             engine,
-            lambda text: progress.show(text, best=(), left=math.nan),
+            lambda text: progress.show(text) if progress.due else None,
         )
         progress.close()
     with results_in(out):

@@ -14,30 +14,23 @@ from quad_mpc_ros.recordings.config import PlayerConfig
 _CLOCK_RATE = 40.0  # as ros2 bag play
 
 # By the name of the player's parameter, where the option has another.
-_OPTIONS = {"bag": "BAG", "clock_rate": "--clock", "topics_regex": "--regex"}
+_OPTIONS = {"bag": "BAG", "clock_rate": "--clock"}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options; those left out are the defaults of the player node."""
     parser.description = (
         "Publish the messages of a bag on their topics again, in the time in which they were "
-        "recorded. Pause and resume by the services /player/pause and /player/resume. Exit "
-        "code 2 for a bag that cannot be played."
+        "recorded. Pause and resume by the services /player/pause and /player/resume. player_node "
+        "has more parameters: quad_mpc params player. Exit code 2 for a bag that cannot be played."
     )
     parser.add_argument("bag", metavar="BAG", help=WHICH_BAG)
     parser.add_argument("--rate", type=float, metavar="X", help="speed (default: 1)")
     parser.add_argument(
         "--start", type=float, metavar="S", help="seconds into the bag to start at"
     )
-    parser.add_argument("--loop", action="store_true", help="begin again at the end")
     parser.add_argument(
         "--topics", nargs="+", metavar="TOPIC", help="play these topics (default: all)"
-    )
-    parser.add_argument(
-        "--regex",
-        dest="topics_regex",
-        metavar="REGEX",
-        help="play topics in whose name this is found",
     )
     parser.add_argument(
         "--clock",
@@ -49,14 +42,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="publish the recorded time on /clock, in place of a recorded /clock "
         f"(default: {_CLOCK_RATE:g} Hz)",
     )
-    parser.add_argument(
-        "--delay",
-        type=float,
-        metavar="S",
-        help="seconds before the first message, in which subscribers find the publishers "
-        "(default: 1)",
-    )
-    parser.add_argument("--paused", action="store_true", help="start paused")
     parser.add_argument(
         "--remap",
         action="append",

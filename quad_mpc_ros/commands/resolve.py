@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -113,7 +113,6 @@ def _recorded(
         for node, values in run.parameters.items()
         if node.rsplit("/", 1)[-1] != mpc.owner
     }
-    warnings = _Warnings()
     steps = []
     with RunRecorder(
         bag,
@@ -138,7 +137,7 @@ def _recorded(
                 answered_ns=sent.publish_time_ns,
             )
         window = None
-        for step in resolve(run, mpc, windows=windows, warn=warnings.take):
+        for step in resolve(run, mpc, windows=windows, warn=_print_few_warnings()):
             steps.append(step)
             if step.odometry is not None:
                 recorder.odometry(step.odometry.value, time_ns=step.log_time_ns)
@@ -151,16 +150,16 @@ def _recorded(
     return steps
 
 
-class _Warnings:
-    """Shows what the controller warns of: each once, and not too many."""
+def _print_few_warnings() -> Callable[[str], None]:
+    """Return what prints warnings of the controller: each once, and not too many."""
+    printed: set[str] = set()
 
-    def __init__(self) -> None:
-        self._seen: set[str] = set()
-
-    def take(self, text: str) -> None:
-        if text not in self._seen and len(self._seen) < _MOST_WARNINGS:
-            self._seen.add(text)
+    def warn(text: str) -> None:
+        if text not in printed and len(printed) < _MOST_WARNINGS:
+            printed.add(text)
             print(f"warning: {text}", file=sys.stderr)
+
+    return warn
 
 
 def _compared(run: RecordedRun, steps: Iterable[Resolved]) -> CommandComparison:

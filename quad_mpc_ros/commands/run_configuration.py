@@ -6,22 +6,25 @@ import argparse
 import dataclasses
 import shutil
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from quad_mpc_ros.commands.output import default_out, prepared_out, results_in
-from quad_mpc_ros.commands.run_options import DEFAULT_DURATION, check_duration
+from quad_mpc_ros.commands.run_options import (
+    CONTOURING_SHARE,
+    DEFAULT_DURATION,
+    SETTLING_TIME,
+    check_duration,
+)
 from quad_mpc_ros.configuration import Configuration, ConfigurationError, UserError, files
-from quad_mpc_ros.configuration.vehicle import differences
+from quad_mpc_ros.configuration.vehicle import disagreements
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.obstacles.files import read_scene
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.recordings.recording import SCENE_NAME, flown_points
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
-from quad_mpc_ros.references.gates import course_text
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.closed_loop import start_on
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant, plant_entry
@@ -62,20 +65,22 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
     Raises :class:`UserError` for anything that cannot be used.
     """
     sources = _sources(options)
-    made = [*_assignments(options, lockstep=lockstep), _duration(options, sources)]
-    made += _of_obstacles(options)
+    made = [*_assignments(options, lockstep=lockstep), *_of_obstacles(options)]
     loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
     reference = _with_course(cast(ReferenceConfig, loaded["reference"]))
     trajectory = configured_trajectory(reference, read_bag=flown_points)
+    base: dict[str, dict[str, Any]] = {"simulator": {}}
+    made += _duration(options, loaded, trajectory)
     if _starts_on_reference(options, trajectory, reference):
         start = _start_on(trajectory, cast(SimulatorConfig, loaded["simulator"]))
         # What a file says of the start wins, unless the option is given.
-        base = {"simulator": start if options.start is None else {}}
-        if options.start is not None:
+        if options.start is None:
+            base = {"simulator": start}
+        else:
             made += [
                 f"simulator.{name}={files.value_text(value)}" for name, value in start.items()
             ]
-        loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA, base=base)
+    loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA, base=base)
     _check_imu(loaded["mpc"], loaded["simulator"])
     make_plant(cast(SimulatorConfig, loaded["simulator"]))  # is what it needs installed?
     out = prepared_out(options.out or default_out(reference.trajectory))
@@ -119,6 +124,8 @@ def _of_obstacles(options: argparse.Namespace) -> list[str]:
         if options.sensor is not None:
             raise UserError(f"--sensor: given {options.sensor}, expected --obstacles FILE with it")
         return []
+    from quad_mpc_ros.extras.obstacles.files import read_scene
+
     scene, text = read_scene(file), files.value_text(str(file.resolve()))
     made = [f"mpc.obstacles.half_spaces={HALF_SPACES}", f"simulator.obstacles.file={text}"]
     sensor = options.sensor
@@ -135,6 +142,8 @@ def _with_own_file(
     given = simulator.obstacles.file
     if not given:
         return mpc, simulator
+    from quad_mpc_ros.extras.obstacles.files import read_scene
+
     read_scene(given)
     copy = out / SCENE_NAME
     with results_in(out):
@@ -148,19 +157,16 @@ def _with_course(config: _HasGates) -> _HasGates:
     """Return the parameters with the course itself in place of its file: the bag has it, too."""
     if not config.gates:
         return config
+    from quad_mpc_ros.extras.racing.gates import course_text
+
     return dataclasses.replace(config, gates=course_text(config.gates))
 
 
 def _warn_of_different_vehicles(loaded: Mapping[str, Configuration]) -> None:
-    """Warn of nodes that have another vehicle than the MPC."""
-    ours = loaded["mpc"].vehicle_values()
-    for node, config in loaded.items():
-        differ = differences(ours, config.vehicle_values())
-        if differ:
-            print(
-                f"warning: mpc and {node} were given different vehicles: {', '.join(differ)}",
-                file=sys.stderr,
-            )
+    differ = disagreements({node: config.vehicle_values() for node, config in loaded.items()})
+    if differ:
+        text = "; ".join(differ.values())
+        print(f"warning: the nodes were given different vehicles: {text}", file=sys.stderr)
 
 
 def _sources(options: argparse.Namespace) -> list[str]:
@@ -204,15 +210,24 @@ def reference_assignments(options: argparse.Namespace) -> list[str]:
     return made
 
 
-def _duration(options: argparse.Namespace, sources: Sequence[str]) -> str:
-    """Return the length of the flight as an assignment: the option's, a file's, the default."""
+def _duration(
+    options: argparse.Namespace, loaded: Mapping[str, Configuration], trajectory: Trajectory
+) -> list[str]:
+    """Return the length of the flight as an assignment: the option's, a file's, the task's.
+
+    Without either a flight lasts as long as its trajectory, one lap of it, and a moment more.
+    """
+    mpc, simulator = cast(MpcConfig, loaded["mpc"]), cast(SimulatorConfig, loaded["simulator"])
     duration = options.duration
-    if duration is None:
-        given = files.collected(sources, [], schema=SCHEMA)["simulator"].get("duration")
-        duration = given or DEFAULT_DURATION  # 0, endless, is for a simulator by itself
-    else:
+    if duration is not None:
         check_duration(duration)
-    return f"simulator.duration={files.value_text(duration)}"
+    elif simulator.duration:  # 0, endless, is for a simulator by itself
+        return []
+    else:
+        share = CONTOURING_SHARE if mpc.formulation == "contouring" else 1.0
+        task = share * 1e-9 * trajectory.period_ns + SETTLING_TIME
+        duration = max(DEFAULT_DURATION, task)
+    return [f"simulator.duration={files.value_text(duration)}"]
 
 
 def _start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> dict[str, Any]:

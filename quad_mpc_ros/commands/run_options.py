@@ -8,12 +8,12 @@ from pathlib import Path
 
 from quad_mpc_ros.configuration import UserError
 
-DEFAULT_DURATION = 10.0  # s
+DEFAULT_DURATION = 10.0  # s, at least
+SETTLING_TIME = 2.0  # s, after the end of a trajectory
+CONTOURING_SHARE = 1.25  # of its duration, where time may be given up
 
 
-def add_configuration_options(
-    parser: argparse.ArgumentParser, *, reference: str = "square"
-) -> None:
+def add_configuration_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that say what is configured to a command."""
     from quad_mpc_ros.references.config import TRAJECTORIES
 
@@ -23,7 +23,7 @@ def add_configuration_options(
     parser.add_argument(
         "--reference",
         metavar="NAME",
-        help=f"trajectory to fly: {', '.join(TRAJECTORIES)} (default: {reference})",
+        help=f"trajectory to fly: {', '.join(TRAJECTORIES)} (default: square)",
     )
     add_gates(parser)
     add_set(parser, "set one parameter, for example mpc.horizon_steps=20")
@@ -94,8 +94,8 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         "--duration",
         type=float,
         metavar="S",
-        help="length of the flight in seconds (default: simulator.duration of a file, or "
-        f"{DEFAULT_DURATION:g})",
+        help="length of the flight in seconds (default: simulator.duration of a file, or one lap "
+        f"of the reference and {SETTLING_TIME:g}, at least {DEFAULT_DURATION:g})",
     )
     parser.add_argument(
         "--obstacles",

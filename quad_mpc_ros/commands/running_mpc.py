@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
-from typing import Any, Self
-
-from rclpy.parameter import parameter_value_to_python
-from rclpy.parameter_client import AsyncParameterClient
+from typing import Any
 
 from quad_mpc_ros.commands.observer import Observer, subscribe
 from quad_mpc_ros.configuration import UserError
@@ -16,7 +12,7 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages.topics import STATS
 from quad_mpc_ros.recordings.logs import tick_stats
-from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.nodes.parameter_query import ParameterQuery
 
 _ANSWER_TIMEOUT = 5.0  # s, discovery included
 
@@ -27,80 +23,58 @@ class RunningMpc(Observer):
     def __init__(self, name: str) -> None:
         super().__init__("quad_mpc_save_vehicle")
         self.name = f"/{name.strip('/')}"
+        self._namespace = self.name.rpartition("/")[0]
         self._ticks: list[TickStats] = []
         self._foreign = 0
 
-    def __enter__(self) -> Self:
-        super().__enter__()
-        self._parameters = AsyncParameterClient(self.node, self.name)
-        return self
-
     def configuration(self) -> MpcConfig:
         """Return what the node flies with. Raises :class:`UserError` when it does not answer."""
-        names = [spec.name for spec in MpcConfig.specs()]
-        deadline = time.monotonic() + _ANSWER_TIMEOUT
-        if self._spin(self._parameters.services_are_ready, deadline):
-            answer = self._parameters.get_parameters(names)
-            if self._spin(answer.done, deadline):
-                return self._built(names, answer.result().values)
-        raise UserError(
-            f"--node: no node {self.name} answers within {_ANSWER_TIMEOUT:g} s; expected the full "
-            "name of a running mpc_node, in the same ROS_DOMAIN_ID"
-        )
+        parameters = self._parameters(self.name)
+        if parameters is None:
+            raise UserError(
+                f"--node: no node {self.name} answers within {_ANSWER_TIMEOUT:g} s; expected the "
+                "full name of a running mpc_node, in the same ROS_DOMAIN_ID"
+            )
+        names = [spec.name for spec in MpcConfig.specs() if spec.name in parameters]
+        if not names:
+            raise UserError(f"--node: {self.name} has no parameters of an mpc_node")
+        return MpcConfig.build({name: parameters[name] for name in names})
 
     def bridge(self) -> dict[str, Any]:
         """Return the thrust map of the bridge in the same namespace; empty without one."""
-        namespace = self.name.rpartition("/")[0]
         for name, place in self.node.get_node_names_and_namespaces():
-            if not name.endswith("_bridge") or place.rstrip("/") != namespace:
-                continue
-            client = AsyncParameterClient(self.node, f"{namespace}/{name}")
-            deadline = time.monotonic() + _ANSWER_TIMEOUT
-            names = [spec.name for spec in BridgeConfig.specs() if "thrust_map" in spec.name]
-            if self._spin(client.services_are_ready, deadline):
-                answer = client.get_parameters(names)
-                if self._spin(answer.done, deadline):
-                    return _known(names, answer.result().values)
+            if name.endswith("_bridge") and place.rstrip("/") == self._namespace:
+                parameters = self._parameters(f"{self._namespace}/{name}") or {}
+                return {name: value for name, value in parameters.items() if "thrust_map" in name}
         return {}
 
     def watch(self, duration: float) -> list[TickStats]:
         """Return the figures of the ticks of the next ``duration`` seconds, from the first on."""
-        namespace = self.name.rpartition("/")[0]
-        topic = dataclasses.replace(STATS, name=f"{namespace}/{STATS.name}")
+        topic = dataclasses.replace(STATS, name=f"{self._namespace}/{STATS.name}")
         subscribe(self.node, topic, self._on_stats)
-        self._spin(lambda: bool(self._ticks), time.monotonic() + _ANSWER_TIMEOUT)
-        self._spin(lambda: False, time.monotonic() + duration)
+        self.spin_until(lambda: bool(self._ticks), time.monotonic() + _ANSWER_TIMEOUT)
+        self.spin_until(lambda: False, time.monotonic() + duration)
         if self._foreign and not self._ticks:
             raise UserError(
                 f"{topic.name}: {self._foreign} messages, none with the figures of a tick"
             )
         return self._ticks
 
-    def _built(self, names: list[str], values: list[Any]) -> MpcConfig:
-        known = _known(names, values)
-        if not known:
-            raise UserError(f"--node: {self.name} has no parameters of an mpc_node")
-        return MpcConfig.build(known)
+    def _parameters(self, node: str) -> dict[str, Any] | None:
+        """Return the parameters of a node; None if it does not answer."""
+        query = ParameterQuery(self.node, node)
+        received: dict[str, Any] = {}
+
+        def answered() -> bool:
+            received.update(query.poll() or {})
+            return query.done
+
+        answers = self.spin_until(answered, time.monotonic() + _ANSWER_TIMEOUT)
+        query.close()
+        return received if answers else None
 
     def _on_stats(self, message: Any) -> None:
         try:
             self._ticks.append(tick_stats(message))
         except (KeyError, ValueError):
             self._foreign += 1
-
-    def _spin(self, until: Callable[[], bool], deadline: float) -> bool:
-        while not until():
-            remaining = deadline - time.monotonic()
-            if remaining <= 0.0:
-                return False
-            self.executor.spin_once(timeout_sec=min(remaining, 0.1))
-        return True
-
-
-def _known(names: list[str], values: list[Any]) -> dict[str, Any]:
-    """Return the parameters that a node has by name; arrays as lists."""
-    return {
-        name: value if isinstance(value, bool | int | float | str) else list(value)
-        for name, value in zip(names, map(parameter_value_to_python, values), strict=False)
-        if value is not None
-    }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Self
 
 from rclpy.parameter import Parameter
@@ -13,7 +13,8 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from quad_mpc_ros.commands.observer import Observer, subscribe
 from quad_mpc_ros.commands.run_configuration import SCHEMA
-from quad_mpc_ros.configuration import Configuration, UserError
+from quad_mpc_ros.configuration import Configuration, UserError, files
+from quad_mpc_ros.control.model.voltage import measured_voltage
 from quad_mpc_ros.messages.topics import (
     BATTERY,
     CLOCK,
@@ -75,14 +76,14 @@ class RunningVehicle(Observer):
         deadline = begun + timeout
         # A vehicle may have another source of its reference, so this does not take all the time.
         expected = {MPC_NODE, REFERENCE_NODE}
-        self._spin(lambda: expected <= set(self._names()), begun + 0.5 * timeout)
+        self.spin_until(lambda: expected <= set(self._names()), begun + 0.5 * timeout)
         names = self._settled_names(deadline)
         parameters = self._parameters(sorted(set(names)), deadline)
         self._follow_time(parameters)
         topics = self._topics()
         self._watch(topics, deadline)
         told = {f"{self._space}/{name}" for name in names}
-        self._spin(lambda: told <= self._health.keys(), deadline)
+        self.spin_until(lambda: told <= self._health.keys(), deadline)
         nodes = {
             name: self._node(name, parameters.get(name), count=names.count(name))
             for name in sorted(set(names), key=_order)
@@ -108,7 +109,7 @@ class RunningVehicle(Observer):
                 names, since = now, time.monotonic()
             return time.monotonic() - since > _SETTLING
 
-        self._spin(settled, deadline)
+        self.spin_until(settled, deadline)
         return names
 
     def _names(self) -> list[str]:
@@ -139,7 +140,7 @@ class RunningVehicle(Observer):
                     found[name] = values
             return len(found) == len(queries)
 
-        self._spin(all_there, deadline)
+        self.spin_until(all_there, deadline)
         for query in queries.values():
             query.close()
         return found
@@ -164,8 +165,8 @@ class RunningVehicle(Observer):
         subscribe(self.node, topics[ODOMETRY.name], on_odometry, raw=True)
         battery = dataclasses.replace(BATTERY, name=f"{self._space}/{BATTERY.name}")
         subscribe(self.node, battery, self._on_battery)
-        self._spin(lambda: bool(self._arrivals), deadline)
-        self._spin(lambda: False, min(time.monotonic() + _WATCHING, deadline))
+        self.spin_until(lambda: bool(self._arrivals), deadline)
+        self.spin_until(lambda: False, min(time.monotonic() + _WATCHING, deadline))
 
     def _node(self, name: str, parameters: dict[str, Any] | None, *, count: int) -> NodeFacts:
         status = self._health.get(f"{self._space}/{name}")
@@ -233,14 +234,10 @@ class RunningVehicle(Observer):
     def _on_battery(self, message: Any) -> None:
         cells = [float(cell) for cell in message.cell_voltage if cell > 0.0]
         self._battery = Battery(
-            voltage=_measured(message.voltage),
+            voltage=measured_voltage(float(message.voltage)),
             share=_measured(message.percentage),
             cell=min(cells, default=None),
         )
-
-    def _spin(self, until: Callable[[], bool], deadline: float) -> None:
-        while not until() and (remaining := deadline - time.monotonic()) > 0.0:
-            self.executor.spin_once(timeout_sec=min(remaining, 0.05))
 
 
 def node_configurations() -> dict[str, type[Configuration]]:
@@ -253,11 +250,10 @@ def _configuration(name: str, parameters: Mapping[str, Any]) -> tuple[Configurat
     kind = node_configurations().get(name, BridgeConfig)
     # A node has parameters of ROS itself as well; a bridge of another package has its own.
     known = {spec.name for spec in kind.specs()} if kind is BridgeConfig else parameters.keys()
-    foreign = ("start_type_description_service", _USE_SIM_TIME)
     given = {
         parameter: value
         for parameter, value in parameters.items()
-        if parameter in known and parameter not in foreign and "qos_overrides" not in parameter
+        if parameter in known and not files.is_of_ros(parameter)
     }
     try:
         return kind.build(given), ""

@@ -21,8 +21,6 @@ from quad_mpc_ros.messages import topics
 from quad_mpc_ros.references.server import ReferenceServer
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import PLANTS, make_plant
-from quad_mpc_ros.simulation.mujoco.film import Film, check_drawing
-from quad_mpc_ros.simulation.mujoco.plant import MujocoPlant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant
 
 VIDEO = "flight.mp4"
@@ -58,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError(
             "reference.mode", config.reference.mode, "at_once: simulate takes no requests"
         )
-    progress = Progress(config.simulator.duration)
+    progress = Progress()
     print(f"simulating the {config.reference.trajectory} into {config.out}", file=sys.stderr)
     started = time.monotonic()
     plant = make_plant(config.simulator)
@@ -85,8 +83,9 @@ def run(options: argparse.Namespace) -> int:
             _record(recorder, step)
             film(step.odometry.stamp_ns - SIMULATION_START_NS)
             if progress.due:
-                progress.show(
+                progress.show_flight(
                     (step.odometry.stamp_ns - SIMULATION_START_NS) * 1e-9,
+                    config.simulator.duration,
                     float(np.linalg.norm(step.window.p_WB[0] - step.odometry.p_WB)),
                 )
     wall_seconds = time.monotonic() - started
@@ -100,6 +99,8 @@ def _check_video(options: argparse.Namespace) -> None:
     """Raise :class:`UserError` where nothing can be filmed."""
     if options.plant != "mujoco":
         raise UserError(f"--video: given with --plant {options.plant}, expected --plant mujoco")
+    from quad_mpc_ros.extras.plants.mujoco.film import check_drawing
+
     check_drawing()
 
 
@@ -109,6 +110,9 @@ def _filmed(plant: Plant, path: Path | None) -> Iterator[Callable[[int], None]]:
     if path is None:
         yield lambda time_ns: None
         return
+    from quad_mpc_ros.extras.plants.mujoco.film import Film
+    from quad_mpc_ros.extras.plants.mujoco.plant import MujocoPlant
+
     assert isinstance(plant, MujocoPlant)
     with Film(plant.scene, path) as film:
         yield film.see

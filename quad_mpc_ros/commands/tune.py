@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import dataclasses
 import fcntl
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -17,13 +18,13 @@ from quad_mpc_ros.commands.campaign_options import (
     new_or_resumed,
 )
 from quad_mpc_ros.commands.output import prepared_out, results_in
-from quad_mpc_ros.commands.progress import StudyProgress
+from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.configuration import UserError
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.experiments.tuning.study import Observer
-    from quad_mpc_ros.experiments.tuning.trial import Trial
-    from quad_mpc_ros.experiments.tuning.tune_file import Tuning
+    from quad_mpc_ros.extras.campaigns.tuning.study import Observer
+    from quad_mpc_ros.extras.campaigns.tuning.trial import Trial
+    from quad_mpc_ros.extras.campaigns.tuning.tune_file import Tuning
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -50,9 +51,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Fly what is left to fly, print what was found, and return the exit code."""
-    from quad_mpc_ros.experiments.tuning.optimiser import optuna_module
-    from quad_mpc_ros.experiments.tuning.study import Study
-    from quad_mpc_ros.experiments.tuning.tune_results import (
+    from quad_mpc_ros.extras.campaigns.tuning.optimiser import optuna_module
+    from quad_mpc_ros.extras.campaigns.tuning.study import Study
+    from quad_mpc_ros.extras.campaigns.tuning.tune_results import (
         HOLDS,
         TUNE_NAME,
         begin,
@@ -73,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
         held.enter_context(_held(out / TUNE_NAME))
         study = Study(out, tuning)
         print(f"{trials} trials with {engine.workers} workers into {out}", file=sys.stderr)
-        progress = StudyProgress()
+        progress = Progress()
         observe = _observer(progress, tuning)
         try:
             study.run(engine, observe)
@@ -101,10 +102,10 @@ def _held(path: Path) -> Iterator[None]:
         yield
 
 
-def _observer(progress: StudyProgress, tuning: Tuning) -> Observer:
+def _observer(progress: Progress, tuning: Tuning) -> Observer:
     """Return what shows how far the study is."""
-    from quad_mpc_ros.experiments.tuning.study import time_left
-    from quad_mpc_ros.experiments.tuning.tune_results import results_of
+    from quad_mpc_ros.extras.campaigns.tuning.study import time_left
+    from quad_mpc_ros.extras.campaigns.tuning.tune_results import results_of
 
     flights = sum(campaign.flights for campaign in tuning.campaigns.values())
 
@@ -113,11 +114,15 @@ def _observer(progress: StudyProgress, tuning: Tuning) -> Observer:
     def observe(done: list[Trial], flown: int) -> None:
         if len(done) not in best:
             best[len(done)] = results_of(tuning, done).best.objectives
+        if not progress.due:
+            return
         trial = min(len(done) + 1, tuning.trials)
+        left = time_left(done, trials=tuning.trials, timeout=tuning.timeout)
+        values = " ".join(f"{value:.3g}" for value in best[len(done)])
         progress.show(
-            f"trial {trial} of {tuning.trials}, {flown} of {flights} flights",
-            best=best[len(done)],
-            left=time_left(done, trials=tuning.trials, timeout=tuning.timeout),
+            f"trial {trial} of {tuning.trials}, {flown} of {flights} flights"
+            + (f"   best {values}" if values else "")
+            + (f"   {left:5.0f} s left" if math.isfinite(left) else "")
         )
 
     return observe
@@ -125,9 +130,9 @@ def _observer(progress: StudyProgress, tuning: Tuning) -> Observer:
 
 def _tuning(options: argparse.Namespace) -> tuple[Tuning, Path]:
     """Return the study that is asked for and its folder."""
-    from quad_mpc_ros.experiments.campaigns.campaign_file import Overrides, located_campaign
-    from quad_mpc_ros.experiments.tuning.tune_file import identity_text, read_tuning
-    from quad_mpc_ros.experiments.tuning.tune_results import tuning_of
+    from quad_mpc_ros.extras.campaigns.campaign_file import Overrides, located_campaign
+    from quad_mpc_ros.extras.campaigns.tuning.tune_file import identity_text, read_tuning
+    from quad_mpc_ros.extras.campaigns.tuning.tune_results import tuning_of
 
     overrides = Overrides(config=options.config, assignments=options.assignments)
     return new_or_resumed(

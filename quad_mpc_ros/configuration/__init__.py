@@ -9,7 +9,7 @@ from quad_mpc_ros.configuration.errors import (
     ConfigurationError,
     UserError,
 )
-from quad_mpc_ros.configuration.extension import ExtensibleConfiguration, registered
+from quad_mpc_ros.configuration.extension import ExtensibleConfiguration, optional_part, registered
 from quad_mpc_ros.configuration.fields import (
     Configuration,
     ManagedConfiguration,
@@ -29,6 +29,7 @@ __all__ = [
     "ParameterSpec",
     "PerAxis",
     "UserError",
+    "optional_part",
     "parameter",
     "per_axis",
     "registered",

@@ -37,10 +37,13 @@ def array(
     """
     found: Any = given
     ready = type(found) is np.ndarray and found.dtype == _FLOAT and found.flags.carray
-    if not ready or not (
-        found.shape == shape or (shape[0] is ... and found.shape[1 - len(shape) :] == shape[1:])
-    ):
-        found = _converted(given, name, shape)
+    if not ready or not (found.shape == shape or _fits(found, shape)):
+        found = _as_array(given)
+        numbers = found is not None and (found.dtype.kind in _REAL or found.size == 0)
+        if found is None or not numbers or not _fits(found, shape):
+            raise ArgumentError(name, given, _described(shape))
+        if found.dtype != _FLOAT or not found.flags.carray:
+            found = np.array(found, dtype=_FLOAT, order="C")
     if finite and not np.isfinite(found).all():
         raise ArgumentError(name, given, f"finite {_described(shape)}")
     return cast(NDArray[np.float64], found)
@@ -104,19 +107,12 @@ def instance(given: object, name: str, *kinds: type[T]) -> T:
     raise ArgumentError(name, given, words)
 
 
-def _converted(
-    given: object, name: str, shape: tuple[int | EllipsisType, ...]
-) -> NDArray[np.float64]:
-    found = _as_array(given)
-    if found is None or not (found.dtype.kind in _REAL or found.size == 0):
-        raise ArgumentError(name, given, _described(shape))
-    last = shape[1:] if shape and shape[0] is ... else shape
-    fits = len(last) <= found.ndim and found.shape[found.ndim - len(last) :] == last
-    if not fits or (last == shape and found.ndim != len(last)):
-        raise ArgumentError(name, given, _described(shape))
-    if found.dtype == _FLOAT and found.flags.carray:
-        return found
-    return np.array(found, dtype=_FLOAT, order="C")
+def _fits(found: NDArray[Any], shape: tuple[int | EllipsisType, ...]) -> bool:
+    """Whether an array has a shape, of which a leading ``...`` stands for any axes."""
+    if shape[:1] != (...,):
+        return found.shape == shape
+    last = shape[1:]
+    return len(last) <= found.ndim and found.shape[found.ndim - len(last) :] == last
 
 
 def _as_array(given: object) -> NDArray[Any] | None:

@@ -1,13 +1,17 @@
-"""A box in the world, as parameters of nodes that ask for it or show it."""
+"""A box in the world, as parameters of nodes that keep a vehicle in it or show it."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from quad_mpc_ros.configuration.errors import ConfigurationError
 from quad_mpc_ros.configuration.fields import Configuration, parameter
 
-_FAR = 1e4  # m
+FARTHEST = 1e7
+"""m: how far from the origin a coordinate may be; those of UTM are nearer."""
+
+NO_WALL = (-FARTHEST,) * 3, (FARTHEST,) * 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,20 +19,20 @@ class BoxParameters(Configuration):
     """The corners of a box; by default it has no walls."""
 
     minimum: tuple[float, ...] = parameter(
-        (-_FAR,) * 3,
-        doc="Lowest position inside the fence, usually that of the mpc.",
+        NO_WALL[0],
+        doc="Lowest position inside the fence, usually that of the mpc; -1e7 is no wall.",
         unit="m",
         length=3,
-        minimum=-_FAR,
-        maximum=_FAR,
+        minimum=-FARTHEST,
+        maximum=FARTHEST,
     )
     maximum: tuple[float, ...] = parameter(
-        (_FAR,) * 3,
-        doc="Highest position inside the fence.",
+        NO_WALL[1],
+        doc="Highest position inside the fence; 1e7 is no wall.",
         unit="m",
         length=3,
-        minimum=-_FAR,
-        maximum=_FAR,
+        minimum=-FARTHEST,
+        maximum=FARTHEST,
     )
 
     def check(self) -> None:
@@ -41,6 +45,19 @@ class BoxParameters(Configuration):
             )
 
     @property
+    def walls(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Lowest and highest positions (3,) [m]; infinite where there is no wall."""
+        return (
+            tuple(-math.inf if low <= -FARTHEST else low for low in self.minimum),
+            tuple(math.inf if high >= FARTHEST else high for high in self.maximum),
+        )
+
+    @property
+    def has_walls(self) -> bool:
+        """Whether it has any wall."""
+        return any(map(math.isfinite, (*self.walls[0], *self.walls[1])))
+
+    @property
     def is_closed(self) -> bool:
         """Whether it has all six walls."""
-        return max(map(abs, (*self.minimum, *self.maximum))) < _FAR
+        return all(map(math.isfinite, (*self.walls[0], *self.walls[1])))

@@ -16,6 +16,8 @@ from quad_mpc_ros.configuration.fields import Configuration, parameter
 
 BRIDGES = "quad_mpc_ros.bridges"
 """The group of the entry points of bridges to flight stacks."""
+EXTRAS = "quad_mpc_ros.extras"
+"""The group of the entry points by which this package finds its own optional parts."""
 
 
 def registered_names(group: str) -> set[str]:
@@ -41,6 +43,20 @@ def registered(group: str, name: str) -> Any:
                 f"{group}: {name} = {entry.value} cannot be loaded: {error}"
             ) from error
     return None
+
+
+def optional_part(name: str, *, needed_by: str) -> Any:
+    """Return what is registered in setup.py under a name of the group :data:`EXTRAS`.
+
+    Raises :class:`UserError` that begins with ``needed_by``, a parameter, if it is not installed.
+    """
+    try:
+        found, cause = registered(EXTRAS, name), f"{EXTRAS} has no entry point of this name"
+    except UserError as error:
+        found, cause = None, str(error.__cause__)
+    if found is None:
+        raise UserError(f"{needed_by}: needs the optional part {name}, not installed: {cause}")
+    return found
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
 from quad_mpc_ros.configuration.errors import ConfigurationError
-from quad_mpc_ros.configuration.renamed import refuse_former_name
 from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.configuration.vehicle import VEHICLE
 
@@ -190,7 +189,6 @@ class Configuration:
         paths = {spec.name: spec.path for spec in cls.specs()}
         for name, value in values.items():
             if name not in paths:
-                refuse_former_name(cls.owner, name)
                 known = set(paths)
                 raise ConfigurationError(
                     f"{cls.owner}.{name}", value, f"a known parameter{_suggestion(name, known)}"

@@ -7,10 +7,12 @@ file serves ``ros2 run … --params-file`` and the command line of this package.
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import yaml
@@ -19,7 +21,6 @@ from quad_mpc_ros.configuration import ros_yaml
 from quad_mpc_ros.configuration.errors import ConfigurationError, UserError, shown
 from quad_mpc_ros.configuration.extension import ExtensibleConfiguration
 from quad_mpc_ros.configuration.fields import Configuration
-from quad_mpc_ros.configuration.renamed import refuse_former_name
 from quad_mpc_ros.configuration.spelling import did_you_mean, nearest
 from quad_mpc_ros.configuration.vehicle import VEHICLE, describes_vehicle
 
@@ -31,8 +32,12 @@ _PARAMETERS = "ros__parameters"
 # Set by ROS or by whoever starts the nodes, and no business of the configuration.
 _OF_ROS = ("use_sim_time", "start_type_description_service")
 _GROUP_OF_ROS = "qos_overrides."
+# ROS compares names with its key as far as that is long.
+_NODE_PART = rf"(?:\*\*?|(?!{_PARAMETERS})[A-Za-z_]\w{{0,99}})"
+_NODE = re.compile(rf"/?{_NODE_PART}(?:/{_NODE_PART}){{0,2}}", re.ASCII)
+_NODE_WORDS = "up to three names of letters, digits and _, or * or **, with one / between them"
 # Nodes of a vehicle that a schema may leave out: one file for all of them may speak of these.
-_BESIDE, _BRIDGE = ("player", "visualisation", "teleop"), "_bridge"
+_BESIDE, _BRIDGE = ("player", "visualisation"), "_bridge"
 
 
 def load(
@@ -179,13 +184,29 @@ def _config_directory() -> Path:
     raise UserError("the presets of quad_mpc_ros are not installed: install the package again")
 
 
+def expanded(given: str) -> Path:
+    """Return a path with the home folder of ``~``.
+
+    ``Path.expanduser`` raises for an unknown user; here the path stays as it is.
+    """
+    return Path(os.path.expanduser(given))  # noqa: PTH111
+
+
+def is_file(path: Path) -> bool:
+    """Return whether a file is there; of an impossible path, as one that is too long, False."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
 def parameter_file(option: str, given: str) -> Path:
     """Return the path of a parameter file; raise :class:`UserError` unless it exists.
 
     ``option`` is how it was given. The nearest name of what is there is suggested.
     """
     path = Path(given)
-    if path.is_file():
+    if is_file(path):
         return path
     reason = "is a folder" if path.is_dir() else "does not exist"
     raise UserError(
@@ -207,7 +228,7 @@ def _nearest_file(path: Path) -> str:
 
 def _located(source: str) -> Path:
     path = Path(source)
-    if path.is_file():
+    if is_file(path):
         return path
     shipped = presets()
     if source in shipped:
@@ -242,22 +263,18 @@ class Section:
         return re.fullmatch("".join(parts), full_name) is not None
 
 
-def sections(path: Path, *, for_ros: bool = False) -> list[Section]:
+def sections(path: Path) -> list[Section]:
     """Return what a parameter file states; raise :class:`UserError` for one that states nothing.
 
-    Namespaces may be nested or joined by ``/``. With ``for_ros`` values are refused that ROS does
-    not take, or takes for something else.
+    Namespaces may be nested or joined by ``/``. What ROS does not take, or takes for something
+    else, is refused.
     """
     content = ros_yaml.read_file(path)
     if content is None:
         return []
     if not isinstance(content, dict):
         raise UserError(f"{path}: expected 'node: ros__parameters: …', given {content!r:.60}")
-    found = list(_sections(content, "", path))
-    for section in found if for_ros else ():
-        for name, value in section.values.items():
-            refuse_what_ros_misreads(f"{path}: {section.key}: {name}", value)
-    return found
+    return list(_sections(content, "", path))
 
 
 def refuse_what_ros_misreads(where: str, value: Any) -> None:
@@ -265,31 +282,48 @@ def refuse_what_ros_misreads(where: str, value: Any) -> None:
     if not isinstance(value, list):
         return
     kinds = {type(element) for element in value}
-    if kinds & {list, dict}:
+    if kinds & {list, dict, NoneType}:
         raise UserError(f"{where}: given {shown(value)}, expected one value or a plain list")
     if len(kinds) > 1:
         numbers = kinds == {int, float}
-        hint = f": {shown([float(element) for element in value])}" if numbers else ""
-        raise UserError(
-            f"{where}: given {shown(value)}, expected elements of one type, for ROS{hint}"
-        )
+        hint = f"; write {shown([float(element) for element in value])}" if numbers else ""
+        raise UserError(f"{where}: given {shown(value)}, expected elements of one type{hint}")
 
 
 def _sections(content: Mapping[Any, Any], within: str, path: Path) -> Iterator[Section]:
     for name, inner in content.items():
         key = f"{within}/{name}" if within else str(name)
-        if name == _PARAMETERS and within:
+        if name == _PARAMETERS:
+            if not within:
+                raise UserError(f"{path}: expected a node's name above '{_PARAMETERS}:'")
             if not isinstance(inner, dict):
                 raise UserError(f"{path}: {within}: expected parameters below '{_PARAMETERS}:'")
-            values = dict(flattened(inner))
-            for parameter, value in values.items():
-                if value is None:
-                    raise UserError(f"{path}: {within}: {parameter}: given no value")
-            yield Section(key=within, values=values)
+            if not _NODE.fullmatch(within):
+                raise UserError(f"{path}: given node {within!r}, expected {_NODE_WORDS}")
+            if name != list(content)[-1]:  # ROS then fails with an internal error
+                other = f"{list(content)[-1]!r} after '{_PARAMETERS}:'"
+                raise UserError(
+                    f"{path}: {within}: given {other}, expected parameters alone; write the node "
+                    "at the left margin, like '/**/mpc:'"
+                )
+            yield Section(key=within, values=_parameters(inner, f"{path}: {within}"))
         elif isinstance(inner, dict) and inner:
             yield from _sections(inner, key, path)
         else:
             raise UserError(f"{path}: {key}: expected '{_PARAMETERS}:' below it")
+
+
+def _parameters(content: Mapping[Any, Any], where: str) -> dict[str, Any]:
+    """Return parameters by dotted names; refuse those that ROS does not take."""
+    values: dict[str, Any] = {}
+    for name, value in flattened(content):
+        if value is None or value == {}:
+            raise UserError(f"{where}: {name}: given no value")
+        if name in values:
+            raise UserError(f"{where}: {name}: given twice")
+        refuse_what_ros_misreads(f"{where}: {name}", value)
+        values[name] = value
+    return values
 
 
 def _read(path: Path, schema: Schema) -> dict[str, dict[str, Any]]:
@@ -310,11 +344,6 @@ def _refuse_unknown(values: Mapping[str, Any], schema: Schema, path: Path) -> No
     for name, value in values.items():
         if name in known or describes_vehicle(name):
             continue
-        for kind in schema.values():
-            try:
-                refuse_former_name(kind.owner, name)
-            except ConfigurationError as error:
-                raise error.located(str(path)) from error
         raise ConfigurationError(
             f"{path}: {_EVERY_NODE}: {name}",
             value,
@@ -339,7 +368,7 @@ def flattened(parameters: Mapping[Any, Any], prefix: str = "") -> list[tuple[str
     """Return parameters by their dotted names, however deep they are nested."""
     flat: list[tuple[str, Any]] = []
     for name, value in parameters.items():
-        if isinstance(value, dict):
+        if isinstance(value, dict) and value:
             flat += flattened(value, f"{prefix}{name}.")
         else:
             flat.append((f"{prefix}{name}", value))

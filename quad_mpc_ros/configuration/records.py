@@ -27,7 +27,6 @@ from typing import (
     Generic,
     Self,
     TypeVar,
-    cast,
     get_args,
     get_origin,
     get_type_hints,
@@ -76,7 +75,8 @@ class Record:
     @classmethod
     def zeros(cls, *shape: int) -> RecordArray[Self]:
         """Return an array of zeros; without a shape one of no dimensions, a single record."""
-        return cast(RecordArray[Self], np.zeros(shape, cls.dtype))
+        zeros: Any = np.zeros(shape, cls.dtype)
+        return zeros  # type: ignore[no-any-return]
 
 
 def _format(hint: Any) -> tuple[Any, tuple[int, ...]]:

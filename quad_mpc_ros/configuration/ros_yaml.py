@@ -1,9 +1,10 @@
-"""YAML as ROS reads it: which plain words of a parameter file are numbers, and which are not.
+"""The reader of every YAML file of this package; it reads YAML as ROS does.
 
 PyYAML follows YAML 1.1 and takes ``5e-2``, ``1e3`` and ``y`` for text, ``1_000`` and ``1:30`` for
-numbers and ``null`` for nothing. ROS (``get_value`` of rcl_yaml_param_parser) asks C: a word is a
-bool if it is one of a list, else what ``strtoll`` with base 0 or ``strtod`` takes as a whole, else
-text. The same file is read by both, so it is read here as ROS does.
+numbers, ``2026-01-01`` for a date and ``null`` for nothing. ROS (``get_value`` of
+rcl_yaml_param_parser) asks C: a word is a bool if it is one of a list, else what ``strtoll`` with
+base 0 or ``strtod`` takes as a whole, else text. As in ROS, aliases and empty names are refused
+and tags other than ``!!str`` mean nothing. A name that is given twice is refused, too.
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ from __future__ import annotations
 import math
 import re
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from quad_mpc_ros.configuration.errors import UserError, os_reason
+from quad_mpc_ros.configuration.errors import UserError
+from quad_mpc_ros.configuration.text_files import file_text
 
 _TRUE = ("Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON")
 _FALSE = ("N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF")
@@ -38,6 +41,7 @@ _LONGEST = 100  # digits; Python refuses to count thousands of them
 
 _PLAIN = "!plain"
 _TEXT = "tag:yaml.org,2002:str"
+_TOML = "this is a TOML file, expected YAML"
 
 
 def scalar(word: str) -> bool | int | float | str:
@@ -61,42 +65,64 @@ def _real(word: str) -> float | None:
         return math.nan
     try:
         if _DECIMAL.fullmatch(word):
-            number = float(word)
+            number, digits = float(word), word.lower().partition("e")[0]
         elif _HEXADECIMAL.fullmatch(word):
-            number = float.fromhex(word)
+            number, digits = float.fromhex(word), word.lower().partition("p")[0].partition("x")[2]
         else:
             return None
     except OverflowError:
         return None
     # Beyond the range, or so small that digits are lost: ERANGE.
-    return number if number == 0.0 or sys.float_info.min <= abs(number) < math.inf else None
+    if sys.float_info.min <= abs(number) < math.inf or not digits.strip("+-0."):
+        return number
+    return None
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses a key that is given twice, of which YAML readers take one and drop the other."""
+    """Makes nothing but mappings with text as names, lists, texts, numbers and bools."""
 
     yaml_implicit_resolvers = {}  # noqa: RUF012, as PyYAML declares it
+    yaml_constructors = {}  # noqa: RUF012
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """Return a mapping whose keys are text, whatever they look like."""
-        given: set[str] = set()
-        for key, _ in node.value:
-            if not isinstance(key, yaml.ScalarNode):
-                raise yaml.MarkedYAMLError(problem="expected a name", problem_mark=key.start_mark)
-            key.tag = _TEXT
-            if key.value in given:
-                problem = f"{key.value!r} is given twice"
-                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
-            given.add(key.value)
-        return super().construct_mapping(node, deep)
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Refuse aliases, as ROS does: a few lines of them make millions of values."""
+        if self.check_event(yaml.AliasEvent):
+            event = self.peek_event()  # type: ignore[no-untyped-call]
+            problem = "an alias (*name), expected the value itself"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
+        return super().compose_node(parent, index)
 
 
 class _Dumper(yaml.SafeDumper):
     """Puts text into quotes that ROS would take for something else."""
 
 
-def _plain(_: yaml.SafeLoader, node: yaml.ScalarNode) -> Any:
-    return scalar(node.value) if node.value else None
+def _value(loader: yaml.SafeLoader, node: yaml.Node) -> Any:
+    """Return the value of a node; of tags only that of text counts."""
+    if isinstance(node, yaml.MappingNode):
+        return _mapping(loader, node)
+    if isinstance(node, yaml.SequenceNode):
+        return [loader.construct_object(element, deep=True) for element in node.value]
+    if not isinstance(node, yaml.ScalarNode) or node.style in ("'", '"'):
+        return node.value
+    if not node.value:
+        return None
+    return node.value if node.tag == _TEXT else scalar(node.value)
+
+
+def _mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[str, Any]:
+    """Return a mapping whose names are text, whatever they look like."""
+    made: dict[str, Any] = {}
+    for key, value in node.value:
+        problem = ""
+        if not isinstance(key, yaml.ScalarNode) or not key.value:
+            problem = "expected a name"
+        elif key.value in made:
+            problem = f"{key.value!r} is given twice"
+        if problem:
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
+        made[key.value] = loader.construct_object(value, deep=True)
+    return made
 
 
 def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
@@ -105,7 +131,7 @@ def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
 
 
 _Loader.add_implicit_resolver(_PLAIN, re.compile(""), None)
-_Loader.add_constructor(_PLAIN, _plain)
+_Loader.add_constructor(None, _value)
 _Dumper.add_representer(str, _text)
 
 
@@ -115,22 +141,31 @@ def read(text: str) -> Any:
         return yaml.load(text, Loader=_Loader)
     except RecursionError:
         raise yaml.YAMLError("it is nested too deeply") from None
-    except ValueError as error:  # of an explicit tag: !!int x
-        raise yaml.YAMLError(str(error)) from None
+
+
+def read_text(text: str, where: str) -> Any:
+    """Return the content of a text; raise :class:`UserError`, which begins with ``where``."""
+    try:
+        content = read(text)
+    except yaml.YAMLError as error:
+        if _is_toml(text):
+            raise UserError(f"{where}: {_TOML}") from error
+        raise UserError(f"{where}: not YAML: {_reason(error)}") from error
+    if isinstance(content, str | list) and _is_toml(text):
+        raise UserError(f"{where}: {_TOML}")
+    return content
 
 
 def read_file(path: Path) -> Any:
     """Return the content of a file; raise :class:`UserError` when it cannot be read."""
+    return read_text(file_text(path), str(path))
+
+
+def _is_toml(text: str) -> bool:
     try:
-        return read(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {os_reason(error)}") from error
-    except UnicodeDecodeError as error:
-        raise UserError(
-            f"{path}: not UTF-8 at byte {error.start}: expected a text file in UTF-8"
-        ) from error
-    except yaml.YAMLError as error:
-        raise UserError(f"{path}: not YAML: {_reason(error)}") from error
+        return bool(tomllib.loads(text))
+    except (ValueError, RecursionError):
+        return False
 
 
 def _reason(error: yaml.YAMLError) -> str:

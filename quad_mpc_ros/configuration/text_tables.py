@@ -1,8 +1,7 @@
-"""Tables for people: lines of plain text for a terminal, and Markdown for a page."""
+"""Tables of plain text for a terminal."""
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 
 
@@ -14,9 +13,9 @@ def text_table(
     Args:
         rows: The cells; a header is a row like the others, an empty row is an empty line.
         align: A letter a column: ``l`` for left, ``r`` for right.
-        widths: The least width of each column, in which a gap may be included. A column is as
-            wide as its widest cell where that is more.
-        gap: What stands between two columns.
+        widths: The least width of each column. A column is as wide as its widest cell where that
+            is more.
+        gap: The space between two columns, never empty.
     """
     least = widths or [0] * len(align)
     widest = [
@@ -32,24 +31,3 @@ def text_table(
         else ""
         for row in rows
     ]
-
-
-def labelled(label: str, text: str, *, indent: int, width: int) -> list[str]:
-    """Return a label with text beside it, wrapped into the column that begins at ``indent``."""
-    return textwrap.wrap(
-        text, width, initial_indent=label.ljust(indent), subsequent_indent=" " * indent
-    ) or [label.rstrip()]
-
-
-def markdown_table(
-    header: Sequence[str], rows: Sequence[Sequence[str]], *, align: str = ""
-) -> str:
-    """Return a table of Markdown; ``align`` as above, all columns to the left without it."""
-    sides = align or "l" * len(header)
-    rule = "|".join("---:" if side == "r" else "---" for side in sides)
-    lines = [_markdown_row(header), f"|{rule}|", *map(_markdown_row, rows)]
-    return "\n".join(lines)
-
-
-def _markdown_row(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"

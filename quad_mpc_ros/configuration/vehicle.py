@@ -37,23 +37,11 @@ def describes_vehicle(name: str) -> bool:
     return name in VEHICLE or name.startswith(_THRUST_MAP)
 
 
-def differences(given: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
-    """Return the parameters in which two nodes' vehicles differ, with both values.
-
-    Only what both know is compared; one number for all body axes is three alike.
-    """
-    return [
-        f"{name} {_shown(value)} and {_shown(other[name])}"
-        for name, value in given.items()
-        if name in other and not _alike(value, other[name])
-    ]
-
-
 def disagreements(vehicles: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
     """Return the parameters in which the vehicles of nodes differ, each with who has which value.
 
     The values read like ``mass 0.9 of mpc, 0.5 of reference and px4_bridge``. Only what several
-    nodes know is compared.
+    nodes know is compared; one number for all body axes is three alike.
     """
     found: dict[str, str] = {}
     for name in dict.fromkeys(name for values in vehicles.values() for name in values):

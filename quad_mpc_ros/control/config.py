@@ -14,6 +14,7 @@ from quad_mpc_ros.configuration import (
     parameter,
     per_axis,
 )
+from quad_mpc_ros.configuration.box import FARTHEST, NO_WALL, BoxParameters
 from quad_mpc_ros.control.model.vehicle import VehicleParameters
 
 _live = functools.partial(parameter, live=True)
@@ -49,34 +50,28 @@ class SolverParameters(Configuration):
     )
 
 
-_FAR = 1e6  # m: a fence that stands nowhere
-_corner = functools.partial(_live, unit="m", length=3, minimum=-_FAR, maximum=_FAR)
+_corner = functools.partial(_live, unit="m", length=3, minimum=-FARTHEST, maximum=FARTHEST)
 _ACTIONS = ("warn", "hover", "stop")
 
 
 @dataclass(frozen=True, kw_only=True)
-class FenceParameters(Configuration):
+class FenceParameters(BoxParameters):
     """A box in the world that the vehicle is not to leave; by default it has no walls."""
 
     owner = "mpc.fence"
 
-    minimum: tuple[float, ...] = _corner((-_FAR,) * 3, doc="Lowest position inside the fence.")
-    maximum: tuple[float, ...] = _corner((_FAR,) * 3, doc="Highest position inside the fence.")
+    minimum: tuple[float, ...] = _corner(
+        NO_WALL[0], doc="Lowest position inside the fence; -1e7 is no wall."
+    )
+    maximum: tuple[float, ...] = _corner(
+        NO_WALL[1], doc="Highest position inside the fence; 1e7 is no wall."
+    )
     action: str = _live(
         "hover",
         doc="Outside of it: warn and fly on; hover inside of it without the solver, as soon as "
         "there is just room to stop; or stop publishing until the node is activated again.",
         choices=_ACTIONS,
     )
-
-    def check(self) -> None:
-        """Refuse a fence with no inside."""
-        if not all(low < high for low, high in zip(self.minimum, self.maximum, strict=True)):
-            raise ConfigurationError(
-                f"{self.owner}.minimum",
-                self.minimum,
-                f"3 numbers below fence.maximum {list(self.maximum)}",
-            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,6 +113,22 @@ class OscillationParameters(Configuration):
         doc="How long the action lasts; three times as long each time that it oscillates again.",
         unit="s",
         above=0.0,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConsistencyParameters(Configuration):
+    """What to do when the odometry contradicts itself or the commands."""
+
+    owner = "mpc.consistency"
+
+    action: str = _live(
+        "descend",
+        doc="If the odometry contradicts itself or the commands (frames, signs, units, thrust): "
+        "warn and fly on; hover without the solver; descend level by dead reckoning for "
+        "blind_time, then stop publishing; or stop publishing at once. The action lasts until the "
+        "MPC is engaged again.",
+        choices=("warn", "hover", "descend", "stop"),
     )
 
 
@@ -453,6 +464,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     fence: FenceParameters = dataclasses.field(default_factory=FenceParameters)
     envelope: EnvelopeParameters = dataclasses.field(default_factory=EnvelopeParameters)
     oscillation: OscillationParameters = dataclasses.field(default_factory=OscillationParameters)
+    consistency: ConsistencyParameters = dataclasses.field(default_factory=ConsistencyParameters)
     slew: SlewParameters = dataclasses.field(default_factory=SlewParameters)
     limits: LimitParameters = dataclasses.field(default_factory=LimitParameters)
     contouring: ContouringParameters = dataclasses.field(default_factory=ContouringParameters)
@@ -478,6 +490,13 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     def holds_gates(self) -> bool:
         """Whether the openings of gates are held."""
         return self.formulation == "contouring" and bool(self.gates)
+
+    @property
+    def guided_by(self) -> str:
+        """The parameter that asks for a guide, empty where none does."""
+        if self.obstacles.half_spaces > 0:
+            return f"{self.owner}.obstacles.half_spaces"
+        return f"{self.owner}.gates" if self.holds_gates else ""
 
     @property
     def half_spaces(self) -> int:

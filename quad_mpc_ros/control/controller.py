@@ -1,25 +1,24 @@
 """The controller as the node and the simulation use it: inputs in, at most one command out.
 
-One tick is a page of the paper: take an odometry, see whether it is due, run the MPC (delay
-compensation, linearise, update, solve, line search: :meth:`.mpc.Mpc.step`), let the supervisor say
-who commands and limit the command. It reads no ROS and no wall clock: ``now_ns`` is given.
+What comes in is validated. An odometry that is due triggers the control step, each line a stage:
+estimate, guide, plan, decide, limit, record. It reads no ROS and no wall clock: ``now_ns`` is
+given.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from quad_mpc_ros.configuration import ArgumentError
-from quad_mpc_ros.configuration.arguments import instance, number, stamp
+from quad_mpc_ros.configuration.arguments import instance, number
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.delayed_reference import DelayedReference
-from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
+from quad_mpc_ros.control.estimate_stage import Estimate, EstimateStage
 from quad_mpc_ros.control.estimation.ground_state import GroundState
-from quad_mpc_ros.control.guide import Avoidance, Guide, Guided
+from quad_mpc_ros.control.guide import Avoidance, Guide
+from quad_mpc_ros.control.guide_stage import GuideStage
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import (
     CommandSample,
@@ -28,33 +27,23 @@ from quad_mpc_ros.control.model.samples import (
     ReferenceWindow,
 )
 from quad_mpc_ros.control.model.state import Input
-from quad_mpc_ros.control.mpc import Mpc, MpcStep
-from quad_mpc_ros.control.ocp.plan import Plan
-from quad_mpc_ros.control.safety.clock_offset import Lateness
-from quad_mpc_ros.control.safety.ladder import Decision
-from quad_mpc_ros.control.safety.supervisor import Supervisor
+from quad_mpc_ros.control.plan_stage import Planned, PlanStage
+from quad_mpc_ros.control.safety.decide_stage import Decided, DecideStage
+from quad_mpc_ros.control.safety.fallbacks import Learned
+from quad_mpc_ros.control.safety.input_monitor import InputMonitor
+from quad_mpc_ros.control.safety.limit_stage import LimitStage
+from quad_mpc_ros.control.stage import Due, Failure, Stage
+from quad_mpc_ros.control.stage_log import StageLog
 from quad_mpc_ros.control.tick import Tick, figures_of
 
 _SECOND = 1_000_000_000
-_NOT_RUN = "not run without odometry"
+_NO_MOTION = Failure("estimate", "not run without odometry")
 # An odometry so many periods away from when it is due means that the clock was set.
 _PERIODS_AWAY = 3
 
-_RESET = (
-    "the estimate of thrust, wind and lags did not fit the vehicle and was reset: check mass, "
-    "thrust_curve and lags, and whether the odometry jumps"
-)
-
-
-class _Answered(NamedTuple):
-    """When an odometry was answered, by the clock of the stamps and by that of arrivals [ns]."""
-
-    stamp_ns: int
-    now_ns: int
-
 
 class Controller:
-    """MPC under a supervisor.
+    """MPC with fallbacks and limits around it.
 
     Odometry triggers the ticks. At each it minimises, over the inputs u_i = (throttle, body
     rates) of the horizon and subject to the linearised model and the bounds on the inputs,
@@ -73,9 +62,10 @@ class Controller:
         deadline: How long the MPC may take for a plan that is flown [s].
         guide: What leads around obstacles, if anything does.
 
-    Every method raises :class:`.ArgumentError`, a ``ValueError``, for an argument of another type,
-    and is then as if it had not been called. What odometry and reference hold is not an error: of
-    what cannot be flown :meth:`take_warnings` says why, and the last good one is kept.
+    The constructor, :meth:`step` and :meth:`replace_last_command` raise :class:`.ArgumentError`, a
+    ``ValueError``, for an argument of another type; other methods check no types. Odometry and
+    references that cannot be flown are not an error: :meth:`take_warnings` says why, and the last
+    good ones are kept.
 
     Example:
         >>> controller = Controller(MpcConfig())
@@ -89,23 +79,28 @@ class Controller:
         self, config: MpcConfig, *, deadline: float = math.inf, guide: Guide | None = None
     ) -> None:
         self._config = instance(config, "config", MpcConfig)
-        self._guide = guide
-        self._plan: Plan | None = None
-        self._guided: Guided | None = None
-        gives_way = config.formulation == "contouring"
-        self._delayed = DelayedReference(config.contouring.behind_max) if gives_way else None
         endless = isinstance(deadline, float) and deadline == math.inf
         self._deadline = math.inf if endless else number(deadline, "deadline", above=0.0)
-        self._ground = GroundDetector(config.gravity)
-        self._mpc = Mpc(config, ground=self._ground, deadline=self._deadline)
-        self._supervisor = Supervisor(config, ground=self._ground, deadline=self._deadline)
+        self._engaged = True
+        self._log = log = StageLog()
+        self._inputs = InputMonitor(config, log)
+        self._estimation = EstimateStage(config, log)
+        self._guidance = GuideStage(config, guide, log)
+        self._planning = PlanStage(config, deadline=self._deadline, log=log)
+        ground = self._estimation.ground
+        self._deciding = DecideStage(config, self._inputs, ground, log)
+        self._limiting = LimitStage(
+            config,
+            self._inputs,
+            ground,
+            limits=self._deciding.limits,
+            consistency=self._deciding.consistency,
+            log=log,
+        )
         self._period_ns = round(_SECOND / config.control_rate)
         self._decimation = Decimation(self._period_ns)
         self._last_tick: Tick | None = None
-        self._answered: _Answered | None = None
-        self._lateness = Lateness(most_ns=round(config.odom_timeout * _SECOND))
         self._sent_ns = 0  # when the last command was, on the clock of the odometries
-        self._resets_reported = 0
 
     @property
     def config(self) -> MpcConfig:
@@ -115,32 +110,42 @@ class Controller:
     @property
     def ground_state(self) -> GroundState:
         """Whether the vehicle stands or flies, by the last odometry."""
-        return self._ground.state
+        return self._estimation.ground.state
 
     def renewed(self) -> Controller:
         """Return a controller like this one that has seen nothing yet."""
-        return Controller(self._config, deadline=self._deadline, guide=self._guide)
+        return Controller(self._config, deadline=self._deadline, guide=self._guidance.guide)
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """All owners of flight state, in the order of the control step."""
+        owners = (
+            self._inputs,
+            self._estimation,
+            self._guidance,
+            self._planning,
+            self._deciding,
+            self._limiting,
+        )
+        return tuple(stage for owner in owners for stage in owner.stages)
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed live parameters between two ticks; the warm start stays."""
-        self._config = instance(config, "config", MpcConfig)
-        self._mpc.reconfigure(config)
-        self._supervisor.reconfigure(config)
-        if self._guide is not None:
-            self._guide.reconfigure(config)
-        if self._delayed is not None:
-            self._delayed.behind_max = config.contouring.behind_max
+        self._config = config
+        for stage in self.stages:
+            stage.reconfigure(config)
 
     def engage(self, engaged: bool) -> None:
         """Set whether commands act on the vehicle: armed, and in the mode that takes them."""
-        instance(engaged, "engaged", bool)
-        self._mpc.engage(engaged)
-        self._ground.engage(engaged)
-        self._supervisor.engage(engaged)
+        if engaged == self._engaged:
+            return
+        self._engaged = engaged
+        for stage in self.stages:
+            stage.engage(engaged)
 
     def landed(self, landed: bool | None) -> None:
         """Set whether the flight stack reports the vehicle landed; None where it does not say."""
-        self._ground.tell_landed(instance(landed, "landed", bool, type(None)))
+        self._estimation.ground.tell_landed(landed)
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Take an announced step of the estimate: the vehicle stays, its coordinates change.
@@ -148,18 +153,14 @@ class Controller:
         What is held and the reference move along at once, the reference for as long as no other
         comes. Call it before the first odometry in the new coordinates.
         """
-        self._ground.reset_estimate(instance(reset, "reset", EstimateReset))
-        self._mpc.reset_estimate(reset)
-        self._supervisor.reset_estimate(reset)
-        if self._delayed is not None:
-            self._delayed.reset_estimate(reset)
+        for stage in self.stages:
+            stage.reset_estimate(reset)
 
     def take_warnings(self) -> list[str]:
         """Return the warnings for the log since the last call."""
-        warnings = self._supervisor.take_warnings()
-        resets, before = self._mpc.estimate.resets, self._resets_reported
-        self._resets_reported = resets
-        return [*warnings, _RESET] if resets > before else warnings
+        self._inputs.report()
+        self._estimation.report()
+        return self._log.take_warnings()
 
     def step(self, odometry: OdometrySample, reference: ReferenceWindow) -> Tick | None:
         """Answer an odometry, as if it and the reference arrived at the odometry's stamp.
@@ -180,7 +181,7 @@ class Controller:
 
     def check_stamps(self, wanted: bool) -> None:
         """Compare stamps with arrivals, or not, as of a recorded odometry known to be accepted."""
-        self._supervisor.inputs.gate.checks_stamps = instance(wanted, "wanted", bool)
+        self._inputs.gate.checks_stamps = wanted
 
     def receive_odometry(self, odometry: OdometrySample, *, now_ns: int) -> Tick | None:
         """Take an odometry, which may trigger a tick.
@@ -192,16 +193,17 @@ class Controller:
         Returns:
             The tick, with the command to send; None if the odometry is refused or none is due.
         """
-        instance(odometry, "odometry", OdometrySample)
-        now_ns = odometry.stamp_ns if self._config.lockstep else stamp(now_ns, "now_ns")
-        accepted = self._supervisor.accept_odometry(odometry, now_ns=now_ns)
+        now_ns = odometry.stamp_ns if self._config.lockstep else now_ns
+        accepted = self._inputs.accept_odometry(odometry, now_ns=now_ns)
         if accepted is None:
             return None
+        for reset in self._inputs.jumps.take_resets():
+            self._estimation.reset_learned(reset)
         if self._config.lockstep:
             return self._last_tick if self._is_answered() else self._answer_in_lockstep()
         if not self._decimation.is_due(accepted.stamp_ns):
             return None
-        return self._answer(accepted, duration=self._period_ns * 1e-9, now_ns=now_ns)
+        return self._answer(accepted, held_ns=self._period_ns, now_ns=now_ns)
 
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> Tick | None:
         """Take a reference window, the samples of the reference from now on.
@@ -213,9 +215,8 @@ class Controller:
         Returns:
             In lockstep the tick of the odometry that waited for this window, otherwise None.
         """
-        instance(window, "window", ReferenceWindow)
-        now_ns = window.stamp_ns if self._config.lockstep else stamp(now_ns, "now_ns")
-        if not self._supervisor.accept_reference(window, now_ns=now_ns):
+        now_ns = window.stamp_ns if self._config.lockstep else now_ns
+        if not self._inputs.accept_reference(window, now_ns=now_ns):
             return None
         if self._config.lockstep and not self._is_answered():
             return self._answer_in_lockstep()
@@ -232,10 +233,9 @@ class Controller:
         Returns:
             In lockstep the tick of the odometry that waited for it, otherwise None.
         """
-        instance(sample, "sample", ImuSample)
-        if not self._config.feels or not self._supervisor.accept_imu(sample):
+        if not self._config.feels or not self._inputs.accept_imu(sample):
             return None
-        self._mpc.feel(sample)
+        self._estimation.take_imu(sample)
         if self._config.lockstep and not self._is_answered():
             return self._answer_in_lockstep()
         return None
@@ -251,51 +251,35 @@ class Controller:
         Returns:
             A tick when the odometry is older than its timeout, otherwise None.
         """
-        now_ns = stamp(now_ns, "now_ns")
-        if self._config.lockstep or not self._supervisor.is_unseen(now_ns=now_ns):
+        unseen = self._limiting.acting is not None and self._inputs.is_unseen(now_ns=now_ns)
+        if self._config.lockstep or not unseen:
             return None
-        # By the clock of the odometries' stamps.
-        answered = self._answered or _Answered(now_ns, now_ns)
-        unseen_ns = answered.stamp_ns + now_ns - answered.now_ns
-        step, plan, fault = None, None, _NOT_RUN
-        if self._supervisor.may_foresee(now_ns=now_ns):
-            step, fault = self._step(unseen_ns, now_ns=now_ns)
-            plan = step.plan if step is not None and not fault else None
-        return self._send(
-            self._supervisor.decide_unseen(plan=plan, plan_fault=fault, now_ns=now_ns),
-            stamp_ns=now_ns,
-            sent_ns=unseen_ns,
-            duration=self._period_ns * 1e-9,
-            now_ns=now_ns,
-            step=step,
-            plan=plan,
-        )
+        sent_ns = self._estimation.elapsed_ns(now_ns=now_ns)
+        return self._control(Due(None, now_ns, sent_ns, now_ns, self._period_ns * 1e-9))
 
     def seconds_until_unseen(self, *, now_ns: int) -> float:
         """Return how long :meth:`watch` will have nothing to do, whatever comes; 0 if it acts."""
-        return self._supervisor.seconds_until_unseen(now_ns=stamp(now_ns, "now_ns"))
+        return self._inputs.seconds_until_unseen(now_ns=now_ns)
 
     def replace_last_command(self, command: CommandSample, *, now_ns: int) -> None:
         """Take note that this command was sent in place of that of the last tick."""
-        instance(command, "command", CommandSample)
-        now_ns = stamp(now_ns, "now_ns")
-        finite = math.isfinite(command.throttle) and np.isfinite(command.w_WB_B).all()
-        if not finite:
+        command = instance(command, "command", CommandSample).checked()
+        if not (math.isfinite(command.throttle) and np.isfinite(command.w_WB_B).all()):
             raise ArgumentError("command", command, "a command of finite numbers")
         u = Input(throttle=command.throttle, w_WB_B=command.w_WB_B)
-        self._supervisor.note_sent(u, now_ns=now_ns)
+        self._limiting.replace(u, now_ns=now_ns)
         tick = self._last_tick
         replaces = tick is not None and tick.stamp_ns == command.stamp_ns
-        self._mpc.sent(u, stamp_ns=self._sent_ns if replaces else command.stamp_ns)
+        self._estimation.record(u, stamp_ns=self._sent_ns if replaces else command.stamp_ns)
 
     def _is_answered(self) -> bool:
         """Whether the last tick belongs to the newest odometry."""
-        odometry, tick = self._supervisor.inputs.odometry, self._last_tick
+        odometry, tick = self._inputs.odometry, self._last_tick
         return odometry is not None and tick is not None and tick.stamp_ns == odometry.stamp_ns
 
     def _answer_in_lockstep(self) -> Tick | None:
         """Answer the newest odometry if the reference of its stamp is there."""
-        odometry, window = self._supervisor.inputs.odometry, self._supervisor.inputs.reference
+        odometry, window = self._inputs.odometry, self._inputs.reference
         if odometry is None or window is None or window.stamp_ns != odometry.stamp_ns:
             return None
         if self._awaits_imu(odometry.stamp_ns):
@@ -303,7 +287,7 @@ class Controller:
         held_ns = self._period_ns
         if self._last_tick is not None:  # each odometry is answered, at whatever rate they come
             held_ns = min(odometry.stamp_ns - self._last_tick.stamp_ns, held_ns)
-        return self._answer(odometry, duration=held_ns * 1e-9, now_ns=odometry.stamp_ns)
+        return self._answer(odometry, held_ns=held_ns, now_ns=odometry.stamp_ns)
 
     def _awaits_imu(self, stamp_ns: int) -> bool:
         """Whether an odometry in lockstep is to wait for what was felt until its stamp.
@@ -312,128 +296,67 @@ class Controller:
         """
         if not self._config.feels or self._last_tick is None:
             return False
-        felt_ns = self._supervisor.inputs.imu_stamp_ns
+        felt_ns = self._inputs.imu_stamp_ns
         return felt_ns is None or felt_ns < stamp_ns
 
-    def _answer(self, odometry: OdometrySample, *, duration: float, now_ns: int) -> Tick:
-        """Plan, let the supervisor decide who commands, and send.
+    def _answer(self, odometry: OdometrySample, *, held_ns: int, now_ns: int) -> Tick:
+        """Run the control step of an odometry; its command is expected to act for ``held_ns``."""
+        sent_ns = self._estimation.answer_ns(odometry.stamp_ns, now_ns=now_ns)
+        return self._control(Due(odometry, odometry.stamp_ns, sent_ns, now_ns, held_ns * 1e-9))
 
-        The command is expected to act for ``duration`` [s].
-        """
-        sent_ns = odometry.stamp_ns + self._lateness.of(odometry.stamp_ns, now_ns=now_ns)
-        self._answered = _Answered(sent_ns, now_ns)
-        self._supervisor.judge_ground(odometry)
-        step, plan_fault = self._step(sent_ns, odometry=odometry, now_ns=now_ns)
-        plan = step.plan if step is not None and not plan_fault else None
-        decision = self._supervisor.decide(
-            odometry, plan=plan, plan_fault=plan_fault, now_ns=now_ns
+    def _control(self, due: Due) -> Tick:
+        """Run a control step: what comes in has been validated."""
+        inputs, acting = self._inputs, self._limiting.acting
+        reference = inputs.reference_at(due.sent_ns, now_ns=due.now_ns)
+
+        estimate: Estimate | Failure = _NO_MOTION
+        if due.odometry is not None or self._deciding.may_foresee(now_ns=due.now_ns):
+            estimate = self._estimation.step(
+                due, acting=acting, reference=inputs.reference, idle_wanted=inputs.idle_wanted
+            )
+        guided = self._guidance.step(due, estimate, reference)
+        planned = self._planning.step(estimate, guided)
+        decided = self._deciding.step(due, planned, flown=self._guidance.window, acting=acting)
+        command = self._limiting.step(
+            due, decided, corridor=self._guidance.corridor, learned=self._learned
         )
-        return self._send(
-            decision,
-            stamp_ns=odometry.stamp_ns,
-            sent_ns=sent_ns,
-            duration=duration,
-            now_ns=now_ns,
-            step=step,
-            plan=plan,
-        )
+        return self._record(due, planned, decided, command)
 
-    def _step(
-        self, stamp_ns: int, *, odometry: OdometrySample | None = None, now_ns: int
-    ) -> tuple[MpcStep | None, str]:
-        """Run the MPC for a command sent at a stamp; if it gives no plan to fly, return why.
+    def _learned(self) -> Learned:
+        """Return what has been learned of the vehicle that a fallback can use."""
+        model = self._estimation.parameters()
+        return Learned(thrust_scale=float(model.thrust_scale), a_W=tuple(model.a_W.tolist()))
 
-        Without an odometry it begins where the vehicle should be then.
-        """
-        window, fault = self._supervisor.inputs.reference_at(stamp_ns, now_ns=now_ns)
-        if window is None:
-            return None, fault
-        if self._delayed is not None:
-            window = self._delayed.at(window, stamp_ns)
-            self._supervisor.fly_around(window, None)
-        try:
-            if odometry is not None:
-                flown = self._guided_by(odometry, window)
-                step: MpcStep | None = self._mpc.step(
-                    odometry,
-                    flown.window,
-                    flown.corridor,
-                    late_ns=stamp_ns - odometry.stamp_ns,
-                )
-            else:
-                flown = self._guided or Guided(window)
-                step = self._mpc.step_unseen(stamp_ns, flown.window, flown.corridor)
-        except Exception as error:  # whatever it is, something has to fly the vehicle
-            self._mpc.begin_anew()
-            fault = f"error in the control step: {error!r}"
-            return None, self._supervisor.solver_failure(fault)
-        if step is None:
-            return None, _NOT_RUN
-        fault = self._supervisor.plan_fault(
-            step.plan, status=step.solution.status, step_time=step.step_time
-        )
-        if odometry is None:
-            fault = fault or self._supervisor.foreseen_fault(step.state)
-        if self._delayed is not None and step.plan is not None and not fault:
-            self._delayed.take(step.plan, stamp_ns=stamp_ns)
-        return step, fault
-
-    def _guided_by(self, odometry: OdometrySample, window: ReferenceWindow) -> Guided:
-        """Return what to fly in place of a window, and within which corridor."""
-        if self._guide is None:
-            return Guided(window)
-        self._guided = self._guide.guide(odometry, window, self._plan)
-        around = self._guided.window
-        self._supervisor.fly_around(around, self._guided.corridor)
-        return self._guided
-
-    def _send(
-        self,
-        decision: Decision,
-        *,
-        stamp_ns: int,
-        sent_ns: int,
-        duration: float,
-        now_ns: int,
-        step: MpcStep | None = None,
-        plan: Plan | None = None,
-    ) -> Tick:
-        """Have the command of who commands, record that it is sent, and return the tick.
-
-        ``sent_ns`` is when that is on the clock of the odometries' stamps.
-        """
-        u = self._supervisor.command(
-            decision.source, duration=duration, now_ns=now_ns, learned=self._mpc.learned
-        )
+    def _record(self, due: Due, planned: Planned, decided: Decided, u: Input | None) -> Tick:
+        """Hand what is sent to the stages that go on from it, and return the tick."""
         command = None
         if u is not None:
-            self._sent_ns = sent_ns
-            self._mpc.sent(u, stamp_ns=sent_ns)
-            command = CommandSample(stamp_ns=stamp_ns, throttle=u.throttle, w_WB_B=u.w_WB_B)
-        odom_age_ns, reference_age_ns = self._supervisor.inputs.ages_ns(now_ns)
-        reference = self._supervisor.inputs.reference
-        self._plan = plan
-        behind = 0.0 if self._delayed is None else self._delayed.behind
+            self._sent_ns = due.sent_ns
+            self._estimation.record(u, stamp_ns=due.sent_ns)
+            command = CommandSample(stamp_ns=due.stamp_ns, throttle=u.throttle, w_WB_B=u.w_WB_B)
+        self._guidance.record(decided.plan, sent_ns=due.sent_ns)
+        guided, behind = self._guidance.guided, self._guidance.behind
+        reference = self._inputs.reference
         self._last_tick = Tick(
             command=command,
-            decision=decision,
-            stamp_ns=stamp_ns,
+            decision=decided.decision,
+            stamp_ns=due.stamp_ns,
             figures=functools.partial(
                 figures_of,
-                decision,
-                step,
-                self._supervisor.counts,
-                stamp_ns=stamp_ns,
-                odom_age_ns=odom_age_ns,
-                reference_age_ns=reference_age_ns,
+                decided.decision,
+                planned.step,
+                self._log.counts,
+                stamp_ns=due.stamp_ns,
+                ages_ns=self._inputs.ages_ns(due.now_ns),
                 reference_stamp_ns=0 if reference is None else reference.stamp_ns,
-                ground=self._ground.state.value,
-                avoidance=Avoidance() if self._guided is None else self._guided.avoidance,
+                ground=self._estimation.ground.state,
+                estimate=self._estimation.status,
+                avoidance=Avoidance() if guided is None else guided.avoidance,
                 behind=behind,
             ),
-            guided=self._guided,
+            guided=guided,
             behind=behind,
-            plan=plan,
+            plan=decided.plan,
         )
         return self._last_tick
 
@@ -454,7 +377,8 @@ class Decimation:
     def is_due(self, stamp_ns: int) -> bool:
         """Take the stamp of the next odometry and return whether it triggers a tick."""
         self._measure(stamp_ns)
-        if self._due_ns is None or abs(stamp_ns - self._due_ns) > _PERIODS_AWAY * self._period_ns:
+        away_ns = _PERIODS_AWAY * self._period_ns
+        if self._due_ns is None or not -away_ns <= stamp_ns - self._due_ns <= away_ns:
             self._due_ns = stamp_ns  # the first, or the first of a clock that was set
         if stamp_ns < self._due_ns - self._mean_ns // 2:
             return False

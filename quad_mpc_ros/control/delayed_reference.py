@@ -12,9 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.ocp.plan import Plan
+from quad_mpc_ros.control.stage import Stage
 
 # m: a reference further than this from where it was to be by now has jumped.
 _JUMP = 0.2
@@ -34,22 +36,39 @@ class _Flown(NamedTuple):
     counted_ns: int
 
 
-class DelayedReference:
-    """The reference as it was ``behind`` seconds ago, and what follows on it.
+class DelayedReference(Stage):
+    """The reference as it was ``behind`` seconds ago, and what follows on it."""
 
-    Args:
-        behind_max: The most that it may be [s].
-    """
+    def __init__(self, config: MpcConfig) -> None:
+        self._engaged = True
+        self._reset()
+        self.reconfigure(config)
 
-    def __init__(self, behind_max: float) -> None:
-        self.behind_max = behind_max
+    def _reset(self) -> None:
         self.behind = 0.0
         self._way: ReferenceWindow | None = None
         self._flown: _Flown | None = None
 
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Apply a changed ``behind_max``, the most that it may be behind [s]."""
+        self._config = config
+        self._behind_max = config.contouring.behind_max
+
+    def renewed(self) -> DelayedReference:
+        """Return one like this that knows the engagement and nothing else."""
+        fresh = DelayedReference(self._config)
+        fresh.engage(self._engaged)
+        return fresh
+
+    def engage(self, engaged: bool) -> None:
+        """Begin at the reference's clock: only a vehicle that acts on commands is behind it."""
+        self._engaged = engaged
+        self._reset()
+
     def take(self, plan: Plan, *, stamp_ns: int) -> None:
         """Take the plan that answers the odometry of a stamp: by its speeds time is given up."""
-        self._flown = _Flown(plan, stamp_ns, stamp_ns)
+        if self._engaged and plan.speeds.size > 0:
+            self._flown = _Flown(plan, stamp_ns, stamp_ns)
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Take an announced step of the estimate: the way moves along."""
@@ -58,6 +77,9 @@ class DelayedReference:
 
     def at(self, window: ReferenceWindow, stamp_ns: int) -> ReferenceWindow:
         """Return what to follow from the stamp of an odometry on, given the newest window."""
+        if self._flown is None:
+            self._way = window
+            return window
         self._count(stamp_ns)
         way = self._extended(window)
         if self.behind == 0.0 or _is_over(way, window, self.behind):
@@ -72,12 +94,11 @@ class DelayedReference:
 
     def _count(self, stamp_ns: int) -> None:
         """Add what has been given up since the last time."""
-        if self._flown is None:
-            return
+        assert self._flown is not None
         plan, began_ns, counted_ns = self._flown
         since, until = 1e-9 * (counted_ns - began_ns), 1e-9 * (stamp_ns - began_ns)
         behind = self.behind + plan.given_up(since, until)
-        self.behind = min(max(behind, -_AHEAD_MAX), self.behind_max)
+        self.behind = min(max(behind, -_AHEAD_MAX), self._behind_max)
         self._flown = self._flown._replace(counted_ns=stamp_ns)
 
     def _extended(self, window: ReferenceWindow) -> ReferenceWindow:

@@ -5,19 +5,24 @@ It is no part of the controller, which knows nothing of obstacles: it is asked i
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from typing import NamedTuple
 
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.ocp.plan import Plan
+from quad_mpc_ros.control.stage import Stage
+
+FAILED = "failed"
+"""State of avoidance when the guide raised an error."""
 
 
 class Avoidance(NamedTuple):
     """What is flown in place of the reference, and why.
 
-    ``state`` is free (the reference), around, or stopped; off without a guide. ``clearance`` [m]
-    is from the vehicle's surface to the nearest known obstacle's, infinity where none is near.
+    ``state`` is free (the reference), around, or stopped; failed if the guide raised an error, off
+    without a guide. ``clearance`` [m] is from the vehicle's surface to the nearest known
+    obstacle's, infinity where none is near.
     """
 
     state: str = "off"
@@ -33,19 +38,15 @@ class Guided(NamedTuple):
     avoidance: Avoidance = Avoidance()
 
 
-class Guide(Protocol):
+class Guide(Stage, ABC):
     """Leads around what is in the way.
 
     Where the reference keeps clear the window is the one that was given, without a corridor: the
-    commands are then the same as without a guide.
+    commands are then the same as without a guide. A guide may raise: the reference is flown then.
     """
 
+    @abstractmethod
     def guide(
         self, odometry: OdometrySample, window: ReferenceWindow, plan: Plan | None
     ) -> Guided:
         """Return what to fly from an odometry on, given the last plan."""
-        ...
-
-    def reconfigure(self, config: MpcConfig) -> None:
-        """Take over changed live parameters."""
-        ...

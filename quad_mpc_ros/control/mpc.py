@@ -1,4 +1,4 @@
-"""The control cycle: predict, linearise, update, solve, line search, plan."""
+"""The control cycle: linearise, update, solve, line search, plan."""
 
 from __future__ import annotations
 
@@ -8,21 +8,17 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation, EstimateStatus
-from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.model.corridor import Corridor
-from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.control.model.state import Input
+from quad_mpc_ros.control.model.prediction import PredictedState
+from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP
 from quad_mpc_ros.control.ocp.manifold import ManifoldProblem
 from quad_mpc_ros.control.ocp.paper import PaperProblem
 from quad_mpc_ros.control.ocp.plan import Plan
-from quad_mpc_ros.control.ocp.problem import PredictedState, TrackingProblem
 from quad_mpc_ros.control.ocp.qp_solver import QpSolution, QpSolver
-from quad_mpc_ros.control.safety.fallbacks import Learned
+from quad_mpc_ros.control.stage import Stage
 
-FORMULATIONS: dict[str, Callable[[MpcConfig], TrackingProblem]] = {
+FORMULATIONS: dict[str, Callable[[MpcConfig], ManifoldProblem | PaperProblem]] = {
     "manifold": ManifoldProblem,
     "contouring": ManifoldProblem,
     "paper": PaperProblem,
@@ -32,8 +28,8 @@ FORMULATIONS: dict[str, Callable[[MpcConfig], TrackingProblem]] = {
 class MpcStep(NamedTuple):
     """Outcome of one cycle; ``plan`` is None when the solver failed. ``step_time`` in seconds.
 
-    ``state`` is what it began with, ``estimate`` the status of its estimate; ``solution`` is the
-    last solve's, ``iterations`` and ``solve_time`` [s] are summed over all.
+    ``state`` is the initial state; ``solution`` is the last solve's, ``iterations`` and
+    ``solve_time`` [s] are summed over all.
     """
 
     plan: Plan | None
@@ -42,74 +38,39 @@ class MpcStep(NamedTuple):
     solve_time: float
     step_time: float
     state: PredictedState
-    estimate: EstimateStatus
 
 
-class Mpc:
+class Mpc(Stage):
     """Model predictive control by sequential quadratic programming, one persistent sparse QP.
 
     The problem owns the stages and its plans, the QP the scaled matrices, the solver the last
     solution, from which it starts; the step owns nothing that outlives it.
     """
 
-    def __init__(
-        self,
-        config: MpcConfig,
-        *,
-        ground: GroundDetector | None = None,
-        deadline: float = math.inf,
-    ) -> None:
+    def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
         self._config, self._deadline = config, deadline
         # Iterations beyond the first have to leave time for one more.
         self._enough = 0.5 * deadline
-        self._delay_compensation = DelayCompensation(config, ground=ground)
-        self._begin()
+        self.restart()
 
-    def _begin(self) -> None:
+    def restart(self) -> None:
+        """Begin with a new problem and new solvers, as after an error in one of them."""
         config = self._config
         self._problem = FORMULATIONS[config.formulation](config)
-        self._anywhere = self._prepared(within=False)
-        # A solver of its own: without a corridor the other one computes the same bits as ever.
-        has_room = config.half_spaces > 0
-        self._within = self._prepared(within=True) if has_room else self._anywhere
-        self._failed = False
+        self._unconstrained = self._prepared(constrained=False)
+        # A solver of its own, so that the commands without a corridor do not depend on it.
+        has_corridor = config.half_spaces > 0
+        self._constrained = self._prepared(constrained=True) if has_corridor else None
 
-    def _prepared(self, *, within: bool) -> tuple[HorizonQP, QpSolver]:
-        qp = HorizonQP(self._problem.pattern(within=within))
+    def _prepared(self, *, constrained: bool) -> tuple[HorizonQP, QpSolver]:
+        qp = HorizonQP(self._problem.pattern(constrained=constrained))
         return qp, QpSolver(
             qp,
             self._config.solver,
             time_limit=self._deadline,
-            progress=self._problem.gives_way and not within,
+            progress=self._problem.has_progress_state and not constrained,
+            half_spaces=constrained,
         )
-
-    def step(
-        self,
-        odometry: OdometrySample,
-        window: ReferenceWindow,
-        corridor: Corridor | None = None,
-        *,
-        late_ns: int = 0,
-    ) -> MpcStep:
-        """Compute the plan for an odometry (twist in the body frame) and a reference window.
-
-        It stays in a ``corridor``, if the configuration has half-spaces for it. ``late_ns`` is by
-        how much the odometry came later than usual.
-        """
-        started = time.perf_counter()
-        state = self._delay_compensation.predict(odometry, late_ns=late_ns)
-        return self.solve(state, window, corridor, started=started)
-
-    def step_unseen(
-        self, stamp_ns: int, window: ReferenceWindow, corridor: Corridor | None = None
-    ) -> MpcStep | None:
-        """Compute the plan from where the vehicle should be at a time without odometry.
-
-        None if it has not been seen before that.
-        """
-        started = time.perf_counter()
-        state = self._delay_compensation.foresee(stamp_ns)
-        return None if state is None else self.solve(state, window, corridor, started=started)
 
     def solve(
         self,
@@ -117,13 +78,18 @@ class Mpc:
         window: ReferenceWindow,
         corridor: Corridor | None = None,
         *,
-        started: float | None = None,
+        used: float = 0.0,
     ) -> MpcStep:
-        """Compute the plan from a predicted state; ``started`` is when the step did [s]."""
-        started = time.perf_counter() if started is None else started
-        if self._within is self._anywhere:
-            corridor = None
-        problem, (qp, solver) = self._problem, self._anywhere if corridor is None else self._within
+        """Compute the plan from a predicted state.
+
+        It stays in a ``corridor``, if the configuration has half-spaces for it. ``used`` [s] is
+        the part of the deadline that the step has used so far.
+        """
+        started, problem = time.perf_counter() - used, self._problem
+        if self._constrained is None or corridor is None:
+            corridor, (qp, solver) = None, self._unconstrained
+        else:
+            qp, solver = self._constrained
         plan: Plan | None = None
         iterations, solve_time = 0, 0.0
 
@@ -135,12 +101,10 @@ class Mpc:
             solve_time += solution.solve_time
             if not solution.solved:
                 break
-            converged = problem.line_search(solution.inputs, solution.states)
-            plan = problem.plan()
+            plan, converged = problem.line_search(solution.inputs, solution.states)
             if converged or time.perf_counter() - started > self._enough:
                 break
 
-        self._failed = False
         return MpcStep(
             plan=plan,
             solution=solution,
@@ -148,52 +112,12 @@ class Mpc:
             solve_time=solve_time,
             step_time=time.perf_counter() - started,
             state=state,
-            estimate=self.estimate,
         )
 
-    def begin_anew(self) -> None:
-        """Start again with a new problem and solver after an error in the step.
-
-        What was learned, the commands sent and the engagement stay, unless the step before ended
-        with an error, too: then the error may be there.
-        """
-        failed_before = self._failed
-        if failed_before:
-            self._delay_compensation = self._delay_compensation.renewed()
-        self._begin()
-        self._failed = not failed_before
-
-    def learned(self) -> Learned:
-        """Return what has been learned of the vehicle that a fallback can use."""
-        model = self._delay_compensation.estimated()
-        return Learned(thrust_scale=float(model.thrust_scale), a_W=tuple(model.a_W.tolist()))
-
-    @property
-    def estimate(self) -> EstimateStatus:
-        """The status of the estimate."""
-        return self._delay_compensation.status
-
-    def sent(self, command: Input, *, stamp_ns: int) -> None:
-        """Record which command was sent, by whichever rung of the ladder."""
-        self._delay_compensation.record(command, stamp_ns=stamp_ns)
-
-    def feel(self, sample: ImuSample) -> None:
-        """Take what an accelerometer measured."""
-        self._delay_compensation.feel(sample)
-
-    def engage(self, engaged: bool) -> None:
-        """Set whether what is sent acts on the vehicle."""
-        self._delay_compensation.engage(engaged)
-
-    def reset_estimate(self, reset: EstimateReset) -> None:
-        """Take an announced step of the estimate.
-
-        The plan is one of deviations from the reference's inputs, and moves with the reference.
-        """
-        self._delay_compensation.reset_estimate(reset)
-
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over new weights and bounds; pattern, plan and warm start stay."""
+        """Take over new weights and bounds; pattern, plan and warm start stay.
+
+        A reset of the estimate needs nothing: plans are deviations from the reference's inputs.
+        """
         self._config = config
         self._problem.reconfigure(config)
-        self._delay_compensation.reconfigure(config)

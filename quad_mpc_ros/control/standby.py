@@ -7,7 +7,7 @@ from typing import Generic, NamedTuple, TypeVar
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.control.safety.validation import odometry_fault
+from quad_mpc_ros.control.safety.odometry_gate import OdometryGate
 from quad_mpc_ros.control.safety.window_validation import reference_fault
 from quad_mpc_ros.control.tick import Tick
 
@@ -25,13 +25,25 @@ class _Received(NamedTuple, Generic[M]):
 class Standby:
     """Keeps the newest odometry and reference; times are those the controller would be given."""
 
-    def __init__(self) -> None:
+    def __init__(self, config: MpcConfig) -> None:
+        self._gate = OdometryGate(config)
+        self._refusal: str | None = "no odometry yet"  # of the newest odometry
+        self._came = False
         self._odometry: _Received[OdometrySample] | None = None
+        self._advances = config.lockstep  # whose simulator waits after each odometry
         self._reference: _Received[ReferenceWindow] | None = None
 
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Use changed timeouts."""
+        self._gate.reconfigure(config)
+
     def receive_odometry(self, odometry: OdometrySample, *, now_ns: int) -> None:
-        """Take an odometry."""
-        self._odometry = _Received(odometry, now_ns)
+        """Take an odometry that a controller would use."""
+        self._came = True
+        self._refusal = self._gate.refusal(odometry, now_ns=now_ns)
+        if self._refusal is None:
+            self._advances |= self._odometry is not None
+            self._odometry = _Received(odometry, now_ns)
 
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
         """Take a reference window."""
@@ -39,22 +51,26 @@ class Standby:
 
     @property
     def missing(self) -> str | None:
-        """Which has never come: odometry, reference, or None."""
-        if self._odometry is None:
+        """Which has never come: odometry, reference, second odometry, or None."""
+        if not self._came:
             return "odometry"
-        return "reference" if self._reference is None else None
+        if self._reference is None:
+            return "reference"
+        return None if self._advances else "second odometry"
 
     def obstacle(self, config: MpcConfig, *, now_ns: int) -> str | None:
         """Return why a controller cannot begin with what has come, or None.
 
-        In lockstep nothing grows old, but the reference must be that of the odometry.
+        Two odometries have to show that stamps advance. In lockstep nothing grows old, but the
+        reference must be that of the odometry.
         """
-        if self._odometry is None or self._reference is None:
+        if self._reference is not None and self._refusal is not None:
+            return self._refusal
+        if self._odometry is None or self._reference is None or not self._advances:
             return f"no {self.missing} yet"
         (odometry, odometry_ns), (window, window_ns) = self._odometry, self._reference
         frame_id = config.odometry.frame_id
-        fault = odometry_fault(odometry, frame_id=frame_id)
-        fault = fault or reference_fault(window, frame_id=frame_id)
+        fault = reference_fault(window, frame_id=frame_id)
         if fault is not None:
             return fault
         if config.lockstep:

@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, Any
 from quad_mpc_ros.control.model.samples import CommandSample
 
 if TYPE_CHECKING:  # who reads the figures of a recording needs no solver
+    from quad_mpc_ros.control.estimation.delay_compensation import EstimateStatus
+    from quad_mpc_ros.control.estimation.ground_state import GroundState
     from quad_mpc_ros.control.guide import Avoidance, Guided
     from quad_mpc_ros.control.mpc import MpcStep
     from quad_mpc_ros.control.ocp.plan import Plan
     from quad_mpc_ros.control.safety.ladder import Decision
-    from quad_mpc_ros.control.safety.supervisor import Counts
+    from quad_mpc_ros.control.stage_log import Counts
 
 
 class Tick:
@@ -64,7 +66,7 @@ class TickStats:
     solve_time_us: float  # OSQP's own run time [us]
     step_time_us: float  # state in to plan out [us]
     ground: str = "unknown"  # or on_ground, lifting_off, flying, touching_down, crashed
-    avoidance: str = "off"  # of obstacles: off, free (the reference), around, stopped
+    avoidance: str = "off"  # of obstacles: off, free (the reference), around, stopped, failed
     avoidance_reason: str = ""  # why not free
     clearance_m: float = math.inf  # from the vehicle's surface to the nearest known obstacle [m]
     behind_s: float = 0.0  # of the reference's clock, with formulation contouring [s]
@@ -92,6 +94,8 @@ class TickStats:
     solver_failures: int  # solves so far that gave no plan
     deadline_misses: int = 0  # plans so far that came too late and were dropped
     rejected_inputs: int  # odometry, reference and imu messages ignored so far as unusable
+    # Errors so far in ground detector, estimator, delayed reference or guide: each fails alone.
+    stage_errors: int = 0
 
     def items(self) -> list[tuple[str, str]]:
         """Return the figures as text, numbers with every digit."""
@@ -104,14 +108,18 @@ def figures_of(
     counts: Counts,
     *,
     stamp_ns: int,
-    odom_age_ns: int,
-    reference_age_ns: int,
+    ages_ns: tuple[int, int],
     reference_stamp_ns: int,
-    ground: str,
+    ground: GroundState,
+    estimate: EstimateStatus,
     avoidance: Avoidance,
     behind: float,
 ) -> TickStats:
-    """Return the figures of a tick; ``step`` is None when the MPC did not run."""
+    """Return the figures of a tick; ``step`` is None when the MPC did not run.
+
+    ``ages_ns`` are those of odometry and reference.
+    """
+    odom_age_ns, reference_age_ns = ages_ns
     return TickStats(
         stamp_ns=stamp_ns,
         source=decision.source.name.lower(),
@@ -119,17 +127,17 @@ def figures_of(
         odom_age_ms=1e-6 * odom_age_ns,
         reference_age_ms=1e-6 * reference_age_ns,
         reference_stamp_ns=reference_stamp_ns,
-        ground=ground,
+        ground=ground.value,
         avoidance=avoidance.state,
         avoidance_reason=avoidance.reason,
         clearance_m=avoidance.clearance,
         behind_s=behind,
         **counts._asdict(),
-        **_solver_figures(step),
+        **_solver_figures(step, estimate),
     )
 
 
-def _solver_figures(step: MpcStep | None) -> dict[str, Any]:
+def _solver_figures(step: MpcStep | None, estimate: EstimateStatus) -> dict[str, Any]:
     if step is None:
         none = ("primal_residual", "dual_residual", "solve_time_us", "step_time_us")
         return {"solver_status": "not run", "iterations": 0, **dict.fromkeys(none, 0.0)}
@@ -155,8 +163,8 @@ def _solver_figures(step: MpcStep | None) -> dict[str, Any]:
         "drag": float(model["drag"]),
         "rate_offset_x": roll_offset,
         "rate_offset_y": pitch_offset,
-        "estimate": step.estimate.text,
-        "estimate_resets": step.estimate.resets,
-        "accelerometer": step.estimate.accelerometer,
-        "imu_stamp_ns": step.estimate.imu_stamp_ns,
+        "estimate": estimate.text,
+        "estimate_resets": estimate.resets,
+        "accelerometer": estimate.accelerometer,
+        "imu_stamp_ns": estimate.imu_stamp_ns,
     }

@@ -14,10 +14,10 @@ from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.guide import Guide
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.parameters import parameters_of
+from quad_mpc_ros.control.model.prediction import PredictedState
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.mpc import Mpc
-from quad_mpc_ros.control.ocp.problem import PredictedState
 
 # No further apart than odometries that something is learned between, and longer than any delay
 # of the input: learning compiles as well.

@@ -15,8 +15,10 @@ import functools
 import math
 import struct
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import (
@@ -39,9 +41,11 @@ _VARIANCES = (_TWIST + 6, _TWIST + 6 + 7, _TWIST + 6 + 14)
 _IMU_NUMBERS = 4 + 9 + 3 + 9 + 3 + 9  # orientation, rates, acceleration, each with covariance
 _OF_ORIENTATION, _OF_RATES = 4, 4 + 9 + 3  # where the covariances begin
 _FORCE, _OF_FORCE = 4 + 9 + 3 + 9, 4 + 9 + 3 + 9 + 3
-_NOT_MEASURED = -1.0  # the first number of the covariance of what was not (REP 145)
+NOT_MEASURED = -1.0
+"""The first number of the covariance of what an IMU does not measure (REP 145)."""
 
 _STAMP_AND_LENGTH = struct.Struct("<iII")
+_POSE = struct.Struct("<7d")
 _LENGTH = struct.Struct("<I")
 _POINT_FIELDS = {
     "p": ("(3,)<f8", 0),
@@ -66,6 +70,16 @@ _POINT = np.dtype(
 _ENDS_BEFORE = 8  # the last point has no transforms of a next one
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TimedPath:
+    """A ``nav_msgs/Path``: positions ``p`` (n, 3) [m] in ``frame_id`` at times (n,) [ns]."""
+
+    stamp_ns: int
+    frame_id: str
+    times_ns: NDArray[np.int64]
+    p: Array
+
+
 class _UnknownError(Exception):
     """The bytes are left to rclpy."""
 
@@ -73,7 +87,7 @@ class _UnknownError(Exception):
 def read_odometry(data: bytes) -> OdometrySample | None:
     """Return a ``nav_msgs/Odometry``, or None where rclpy has to decode it."""
     try:
-        stamp_ns, frame_id, at = _header(data)
+        stamp_ns, frame_id, at = _first_header(data)
         child_frame_id, at = _text(data, at)
     except (_UnknownError, struct.error):
         return None
@@ -93,44 +107,13 @@ def read_odometry(data: bytes) -> OdometrySample | None:
     )
 
 
-def read_imu(data: bytes) -> ImuSample | None:
-    """Return a ``sensor_msgs/Imu``, or None where rclpy has to decode it.
-
-    Raises ``ValueError`` for one that says that it has no acceleration.
-    """
-    try:
-        stamp_ns, frame_id, at = _header(data)
-    except (_UnknownError, struct.error):
-        return None
-    at = _aligned(at, 8)
-    if len(data) < at + 8 * _IMU_NUMBERS:
-        return None
-    numbers = np.frombuffer(data, "<f8", _IMU_NUMBERS, at).astype(np.float64)
-    return imu_sample(
-        numbers[_FORCE:_OF_FORCE],
-        variance=float(numbers[_OF_FORCE]),
-        stamp_ns=stamp_ns,
-        frame_id=frame_id,
-    )
-
-
-def imu_sample(f_B: Array, *, variance: float, stamp_ns: int, frame_id: str) -> ImuSample:
-    """Return a specific force (3,) [m/s^2]; a ``variance`` of -1 says that there is none.
-
-    That is the first number of its covariance. Raises ``ValueError`` then.
-    """
-    if variance == _NOT_MEASURED:
-        raise ValueError("imu has no acceleration: its covariance begins with -1")
-    return ImuSample(stamp_ns=stamp_ns, f_B=f_B, frame_id=frame_id)
-
-
 def read_reference(data: bytes) -> ReferenceWindow | None:
     """Return a ``trajectory_msgs/MultiDOFJointTrajectory``, or None where rclpy has to decode it.
 
     Every point must have one transform, one velocity and one acceleration.
     """
     try:
-        stamp_ns, frame_id, at = _header(data)
+        stamp_ns, frame_id, at = _first_header(data)
         names, at = _number(data, at)
         if names > _MOST_NAMES:
             return None
@@ -165,6 +148,28 @@ def read_reference(data: bytes) -> ReferenceWindow | None:
     )
 
 
+def read_path(data: bytes) -> TimedPath | None:
+    """Return a ``nav_msgs/Path``, or None where rclpy has to decode it."""
+    times_ns, rows = [], []
+    try:
+        stamp_ns, frame_id, at = _first_header(data)
+        count, at = _number(data, at)
+        for _ in range(count):
+            time_ns, _, at = _header(data, at)
+            at = _aligned(at, 8)
+            rows.append(_POSE.unpack_from(data, at)[:3])
+            times_ns.append(time_ns)
+            at += _POSE.size
+    except (_UnknownError, struct.error):
+        return None
+    return TimedPath(
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        times_ns=np.array(times_ns, dtype=np.int64),
+        p=np.array(rows, dtype=np.float64).reshape(-1, 3),
+    )
+
+
 def written_odometry(odometry: OdometrySample) -> bytes:
     """Return a ``nav_msgs/Odometry``."""
     numbers = np.zeros(_ODOMETRY_NUMBERS, "<f8")
@@ -180,7 +185,7 @@ def written_odometry(odometry: OdometrySample) -> bytes:
 def written_imu(sample: ImuSample) -> bytes:
     """Return a ``sensor_msgs/Imu`` without orientation and body rates."""
     numbers = np.zeros(_IMU_NUMBERS, "<f8")
-    numbers[_OF_ORIENTATION] = numbers[_OF_RATES] = _NOT_MEASURED
+    numbers[_OF_ORIENTATION] = numbers[_OF_RATES] = NOT_MEASURED
     numbers[_FORCE:_OF_FORCE] = sample.f_B
     texts = _padded(_chunk(sample.frame_id), after=8)
     return _LITTLE + _stamp(sample.stamp_ns) + texts + numbers.tobytes()
@@ -274,12 +279,16 @@ def header_stamp_ns(data: bytes) -> int:
     return int(seconds) * _SECOND + int(nanoseconds)
 
 
-def _header(data: bytes) -> tuple[int, str, int]:
-    """Return stamp [ns] and frame of a header, and where it ends."""
+def _first_header(data: bytes) -> tuple[int, str, int]:
+    """Return stamp [ns] and frame of the header that begins a message, and where it ends."""
     if data[:2] != _LITTLE[:2]:
         raise _UnknownError
-    sec, nanosec, _ = _STAMP_AND_LENGTH.unpack_from(data, _BEGIN)
-    frame_id, at = _text(data, _BEGIN + 8)
+    return _header(data, _BEGIN)
+
+
+def _header(data: bytes, at: int) -> tuple[int, str, int]:
+    sec, nanosec, _ = _STAMP_AND_LENGTH.unpack_from(data, at)
+    frame_id, at = _text(data, at + 8)
     return sec * _SECOND + nanosec, frame_id, at
 
 

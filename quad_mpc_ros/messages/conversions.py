@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.estimation.ground_state import GroundState
+from quad_mpc_ros.control.lie.formulas import heading
 from quad_mpc_ros.control.model.samples import (
     CommandSample,
     ImuSample,
@@ -70,10 +71,10 @@ def odometry_from_pose_and_twist(pose: Any, twist: Any, *, child_frame_id: str) 
         stamp_ns=nanoseconds(pose.header.stamp),
         frame_id=pose.header.frame_id,
         child_frame_id=child_frame_id,
-        p_WB=_vector(pose.pose.position),
-        q_WB_xyzw=_quaternion(pose.pose.orientation),
-        v_WB_B=_vector(twist.twist.linear),
-        w_WB_B=_vector(twist.twist.angular),
+        p_WB=vector(pose.pose.position),
+        q_WB_xyzw=quaternion(pose.pose.orientation),
+        v_WB_B=vector(twist.twist.linear),
+        w_WB_B=vector(twist.twist.angular),
     )
 
 
@@ -94,10 +95,11 @@ def imu_from_message(message: Any) -> ImuSample:
 
     Raises ``ValueError`` for one that says that it has no acceleration.
     """
-    return cdr.imu_sample(
-        _vector(message.linear_acceleration),
-        variance=float(message.linear_acceleration_covariance[0]),
+    if message.linear_acceleration_covariance[0] == cdr.NOT_MEASURED:
+        raise ValueError("imu has no acceleration: its covariance begins with -1")
+    return ImuSample(
         stamp_ns=nanoseconds(message.header.stamp),
+        f_B=vector(message.linear_acceleration),
         frame_id=message.header.frame_id,
     )
 
@@ -108,7 +110,7 @@ def command_from_message(message: Any) -> CommandSample:
         stamp_ns=nanoseconds(message.header.stamp),
         frame_id=message.header.frame_id,
         throttle=float(message.twist.linear.z),
-        w_WB_B=_vector(message.twist.angular),
+        w_WB_B=vector(message.twist.angular),
     )
 
 
@@ -167,7 +169,7 @@ def ground_state_from_message(message: Any) -> GroundState:
 def pose_from_message(message: Any) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
     """Return frame, position (3,) and quaternion (4,) of a ``geometry_msgs/PoseStamped``."""
     pose = message.pose
-    return message.header.frame_id, _vector(pose.position), _quaternion(pose.orientation)
+    return message.header.frame_id, vector(pose.position), quaternion(pose.orientation)
 
 
 def poses_from_message(
@@ -180,20 +182,20 @@ def poses_from_message(
     if not is_frame(message.header.frame_id, frame_id):
         given = message.header.frame_id
         raise UserError(f"gates are in frame '{given}', expected '{frame_id}'")
-    positions = [_vector(pose.position) for pose in message.poses]
-    quaternions = [_quaternion(pose.orientation) for pose in message.poses]
+    positions = [vector(pose.position) for pose in message.poses]
+    quaternions = [quaternion(pose.orientation) for pose in message.poses]
     return np.array(positions).reshape(-1, 3), np.array(quaternions).reshape(-1, 4)
 
 
 def twist_from_message(message: Any) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
     """Return frame, velocity (3,) and turn rate (3,) of a ``geometry_msgs/TwistStamped``."""
     twist = message.twist
-    return message.header.frame_id, _vector(twist.linear), _vector(twist.angular)
+    return message.header.frame_id, vector(twist.linear), vector(twist.angular)
 
 
 def positions_from_path(message: Any) -> NDArray[np.float64]:
     """Return the positions (n, 3) of a ``nav_msgs/Path``."""
-    places = [_vector(pose.pose.position) for pose in message.poses]
+    places = [vector(pose.pose.position) for pose in message.poses]
     return np.array(places, dtype=np.float64).reshape(-1, 3)
 
 
@@ -230,8 +232,8 @@ def reset_from_message(message: Any) -> EstimateReset:
         EstimateReset,  # which needs compiled code
     )
 
-    step_W = _vector(message.transform.translation)
-    x, y, z, w = _quaternion(message.transform.rotation).tolist()
+    step_W = vector(message.transform.translation)
+    x, y, z, w = quaternion(message.transform.rotation).tolist()
     vertical = math.hypot(x, y) < _TURN_OFF and abs(math.hypot(z, w) - 1.0) < _TURN_OFF
     if not (vertical and np.all(np.isfinite(step_W))):
         raise ValueError(
@@ -240,7 +242,7 @@ def reset_from_message(message: Any) -> EstimateReset:
         )
     return EstimateReset(
         stamp_ns=nanoseconds(message.header.stamp),
-        turn=2.0 * math.atan2(z, w),
+        turn=heading((x, y, z, w)),
         step_W=step_W,
         frame_id=str(message.header.frame_id),
     )
@@ -289,11 +291,13 @@ def fill_header(header: Any, stamp_ns: int, frame_id: str) -> None:
     header.frame_id = frame_id
 
 
-def _vector(v: Any) -> NDArray[np.float64]:
+def vector(v: Any) -> NDArray[np.float64]:
+    """Return x, y and z of a message (3,)."""
     return np.array((v.x, v.y, v.z))
 
 
-def _quaternion(q: Any) -> NDArray[np.float64]:
+def quaternion(q: Any) -> NDArray[np.float64]:
+    """Return a ``geometry_msgs/Quaternion`` as x, y, z and w (4,)."""
     return np.array((q.x, q.y, q.z, q.w))
 
 

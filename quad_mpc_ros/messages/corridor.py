@@ -8,16 +8,17 @@ header, which is stamped as the plan is that it holds. Without points nothing is
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.corridor import Corridor
-from quad_mpc_ros.messages.point_cloud import read_records, written_records
+from quad_mpc_ros.messages.point_cloud import records_from_message, written_records
 
 _NORMAL = ("normal_x", "normal_y", "normal_z")
-_RECORD = np.dtype([("stage", "<u4"), *((name, "<f4") for name in _NORMAL), ("offset", "<f4")])
+_RECORD = np.dtype([("stage", "<u4"), *((name, "<f4") for name in _NORMAL), ("offset", "<f8")])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,9 +49,9 @@ def written_corridor(corridor: Corridor | None, *, stamp_ns: int, frame_id: str)
     return written_records(records, stamp_ns=stamp_ns, frame_id=frame_id)
 
 
-def read_corridor(data: bytes) -> HalfSpaces:
-    """Return the half-spaces of a message; ``ValueError`` where it is none."""
-    stamp_ns, frame_id, records = read_records(data, _RECORD.names or ())
+def corridor_from_message(message: Any) -> HalfSpaces:
+    """Return the half-spaces of a message; ``ValueError`` where it holds other points."""
+    stamp_ns, frame_id, records = records_from_message(message, _RECORD.names or ())
     rows = records.ravel() if records.dtype.names else np.zeros(0, _RECORD)
     return HalfSpaces(
         stamp_ns=stamp_ns,

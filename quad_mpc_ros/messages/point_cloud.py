@@ -1,4 +1,4 @@
-"""``sensor_msgs/PointCloud2`` from and to its bytes, without a loop over points."""
+"""``sensor_msgs/PointCloud2`` from a message and to its bytes, without a loop over points."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.messages.cdr_reader import CdrReader
+from quad_mpc_ros.configuration.box import FARTHEST
+from quad_mpc_ros.messages.conversions import nanoseconds
 
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 _AXES = ("x", "y", "z")
-_LEAST_FIELD = 13  # bytes: an empty name, offset, type, count
 _LARGEST_POINT = 1 << 20  # bytes
-_FARTHEST = 1e5  # m; what is further away was not measured
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,7 +31,7 @@ class PointCloud:
     given: int
 
 
-def read_point_cloud(data: bytes) -> PointCloud:
+def point_cloud_from_message(message: Any) -> PointCloud:
     """Return the points of a ``sensor_msgs/PointCloud2``.
 
     A cloud without points is one that saw nothing. Coordinates may be of any type that the message
@@ -40,16 +39,18 @@ def read_point_cloud(data: bytes) -> PointCloud:
     their points.
 
     Raises:
-        ValueError: The bytes are no such message, or it has no x, y and z, or no finite point.
+        ValueError: It has no x, y and z, or no finite point.
     """
-    stamp_ns, frame_id, points = read_records(data, _AXES)
+    stamp_ns, frame_id, points = records_from_message(message, _AXES)
     count = points.size
     if count == 0:
         nothing = np.zeros((0, 3), np.float32)
         return PointCloud(stamp_ns=stamp_ns, frame_id=frame_id, p_SQ=nothing, given=0)
     p_SQ = _near_points(points)
     if len(p_SQ) == 0:
-        raise ValueError(f"a cloud of {count} points of which none is finite")
+        raise ValueError(
+            f"a cloud of {count} points of which none is finite and within {FARTHEST:g} m"
+        )
     return PointCloud(stamp_ns=stamp_ns, frame_id=frame_id, p_SQ=p_SQ, given=count)
 
 
@@ -61,33 +62,25 @@ def written_point_cloud(cloud: PointCloud) -> bytes:
     return written_records(points, stamp_ns=cloud.stamp_ns, frame_id=cloud.frame_id)
 
 
-def read_records(data: bytes, names: Sequence[str]) -> tuple[int, str, NDArray[Any]]:
+def records_from_message(message: Any, names: Sequence[str]) -> tuple[int, str, NDArray[Any]]:
     """Return stamp [ns], frame and the named fields (h, w) of a ``sensor_msgs/PointCloud2``.
 
-    Raises ``ValueError`` where the bytes are no such message, or a field is not in it.
+    Raises ``ValueError`` where a field is not in it, or its size is not that of its data.
     """
-    reader = CdrReader(data)
-    stamp_ns, frame_id = reader.header()
-    height, width = reader.whole(), reader.whole()
-    found = {}
-    for _ in range(reader.length(least=_LEAST_FIELD)):
-        name = reader.text()
-        found[name] = reader.whole(), reader.whole("B")
-        reader.skip(4, align=4)  # how many; of what is read here one
-    order = ">" if reader.whole("B") else "<"
-    point_step, row_step = reader.whole(), reader.whole()
-    octets = reader.octets()
+    stamp_ns, frame_id = nanoseconds(message.header.stamp), message.header.frame_id
+    height, width, point_step = message.height, message.width, message.point_step
     if height * width == 0:
         return stamp_ns, frame_id, np.zeros((0, 0))
-    dtype = _dtype_of(found, names, order, point_step)
-    rows = row_step if height > 1 else width * point_step
+    found = {field.name: (field.offset, field.datatype) for field in message.fields}
+    dtype = _dtype_of(found, names, ">" if message.is_bigendian else "<", point_step)
+    rows = message.row_step if height > 1 else width * point_step
     needed = (height - 1) * rows + width * point_step
-    if rows < width * point_step or needed > len(octets):
+    if rows < width * point_step or needed > len(message.data):
         raise ValueError(
             f"a cloud of {height} rows of {width} points of {point_step} bytes in rows of "
-            f"{row_step}, with {len(octets)} bytes of data"
+            f"{message.row_step}, with {len(message.data)} bytes of data"
         )
-    points = np.ndarray((height, width), dtype, octets, strides=(rows, point_step))
+    points = np.ndarray((height, width), dtype, message.data, strides=(rows, point_step))
     return stamp_ns, frame_id, points
 
 
@@ -146,5 +139,5 @@ def _near_points(points: NDArray[Any]) -> NDArray[np.floating[Any]]:
         column.reshape(points.shape)[...] = points[axis]
     near = np.ones(points.size, dtype=bool)
     for column in columns:
-        near &= np.abs(column) <= _FARTHEST  # NaN compares with nothing
+        near &= np.abs(column) <= FARTHEST  # NaN compares with nothing
     return columns.T if near.all() else columns[:, near].T

@@ -9,27 +9,9 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 from quad_mpc_ros.configuration.errors import BagError, os_reason
-
-SHIPPED_TYPES = (
-    "diagnostic_msgs/msg/DiagnosticArray",
-    "geometry_msgs/msg/PoseStamped",
-    "geometry_msgs/msg/TwistStamped",
-    "nav_msgs/msg/Odometry",
-    "nav_msgs/msg/Path",
-    "rosgraph_msgs/msg/Clock",
-    "sensor_msgs/msg/BatteryState",
-    "sensor_msgs/msg/Imu",
-    "sensor_msgs/msg/PointCloud2",
-    "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    "visualization_msgs/msg/MarkerArray",
-)
-"""The types with definitions in this package, so that it records without ROS."""
-
-HASHES_FILE = "hashes.json"
 
 MSG_ENCODING = "ros2msg"
 IDL_ENCODING = "ros2idl"
@@ -57,19 +39,9 @@ class MessageSchema:
 def schema_for(type_name: str) -> MessageSchema:
     """Return the schema of ``type_name`` (``pkg/msg/Type``).
 
-    Shipped types need no ROS; any other is looked up as :func:`installed_schema` does. Raises
-    :class:`BagError` for a type found nowhere.
-    """
-    if type_name in SHIPPED_TYPES:
-        return _shipped_schema(type_name)
-    return installed_schema(type_name)
-
-
-def installed_schema(type_name: str) -> MessageSchema:
-    """Return the schema of ``type_name`` built from the installed message packages.
-
-    The prefixes are those of ``AMENT_PREFIX_PATH`` and, for ROS from wheels, ``sys.prefix``.
-    Raises :class:`BagError` with the places searched.
+    The schema is built from the installed message packages, below ``AMENT_PREFIX_PATH`` and, for
+    ROS from wheels, ``sys.prefix``. Without them it is the definition of ROS 2 Jazzy that rosbags
+    has, without comments. Raises :class:`BagError` with the places searched.
     """
     package, name = _package_and_name(type_name)
     encoding = MSG_ENCODING
@@ -77,7 +49,10 @@ def installed_schema(type_name: str) -> MessageSchema:
         text = _full_text(f"{package}/{name}", _MSG, seen=set())
     except _NotInstalledError:
         if not _is_installed(package, f"{name}.idl"):
-            raise
+            schema = _jazzy_schema(type_name)
+            if schema is None:
+                raise
+            return schema
         encoding = IDL_ENCODING
         text = _IDL.heading(type_name) + _full_text(type_name, _IDL, seen=set())
     return MessageSchema(
@@ -86,11 +61,6 @@ def installed_schema(type_name: str) -> MessageSchema:
         type_hash=_installed_hash(type_name),
         encoding=encoding,
     )
-
-
-def shipped_file_name(type_name: str) -> str:
-    """Return the name of the file that holds the shipped text of ``type_name``."""
-    return type_name.replace("/", "__") + ".msg"
 
 
 _TYPE_NAME = re.compile(r"([a-zA-Z0-9_]+)/msg/([a-zA-Z0-9_]+)")
@@ -133,11 +103,15 @@ _IDL = _Format(extension="idl", dependencies=_idl_dependencies)
 
 
 @functools.cache
-def _shipped_schema(type_name: str) -> MessageSchema:
-    folder = resources.files(__package__) / "schemas"
-    hashes = json.loads((folder / HASHES_FILE).read_bytes())
-    text = (folder / shipped_file_name(type_name)).read_bytes().decode()
-    return MessageSchema(type_name=type_name, text=text, type_hash=hashes[type_name])
+def _jazzy_schema(type_name: str) -> MessageSchema | None:
+    from rosbags import typesys  # where ROS is installed, recording needs no rosbags
+
+    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+    if type_name not in store.fielddefs:
+        return None
+    text, _ = store.generate_msgdef(type_name, ros_version=2)
+    type_hash = store.hash_rihs01(type_name)
+    return MessageSchema(type_name=type_name, text=text, type_hash=type_hash)
 
 
 def _package_and_name(type_name: str) -> tuple[str, str]:

@@ -5,7 +5,7 @@ Names are relative, so a namespace makes a second vehicle and remaps work.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,6 +25,18 @@ class Topic:
     single_source: bool = False
     optional: bool = False
 
+    def in_lockstep(self) -> Topic:
+        """Return the topic as it is offered in lockstep: a recorder can get every message.
+
+        Reliable delivery repairs what is lost in transit. A latched topic keeps its history
+        full: Fast DDS then asks for an acknowledgement with every message instead of every 3 s.
+        """
+        depth = max(self.depth, LOCKSTEP_DEPTH)
+        return replace(self, reliable=True, latched=True, depth=depth)
+
+
+LOCKSTEP_DEPTH = 10
+"""Odometries in lockstep until the simulator waits for all subscribers to have them."""
 
 ODOMETRY = Topic(name="odom", type_name="nav_msgs/msg/Odometry", single_source=True)
 COMMAND = Topic(name="command", type_name="geometry_msgs/msg/TwistStamped", single_source=True)
@@ -85,9 +97,8 @@ REFERENCE_PATH = Topic(
 # Requests to the reference node, which refuses what it cannot fly.
 GOAL_POSE = Topic(name="goal_pose", type_name="geometry_msgs/msg/PoseStamped", reliable=True)
 TRAJECTORY = Topic(name="trajectory", type_name=REFERENCE.type_name, reliable=True)
-# A velocity to fly, as joysticks and navigation send it.
+# A velocity to follow, published by teleop_twist_keyboard, teleop_twist_joy or Nav2.
 VELOCITY = Topic(name="cmd_vel", type_name="geometry_msgs/msg/TwistStamped", optional=True)
-JOYSTICK = Topic(name="joy", type_name="sensor_msgs/msg/Joy")
 PREDICTED_PATH = Topic(name="mpc/predicted_path", type_name="nav_msgs/msg/Path")
 # The half-spaces that the plan is held in, while something is in the way.
 CORRIDOR = Topic(name="mpc/corridor", type_name=OBSTACLES.type_name, optional=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,18 +21,19 @@ from quad_mpc_ros.control.model.reference_window import (
     sample_into,
 )
 from quad_mpc_ros.control.model.samples import ReferenceWindow
+from quad_mpc_ros.control.model.target import reference_throttles
 from quad_mpc_ros.control.model.vehicle import Vehicle
-from quad_mpc_ros.control.ocp.paper import reference_throttles
 from quad_mpc_ros.control.safety.window_validation import reference_fault
 from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.messages.corridor import HalfSpaces, read_corridor
-from quad_mpc_ros.obstacles.scene import Scene
+from quad_mpc_ros.messages.corridor import HalfSpaces, corridor_from_message
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Stamps, StatsLog
+from quad_mpc_ros.simulation.scene import Scene
 
 if TYPE_CHECKING:  # a simulated flight needs no reader of bags
     from quad_mpc_ros.recordings.reader import RecordedMessage
 
 _PLACES_BETWEEN = 5  # two odometries, at which a clearance is taken
+_GAP_PERIODS = 2.5  # of the odometry: less is jitter
 _NO_STAMP = np.iinfo(np.int64).min
 
 
@@ -106,7 +107,8 @@ class Flight:
     those of the controller, defaults where they were not recorded. ``plans`` are some of the
     controller's, as many as were asked for. ``scene`` is what it was flown among, its times from
     the first odometry on; None where that is not known. ``gates`` are the poses of the gates of a
-    course that were told in flight, where they changed.
+    course that were told in flight, where they changed. ``rejected`` are the reasons why the
+    controller rejects odometries of the recording, with how many.
 
     Raises:
         ArgumentError: An array has another shape, or something is of another type.
@@ -126,6 +128,7 @@ class Flight:
     plans: Sequence[RecordedPlan] = ()
     scene: Scene | None = None
     gates: Sequence[GatePoses] = ()
+    rejected: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         count = len(stamps(self.stamp_ns, "stamp_ns"))
@@ -187,6 +190,23 @@ class Flight:
         if len(self.stamp_ns) < 2:
             return 1.0 / self.mpc.control_rate
         return float(np.median(np.diff(self.stamp_ns))) * 1e-9
+
+    @cached_property
+    def gaps(self) -> list[tuple[float, float]]:
+        """Times [s] from one odometry to the next where that is longer than ``odom_timeout``.
+
+        Nothing is known of the flight in between.
+        """
+        longest = max(self.mpc.odom_timeout, _GAP_PERIODS * self.odometry_period)
+        begins = np.flatnonzero(np.diff(self.time) > longest)
+        return [(float(self.time[i]), float(self.time[i + 1])) for i in begins]
+
+    def broken(self, time: Array, *values: Array) -> tuple[Array, ...]:
+        """Return times (n,) [s] and values (n, …) with NaN in the middle of each gap."""
+        middles = np.mean(self.gaps, axis=1) if self.gaps else np.zeros(0)
+        places = np.searchsorted(time, middles)
+        broken = [np.insert(each.astype(np.float64), places, np.nan, axis=0) for each in values]
+        return np.insert(time, places, middles), *broken
 
     def time_of(self, stamp_ns: Stamps) -> Array:
         """Return stamps as times from the first odometry [s]."""
@@ -305,7 +325,7 @@ class ChosenPlans:
 
     def take_corridor(self, message: RecordedMessage) -> None:
         """Keep the corridor in a message if it is of a chosen plan, and something is in it."""
-        corridor = read_corridor(message.data)
+        corridor = corridor_from_message(message.message)
         if len(corridor.offsets) and corridor.stamp_ns in self._stamps:
             self._corridors[corridor.stamp_ns] = corridor
 

@@ -1,4 +1,4 @@
-"""The records in the bytes of an MCAP file, also of a chunk that was cut."""
+"""The records of an MCAP file in the order of the file, as far as they are whole."""
 
 from __future__ import annotations
 
@@ -9,88 +9,69 @@ from contextlib import suppress
 from typing import BinaryIO
 
 import zstandard
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
-from mcap.records import McapRecord
+from mcap.opcode import Opcode
+from mcap.records import Chunk, McapRecord
 from mcap.stream_reader import StreamReader
+from mcap.writer import MCAP0_MAGIC
 
-RECORD_HEAD = struct.Struct("<BQ")
-_CHUNK_HEAD = struct.Struct("<QQQII")  # start and end time, size, checksum, length of a name
-_LENGTH = struct.Struct("<Q")
-_BLOCK = 2**20
-
-
-def size_of(stream: BinaryIO) -> int:
-    """Return the size of a file, which stays where it is."""
-    position = stream.tell()
-    size = stream.seek(0, io.SEEK_END)
-    stream.seek(position)
-    return size
+MAGIC_SIZE = len(MCAP0_MAGIC)
+_HEAD = struct.Struct("<BQ")  # opcode, length
+_ENDINGS = (0, Opcode.DATA_END, Opcode.FOOTER)
 
 
-def records_in(content: bytes) -> Iterator[McapRecord]:
-    """Yield the records in a content that ends after a whole one, those in a chunk one by one."""
-    reader = StreamReader(
-        io.BytesIO(content), skip_magic=True, validate_crcs=True, record_size_limit=len(content)
-    )
-    with suppress(EndOfFile):  # where the next record would begin
+class WholeRecords:
+    """The records of a file that are whole, those in chunks one by one.
+
+    A chunk with a wrong checksum or content is left out. The whole records of a chunk that the
+    end of the file cuts are kept, unless lz4 compresses the chunk. The index is not read.
+    """
+
+    def __init__(self, stream: BinaryIO) -> None:
+        """Take an MCAP file, positioned anywhere, that begins as one must."""
+        self._stream = stream
+        self.damaged_chunks = 0
+        """Chunks left out so far."""
+        self.read_up_to = MAGIC_SIZE
+        """The end of the last whole record so far [bytes from the start]."""
+
+    def __iter__(self) -> Iterator[McapRecord]:
+        size = self._stream.seek(0, io.SEEK_END)
+        self._stream.seek(MAGIC_SIZE)
+        while len(head := self._stream.read(_HEAD.size)) == _HEAD.size:
+            opcode, length = _HEAD.unpack(head)
+            if opcode in _ENDINGS:
+                return
+            body = self._stream.read(min(length, size))  # a damaged length can be astronomic
+            if len(body) < length:
+                if opcode == Opcode.CHUNK:
+                    yield from _records_of_cut_chunk(body)
+                return
+            self.read_up_to += _HEAD.size + length
+            try:
+                yield from list(_records(head + body))
+            except Exception:  # the parsers of mcap, zstd and lz4 raise anything on damaged bytes
+                self.damaged_chunks += 1
+
+
+def _records(content: bytes) -> Iterator[McapRecord]:
+    """Yield the whole records in a content."""
+    reader = StreamReader(io.BytesIO(content), skip_magic=True, validate_crcs=True)
+    with suppress(EndOfFile):
         yield from reader.records
 
 
-def records_of_cut_chunk(stream: BinaryIO, end: int) -> Iterator[McapRecord]:
-    """Yield what is whole of a chunk in which a file ends, at ``end``.
-
-    The stream is where its content begins, after the head of its record.
-    """
+def _records_of_cut_chunk(body: bytes) -> Iterator[McapRecord]:
+    """Yield the whole records in the beginning of a chunk."""
     # Zeros may be data or never written: better to lose a record than to invent one.
-    end = _end_without_zeros(stream, end)
-    waiting = b""
-    try:
-        for part in _content_of_cut_chunk(stream, end):
-            waiting += part
-            position = 0
-            while (following := _end_of_record(waiting, position)) is not None:
-                yield from records_in(waiting[position:following])
-                position = following
-            waiting = waiting[position:]
-    except Exception:  # whatever mcap and zstd raise on damaged bytes
-        return
-
-
-def _end_of_record(content: bytes, start: int) -> int | None:
-    if start + RECORD_HEAD.size > len(content):
-        return None
-    _, length = RECORD_HEAD.unpack_from(content, start)
-    end: int = start + RECORD_HEAD.size + length
-    return end if end <= len(content) else None
-
-
-def _content_of_cut_chunk(stream: BinaryIO, end: int) -> Iterator[bytes]:
-    """Yield the uncompressed content of a chunk, block by block, up to the end of what is there.
-
-    No more than the chunk is said to hold: what follows is another's.
-    """
-    head = stream.read(_CHUNK_HEAD.size)
-    _, _, left, _, name_length = _CHUNK_HEAD.unpack(head)
-    compression = stream.read(min(name_length, end))
-    stream.seek(_LENGTH.size, io.SEEK_CUR)
-    if compression not in (b"zstd", b""):
-        return
-    decompressor = zstandard.ZstdDecompressor().decompressobj() if compression else None
-    while left > 0 and (block := stream.read(max(0, min(_BLOCK, end - stream.tell())))):
-        content = decompressor.decompress(block) if decompressor else block
-        yield content[:left]
-        left -= len(content)
-
-
-def _end_without_zeros(stream: BinaryIO, end: int) -> int:
-    """Return where the zeros at the end of a file begin, and stay where the stream is."""
-    start = stream.tell()
-    while end > start:
-        size = min(_BLOCK, end - start)
-        stream.seek(end - size)
-        kept = len(stream.read(size).rstrip(b"\0"))
-        end -= size - kept
-        if kept:
-            break
-    stream.seek(start)
-    return end
+    body = body.rstrip(b"\0")
+    with suppress(Exception):  # as above
+        chunk = Chunk.read(ReadDataStream(io.BytesIO(body)))
+        content = chunk.data
+        if chunk.compression == "zstd":
+            content = zstandard.ZstdDecompressor().decompressobj().decompress(content)
+        elif chunk.compression:
+            return
+        # A chunk holds no more than its size: the rest belongs to another record.
+        yield from _records(content[: chunk.uncompressed_size])

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from quad_mpc_ros.configuration import BagError, Configuration, files
-from quad_mpc_ros.configuration.renamed import with_present_names
+from quad_mpc_ros.configuration import BagError, Configuration, files, ros_yaml
 
 if TYPE_CHECKING:  # a simulated flight needs no bag
     from quad_mpc_ros.recordings.writer import BagWriter
@@ -31,7 +30,7 @@ def read_parameters(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict
     for name, record in metadata.items():
         if name.startswith(_PREFIX) and _KEY in record:
             try:
-                for node, content in yaml.safe_load(record[_KEY]).items():
+                for node, content in ros_yaml.read(record[_KEY]).items():
                     found[node] = dict(content["ros__parameters"])
             except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError) as error:
                 raise BagError(f"metadata record {name} is no ROS parameter file") from error
@@ -49,6 +48,5 @@ def recorded_parameters(
     for node, values in parameters.items():
         if node.rsplit("/", 1)[-1] == kind.owner:
             # A node also has parameters of ROS itself, such as use_sim_time.
-            present = with_present_names(kind.owner, values)
-            return {name: value for name, value in present.items() if name in known}
+            return {name: value for name, value in values.items() if name in known}
     return {}

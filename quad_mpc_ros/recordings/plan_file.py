@@ -64,6 +64,7 @@ def read_plan(bag: Path) -> MotionTable | None:
     reader = BagReader(bag)
     if PLAN not in reader.topics:
         return None
+    reader.require_cdr([PLAN])
     message = next(reader.messages([PLAN]), None)
     if message is None or reader.topics[PLAN].type_name != REFERENCE.type_name:
         raise UserError(f"{bag}: {PLAN} has no {REFERENCE.type_name}: plan it anew")

@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 
 import yaml
 
-from quad_mpc_ros.configuration import BagError
+from quad_mpc_ros.configuration import BagError, ros_yaml
 
 History = Literal["system_default", "keep_last", "keep_all", "unknown"]
 Reliability = Literal["system_default", "reliable", "best_effort", "unknown", "best_available"]
@@ -69,7 +69,7 @@ def parse_qos_profiles(text: str) -> tuple[QosProfile, ...]:
     :class:`BagError` for anything else.
     """
     try:
-        entries = yaml.safe_load(text) or []
+        entries = ros_yaml.read(text) or []
         return tuple(_parsed(entry) for entry in entries)
     except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError) as error:
         reason = str(error).partition("\n")[0]

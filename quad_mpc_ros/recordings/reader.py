@@ -7,13 +7,14 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 import yaml
 from mcap.records import Metadata
 
-from quad_mpc_ros.configuration.errors import BagError, os_reason
+from quad_mpc_ros.configuration import ros_yaml
+from quad_mpc_ros.configuration.errors import BagError, UserError, shown
 from quad_mpc_ros.messages.schemas import IDL_ENCODING, MSG_ENCODING, MessageSchema
 from quad_mpc_ros.recordings.bag_metadata import (
     METADATA_FILE,
@@ -22,10 +23,16 @@ from quad_mpc_ros.recordings.bag_metadata import (
     bag_of,
     united,
 )
-from quad_mpc_ros.recordings.mcap_file import McapFile, McapMessage
+from quad_mpc_ros.recordings.mcap_file import CONVERT, McapFile, conversion
 
 if TYPE_CHECKING:
     from quad_mpc_ros.messages.codec import MessageDecoder
+
+
+CDR = "cdr"
+"""The encoding of messages in ROS 2."""
+LATEST_NS = 2**63 - 1
+LONGEST_BAG_NS = 10 * 365 * 86400 * 10**9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,8 +86,11 @@ class BagReader:
         file or by message, is unpacked.
         """
         self.path = path = bag_of(path)
-        information = _bag_information(path / METADATA_FILE)
-        paths = _mcap_files(path) if information is None else _listed_files(path, information)
+        try:
+            information = _bag_information(path / METADATA_FILE)
+            paths = _mcap_files(path) if information is None else _listed_files(path, information)
+        except _RepairableError as error:
+            raise BagError(f"{error}{_repair_hint(path)}") from error
         self._files = [McapFile(file) for file in paths]
         self._decoder = _Decoder(self._files)
         self._complete = information is not None or path.is_file()
@@ -113,14 +123,27 @@ class BagReader:
         return self._complete and all(file.finished for file in self._files)
 
     @property
-    def unfinished(self) -> str:
-        """What to say of a bag that was not ended properly; empty of a complete one."""
-        if self.complete:
-            return ""
-        return (
-            f"{self.path} is unfinished: it is read as far as it is whole; to complete it: "
-            f"quad_mpc bag repair {self.path}"
-        )
+    def warning(self) -> str:
+        """What is wrong with the bag and how to repair it; empty of a sound one."""
+        if not self.complete:
+            return (
+                f"{self.path} is unfinished: it is read as far as it is whole; to complete it: "
+                f"quad_mpc bag repair {self.path}"
+            )
+        if self.has_wrong_log_times:
+            return (
+                f"{self.path}: messages are logged decades before or after the others; to correct "
+                f"their log times: quad_mpc bag repair {self.path}"
+            )
+        return ""
+
+    @property
+    def has_wrong_log_times(self) -> bool:
+        """Whether some messages were logged by a clock that was not set.
+
+        A recorder on simulated time logs at 0 what comes before the first ``/clock``.
+        """
+        return self.span is not None and self.duration_ns > LONGEST_BAG_NS
 
     @property
     def span(self) -> TimeSpan | None:
@@ -132,6 +155,13 @@ class BagReader:
         """Return the time from the first message to the last [ns]; 0 without messages."""
         return self.span.duration_ns if self.span else 0
 
+    def require_cdr(self, topics: Iterable[str]) -> None:
+        """Raise :class:`BagError` for a topic whose messages are not encoded as ROS 2 does."""
+        for topic in topics:
+            encoding = self.topics[topic].encoding
+            if encoding != CDR:
+                raise BagError(f"{self.path}: topic {topic}: {encoding_error(encoding)}")
+
     def messages(
         self, topics: Collection[str] | None = None, *, from_ns: int = 0
     ) -> Iterator[RecordedMessage]:
@@ -141,15 +171,29 @@ class BagReader:
         not in the bag has no messages.
         """
         streams = [file.messages(topics, from_ns=from_ns) for file in self._files]
-        for item in heapq.merge(*streams, key=lambda item: item.message.log_time):
+        for schema, channel, message in heapq.merge(*streams, key=lambda item: item[2].log_time):
+            if max(message.log_time, message.publish_time) > LATEST_NS:
+                raise BagError(
+                    f"{self.path}: a message on {channel.topic} is logged at "
+                    f"{message.log_time} ns and published at {message.publish_time} ns, "
+                    f"expected times up to 2262: quad_mpc bag repair {self.path}"
+                )
             yield RecordedMessage(
-                topic=item.channel.topic,
-                type_name=item.schema.name if item.schema else "",
-                log_time_ns=item.message.log_time,
-                publish_time_ns=item.message.publish_time,
-                data=self._unpack(item),
+                topic=channel.topic,
+                type_name=schema.name if schema else "",
+                log_time_ns=message.log_time,
+                publish_time_ns=message.publish_time,
+                data=self._unpack(channel.topic, message.data),
                 _decoder=self._decoder,
             )
+
+
+def encoding_error(encoding: str) -> str:
+    """Return what is wrong with messages in another encoding than CDR, and what to do."""
+    hint = "; record them with a ROS 2 recorder"
+    if encoding == "ros1":
+        hint = f"; convert the ROS 1 bag: {CONVERT.format('FILE.bag', 'DIR')}"
+    return f"its messages are encoded as {shown(encoding)}, expected {CDR!r} (ROS 2){hint}"
 
 
 def topics_in(files: Iterable[McapFile]) -> dict[str, TopicInfo]:
@@ -177,7 +221,7 @@ def recorded_information(records: Iterable[Metadata]) -> Mapping[str, Any]:
     """
     texts = [r.metadata.get("serialized_metadata", "") for r in records if r.name == "rosbag2"]
     try:
-        information = yaml.safe_load(texts[-1]) if texts else None
+        information = ros_yaml.read(texts[-1]) if texts else None
     except yaml.YAMLError:
         return {}
     return information if isinstance(information, dict) else {}
@@ -193,7 +237,11 @@ def mcap_files_in(directory: Path) -> list[Path]:
         key=_number_and_name,
     )
     if not files:
-        raise BagError(f"{directory}: is no bag: neither {METADATA_FILE} nor an .mcap file in it")
+        others = sorted((*directory.glob("*.db3"), *directory.glob("*.bag")))
+        reason = f"is no bag: neither {METADATA_FILE} nor an .mcap file in it"
+        if others:
+            reason = conversion("holds a bag of another format", *others)
+        raise BagError(f"{directory}: {reason}")
     return files
 
 
@@ -228,6 +276,16 @@ class _Decoder:
         return self._codec.decode(type_name, data)
 
 
+class _RepairableError(BagError):
+    """A bag whose ``metadata.yaml`` a repair writes again."""
+
+
+def _repair_hint(path: Path) -> str:
+    """Return what to do about a directory whose ``metadata.yaml`` cannot be used."""
+    has_files = any(file for pattern in _FILE_PATTERNS for file in path.glob(pattern))
+    return f"; write it again: quad_mpc bag repair {path}" if has_files else ""
+
+
 _FILE_NUMBER = re.compile(r"_(\d+)\.mcap")
 _FILE_PATTERNS = ("*.mcap", "*.mcap.zstd")
 _COMPRESSION_MODES = ("FILE", "MESSAGE")
@@ -249,51 +307,54 @@ def _number_and_name(path: Path) -> tuple[int, str]:
 def _listed_files(directory: Path, information: Mapping[str, Any]) -> list[Path]:
     metadata_path = directory / METADATA_FILE
     storage = information.get("storage_identifier")
+    names = information.get("relative_file_paths")
+    if not storage:
+        raise _RepairableError(f"{metadata_path}: storage_identifier is empty, expected 'mcap'")
     if storage != "mcap":
-        raise BagError(
-            f"{metadata_path}: storage is {storage!r}, expected 'mcap'; convert the bag with "
-            "`ros2 bag convert`"
-        )
+        reason = conversion(f"storage is {shown(storage)}", directory)
+        raise BagError(f"{metadata_path}: {reason}")
     mode, method = information.get("compression_mode"), information.get("compression_format")
     if mode and (str(mode).upper() not in _COMPRESSION_MODES or method != "zstd"):
         raise BagError(
-            f"{metadata_path}: compression {method!r} of mode {mode!r} is not supported, expected "
-            "zstd of FILE or MESSAGE; convert the bag with `ros2 bag convert`"
+            f"{metadata_path}: compression {shown(method)} of mode {shown(mode)} is not "
+            "supported, expected zstd of FILE or MESSAGE; convert the bag with `ros2 bag convert`"
         )
-    names = information.get("relative_file_paths")
     if not isinstance(names, list) or not names:
-        raise BagError(f"{metadata_path}: relative_file_paths names no file")
-    return [directory / str(name) for name in names]
+        raise _RepairableError(f"{metadata_path}: relative_file_paths names no file")
+    # Before its version 4 rosbag2 wrote the name of the bag in front.
+    files = [directory / PurePath(str(name)).name for name in names]
+    there = {file.name for file in directory.iterdir()}
+    missing = [file.name for file in files if file.name not in there]
+    if missing:
+        raise _RepairableError(f"{metadata_path}: lists {missing[0]}, which is not there")
+    return files
 
 
-def _message_unpacker(information: Mapping[str, Any]) -> Callable[[McapMessage], bytes]:
-    """Return what makes the message of an MCAP message, which rosbag2 may have compressed."""
+def _message_unpacker(information: Mapping[str, Any]) -> Callable[[str, bytes], bytes]:
+    """Return a function of a topic and the bytes of a message, which rosbag2 may compress."""
     if str(information.get("compression_mode")).upper() != "MESSAGE":
-        return lambda item: item.message.data
+        return lambda _, data: data
     import zstandard
 
     decompressor = zstandard.ZstdDecompressor()
 
-    def unpack(item: McapMessage) -> bytes:
+    def unpack(topic: str, data: bytes) -> bytes:
         try:
-            return decompressor.decompress(item.message.data)
+            return decompressor.decompress(data)
         except zstandard.ZstdError as error:
-            raise BagError(f"{item.channel.topic}: message is corrupt: {error}") from error
+            raise BagError(f"{topic}: message is corrupt: {error}") from error
 
     return unpack
 
 
 def _bag_information(metadata_path: Path) -> Mapping[str, Any] | None:
     try:
-        content = yaml.safe_load(metadata_path.read_bytes())
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except OSError as error:
-        raise BagError(f"{metadata_path}: cannot be read: {os_reason(error)}") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        first_line = str(error).partition("\n")[0]
-        raise BagError(f"{metadata_path}: is not YAML: {first_line}") from error
+        content = ros_yaml.read_file(metadata_path)
+    except UserError as error:
+        if isinstance(error.__cause__, FileNotFoundError | NotADirectoryError):
+            return None
+        raise _RepairableError(str(error)) from error
     information = content.get(METADATA_ROOT) if isinstance(content, dict) else None
     if not isinstance(information, dict):
-        raise BagError(f"{metadata_path}: {METADATA_ROOT} is missing")
+        raise _RepairableError(f"{metadata_path}: {METADATA_ROOT} is missing")
     return information

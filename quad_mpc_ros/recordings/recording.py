@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import operator
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from functools import cached_property, partial
 from pathlib import Path
@@ -11,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.configuration import BagError, Configuration, UserError
+from quad_mpc_ros.configuration import BagError, Configuration, UserError, files, optional_part
 from quad_mpc_ros.configuration.arguments import instance
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import with_body_twist
+from quad_mpc_ros.control.safety.odometry_gate import STANDS
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.cdr import header_stamp_ns
@@ -37,8 +39,6 @@ from quad_mpc_ros.messages.topics import (
     STATS,
     Topic,
 )
-from quad_mpc_ros.obstacles.files import read_scene
-from quad_mpc_ros.obstacles.scene import Scene
 from quad_mpc_ros.recordings import logs
 from quad_mpc_ros.recordings.flight import (
     ChosenPlans,
@@ -49,10 +49,10 @@ from quad_mpc_ros.recordings.flight import (
     odometry_arrays,
     tick_figures,
 )
-from quad_mpc_ros.recordings.logs import Log, T
+from quad_mpc_ros.recordings.logs import Log, Stamps, T
 from quad_mpc_ros.recordings.parameters import read_parameters, recorded_parameters
 from quad_mpc_ros.recordings.plan_file import read_plan
-from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
+from quad_mpc_ros.recordings.reader import CDR, BagReader, RecordedMessage, encoding_error
 from quad_mpc_ros.recordings.run import (
     OUR_NAMES,
     POSE,
@@ -67,6 +67,7 @@ from quad_mpc_ros.recordings.run import (
 from quad_mpc_ros.references.motion_table import MotionTable
 from quad_mpc_ros.references.point_table import PointTable
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.scene import Scene
 
 Taker = Callable[[RecordedMessage], None]
 
@@ -95,9 +96,9 @@ class Recording:
         self.path = self.bag.path
 
     @property
-    def unfinished(self) -> str:
-        """What to say of a bag that was not ended properly; empty of a complete one."""
-        return self.bag.unfinished
+    def warning(self) -> str:
+        """What is wrong with the bag and how to repair it; empty of a sound one."""
+        return self.bag.warning
 
     @cached_property
     def parameters(self) -> Mapping[str, Mapping[str, Any]]:
@@ -120,11 +121,19 @@ class Recording:
             BagError: It has no usable odometry, or one of our topics twice.
             ConfigurationError: The recorded parameters cannot be used.
         """
-        mpc = MpcConfig.build(self.parameters_of(MpcConfig))
+        recorded = self.parameters_of(MpcConfig)
+        mpc = MpcConfig.build(recorded)
+        rejected: Counter[str] = Counter()
+        usable = partial(
+            _usable,
+            twist_frame=mpc.odometry.twist_frame,
+            frame_id=mpc.odometry.frame_id if recorded else None,
+            rejected=rejected,
+        )
         odometry, commands, stats = logs.OdometryLog(), logs.CommandLog(), logs.StatsLog()
         plan_stamps: list[int] = []
         takers: dict[Topic, Taker] = {
-            ODOMETRY: _into(odometry, partial(_usable, twist_frame=mpc.odometry.twist_frame)),
+            ODOMETRY: _into(odometry, usable),
             COMMAND: _into(commands, conversions.command_from_message),
             STATS: self._figures(stats),
         }
@@ -134,12 +143,14 @@ class Recording:
             )
         self._stream(takers)
         if len(odometry) == 0:
+            reasons = "".join(f"; {count} rejected: {why}" for why, count in rejected.items())
             raise BagError(
                 f"{self.path}: no flight in it: expected usable {ODOMETRY.type_name} messages on "
-                f"a topic that ends in /{ODOMETRY.name}"
+                f"a topic that ends in /{ODOMETRY.name}{reasons}{self._other_encodings()}"
             )
         arrays = odometry_arrays(odometry)
         stamp_ns = arrays["stamp_ns"]
+        self._refuse_standing(stamp_ns, count=len(odometry))
         end_ns = int(stamp_ns[-1])
         # In a second pass, with the stamps known at which references count.
         sampler = ReferenceSampler(stamp_ns, mpc.vehicle())
@@ -165,6 +176,7 @@ class Recording:
             plans=plans.in_order(),
             scene=self.scene(),
             gates=gates,
+            rejected=rejected,
         )
 
     def scene(self) -> Scene | None:
@@ -176,9 +188,11 @@ class Recording:
         if not given:
             return None
         folder = self.path if self.path.is_dir() else self.path.parent
-        for file in (folder.parent / SCENE_NAME, Path(str(given)).expanduser()):
+        for file in (folder.parent / SCENE_NAME, files.expanded(str(given))):
             if file.is_file():
-                return read_scene(file)
+                read = optional_part("read_scene", needed_by="simulator.obstacles.file")
+                scene: Scene = read(file)
+                return scene
         return None
 
     def run(
@@ -232,8 +246,9 @@ class Recording:
             raise BagError(
                 f"{self.path}: no odometry in it: expected {ODOMETRY.type_name} on a topic that "
                 f"ends in /{ODOMETRY.name}, or --odom-topic, or --pose-topic with --twist-topic; "
-                f"it holds {self._listed_topics()}"
+                f"it holds {self._listed_topics()}{self._other_encodings()}"
             )
+        self._refuse_standing(np.unique(odometry.stamp_ns), count=len(odometry))
         return RecordedRun(
             bag=self.path,
             odometries=odometry,
@@ -265,6 +280,7 @@ class Recording:
                 [self._checked(topic, given[topic])] if topic in given else self._names_of(topic)
             )
         }
+        self.bag.require_cdr(taker_of)
         for message in self.bag.messages(taker_of.keys()):
             taker_of[message.topic](message)
 
@@ -348,6 +364,20 @@ class Recording:
             )
         return names
 
+    def _refuse_standing(self, stamp_ns: Stamps, *, count: int) -> None:
+        """Refuse odometries of which most have the stamp of another; in lockstep few repeat."""
+        if 2 * len(stamp_ns) < count:
+            raise BagError(
+                f"{self.path}: {STANDS}: given {count} odometries with "
+                f"{len(stamp_ns)} different stamps, the first {1e-9 * int(stamp_ns[0]):.3f} s; "
+                "set header.stamp to the time of each measurement"
+            )
+
+    def _other_encodings(self) -> str:
+        """Return what is wrong with a bag of another middleware, nothing of one of ROS 2."""
+        others = {info.encoding for info in self.bag.topics.values()} - {CDR}
+        return "".join(f"; {encoding_error(each)}" for each in sorted(others))
+
     def _listed_topics(self) -> str:
         """Return the topics and their types as text for an error."""
         topics = self.bag.topics
@@ -370,11 +400,20 @@ def flown_points(bag: Path) -> PointTable | MotionTable:
     return PointTable(source=str(bag), seconds=flight.time, p_WB=flight.p_WB)
 
 
-def _usable(message: Any, *, twist_frame: str) -> OdometrySample:
-    """Return an odometry with its twist in body axes; ``ValueError`` for one not fit for use."""
+def _usable(
+    message: Any, *, twist_frame: str, frame_id: str | None, rejected: Counter[str]
+) -> OdometrySample:
+    """Return an odometry with its twist in body axes; ``ValueError`` for one not fit for use.
+
+    ``rejected`` counts why the controller rejects odometries. One in another frame than the
+    controller's ``frame_id``, where that is known, is returned all the same.
+    """
     odometry = conversions.odometry_from_message(message)
-    if fault := odometry_fault(odometry, frame_id=odometry.frame_id):
-        raise ValueError(fault)
+    fault = odometry_fault(odometry, frame_id=frame_id or odometry.frame_id)
+    if fault is not None:
+        rejected[fault] += 1
+        if (fault := odometry_fault(odometry, frame_id=odometry.frame_id)) is not None:
+            raise ValueError(fault)
     return with_body_twist(odometry) if twist_frame == "world" else odometry
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC, Writer
@@ -16,14 +19,16 @@ from quad_mpc_ros.configuration.errors import BagError, os_reason
 from quad_mpc_ros.recordings import bag_metadata
 from quad_mpc_ros.recordings.mcap_file import McapFile
 from quad_mpc_ros.recordings.mcap_output import LIBRARY, sync_directory
+from quad_mpc_ros.recordings.mcap_records import WholeRecords
 from quad_mpc_ros.recordings.qos_profile import QosProfile, parse_qos_profiles
 from quad_mpc_ros.recordings.reader import (
+    LATEST_NS,
+    LONGEST_BAG_NS,
     BagReader,
     mcap_files_in,
     recorded_information,
     topics_in,
 )
-from quad_mpc_ros.recordings.salvage import Salvage
 
 _BROKEN = ".broken"
 _TEMPORARY = ".repairing"
@@ -37,6 +42,8 @@ class RepairedFile:
     original: Path
     message_count: int
     damaged_chunks: int
+    corrected_times: int
+    """Messages whose log time was decades before or after those of the others."""
     unreadable_bytes: int
     """What is left after the last whole record: the beginning of the one that was cut."""
 
@@ -52,10 +59,12 @@ class Repair:
 def repair(path: Path) -> Repair:
     """Make a complete bag of what a killed recorder or a power failure left at ``path``.
 
-    Each MCAP file that has no end, or a wrong checksum, is written anew from its whole records;
-    the original stays beside it as ``<name>.broken``. ``metadata.yaml`` is written when a file
-    was, when it is missing, or when it does not list the files that are there; an old one
-    stays as ``metadata.yaml.broken``. A complete bag is left alone. A repair that is interrupted
+    Each MCAP file that has no end, a wrong checksum, no index of its messages or wrong log times
+    is written again from its whole records; the original stays beside it as ``<name>.broken``. A
+    log time that is decades from the others becomes the publish time, or if that is wrong as well,
+    the log time of the message before. ``metadata.yaml`` is written when a file was, when it is
+    missing or unusable, or when it does not list the files that are there; an old one
+    stays as ``metadata.yaml.broken``. A sound bag is left alone. A repair that is interrupted
     leaves the originals and can be repeated.
 
     Raises :class:`BagError` for what is no bag, and when the disk refuses; nothing of the
@@ -76,10 +85,10 @@ def _repaired_alone(path: Path) -> Repair:
     if (path.parent / bag_metadata.METADATA_FILE).exists():
         raise BagError(f"{path}: is a part of a bag: quad_mpc bag repair {path.parent}")
     _refuse_packed([path])
-    if _is_whole(path):
+    if _is_whole(path) and not _have_wrong_log_times([path]):
         return Repair(files=(), needed=False)
     try:
-        return Repair(files=[_repaired(path)], needed=True)
+        return Repair(files=[_repaired(path, _log_times([path]))], needed=True)
     except OSError as error:
         raise BagError(f"{path}: cannot be repaired: {os_reason(error)}") from error
 
@@ -88,11 +97,16 @@ def _repaired_bag(directory: Path) -> Repair:
     _undo_interrupted_repair(directory)
     paths = mcap_files_in(directory)
     damaged = [path for path in paths if not _is_whole(path)]
+    if _have_wrong_log_times(paths):
+        damaged = paths
     if not damaged and _is_complete(directory, paths):
         return Repair(files=(), needed=False)
     _refuse_packed(paths)
     try:
-        repaired = [_repaired(path) for path in damaged]
+        repaired = []
+        if damaged:
+            times = _log_times(paths)
+            repaired = [_repaired(path, times) for path in damaged]
         _write_metadata(directory, paths)
     except OSError as error:
         raise BagError(f"{directory}: cannot be repaired: {os_reason(error)}") from error
@@ -131,16 +145,46 @@ def _is_whole(path: Path) -> bool:
     return file.finished
 
 
-def _repaired(path: Path) -> RepairedFile:
+def _have_wrong_log_times(paths: Sequence[Path]) -> bool:
+    """Return whether the readable ones of some files span more than a bag can."""
+    spans = []
+    for path in paths:
+        with contextlib.suppress(BagError):
+            spans.append(McapFile(path).contents.span)
+    span = bag_metadata.united(spans)
+    return span is not None and span.duration_ns > LONGEST_BAG_NS
+
+
+class _LogTimes(NamedTuple):
+    """Times that messages of a bag can have been logged at, and the first that one was [ns]."""
+
+    possible: range
+    first: int
+
+
+def _log_times(paths: Sequence[Path]) -> _LogTimes:
+    """Return the log times of files that are not too far from the median of all."""
+    times = array("Q")
+    for path in paths:
+        with path.open("rb") as stream:
+            records = WholeRecords(stream)
+            times.extend(each.log_time for each in records if isinstance(each, Message))
+    median = sorted(times)[len(times) // 2] if times else 0
+    end = min(median + LONGEST_BAG_NS, LATEST_NS + 1)
+    possible = range(max(0, median - LONGEST_BAG_NS), max(end, 1))
+    return _LogTimes(possible, min((each for each in times if each in possible), default=0))
+
+
+def _repaired(path: Path, times: _LogTimes) -> RepairedFile:
     original = _place_for_original(path)
     temporary = path.with_name(f"{path.name}{_TEMPORARY}")
-    copy = _Copy()
+    copy = _Copy(times)
     try:
         with path.open("rb") as damaged, temporary.open("wb") as stream:
             _check_beginning(path, damaged.read(len(MCAP0_MAGIC)))
             size = os.fstat(damaged.fileno()).st_size
-            salvage = Salvage(damaged)
-            copy.write(salvage, Writer(stream, enable_data_crcs=True))
+            records = WholeRecords(damaged)
+            copy.write(iter(records), Writer(stream, enable_data_crcs=True))
             stream.flush()
             os.fsync(stream.fileno())
     except BaseException:
@@ -151,8 +195,9 @@ def _repaired(path: Path) -> RepairedFile:
         path=path,
         original=original,
         message_count=copy.message_count,
-        damaged_chunks=salvage.damaged_chunks,
-        unreadable_bytes=max(0, size - salvage.read_up_to),
+        damaged_chunks=records.damaged_chunks,
+        corrected_times=copy.corrected_times,
+        unreadable_bytes=max(0, size - records.read_up_to),
     )
 
 
@@ -183,13 +228,14 @@ def _put_in_place(temporary: Path, path: Path, *, original: Path) -> None:
 class _Copy:
     """Writes records of one file into another, which may number its channels differently."""
 
-    def __init__(self) -> None:
+    def __init__(self, times: _LogTimes) -> None:
         self.message_count = 0
+        self.corrected_times = 0
+        self._possible, self._last_log_time = times
         self._schema_ids = {0: 0}  # no schema
         self._channel_ids: dict[int, int] = {}
 
-    def write(self, salvage: Salvage, writer: Writer) -> None:
-        records = salvage.records()
+    def write(self, records: Iterator[McapRecord], writer: Writer) -> None:
         first = next(records, None)
         profile = first.profile if isinstance(first, Header) else "ros2"
         writer.start(profile=profile, library=LIBRARY)
@@ -211,11 +257,15 @@ class _Copy:
             )
         elif isinstance(record, Message) and record.channel_id in self._channel_ids:
             self.message_count += 1
+            log_time = self._corrected(record)
+            published = record.publish_time
+            if log_time != record.log_time or published > LATEST_NS:
+                published = published if published in self._possible else log_time
             writer.add_message(
                 channel_id=self._channel_ids[record.channel_id],
-                log_time=record.log_time,
+                log_time=log_time,
                 data=record.data,
-                publish_time=record.publish_time,
+                publish_time=published,
                 sequence=record.sequence,
             )
         elif isinstance(record, Metadata):
@@ -228,6 +278,14 @@ class _Copy:
                 media_type=record.media_type,
                 data=record.data,
             )
+
+    def _corrected(self, message: Message) -> int:
+        """Return when a message was logged, or what is nearest to it that makes sense."""
+        times = (message.log_time, message.publish_time, self._last_log_time)
+        time = next(each for each in times if each in self._possible)
+        self.corrected_times += time != message.log_time
+        self._last_log_time = time
+        return time
 
 
 def _write_metadata(directory: Path, paths: Sequence[Path]) -> None:

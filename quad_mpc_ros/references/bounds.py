@@ -35,7 +35,7 @@ class FenceParameters(BoxParameters):
 
     def objection(self, p_WB: Array) -> str | None:
         """Return which of some points (n, 3) [m] is outside, or None."""
-        for axis, values, low, high in zip("xyz", p_WB.T, self.minimum, self.maximum, strict=True):
+        for axis, values, low, high in zip("xyz", p_WB.T, *self.walls, strict=True):
             for value in (float(values.min()), float(values.max())):
                 if not low <= value <= high:
                     return (
@@ -54,15 +54,15 @@ def velocity_limits(config: ReferenceConfig, *, ground: float, home: Array) -> V
     """
     vehicle = config.vehicle()
     g, share = vehicle.gravity, 1.0 - config.limit_margin
-    highest = vehicle.thrust(config.trajectory_throttle_max) / vehicle.mass - g
-    lowest = g - vehicle.thrust(config.trajectory_throttle_min) / vehicle.mass
+    highest = vehicle.thrust(config.throttle_max) / vehicle.mass - g
+    lowest = g - vehicle.thrust(config.throttle_min) / vehicle.mass
     free = _THRUST_SHARE * share * min(highest, lowest)
     drag = max(np.add(per_axis(vehicle.drag), per_axis(vehicle.rotor_drag)).tolist())
     speed = min(config.max_speed, 0.5 * free / drag) if drag else config.max_speed
-    turn = share * min(config.trajectory_omega_max[:2]) * 1e-9 * STEP_NS
+    turn = share * min(config.rate_limits[:2]) * 1e-9 * STEP_NS
     acceleration = min(config.max_acceleration, free - drag * speed, turn * g / (2.0 + turn))
-    yaw_rate = YAW_SHARE * config.trajectory_omega_max[2]
-    low, high = np.array(config.fence.minimum), np.array(config.fence.maximum)
+    yaw_rate = YAW_SHARE * config.rate_limits[2]
+    low, high = map(np.array, config.fence.walls)
     inset = np.minimum(_FROM_WALLS, 0.5 * (high - low))
     low = np.maximum(low + inset, home - config.reach)
     low[2] = max(low[2], ground + _CLEARANCE)

@@ -25,7 +25,7 @@ from quad_mpc_ros.references.ellipse import Ellipse, EllipseParameters
 from quad_mpc_ros.references.excitation import ExcitationParameters, excitation
 from quad_mpc_ros.references.feasibility import LimitParameters
 from quad_mpc_ros.references.flip import FlipParameters, flip
-from quad_mpc_ros.references.gate_path import GateParameters, gates_path
+from quad_mpc_ros.references.gate_parameters import GateParameters, gates_path
 from quad_mpc_ros.references.lemniscate import Lemniscate, LemniscateParameters
 from quad_mpc_ros.references.path import Path
 from quad_mpc_ros.references.point_table import bag_path, csv_path

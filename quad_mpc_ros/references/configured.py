@@ -16,7 +16,7 @@ from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.feasibility import Verdict, judged
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.flatness import yaw_of
-from quad_mpc_ros.references.gate_path import gates_path
+from quad_mpc_ros.references.gate_parameters import gates_path
 from quad_mpc_ros.references.minimum_snap import snap_spline
 from quad_mpc_ros.references.path import Path, Slowed, SplinePath, Turned
 from quad_mpc_ros.references.trajectory import Trajectory

@@ -81,7 +81,7 @@ class Director:
         """Its height [m]."""
         self.too_late: Callable[[int], bool] = lambda start_ns: False
         """Whether it is too late to begin at a time; checked once a plan is ready."""
-        self.timeline = Timeline(first)
+        self.timeline = Timeline([first])
         self._following: tuple[Phase, VelocityPath] | None = None
 
     @classmethod
@@ -120,11 +120,6 @@ class Director:
     def mode(self, now_ns: int) -> str:
         """Return what is being flown."""
         return self.timeline.phase(now_ns).name
-
-    def shown(self, window: ReferenceWindow) -> ReferenceWindow:
-        """Return a window of the timeline as it is published: on the ground it asks for idle."""
-        stays = self.timeline.last.name == GROUND == self.mode(window.stamp_ns)
-        return idling(window, self._config.gravity) if stays else window
 
     def moved(self, now_ns: int, *, p_WB: Array, yaw: float) -> None:
         """Take where a vehicle stands that was carried over the ground."""
@@ -407,7 +402,7 @@ class Director:
                 self._config.max_speed, _VERTICAL_SPEED if _is_vertical(name) else np.inf
             ),
             max_acceleration=share * self._config.max_acceleration,
-            max_yaw_rate=YAW_SHARE * self._config.trajectory_omega_max[2],
+            max_yaw_rate=YAW_SHARE * self._config.rate_limits[2],
         )
         return FlatTrajectory.of(self._config, path)
 
@@ -416,6 +411,14 @@ class Director:
 
     def _refused(self, now_ns: int, request: str) -> Reply:
         return Reply(accepted=False, text=f"no {request} while in {self.mode(now_ns)}")
+
+
+def published_window(
+    timeline: Timeline, window: ReferenceWindow, *, gravity: float
+) -> ReferenceWindow:
+    """Return a window of a timeline as it is published: on the ground it asks for idle."""
+    stays = timeline.last.name == GROUND == timeline.phase(window.stamp_ns).name
+    return idling(window, gravity) if stays else window
 
 
 def _is_vertical(name: str) -> bool:

@@ -24,6 +24,7 @@ from quad_mpc_ros.references.trajectory import (
 _SECOND_NS = 1_000_000_000
 _STEP_NS = 2_000_000
 _LEAST_SAMPLES, _MOST_SAMPLES = 1000, 20_000
+_PEAK = 7.0 / 6.0  # of omega_max: a peak of some milliseconds beyond it is still flown
 _AXES = ("roll", "pitch", "yaw")
 # A smoothed recording of a flight from the ground may dip below it by this.
 _GROUND_TOLERANCE = 0.05  # m
@@ -39,28 +40,19 @@ class LimitParameters(TrajectoryParameters):
         "it.",
         choices=("none", "auto"),
     )
-    trajectory_throttle_min: float = parameter(
-        0.0,
-        doc="Least throttle that a trajectory may need.",
-        minimum=0.0,
-        maximum=1.0,
-        advanced=True,
+    throttle_min: float = parameter(
+        0.0, doc="Least throttle that a trajectory may need.", minimum=0.0, maximum=1.0
     )
-    trajectory_throttle_max: float = parameter(
-        1.0,
-        doc="Most throttle that a trajectory may need.",
-        minimum=0.0,
-        maximum=1.0,
-        advanced=True,
+    throttle_max: float = parameter(
+        1.0, doc="Greatest throttle that a trajectory may need.", minimum=0.0, maximum=1.0
     )
-    trajectory_omega_max: tuple[float, ...] = parameter(
-        (7.0 * math.pi, 7.0 * math.pi, 3.5 * math.pi),
-        doc="Most body rates that a trajectory may need (roll, pitch, yaw); a sixth above "
-        "omega_max of the mpc by default, as a short peak beyond that bound is still flown.",
+    omega_max: tuple[float, ...] = parameter(
+        (6.0 * math.pi, 6.0 * math.pi, 3.0 * math.pi),
+        doc="Bound on the body rates of the vehicle (roll, pitch, yaw); a trajectory may need a "
+        "sixth more, as a short peak beyond the bound is still flown.",
         unit="rad/s",
         length=3,
         above=0.0,
-        advanced=True,
     )
     limit_margin: float = parameter(
         0.0,
@@ -69,18 +61,23 @@ class LimitParameters(TrajectoryParameters):
         below=1.0,
     )
 
+    @property
+    def rate_limits(self) -> tuple[float, ...]:
+        """Most body rates that a trajectory may need (roll, pitch, yaw) [rad/s]."""
+        return tuple(_PEAK * bound for bound in self.omega_max)
+
     def check(self) -> None:
         """Refuse limits that forbid hovering."""
         super().check()
         hover = self.vehicle().hover_throttle
         for name, side, fits in (
-            ("throttle_min", "below", self.trajectory_throttle_min < hover),
-            ("throttle_max", "above", self.trajectory_throttle_max > hover),
+            ("throttle_min", "below", self.throttle_min < hover),
+            ("throttle_max", "above", self.throttle_max > hover),
         ):
             if not fits:
                 raise ConfigurationError(
-                    f"{self.owner}.advanced.trajectory_{name}",
-                    getattr(self, f"trajectory_{name}"),
+                    f"{self.owner}.{name}",
+                    getattr(self, name),
                     f"a number {side} the hover throttle {hover:.4f}",
                 )
 
@@ -207,13 +204,13 @@ def _worst(
     needs: Needs, limits: LimitParameters, *, hover: float, ground: float
 ) -> tuple[Need, ...]:
     share = 1.0 - limits.limit_margin
-    highest = hover + share * (limits.trajectory_throttle_max - hover)
-    lowest = hover + share * (limits.trajectory_throttle_min - hover)
+    highest = hover + share * (limits.throttle_max - hover)
+    lowest = hover + share * (limits.throttle_min - hover)
     found = [
         _need("highest throttle", "", needs.throttle, needs, highest),
         _need("lowest throttle", "", needs.throttle, needs, lowest, least=True),
     ]
-    for axis, rates, bound in zip(_AXES, needs.w_WB_B.T, limits.trajectory_omega_max, strict=True):
+    for axis, rates, bound in zip(_AXES, needs.w_WB_B.T, limits.rate_limits, strict=True):
         found.append(_need(f"{axis} rate", " rad/s", np.abs(rates), needs, share * bound))
     lowest = ground - _GROUND_TOLERANCE
     found.append(_need("lowest height", " m", needs.height, needs, lowest, least=True))

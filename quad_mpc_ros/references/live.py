@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,11 +36,11 @@ from quad_mpc_ros.control.safety.validation import pose_fault
 from quad_mpc_ros.references.bounds import velocity_limits
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import received_trajectory
-from quad_mpc_ros.references.director import GROUND, LANDING, Director, Reply
+from quad_mpc_ros.references.director import GROUND, LANDING, Director, Reply, published_window
 from quad_mpc_ros.references.feasibility import judged
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.server import ReferenceServer
-from quad_mpc_ros.references.timeline import Phase
+from quad_mpc_ros.references.timeline import Phase, Timeline
 from quad_mpc_ros.references.touchdown import Touchdown
 from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples
 from quad_mpc_ros.references.transition import FlatState
@@ -56,11 +57,50 @@ WAITING = "waiting"
 _NO_NEWS = Reply(accepted=False, text="")
 
 
+class Published(NamedTuple):
+    """The reference as it is at one moment, of which windows are cut; nothing changes it."""
+
+    server: ReferenceServer
+    timeline: Timeline | None  # its phases; None for a trajectory that is flown as configured
+    gravity: float
+    version: object
+    """The same object as long as an earlier window holds; None if every window differs."""
+
+    def window(self, stamp_ns: int) -> ReferenceWindow:
+        """Return the reference from ``stamp_ns`` on."""
+        window = self.server.window(stamp_ns)
+        if self.timeline is None:
+            return window
+        return published_window(self.timeline, window, gravity=self.gravity)
+
+    def changes(self, after_ns: int, until_ns: int) -> bool:
+        """Whether the reference jumps between two times without preview."""
+        return self.server.changes(after_ns, until_ns)
+
+
+class _Configured(NamedTuple):
+    """The configured trajectory, as it is; without a director it is held at its beginning."""
+
+    server: ReferenceServer
+    director: Director | None
+
+
+class _Waiting(NamedTuple):
+    """A vehicle at which the reference waits, and the height of the ground [m], if known."""
+
+    odometry: OdometrySample
+    on_ground: bool
+    ground: float | None
+
+
 class LiveReference:
     """What one vehicle follows, now and next.
 
     ``trajectory`` is flown at once; ``joined`` returns the one flown on request, which must not
     jump. Times are nanoseconds of the windows' clock, and do not run backwards.
+
+    One thread makes requests and passes odometry. :attr:`published` and :meth:`window` may be used
+    in any thread: all they depend on is ``_source``, which is replaced as a whole.
     """
 
     def __init__(
@@ -71,8 +111,8 @@ class LiveReference:
         """What is flown at once."""
         self._joined = joined
         self._at_once = config.mode == "at_once"
-        self._server = ReferenceServer(config, trajectory)
-        self._director: Director | None = None
+        held = _Configured(ReferenceServer(config, trajectory), None)
+        self._source: _Configured | _Waiting | Director | None = held if self._at_once else None
         self._home = np.zeros(3)
         self._newest: OdometrySample | None = None
         self._engaged: bool | None = None
@@ -82,6 +122,14 @@ class LiveReference:
         self.too_late: Callable[[int], bool] = lambda start_ns: False
         """Whether it is too late to begin at a time; such requests are refused."""
         self._touchdown = Touchdown(config.touchdown_speed)
+
+    @property
+    def _director(self) -> Director | None:
+        """The director of the flight, once it has begun."""
+        source = self._source
+        if isinstance(source, _Configured):
+            return source.director
+        return source if isinstance(source, Director) else None
 
     @property
     def started(self) -> bool:
@@ -97,19 +145,22 @@ class LiveReference:
         """Take whether commands act on the vehicle; return what follows, if anything does."""
         before, self._engaged = self._engaged, engaged
         if not engaged:
-            self._director, self._at_once = None, self._config.mode == "at_once"
+            self._source, self._at_once = self._waiting, self._config.mode == "at_once"
             return None if before is False else Reply(accepted=True, text="waits at the vehicle")
         if before is not False or self._newest is None:
+            self._wait()
             return None
         return self._take_over(self._newest)
 
     def landed(self, landed: bool | None) -> None:
         """Take whether the flight stack reports to have landed; None if it does not say."""
         self._landed = landed
+        self._wait()
 
     def tell_ground(self, state: GroundState) -> None:
         """Take what the MPC knows of the ground; it counts more than all that is known here."""
         self._ground = state
+        self._wait()
 
     def reset_estimate(self, now_ns: int, reset: EstimateReset) -> Reply:
         """Take an announced step of the estimate; return what follows for the reference."""
@@ -118,6 +169,7 @@ class LiveReference:
         if self._stood.height is not None:
             self._stood.height += float(reset.step_W[2])
         self._touchdown = Touchdown(self._config.touchdown_speed)
+        self._wait()
         moves = self._director is None or self._director.reset_estimate(now_ns, reset)
         stepped = f"the estimate steps by {np.linalg.norm(reset.step_W):.2f} m"
         kept = f"{self.mode(now_ns)} stays where it is on the map"
@@ -142,7 +194,10 @@ class LiveReference:
         if self._director is None:
             if self._engaged is None:
                 return self._begin(odometry)
-            return self._take_over(odometry) if self._engaged else None
+            if self._engaged:
+                return self._take_over(odometry)
+            self._wait()
+            return None
         if self._ground is GroundState.LIFTING_OFF:
             self._director.slipped(now_ns, p_WB=odometry.p_WB)
         if self._director.is_sinking(now_ns) and self._is_down(self._director, odometry):
@@ -162,30 +217,25 @@ class LiveReference:
         below = float(odometry.p_WB[2]) - reference_height > LEFT_GROUND
         return stays or (self._landed is True and below)
 
+    @property
+    def published(self) -> Published | None:
+        """The reference as it is now; None without odometry to start from."""
+        source, gravity = self._source, self._config.gravity
+        if isinstance(source, _Configured):
+            return Published(source.server, None, gravity, source.server)
+        if source is None:
+            return None
+        waits = isinstance(source, _Waiting)
+        director = self._waiting_at(source) if isinstance(source, _Waiting) else source
+        timeline = director.timeline.snapshot()
+        return Published(
+            self._server_of(timeline), timeline, gravity, None if waits else timeline.version
+        )
+
     def window(self, stamp_ns: int) -> ReferenceWindow | None:
         """Return the reference from ``stamp_ns`` on; None without odometry to start from."""
-        if self._director is None and self._engaged is not None:
-            if self._newest is None:
-                return None
-            waiting = self._waiting_at(self._newest)
-            return waiting.shown(self._server_of(waiting).window(stamp_ns))
-        if self._director is None and not self._at_once:
-            return None
-        window = self._server.window(stamp_ns)
-        return window if self._director is None else self._director.shown(window)
-
-    def outlook(self) -> tuple[object, ...]:
-        """Return objects that stay the same as long as an earlier window holds.
-
-        Empty where each window differs: waiting at a vehicle that moves.
-        """
-        if self._director is None:
-            return () if self._engaged is not None else (self._server,)
-        return self._server, self._director.timeline.last
-
-    def changes(self, after_ns: int, until_ns: int) -> bool:
-        """Whether the reference jumps between two times without preview."""
-        return self._server.changes(after_ns, until_ns)
+        published = self.published
+        return None if published is None else published.window(stamp_ns)
 
     def whole(self) -> TrajectorySamples:
         """Return the configured trajectory, for drawing."""
@@ -314,7 +364,7 @@ class LiveReference:
             return Reply(accepted=False, text=str(error))
         if reply.accepted and self._at_once:
             self._at_once = False
-            self._direct(self._director)
+            self._follow(self._director)
         return reply
 
     def _begin(self, odometry: OdometrySample) -> Reply | None:
@@ -330,12 +380,12 @@ class LiveReference:
         )
         if fault is not None:
             return Reply(accepted=False, text=f"cannot start from this odometry: {fault}")
-        self._direct(Director.standing(self._config, p_WB=odometry.p_WB, yaw=_heading(odometry)))
+        self._follow(Director.standing(self._config, p_WB=odometry.p_WB, yaw=_heading(odometry)))
         return None
 
     def _take_over(self, odometry: OdometrySample) -> Reply:
         """Continue from where the vehicle is, because commands act from now on."""
-        director = self._waiting_at(odometry)
+        director = self._waiting_at(self._waiting_by(odometry))
         now_ns = odometry.stamp_ns
         if self._at_once and not self.trajectory.smooth:  # it jumps anyway
             self._follow_as_it_is(now_ns)
@@ -346,7 +396,7 @@ class LiveReference:
         else:
             reply = Reply(accepted=True, text=f"{director.mode(now_ns)} where the vehicle is")
         self._touchdown = Touchdown(self._config.touchdown_speed)
-        self._direct(director)
+        self._follow(director)
         return reply
 
     def _begun(self, director: Director, now_ns: int) -> Reply:
@@ -362,12 +412,25 @@ class LiveReference:
             now_ns = director.timeline.last.start_ns
         return director.fly(now_ns, trajectory)
 
-    def _waiting_at(self, odometry: OdometrySample) -> Director:
-        """Return the director that would go on from an odometry."""
+    def _wait(self) -> None:
+        """Wait at the vehicle as it is now, if the reference waits."""
+        if self._engaged is not None and self._director is None:
+            self._source = self._waiting
+
+    @property
+    def _waiting(self) -> _Waiting | None:
+        """What to wait at; None without an odometry."""
+        return None if self._newest is None else self._waiting_by(self._newest)
+
+    def _waiting_by(self, odometry: OdometrySample) -> _Waiting:
+        return _Waiting(odometry, self._stands, self._stood.height)
+
+    def _waiting_at(self, waiting: _Waiting) -> Director:
+        """Return the director that would go on from where the vehicle is."""
+        odometry, ground = waiting.odometry, waiting.ground
         yaw = _heading(odometry)
-        if self._stands:
+        if waiting.on_ground:
             return Director.standing(self._config, p_WB=odometry.p_WB, yaw=yaw)
-        ground = self._stood.height
         rest = FlatState.at_rest(odometry.p_WB, yaw=yaw)
         R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
         end = dataclasses.replace(rest.end, v_WB_W=R_WB @ odometry.v_WB_B)
@@ -399,20 +462,17 @@ class LiveReference:
         """Fly the configured trajectory from now on."""
         server = ReferenceServer(self._config, self.trajectory)
         server.start(now_ns)
-        self._server = server
-        self._adopt(Director.flying(self._config, self.trajectory, start_ns=now_ns))
-
-    def _direct(self, director: Director) -> None:
-        """Cut the windows out of the director's timeline from now on."""
-        self._server = self._server_of(director)
-        self._adopt(director)
-
-    def _adopt(self, director: Director) -> None:
+        director = Director.flying(self._config, self.trajectory, start_ns=now_ns)
         director.too_late = self.too_late
-        self._director = director
+        self._source = _Configured(server, director)
 
-    def _server_of(self, director: Director) -> ReferenceServer:
-        server = ReferenceServer(self._config, director.timeline)
+    def _follow(self, director: Director) -> None:
+        """Cut the windows out of the director's timeline from now on."""
+        director.too_late = self.too_late
+        self._source = director
+
+    def _server_of(self, timeline: Timeline) -> ReferenceServer:
+        server = ReferenceServer(self._config, timeline)
         server.start(0)
         return server
 

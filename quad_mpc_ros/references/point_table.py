@@ -14,7 +14,6 @@ order. Empty lines and lines that begin with ``#`` are skipped. With the columns
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,7 +21,9 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from quad_mpc_ros.configuration import ConfigurationError, UserError, parameter
+from quad_mpc_ros.configuration import ConfigurationError, UserError, files, parameter
+from quad_mpc_ros.configuration.errors import shown
+from quad_mpc_ros.configuration.text_files import has_decimal_comma, read_csv_table
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.minimum_snap import (
     End,
@@ -44,6 +45,10 @@ _YAW_TOLERANCE = 0.01  # rad
 _UNITS = {"time": "s", "x": "m", "y": "m", "z": "m", "yaw": "rad"}
 _OPTIONAL = {"yaw"}
 _ALL_UNITS = {**_UNITS, **MOTION_UNITS}
+_LONGEST_STEP = 10.0  # s, between points, as a rule
+_LARGEST = 1e20  # of any number, so that sums of squares are finite
+_LATEST = 1e11  # s: later than any date
+_OTHER_UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 _HEADER = ", ".join(f"{name} [{unit}]" for name, unit in _UNITS.items())
 
 
@@ -122,7 +127,7 @@ def _along(table: PointTable | MotionTable, config: TableParameters) -> Path | P
 def _file(config: TableParameters, kind: str) -> FilePath:
     if not config.file:
         raise ConfigurationError(f"{config.owner}.file", config.file, f"the {kind} to fly")
-    return FilePath(config.file).expanduser()
+    return files.expanded(config.file)
 
 
 def table_path(table: PointTable, config: TableParameters) -> Path:
@@ -194,24 +199,17 @@ def read_csv(path: FilePath) -> PointTable | MotionTable:
 
     Raises :class:`UserError` with the line and the reason.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: cannot be read: {error}") from error
-    rows = [
-        (number, [cell.strip() for cell in next(csv.reader([line]))])
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
+    rows, comments = read_csv_table(path)
     if not rows:
         raise UserError(f"{path}: empty, expected a header {_HEADER} and points")
     names = _column_names(path, *rows[0])
     values: dict[str, list[float]] = {name: [] for name in names}
     for number, cells in rows[1:]:
         if len(cells) != len(names):
+            hint = "; write decimals with a point" if len(cells) == 2 * len(names) else ""
             raise UserError(
                 f"{path}: line {number}: {len(cells)} values, expected {len(names)} "
-                f"({', '.join(names)})"
+                f"({', '.join(names)}){hint}"
             )
         for name, cell in zip(names, cells, strict=True):
             values[name].append(_number(path, number, name, cell))
@@ -220,6 +218,7 @@ def read_csv(path: FilePath) -> PointTable | MotionTable:
                 f"{path}: line {number}: time {values['time'][-1]:g} s is not after "
                 f"{values['time'][-2]:g} s, that of the point before"
             )
+    _refuse_other_unit(path, np.array(values["time"]))
     points = PointTable(
         source=str(path),
         seconds=np.array(values["time"]),
@@ -239,7 +238,7 @@ def read_csv(path: FilePath) -> PointTable | MotionTable:
         planned_with=next(
             (
                 line.removeprefix(PLANNED_WITH)
-                for line in text.splitlines()
+                for line in comments
                 if line.startswith(PLANNED_WITH)
             ),
             "",
@@ -258,10 +257,13 @@ def _column_names(path: FilePath, number: int, cells: list[str]) -> list[str]:
         name, unit = name.strip(), unit.strip().removesuffix("]").strip()
         if name not in _ALL_UNITS or name in names:
             kind = "twice" if name in names else "unknown"
-            raise UserError(f"{path}: line {number}: column {cell!r} {kind}, expected {_HEADER}")
+            raise UserError(
+                f"{path}: line {number}: column {shown(cell)} {kind}, expected {_HEADER}"
+            )
         if unit != _ALL_UNITS[name]:
             raise UserError(
-                f"{path}: line {number}: column {cell!r}, expected '{name} [{_ALL_UNITS[name]}]'"
+                f"{path}: line {number}: column {shown(cell)}, expected "
+                f"'{name} [{_ALL_UNITS[name]}]'"
             )
         names.append(name)
     missing = [name for name in _UNITS if name not in names and name not in _OPTIONAL]
@@ -280,9 +282,26 @@ def _column_names(path: FilePath, number: int, cells: list[str]) -> list[str]:
 
 def _number(path: FilePath, number: int, name: str, cell: str) -> float:
     try:
-        value = float(cell)
+        value = math.nan if "_" in cell else float(cell)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
-        raise UserError(f"{path}: line {number}: {name} is {cell!r}, expected a finite number")
+    if not abs(value) <= _LARGEST:  # NaN is not
+        hint = " with a point, not with a comma" if has_decimal_comma(cell) else ""
+        raise UserError(
+            f"{path}: line {number}: {name} is {shown(cell)}, expected a finite number{hint}"
+        )
     return value
+
+
+def _refuse_other_unit(path: FilePath, seconds: Array) -> None:
+    """Refuse times that are not in seconds: too far apart, or too late for a date."""
+    if len(seconds) < LEAST_POINTS:
+        return
+    step = float(np.median(np.diff(seconds)))
+    if step > _LONGEST_STEP or seconds[0] > _LATEST:
+        unit = min(_OTHER_UNITS, key=lambda unit: abs(math.log(_OTHER_UNITS[unit] * step / 0.05)))
+        raise UserError(
+            f"{path}: time begins at {seconds[0]:.10g} s in steps of {step:.10g} s and looks like "
+            f"{unit}, expected seconds in steps of {_LONGEST_STEP:g} s at most: multiply it by "
+            f"{_OTHER_UNITS[unit]:g}"
+        )

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quad_mpc_ros.control.estimation.clock_offset import PersistentOffset
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.safety.clock_offset import PersistentOffset
 from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples, combined
 
 _KEPT = 8  # phases that are over, for slightly older windows
@@ -28,13 +28,26 @@ class Phase:
 
 
 class Timeline:
-    """A trajectory over the time of a clock, made of phases; each lasts until the next begins."""
+    """A trajectory over the time of a clock, made of phases; each lasts until the next begins.
+
+    Its list of phases is never changed, but replaced, so that :meth:`snapshot` may be called in
+    another thread.
+    """
 
     smooth = True
     period_ns = 0
 
-    def __init__(self, first: Phase) -> None:
-        self._phases = [first]
+    def __init__(self, phases: list[Phase]) -> None:
+        self._phases = phases
+
+    def snapshot(self) -> Timeline:
+        """Return the timeline as it is now, which nothing changes."""
+        return Timeline(self._phases)
+
+    @property
+    def version(self) -> object:
+        """The same object as long as the phases are the same."""
+        return self._phases
 
     def phase(self, time_ns: int) -> Phase:
         """Return the phase at a time; the first one before its beginning."""

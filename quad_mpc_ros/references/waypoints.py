@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError, parameter
+from quad_mpc_ros.configuration.box import FARTHEST
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.minimum_snap import LegParameters, minimum_snap_path
 from quad_mpc_ros.references.path import Chain, Path, Rest
@@ -45,8 +46,8 @@ class WaypointParameters(StopParameters):
         (0.0, 0.0, 2.0, 2.0, 0.0, 2.0, 2.0, 2.0, 2.0, 0.0, 2.0, 2.0, 0.0, 0.0, 2.0),
         doc="waypoints, minimum_snap: x, y, z of one point after the other, from the origin.",
         unit="m",
-        minimum=-1e5,
-        maximum=1e5,
+        minimum=-FARTHEST,
+        maximum=FARTHEST,
     )
     waypoint_legs: str = parameter(
         "minimum_snap",

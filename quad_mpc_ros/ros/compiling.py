@@ -29,6 +29,6 @@ def reported(node: Node, *, period: float = _PERIOD) -> Iterator[None]:
         metronome.stop()
     if compiled_here() > before:
         node.get_logger().warning(
-            f"compiled {made()}, for no machine code of them was kept: 'quad_mpc compile' does it "
-            "once for all nodes and starts"
+            f"compiled {made()}, which were not in the compile cache: run 'quad_mpc compile' once "
+            "for all nodes and starts"
         )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -44,6 +44,45 @@ class Health:
     values: Sequence[tuple[str, str]] = ()
 
 
+class _Endpoint(NamedTuple):
+    """A publisher or a subscription of the node; ``expected`` are its peers."""
+
+    topic: Topic
+    entity: Publisher | Subscription
+    expected: bool
+
+    def peer_count(self) -> int:
+        """Return how many peers are matched."""
+        if isinstance(self.entity, Publisher):
+            return int(self.entity.get_subscription_count())
+        return int(self.entity.get_publisher_count())
+
+    def known_peer_count(self, node: Node) -> int:
+        """Return how many peers the graph knows, matched or not."""
+        if isinstance(self.entity, Publisher):
+            return int(node.count_subscribers(self.entity.topic_name))
+        return int(node.count_publishers(self.entity.topic_name))
+
+    def known_peers(self, node: Node) -> list[TopicEndpointInfo]:
+        """Return the peers that the graph knows, matched or not."""
+        if isinstance(self.entity, Publisher):
+            return list(node.get_subscriptions_info_by_topic(self.entity.topic_name))
+        return list(node.get_publishers_info_by_topic(self.entity.topic_name))
+
+    def misfit(self, peer: TopicEndpointInfo) -> str:
+        """Return why a peer cannot be matched, empty if it can."""
+        publishes = isinstance(self.entity, Publisher)
+        node = f"{peer.node_namespace.rstrip('/')}/{peer.node_name}"
+        if peer.topic_type != self.topic.type_name:
+            verb = "subscribes to" if publishes else "publishes"
+            return f"{node} {verb} {peer.topic_type}, expected {self.topic.type_name}"
+        ours, theirs = qos_of(self.topic), peer.qos_profile
+        fits, why = qos_check_compatible(*((ours, theirs) if publishes else (theirs, ours)))
+        if fits == QoSCompatibility.ERROR:
+            return f"quality of service of {node}: {why.strip().rstrip(';').lower()}"
+        return ""
+
+
 class HealthReporter:
     """Publishes a node's health, and counts the peers of the endpoints made through it.
 
@@ -54,24 +93,26 @@ class HealthReporter:
     def __init__(self, node: Node, probe: Callable[[], Health]) -> None:
         self._node = node
         self._probe = probe
-        self._endpoints: dict[str, Publisher | Subscription] = {}
-        self._others: dict[str, Subscription] = {}
-        self._single: set[str] = set()
+        self._endpoints: dict[str, _Endpoint] = {}
         self._counted: list[tuple[str, str]] = []
         self._reported_s = 0.0
         self._unmatched: set[str] = set()
-        self._reported: set[str] = set()
+        self._mismatches: list[str] = []
+        self._logged: set[str] = set()
         self.vehicle: Mapping[str, Any] = {}
         """What the node was given of the vehicle, to be compared with the others'."""
         self.watch: VehicleWatch | None = None
+        self.lockstep = False
+        """Whether publishers are created as in lockstep, where no message may be lost."""
         self._publisher = self._create_publisher(DIAGNOSTICS)
         # Steady: when simulated time stands still, the health of a node matters most.
         create_steady_timer(node, _POLL_PERIOD, self._poll)
 
     def publisher(self, topic: Topic) -> Publisher:
         """Create a publisher whose matched subscriptions are reported."""
-        endpoint = self._endpoints[topic.name] = self._create_publisher(topic)
-        return endpoint
+        entity = self._create_publisher(topic)
+        self._endpoints[topic.name] = _Endpoint(topic, entity, expected=True)
+        return entity
 
     def subscription(
         self,
@@ -83,12 +124,10 @@ class HealthReporter:
     ) -> None:
         """Create a subscription; with ``raw`` the callback gets bytes.
 
-        Its matched publishers are reported if some are ``expected``.
+        Its matched publishers are counted if some are ``expected``; those that do not match are
+        reported in any case.
         """
-        endpoints = self._endpoints if expected else self._others
-        if topic.single_source:
-            self._single.add(topic.name)
-        endpoints[topic.name] = self._node.create_subscription(
+        entity = self._node.create_subscription(
             message_class(topic.type_name),
             topic.name,
             until_the_end(self._node, callback),
@@ -96,20 +135,21 @@ class HealthReporter:
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=raw,
         )
+        self._endpoints[topic.name] = _Endpoint(topic, entity, expected)
 
     def destroy_endpoints(self) -> None:
         """Destroy the endpoints created through it; the health is still reported."""
-        for endpoint in (*self._endpoints.values(), *self._others.values()):
-            if isinstance(endpoint, Publisher):
-                self._node.destroy_publisher(endpoint)
+        for endpoint in self._endpoints.values():
+            if isinstance(endpoint.entity, Publisher):
+                self._node.destroy_publisher(endpoint.entity)
             else:
-                self._node.destroy_subscription(endpoint)
+                self._node.destroy_subscription(endpoint.entity)
         self._endpoints.clear()
-        self._others.clear()
+        self._mismatches = []
 
     def report(self) -> None:
         """Publish the health now."""
-        health, peers = self._with_faults(self._probe()), self._peers()
+        health, peers = self._with_faults(self._probe()), self.peers()
         message = cdr.written_diagnostics(
             stamp_ns=self._node.get_clock().now().nanoseconds,
             level=health.level,
@@ -120,39 +160,50 @@ class HealthReporter:
         self._publisher.publish(message)
         self._reported_s, self._counted = time.monotonic(), peers
 
+    def peers(self) -> list[tuple[str, str]]:
+        """Return how many peers each endpoint has matched, as it is reported."""
+        return [
+            (f"{PEERS_KEY}{name}", str(endpoint.peer_count()))
+            for name, endpoint in self._endpoints.items()
+            if endpoint.expected
+        ]
+
     def rivals(self) -> str:
         """Return which topics have several publishers where there must be one; empty if none."""
         rivals = [
             f"{count} publishers on {name}"
-            for name in sorted(self._single & self._endpoints.keys())
-            if (count := _peer_count(self._endpoints[name])) > 1
+            for name, endpoint in sorted(self._endpoints.items())
+            if isinstance(endpoint.entity, Subscription)
+            and endpoint.expected
+            and endpoint.topic.single_source
+            and (count := endpoint.peer_count()) > 1
         ]
         return f"{', '.join(rivals)}, expected one" if rivals else ""
 
     def publishers_of(self, topic: Topic) -> str:
         """Return in words what publishes on a subscribed topic, and why it is not heard."""
         endpoint = self._endpoints[topic.name]
-        assert isinstance(endpoint, Subscription)
-        found = self._node.get_publishers_info_by_topic(endpoint.topic_name)
-        name = str(endpoint.topic_name)
+        name, found = str(endpoint.entity.topic_name), endpoint.known_peers(self._node)
         if not found:
             return f"no publisher on {name}"
-        misfits = [why for each in found if (why := _misfit(each, topic))]
+        misfits = [why for each in found if (why := endpoint.misfit(each))]
         count = f"{len(found)} publisher{'s' if len(found) > 1 else ''} on {name}"
         if misfits:
             return f"{count}, not heard: {'; '.join(misfits)}"
         return f"{count}, nothing received"
 
     def _with_faults(self, health: Health) -> Health:
-        """Return the health with a warning of rival publishers and of different vehicles."""
+        """Return the health with a warning of rivals, different vehicles and mismatched peers."""
         vehicles = self.watch.fault() if self.watch is not None else ""
-        faults = [fault for fault in (self.rivals(), vehicles) if fault]
+        faults = [fault for fault in (self.rivals(), vehicles, *self._mismatches) if fault]
         if not faults:
             return health
         text = "; ".join([*faults, health.text])
         return replace(health, level=max(health.level, WARN), text=text)
 
     def _create_publisher(self, topic: Topic) -> Publisher:
+        if self.lockstep:
+            topic = topic.in_lockstep()
         return self._node.create_publisher(
             message_class(topic.type_name),
             topic.name,
@@ -166,36 +217,33 @@ class HealthReporter:
     def _poll(self) -> None:
         due = time.monotonic() - self._reported_s >= _PERIOD
         if due:
-            self._report_mismatches()
-        if due or self._peers() != self._counted:
+            self._find_mismatches()
+        if due or self.peers() != self._counted:
             self.report()
 
-    def _report_mismatches(self) -> None:
-        """Warn once of a topic where a peer has existed for a period without being matched."""
+    def _find_mismatches(self) -> None:
+        """Find the peers that have existed for a period without being matched; log each once."""
         unmatched = {
             name
             for name, endpoint in self._endpoints.items()
-            if _peer_count(endpoint) < self._known_peer_count(endpoint)
+            if endpoint.peer_count() < endpoint.known_peer_count(self._node)
         }
-        for name in sorted(unmatched & self._unmatched - self._reported):
-            self._reported.add(name)
-            self._node.get_logger().warning(
-                f"{name}: a peer on this topic is not matched, its quality of service or type "
-                "differs: compare them with ros2 topic info --verbose"
-            )
+        self._mismatches = [
+            f"{name}: {misfit}; no message passes"
+            for name in sorted(unmatched & self._unmatched)
+            for misfit in self._misfits(name)
+        ]
+        for mismatch in self._mismatches:
+            if mismatch not in self._logged:
+                self._logged.add(mismatch)
+                self._node.get_logger().warning(mismatch)
         self._unmatched = unmatched
 
-    def _known_peer_count(self, endpoint: Publisher | Subscription) -> int:
-        """Return how many peers the graph knows, matched or not."""
-        if isinstance(endpoint, Publisher):
-            return int(self._node.count_subscribers(endpoint.topic_name))
-        return int(self._node.count_publishers(endpoint.topic_name))
-
-    def _peers(self) -> list[tuple[str, str]]:
-        return [
-            (f"{PEERS_KEY}{name}", str(_peer_count(endpoint)))
-            for name, endpoint in self._endpoints.items()
-        ]
+    def _misfits(self, name: str) -> list[str]:
+        """Return why the peers of an endpoint do not match, each kind once."""
+        endpoint = self._endpoints[name]
+        peers = endpoint.known_peers(self._node)
+        return sorted({why for peer in peers if (why := endpoint.misfit(peer))})
 
 
 class ReportingNode(ParameterNode, Generic[C]):
@@ -216,21 +264,3 @@ class ReportingNode(ParameterNode, Generic[C]):
     def report(self) -> Health:
         """Return the health of the node."""
         raise NotImplementedError
-
-
-def _misfit(publisher: TopicEndpointInfo, topic: Topic) -> str:
-    """Return why a publisher cannot be heard, empty if it can."""
-    node = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
-    if publisher.topic_type != topic.type_name:
-        return f"{node} publishes {publisher.topic_type}, expected {topic.type_name}"
-    fits, why = qos_check_compatible(publisher.qos_profile, qos_of(topic))
-    if fits == QoSCompatibility.ERROR:
-        return f"quality of service of {node}: {why.strip().rstrip(';').lower()}"
-    return ""
-
-
-def _peer_count(endpoint: Publisher | Subscription) -> int:
-    """Return how many peers are matched."""
-    if isinstance(endpoint, Publisher):
-        return int(endpoint.get_subscription_count())
-    return int(endpoint.get_publisher_count())

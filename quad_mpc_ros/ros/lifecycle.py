@@ -98,6 +98,13 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         """Return why the node cannot be activated now, or None."""
         return None
 
+    def prepare(self, obstacle: str | None) -> bool:
+        """Return whether a node that starts by itself is to be activated now.
+
+        ``obstacle`` is what prevents it.
+        """
+        return obstacle is None
+
     @property
     def autostarting(self) -> bool:
         """Whether the node is to be activated by itself."""
@@ -112,6 +119,10 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
 
     def deactivate(self) -> None:
         """Stop; :attr:`active` is already false."""
+
+    def loss_in_flight(self) -> str | None:
+        """Return what a deactivation stops in flight, None while nothing flies."""
+        return None
 
     def cleanup(self) -> None:
         """Release what ``configure`` made and is not destroyed automatically."""
@@ -128,7 +139,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         raise NotImplementedError
 
     def start(self) -> None:
-        """Configure, and activate if nothing prevents it, unless ``autostart`` is false.
+        """Configure, unless ``autostart`` is false.
 
         Errors are raised and not logged: a node that cannot start ends.
         """
@@ -137,26 +148,43 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         self._autostarting = True
         try:
             self._by_itself(self.trigger_configure)
-            if self.obstacle() is None:
-                self._by_itself(self.trigger_activate)
-            self.health.report()
         except BaseException:  # signals too: nothing else would release what was made
             self._release()
             raise
+
+    def begin(self) -> None:
+        """Activate a node that starts by itself, if nothing prevents it.
+
+        Raises :class:`UserError` when the node cannot start.
+        """
+        if self._activates_by_itself():
+            if self._fault is not None:
+                raise self._fault
+            self.get_logger().info(self.state)
+        self.health.report()
 
     def activate_when_ready(self) -> None:
         """Activate if the node starts by itself and nothing prevents it any more.
 
         Call it whenever that may have changed.
         """
+        if self._activates_by_itself():
+            self._report("activate")
+
+    def _activates_by_itself(self) -> bool:
+        """Try to activate a node that starts by itself; return whether no attempt will follow.
+
+        What prevents an activation may arise between the check and the transition, as an odometry
+        grows old. The next call then tries again.
+        """
         if not self._autostarting:
-            return
-        if self.obstacle() is not None:
+            return False
+        if not self.prepare(self.obstacle()):
             self._remind()
-            return
+            return False
         self.trigger_activate()
-        self._autostarting = False
-        self._report("activate")
+        self._autostarting = isinstance(self._fault, _ObstacleError)
+        return not self._autostarting
 
     def stay_inactive(self, reason: str) -> None:
         """Stop, or do not start, by itself: from now on only a request activates the node."""
@@ -359,13 +387,16 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             response.success = False
             return response
         self._autostarting = self._autostarting and asked == "activate"
+        loss = self.loss_in_flight() if self.active else None
         response = carry_out(request, response)
-        self._report(asked)
+        self._report(asked, loss)
         return response
 
-    def _report(self, transition: str) -> None:
+    def _report(self, transition: str, loss: str | None = None) -> None:
         """Log and publish the new state, or why a transition failed."""
-        if self._fault is None:
+        if self._fault is None and loss is not None:
+            self.get_logger().warning(f"{self.state} by request in flight: {loss}")
+        elif self._fault is None:
             self.get_logger().info(self.state)
         elif isinstance(self._fault, UserError):
             self.get_logger().warning(f"{transition} refused: {self._fault}")

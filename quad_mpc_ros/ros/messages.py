@@ -41,7 +41,7 @@ def odometry_in(data: bytes) -> OdometrySample:
     Raises :class:`UnreadableError` for bytes that are none.
     """
     found = cdr.read_odometry(data)
-    return found or conversions.odometry_from_message(_readable(ODOMETRY, data))
+    return found or conversions.odometry_from_message(message_in(ODOMETRY, data))
 
 
 def imu_in(data: bytes) -> ImuSample:
@@ -50,8 +50,7 @@ def imu_in(data: bytes) -> ImuSample:
     Raises :class:`UnreadableError` for bytes that are none, ``ValueError`` for a message that says
     that it has no acceleration.
     """
-    found = cdr.read_imu(data)
-    return found or conversions.imu_from_message(_readable(IMU, data))
+    return conversions.imu_from_message(message_in(IMU, data))
 
 
 def reference_in(data: bytes) -> ReferenceWindow:
@@ -61,14 +60,18 @@ def reference_in(data: bytes) -> ReferenceWindow:
     transform.
     """
     found = cdr.read_reference(data)
-    return found or conversions.reference_from_message(_readable(REFERENCE, data))
+    return found or conversions.reference_from_message(message_in(REFERENCE, data))
 
 
 class UnreadableError(ValueError):
     """Bytes that are not a message of the expected type."""
 
 
-def _readable(topic: Topic, data: bytes) -> Any:
+def message_in(topic: Topic, data: bytes) -> Any:
+    """Return the message of a topic that was received raw.
+
+    Raises :class:`UnreadableError` for bytes that are none.
+    """
     try:
         return decoded(topic, data)
     except Exception as error:  # whatever rclpy has for it

@@ -181,7 +181,7 @@ def read_parameter_file(option: str, given: str, names: Iterable[str] = ()) -> l
     Raises :class:`UserError` for one that is not there or that ROS cannot read, and for a node's
     name that surely is misspelt; ``names`` are further ones.
     """
-    there = files.sections(files.parameter_file(option, given), for_ros=True)
+    there = files.sections(files.parameter_file(option, given))
     _refuse_misspelt_nodes(given, there, names)
     return there
 

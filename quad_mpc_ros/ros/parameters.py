@@ -27,7 +27,7 @@ from quad_mpc_ros.configuration import (
     files,
 )
 from quad_mpc_ros.configuration.errors import shown
-from quad_mpc_ros.configuration.renamed import refuse_former_name
+from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.configuration.vehicle import describes_vehicle
 from quad_mpc_ros.ros.parameter_files import given_parameters, refuse_misspelt
 
@@ -54,6 +54,18 @@ class ParameterNode(Node):
             namespace, parameters, ignore_override
         )
         return declared
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set parameters as rclpy does; name an unknown one, which rclpy does not."""
+        for parameter in parameter_list:
+            if not self.has_parameter(parameter.name):
+                return SetParametersResult(successful=False, reason=self._unknown(parameter.name))
+        return super().set_parameters_atomically(parameter_list)
+
+    def _unknown(self, name: str) -> str:
+        """Return in words that there is no such parameter, and which may be meant."""
+        known = self.get_parameters_by_prefix("")
+        return f"{self.get_name()} has no parameter {name!r}{did_you_mean(name, known)}"
 
 
 def declare(node: ParameterNode, configuration: type[C], *, managed: bool = False) -> C:
@@ -101,7 +113,6 @@ def _configured(configuration: type[C], given: Mapping[str, Any], node: Node) ->
     arguments.claim(name for name in given if name in known or describes_vehicle(name))
     for name in given.keys() - known - by_name.keys():
         if not describes_vehicle(name):
-            refuse_former_name(configuration.owner, name)
             origin = arguments.file_of(name) or "-p"
             refuse_misspelt(name, known - given.keys(), owner=configuration.owner, origin=origin)
     own = {
@@ -192,8 +203,18 @@ class ManagedParameters(Generic[C]):
     def _take_over(self, _: list[Parameter]) -> None:
         """Apply what has been accepted and stored."""
         if self._settled is not None and self._accepted is not None:
-            self._settled, self._accepted = self._accepted, None
+            before, self._settled, self._accepted = self._settled, self._accepted, None
             self._apply(self._settled)
+            self._log_changes(before.flattened(), self._settled.flattened())
+
+    def _log_changes(self, before: Mapping[str, Any], after: Mapping[str, Any]) -> None:
+        changes = ", ".join(
+            f"{name} {shown(before[name])} to {shown(value)}"
+            for name, value in after.items()
+            if value != before[name]
+        )
+        if changes:
+            self._node.get_logger().info(f"changed: {changes}")
 
     def _changed(self, settled: C, changes: Mapping[str, object]) -> C:
         """Return a configuration with live parameters changed, validated as a whole.

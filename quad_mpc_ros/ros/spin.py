@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import re
 import signal
 import sys
@@ -35,6 +36,7 @@ EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 # A signal that comes just before the executor waits does not wake it; then it ends this late.
 _SPIN_TIMEOUT = 1.0
+_SOON = 0.001  # s
 _HEARD = (signal.SIGINT, signal.SIGTERM)
 _SWITCH_INTERVAL = 0.0005  # s; Python's own are 5 ms, a quarter of a control period
 
@@ -45,7 +47,9 @@ def run(
     """Make a node, spin it until SIGINT, SIGTERM or :func:`stop`, and return the exit code.
 
     Args:
-        create: Makes the node. Its ``exit_code`` is returned, if it has one.
+        create: Makes the node. Its ``begin``, if it has one, is called when all is made: what
+            others see of the node comes after it, and from then on a signal ends it with its
+            ``exit_code``, 0 if it has none.
         args: Command line arguments for ROS; those of the process if not given, which then ends
             with the node.
         message_info: Whether a callback of the node takes the message's info as well.
@@ -100,8 +104,10 @@ def _run(
         for unread in given.unread_files():
             nodes[0].get_logger().warning(unread)
         settle_memory()
-        threads += map(_spinning, nodes[1:], executors[1:])
         interrupts.spinning()
+        for node in nodes:
+            getattr(node, "begin", _nothing)()
+        threads += map(_spinning, nodes[1:], executors[1:])
         _spin(nodes[0], executors[0])
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -123,10 +129,19 @@ def _run(
         for thread in threads:
             thread.join()
         executors.clear()
+        exit_codes = [0]
         for node in reversed(nodes):
             node.destroy_node()
+            exit_codes.append(int(getattr(node, "exit_code", 0)))
+            # A lifecycle node keeps its part of DDS, threads and all, as long as it exists, and
+            # refers to itself. To collect it as garbage would take longer than all the rest.
+            vars(node).clear()
         rclpy.try_shutdown()
-    return max((int(getattr(node, "exit_code", 0)) for node in nodes), default=0)
+    return max(exit_codes)
+
+
+def _nothing() -> None:
+    """Begin a node that has nothing to begin with."""
 
 
 def _begin(args: list[str] | None) -> None:
@@ -139,23 +154,38 @@ def _begin(args: list[str] | None) -> None:
 
 
 class _Interrupts:
-    """What SIGINT does: it interrupts what starts, once. Spinning is ended by rclpy's handler.
+    """What a signal does: it interrupts what starts, once. Spinning is ended by rclpy's handler.
 
     For an exception in the middle of a callback would be a page of traceback, and half a message.
     """
 
     def __init__(self) -> None:
         self._interrupts = True
+        self._number = int(signal.SIGINT)
+        self.started = False
 
-    def __call__(self, _number: int, _frame: object) -> None:
+    def __call__(self, number: int, _frame: object) -> None:
         """Hear a signal."""
         if self._interrupts:
-            self._interrupts = False
+            self._interrupts, self._number = False, number
             raise KeyboardInterrupt
+
+    def repeat(self, ignored: sys.UnraisableHookArgs) -> None:
+        """Interrupt again where Python could not raise: in a callback of C, in a destructor."""
+        if ignored.exc_type is not KeyboardInterrupt:
+            sys.__unraisablehook__(ignored)
+            return
+        while not self.started:
+            try:
+                self._interrupts = True
+                threading.Timer(_SOON, signal.raise_signal, [self._number]).start()
+                return
+            except KeyboardInterrupt:  # raised here, where it would be lost as well
+                pass
 
     def spinning(self) -> None:
         """Interrupt no more: all is started."""
-        self._interrupts = False
+        self._interrupts, self.started = False, True
 
     def finishing(self) -> None:
         """Hear no more signals: what is written out stays whole."""
@@ -167,7 +197,7 @@ class _Interrupts:
 
 @contextmanager
 def _heard_once(*, process_ends: bool) -> Iterator[_Interrupts]:
-    """Let the first SIGINT end a start, or the spinning, and no further one.
+    """Let the first signal end a start, or the spinning, and no further one.
 
     A process that goes on hears signals afterwards as before, and so does what it starts, which
     inherits what is ignored. One that ends with its node hears none any more.
@@ -177,15 +207,18 @@ def _heard_once(*, process_ends: bool) -> Iterator[_Interrupts]:
         yield interrupts
         return
     before = {number: signal.getsignal(number) for number in _HEARD}
-    if before[signal.SIGINT] is not signal.SIG_IGN:
-        signal.signal(signal.SIGINT, interrupts)
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, interrupts)
+    hook, sys.unraisablehook = sys.unraisablehook, interrupts.repeat
     try:
         yield interrupts
     finally:
+        sys.unraisablehook = hook
         if process_ends:
-            # A lifecycle node of rclpy keeps its part of DDS, threads and all, until it is
-            # collected; those that are there when a process ends may abort it.
-            free_memory()
+            if not interrupts.started:  # a node may be half made, and its threads abort a process
+                free_memory()
+            gc.freeze()  # or Python looks through everything once more, for half a second
         for number, handler in before.items() if not process_ends else ():
             # None: not of Python, nor can Python set it again.
             signal.signal(number, signal.SIG_DFL if handler is None else handler)

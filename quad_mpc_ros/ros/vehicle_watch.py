@@ -9,7 +9,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from quad_mpc_ros.configuration.vehicle import differences
+from quad_mpc_ros.configuration.vehicle import disagreements
 from quad_mpc_ros.messages.topics import DIAGNOSTICS
 from quad_mpc_ros.ros.messages import decoded
 from quad_mpc_ros.ros.preflight.finding import Finding
@@ -59,12 +59,12 @@ class VehicleWatch:
         return {name: it for name, (it, seen) in self._stated.items() if now - seen < _STALE}
 
     def _compare(self, name: str, text: str) -> None:
+        ours = self._node.get_name()
         try:
             stated = json.loads(text)
-            differ = differences(self._values, stated)
+            differ = disagreements({ours: self._values, name: stated}).values()
         except (ValueError, TypeError, AttributeError):
             return  # of another package
-        ours = self._node.get_name()
         fault = f"{ours} and {name} were given different vehicles: {', '.join(differ)}"
         if differ and fault != self._faults.get(name):
             self._node.get_logger().warning(f"{fault}; give every node the same vehicle file")

@@ -23,6 +23,12 @@ TimeConstants = tuple[float, kernels.Vector]
 
 
 @compiled
+def thrust_at(throttle: float, curve: kernels.Vector) -> float:
+    """Return the thrust at a throttle, in the units of its curve (highest power first)."""
+    return (curve[0] * throttle + curve[1]) * throttle + curve[2]
+
+
+@compiled
 def later(
     u: ActuatorState, command: ActuatorState, lags: TimeConstants, duration: float
 ) -> ActuatorState:

@@ -17,9 +17,6 @@ from quad_mpc_ros.control.model.samples import (
 )
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.obstacles.configured import guidance
-from quad_mpc_ros.obstacles.scene import Scene
-from quad_mpc_ros.obstacles.world import World
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
@@ -27,14 +24,21 @@ from quad_mpc_ros.references.path import Path
 from quad_mpc_ros.references.server import ReferenceServer, WindowsAhead
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
+from quad_mpc_ros.simulation.guidance import World, configured_guidance
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant
+from quad_mpc_ros.simulation.scene import Scene
 from quad_mpc_ros.simulation.sensors import (
     OdometryStream,
     SentOdometry,
     odometry_stamps,
     stamp_offset_ns,
 )
-from quad_mpc_ros.simulation.surroundings import NOTHING_SEEN, Collision, Seen, Surroundings
+from quad_mpc_ros.simulation.surroundings import (
+    NOTHING_SEEN,
+    Collision,
+    Seen,
+    configured_surroundings,
+)
 
 _DEFAULT_DURATION = 10.0  # s
 
@@ -98,8 +102,8 @@ def fly(
     is what the guide of a given controller knows, which is told what the sensor sees.
 
     Raises:
-        UserError: For parameters that cannot be used together, or a trajectory that the vehicle
-            cannot fly.
+        UserError: For parameters that cannot be used together, a trajectory that the vehicle
+            cannot fly, or a start in an obstacle.
         ValueError: With ``on_reference``, when the vehicle has no throttle to begin with.
     """
     simulator = simulator or SimulatorConfig(duration=_DEFAULT_DURATION)
@@ -110,20 +114,25 @@ def fly(
     plant = plant or make_plant(simulator)
     if controller is None:
         mpc = mpc or MpcConfig()
-        guided = guidance(mpc)
-        world, controller = guided.world, warmed_up(mpc, guide=guided.guide)
+        guidance = configured_guidance(mpc)
+        world = None if guidance is None else guidance.world
+        controller = warmed_up(mpc, guide=None if guidance is None else guidance.guide)
     server = ReferenceServer(reference, flown)
     stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)
     server.start(SIMULATION_START_NS)
     first_ns = SIMULATION_START_NS + stamp_offset_ns(simulator)
     ahead = WindowsAhead(server, (first_ns + time_ns for time_ns in odometry_stamps(simulator)))
-    surroundings = Surroundings(simulator.obstacles, radius=simulator.radius, scene=scene)
+    around = configured_surroundings(simulator.obstacles, radius=simulator.radius, scene=scene)
+    if around is not None:
+        around.check_start(plant.odometry(SIMULATION_START_NS).p_WB)
     while (sent := stream.step()) is not None:
         now_ns = SIMULATION_START_NS + sent.time_ns
         window = ahead.window(sent.odometry.stamp_ns)
         measured_ns = sent.truth.stamp_ns - SIMULATION_START_NS
-        seen = surroundings.look(sent.truth, measured_ns)
-        collision = surroundings.collision(sent.truth, measured_ns)
+        seen, collision = NOTHING_SEEN, None
+        if around is not None:
+            seen = around.look(sent.truth, measured_ns)
+            collision = around.collision(sent.truth, measured_ns)
         if world is not None:
             world.receive_odometry(sent.odometry)
         tick, command = _answered(controller, sent, window, now_ns=now_ns)
@@ -173,7 +182,8 @@ def _answered(
     now_ns: int,
 ) -> tuple[Tick | None, CommandSample | None]:
     if not isinstance(controller, Controller):
-        return None, controller(sent.odometry, window)
+        command = controller(sent.odometry, window)
+        return None, None if command is None else command.checked()
     for sample in sent.imu:
         controller.receive_imu(sample)
     controller.receive_reference(window, now_ns=now_ns)

@@ -14,17 +14,15 @@ from quad_mpc_ros.configuration import (
     Configuration,
     ConfigurationError,
     ExtensibleConfiguration,
+    optional_part,
     parameter,
     registered,
 )
 from quad_mpc_ros.control.model.vehicle import VehicleParameters
-from quad_mpc_ros.simulation.betaflight.parameters import BetaflightParameters
-from quad_mpc_ros.simulation.betaflight.plant import BetaflightPlant
 from quad_mpc_ros.simulation.internal_plant import InternalParameters, InternalPlant
-from quad_mpc_ros.simulation.mujoco.parameters import MujocoParameters
-from quad_mpc_ros.simulation.mujoco.plant import MujocoPlant
+from quad_mpc_ros.simulation.mujoco_parameters import MujocoParameters
+from quad_mpc_ros.simulation.optional_plants import BetaflightParameters, RotorpyParameters
 from quad_mpc_ros.simulation.plant import Plant
-from quad_mpc_ros.simulation.rotorpy_plant import RotorpyParameters, RotorpyPlant
 from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
 from quad_mpc_ros.simulation.surroundings import ObstacleSensorParameters
 
@@ -48,17 +46,23 @@ class PlantEntry(Generic[P_contra]):
     has_own: tuple[str, ...] = ()
 
 
+def _optional(name: str) -> Callable[[SimulatorConfig], Plant]:
+    """Return what makes a plant that is an optional part of the package."""
+
+    def make(config: SimulatorConfig) -> Plant:
+        plant: Plant = optional_part(f"{name}_plant", needed_by="simulator.plant")(config)
+        return plant
+
+    return make
+
+
 _OWN_LAGS = ("dynamics", "rate_time_constant", "rate_gain", "thrust_time_constant")
 
 PLANTS: dict[str, PlantEntry[SimulatorConfig]] = {
-    "betaflight": PlantEntry(make=BetaflightPlant, preset="betaflight", has_own=_OWN_LAGS),
+    "betaflight": PlantEntry(make=_optional("betaflight"), preset="betaflight", has_own=_OWN_LAGS),
     "internal": PlantEntry(make=InternalPlant),
-    "mujoco": PlantEntry(make=MujocoPlant, preset="vehicles/paper", has_own=_OWN_LAGS),
-    "rotorpy": PlantEntry(
-        make=RotorpyPlant,
-        preset="rotorpy",
-        has_own=_OWN_LAGS,
-    ),
+    "mujoco": PlantEntry(make=_optional("mujoco"), preset="vehicles/paper", has_own=_OWN_LAGS),
+    "rotorpy": PlantEntry(make=_optional("rotorpy"), preset="rotorpy", has_own=_OWN_LAGS),
     "rotors": PlantEntry(make=RotorsPlant, preset="vehicles/paper", has_own=_OWN_LAGS),
 }
 

@@ -13,7 +13,7 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vector3
 from quad_mpc_ros.control.lie import kernels
 from quad_mpc_ros.control.model.vehicle import Vehicle
-from quad_mpc_ros.simulation.actuators import ActuatorState, TimeConstants, later, turn
+from quad_mpc_ros.simulation.actuators import ActuatorState, TimeConstants, later, thrust_at, turn
 from quad_mpc_ros.simulation.dynamics import Course, Drive, integrated
 from quad_mpc_ros.simulation.records import Inputs, Measured, store_quaternion
 
@@ -85,7 +85,7 @@ def advance(
     for _ in range(steps):
         before = u
         course, u = _driven(before, followed, lags=lags, lift=lift, duration=duration)
-        if _on_ground(p, v) and _lift(max(before[0], u[0]), lift) <= gravity:
+        if _on_ground(p, v) and thrust_at(max(before[0], u[0]), lift) <= gravity:
             u = _held(u, lags)  # the ground carries it: no command turns it there
             continue
         p, v, R = integrated(p, v, R, course=course, world=world, duration=duration)
@@ -130,13 +130,7 @@ def _driven(
 
 @compiled
 def _drive(u: ActuatorState, lift: kernels.Vector) -> Drive:
-    return _lift(u[0], lift), u[1]
-
-
-@compiled
-def _lift(throttle: float, lift: kernels.Vector) -> float:
-    """Return the thrust over mass [m/s^2]."""
-    return (lift[0] * throttle + lift[1]) * throttle + lift[2]
+    return thrust_at(u[0], lift), u[1]
 
 
 @compiled

@@ -35,15 +35,14 @@ MISTAKES = {
 }
 
 
-@pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_mistake_is_one_line_and_exit_code_2(
-    command: str, mistake: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    mistake: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments, message = MISTAKES[mistake]
     out = tmp_path / "run"
 
-    assert main([command, *arguments, "--out", str(out)]) == 2
+    assert main(["simulate", *arguments, "--out", str(out)]) == 2
 
     printed = capsys.readouterr()
     assert printed.out == ""
@@ -156,3 +155,12 @@ def test_wildcard_sets_every_node_with_the_parameter(tmp_path: Path) -> None:
     assert loaded["mpc"].flattened()["advanced.solver.max_iterations"] == 50
     assert loaded["simulator"].flattened()["mass"] == 0.5
     assert loaded["simulator"].flattened()["drag"] == 0.3
+
+
+@pytest.mark.parametrize("arguments", [["report"], ["bag", "info"], ["simulate", "--config"]])
+def test_a_path_that_is_too_long_is_refused(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*arguments, "x" * 300]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ")

@@ -47,6 +47,24 @@ def test_the_verdict_is_printed_and_drawn(
     assert (out / "reference.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
+@pytest.mark.parametrize("node", ["/**", "/**/mpc"])
+@pytest.mark.parametrize(
+    ("limit", "complaint"),
+    [
+        ("omega_max: [5.0, 5.0, 2.0]", "not feasible: pitch rate"),
+        ("throttle_max: 0.4", "not feasible: highest throttle"),
+    ],
+)
+def test_judges_a_reference_by_the_limits_of_the_vehicle_file(
+    node: str, limit: str, complaint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "vehicle.yaml"
+    file.write_text(f"{node}: {{ros__parameters: {{{limit}}}}}\n")
+    flip = ["check-reference", "--reference", "flip", "--out", str(tmp_path / "out")]
+    assert main([*flip, "--config", str(file)]) == 1
+    assert complaint in capsys.readouterr().out
+
+
 MISTAKES = {
     "no such trajectory": (["--reference", "circus"], ["reference.trajectory", "vertical_loop"]),
     "no file": (["--reference", "csv"], ["reference.file", "the csv to fly"]),

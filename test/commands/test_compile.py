@@ -1,9 +1,8 @@
-"""``quad_mpc compile``: what it does with what is kept, and what it returns."""
+"""``quad_mpc compile``: what it does with the compile cache, and what it returns."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -11,89 +10,45 @@ from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands import compile as command
 
 
-class Kept:
-    """Stands for the machine code on disk."""
-
-    def __init__(self, *, complete: bool = False) -> None:
-        self.complete, self.done = complete, list[str]()
-
-    @contextmanager
-    def locked(self) -> Iterator[None]:
-        yield
-
-    def is_complete(self) -> bool:
-        return self.complete
-
-    def count(self) -> int:
-        return 7
-
-    def remove_damaged(self) -> int:
-        self.done.append("remove damaged")
-        return 2
-
-    def remove_all(self) -> None:
-        self.complete = False
-        self.done.append("remove all")
-
-    def mark_complete(self) -> None:
-        self.done.append("mark")
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache with one function, and a compiler that leaves it as it is."""
+    folder = tmp_path / "compiled-0"
+    folder.mkdir()
+    (folder / "f.nbc").touch()
+    monkeypatch.setattr(command, "cache_folder", lambda: folder)
+    monkeypatch.setattr(command, "_compile", lambda begun: True)
+    return folder
 
 
-def compiled(
-    monkeypatch: pytest.MonkeyPatch, kept: Kept, *options: str, outcomes: tuple[bool, ...] = ()
-) -> int:
-    results = iter(outcomes)
-    monkeypatch.setattr(command, "KeptCode", lambda: kept)
-    monkeypatch.setattr(command, "_compile", lambda *_: next(results))
-    return main(["compile", *options])
-
-
-def test_returns_at_once_when_all_is_there(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_compiles_once(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    kept = Kept(complete=True)
-    assert compiled(monkeypatch, kept) == 0
+    assert main(["compile"]) == 0
+    assert (cache / "f.nbc").exists()
+    assert capsys.readouterr().out.startswith("all is compiled: ")
+    monkeypatch.setattr(command, "_compile", lambda begun: pytest.fail("compiles again"))
+    assert main(["compile"]) == 0
     assert capsys.readouterr().out == "all is compiled\n"
-    assert kept.done == []
 
 
-def test_mends_what_is_damaged(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_again_empties_the_cache(cache: Path) -> None:
+    assert main(["compile", "--again"]) == 0
+    assert not (cache / "f.nbc").exists()
+
+
+def test_suggests_again_when_compiling_fails(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    kept = Kept()
-    assert compiled(monkeypatch, kept, outcomes=(True,)) == 0
-    assert kept.done == ["remove damaged", "mark"]
-    first, *_, last = capsys.readouterr().out.splitlines()
-    assert first == "removed 2 files that are damaged or of an unfinished compilation"
-    assert last.startswith("all is compiled: 7 functions, ")
-
-
-def test_begins_anew_when_asked_to(monkeypatch: pytest.MonkeyPatch) -> None:
-    kept = Kept(complete=True)
-    assert compiled(monkeypatch, kept, "--again", outcomes=(True,)) == 0
-    assert kept.done[0] == "remove all"
-    assert kept.done[-1] == "mark"
-
-
-def test_begins_anew_after_a_crash(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The code that crashed may be damaged in a way that no mark knows of."""
-    kept = Kept()
-    assert compiled(monkeypatch, kept, outcomes=(False, True)) == 0
-    assert kept.done == ["remove damaged", "remove all", "mark"]
-
-
-def test_what_never_compiles_is_not_marked(monkeypatch: pytest.MonkeyPatch) -> None:
-    kept = Kept()
-    assert compiled(monkeypatch, kept, outcomes=(False, False)) == 1
-    assert "mark" not in kept.done
-
-
-def test_says_where_nothing_can_be_written(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def refuse() -> None:
-        raise OSError("no folder for machine code can be written")
-
-    monkeypatch.setattr(command, "KeptCode", refuse)
+    monkeypatch.setattr(command, "_compile", lambda begun: False)
     assert main(["compile"]) == 1
-    assert "error: no folder for machine code" in capsys.readouterr().err
+    assert "run quad_mpc compile --again" in capsys.readouterr().err
+    assert not (cache / "complete").exists()
+
+
+def test_reports_an_unwritable_cache(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, "cache_folder", lambda: None)
+    assert main(["compile"]) == 1
+    assert "set NUMBA_CACHE_DIR" in capsys.readouterr().err

@@ -27,13 +27,13 @@ def test_presets_give_one_vehicle(
     assert warned("--config", preset, out=tmp_path / "run", capsys=capsys) == []
 
 
-def test_each_node_that_differs_is_named_with_both_values(
+def test_each_node_that_differs_is_named_with_its_value(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = ("--set", "simulator.mass=0.5", "--set", "reference.drag=0.3")
     assert warned(*settings, out=tmp_path / "run", capsys=capsys) == [
-        "warning: mpc and simulator were given different vehicles: mass 0.396893 and 0.5",
-        "warning: mpc and reference were given different vehicles: drag 0.2 and 0.3",
+        "warning: the nodes were given different vehicles: mass 0.396893 of mpc and reference, "
+        "0.5 of simulator; drag 0.2 of mpc and simulator, 0.3 of reference",
     ]
 
 

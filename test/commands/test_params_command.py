@@ -1,15 +1,11 @@
-"""``quad_mpc params``: what is asked for is printed, and what it prints can be used."""
+"""``quad_mpc params`` prints the parameters that are asked for."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import pytest
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands.run_configuration import SCHEMA
-from quad_mpc_ros.configuration import files
-from quad_mpc_ros.control.config import MpcConfig
 
 
 def test_every_parameter_is_there_with_type_default_unit_range_and_meaning(
@@ -43,23 +39,6 @@ def test_a_group_or_a_single_parameter_may_be_asked_for(
         "mpc.fence.action",
         "simulator.wind",
     ]
-
-
-def test_lists_only_live_parameters(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["params", "mpc", "--live", "--format", "yaml"]) == 0
-    printed = capsys.readouterr().out
-    live = [spec.name.split(".")[-1] for spec in MpcConfig.specs() if spec.live]
-    assert all(f" {name}: " in printed for name in live)
-    assert "horizon_steps" not in printed
-
-
-def test_the_yaml_is_a_parameter_file_of_the_defaults(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["params", "mpc", "--format", "yaml"]) == 0
-    path = tmp_path / "mpc.yaml"
-    path.write_text(capsys.readouterr().out, encoding="utf-8")
-    assert files.load([str(path)], [], schema=SCHEMA)["mpc"] == MpcConfig()
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from mcap_ros2.decoder import DecoderFactory
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands import EXIT_INTERRUPTED
 from quad_mpc_ros.commands import plan as command
-from quad_mpc_ros.recordings.evaluation.race import flown_course
+from quad_mpc_ros.extras.racing.verdict import flown_course
 from quad_mpc_ros.recordings.recording import Recording
 
 pytest.importorskip("casadi")

@@ -223,11 +223,11 @@ def test_pose_and_twist_in_the_world_of_another_stack(square: Path, tmp_path: Pa
     bag = rewritten(square, tmp_path / "other", change)
     mapping = ["--pose-topic", "/local/pose", "--twist-topic", "local/velocity"]
     mapping += ["--reference-topic", "/planner/window", "--command-topic", "/rates"]
-    summary = resolved(bag, tmp_path / "out", *mapping, "--twist-frame", "world")
+    summary = resolved(bag, tmp_path / "out", *mapping, "--set", "mpc.odometry.twist_frame=world")
     assert summary["compared"] == 150
     for channel in summary["difference"].values():
         assert channel["max"] < 1e-6
-    wrong = resolved(bag, tmp_path / "wrong", *mapping, "--twist-frame", "child")
+    wrong = resolved(bag, tmp_path / "wrong", *mapping)
     assert wrong["difference"]["rate_y"]["max"] > 1.0
 
 
@@ -298,6 +298,16 @@ def _no_messages(run: Path, path: Path) -> None:
         writer.add_topic("/odom", ODOMETRY)
 
 
+def _standing_stamps(run: Path, path: Path) -> None:
+    def change(message: Any, topic: str) -> list[tuple[str, str, Any]]:
+        if topic == "/odom":
+            message.header.stamp.sec = message.header.stamp.nanosec = 0
+            return [(topic, ODOMETRY, message)]
+        return []
+
+    rewritten(run, path, change)
+
+
 BAD_BAGS: dict[str, tuple[Callable[[Path, Path], object], str]] = {
     "missing": (lambda run, path: None, "does not exist"),
     "empty file": (lambda run, path: path.touch(), "empty"),
@@ -309,6 +319,7 @@ BAD_BAGS: dict[str, tuple[Callable[[Path, Path], object], str]] = {
         lambda run, path: (path.mkdir(), (path / "metadata.yaml").write_text("a: 1")),
         "metadata.yaml",
     ),
+    "no stamps": (_standing_stamps, "odometry stamps do not advance: given 150 odometries with 1"),
     "no messages": (_no_messages, "no odometry"),
     "wrong type": (_wrong_type, "/odom (geometry_msgs/msg/PoseStamped)"),
     "nonsense in a message": (_nonsense, "cannot decode"),
@@ -398,7 +409,9 @@ def test_a_battery_is_simulated_recorded_and_identified(
         ]
     assert volts[0] > volts[-1] + 1.0
     capsys.readouterr()
-    assert main(["identify", str(out), "--battery-voltage", "15.5"]) == 0
+    bridge = tmp_path / "bridge.yaml"
+    bridge.write_text("/**: {ros__parameters: {thrust_map: {battery_voltage: 15.5}}}\n")
+    assert main(["identify", str(out), "--config", str(bridge)]) == 0
     printed = capsys.readouterr()
     assert "thrust by (V/15.50 V)^n" in printed.err
     found = yaml.safe_load(printed.out)
@@ -413,8 +426,6 @@ def test_a_battery_is_simulated_recorded_and_identified(
     [
         (["--battery-topic", "/odom"], "expected sensor_msgs/msg/BatteryState or"),
         (["--battery-topic", "/none"], "topic /none is not in it"),
-        (["--battery-exponent", "2"], "expected --battery-voltage as well"),
-        (["--battery-voltage", "-1"], "--battery-voltage: given -1.0, expected"),
     ],
 )
 def test_a_battery_that_cannot_be_used_is_refused(

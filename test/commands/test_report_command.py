@@ -48,16 +48,6 @@ def test_page_and_series_of_two_runs(runs: tuple[Path, Path], tmp_path: Path) ->
     assert not list(tmp_path.rglob("*.part"))
 
 
-@pytest.mark.slow
-def test_figures_of_two_runs(runs: tuple[Path, Path], tmp_path: Path) -> None:
-    arguments = [*map(str, runs), "--out", str(tmp_path / "two.html"), "--png", str(tmp_path)]
-    assert main(["report", *arguments]) == 0
-    for name in ("manifold", "paper"):
-        for figure in ("position", "attitude", "velocity", "inputs", "path"):
-            assert imread(tmp_path / name / f"{figure}.png").size > 0
-    assert imread(tmp_path / "comparison.png").size > 0
-
-
 def test_overwrites_only_with_the_option(
     runs: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -78,7 +78,10 @@ def test_a_crash_is_not_a_success(tmp_path: Path, capsys: pytest.CaptureFixture[
     """Its commands are all the MPC's: a late vehicle is lost without a fallback."""
     late = ["--config", "agile", "--set", "simulator.command_delay=0.15"]
     beside = ["--set", "simulator.initial_position=[0.7,0.0,1.0]"]
-    warn = ["--set", "mpc.advanced.oscillation.action=warn"]
+    warn = [
+        "--set=mpc.advanced.oscillation.action=warn",
+        "--set=mpc.consistency.action=warn",
+    ]
     arguments = ["--reference", "hover", *late, *beside, *warn, "--duration", "6"]
     assert main(["simulate", *arguments, "--out", str(tmp_path / "run")]) == 1
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())

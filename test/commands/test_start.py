@@ -154,3 +154,27 @@ def test_starts_on_the_ground_without_throttle_for_the_reference(tmp_path: Path)
     arguments, _ = MISTAKES["no throttle for it"]
     run = resolved(tmp_path, "--reference", "lemniscate", *arguments, "--start", "ground")
     assert start_of(run.simulator) == ON_THE_GROUND
+
+
+@pytest.mark.parametrize(
+    ("arguments", "duration"),
+    [
+        (["--reference", "hover"], 10.0),
+        (["--reference", "square"], 10.0),  # 8 s
+        (["--reference", "excitation"], 22.0),
+        (["--gates", "seven_gates", "--duration", "4"], 4.0),
+        (["--reference", "excitation", "--set", "simulator.duration=3"], 3.0),
+    ],
+)
+def test_lasts_as_long_as_its_reference_and_a_moment_more(
+    arguments: list[str], duration: float, tmp_path: Path
+) -> None:
+    assert resolved(tmp_path, *arguments).simulator.duration == duration
+
+
+def test_lasts_as_long_as_the_course_of_gates(tmp_path: Path) -> None:
+    run = resolved(tmp_path, "--gates", "seven_gates")
+    assert run.simulator.duration == 1e-9 * run.trajectory.period_ns + 2.0 > 10.0
+    contouring = ["--set", "mpc.formulation=contouring"]
+    later = resolved(tmp_path / "contouring", "--gates", "seven_gates", *contouring)
+    assert later.simulator.duration > 1.2 * 1e-9 * run.trajectory.period_ns

@@ -1,11 +1,11 @@
 """Whatever is wrong with what a command or node is given: one line, exit code 2, nothing touched.
 
-The cases are generated from what commands, nodes and parameters declare, new ones included.
+The cases are generated from what commands, nodes and parameters declare, new ones included: some
+for each option, of all kinds of wrong input.
 """
 
 from __future__ import annotations
 
-import collections
 import gc
 import importlib
 import os
@@ -16,14 +16,24 @@ from pathlib import Path
 from types import FrameType
 
 import pytest
-from fixtures.wrong_inputs import Case, cases, make_workspace, tree
+from fixtures.wrong_inputs import (
+    Case,
+    cases,
+    every_case,
+    executables,
+    make_workspace,
+    tree,
+    wrong_values,
+)
 
 from quad_mpc_ros import cli, entry
+from quad_mpc_ros.commands.run_configuration import SCHEMA
+from quad_mpc_ros.configuration import UserError, files
+from quad_mpc_ros.configuration.files import value_text
 from quad_mpc_ros.ros.bridges.node import run_bridge
 from quad_mpc_ros.ros.bridges.registry import load_bridge
 
 CASES = cases()
-COUNTS = collections.Counter(case.kind for case in CASES)
 _PATIENCE = 20  # s: what is not refused would begin to fly
 
 
@@ -64,22 +74,15 @@ def exit_code(case: Case) -> int:
         return int(end.code or 0)
 
 
-def numbered() -> Iterator[tuple[str, Case]]:
-    counts: collections.Counter[str] = collections.Counter()
-    for case in CASES:
-        counts[case.kind] += 1
-        yield f"{case.kind} {counts[case.kind]} of {COUNTS[case.kind]}: {case.name}", case
-
-
-NUMBERED = dict(numbered())
+NAMED = {f"{case.kind}: {case.name}": case for case in CASES}
 
 
 @pytest.mark.usefixtures("impatient")
-@pytest.mark.parametrize("name", NUMBERED)
+@pytest.mark.parametrize("name", NAMED)
 def test_it_is_refused_in_one_line(
     name: str, workspace: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    case = NUMBERED[name]
+    case = NAMED[name]
     if case.as_user and os.geteuid() == 0:
         pytest.skip("root may read everything")
     monkeypatch.chdir(workspace)
@@ -104,6 +107,29 @@ def test_it_is_refused_in_one_line(
     assert tree(workspace) == before
 
 
-def test_there_are_enough_of_them() -> None:
-    assert len(CASES) >= 200, COUNTS
-    assert {case.program for case in CASES} >= cli.COMMANDS.keys()
+def test_every_parameter_refuses_every_wrong_value_and_a_misspelt_name() -> None:
+    accepted = []
+    for node, kind in SCHEMA.items():
+        for spec in kind.specs():
+            name = f"{node}.{spec.name}"
+            wrong = {
+                f"{name}={value_text(value)}": f"{name}: given " for _, value in wrong_values(spec)
+            }
+            wrong[f"{name}x=1"] = f"did you mean {spec.name}?"
+            for assignment, complaint in wrong.items():
+                try:
+                    files.load([], [assignment], schema={node: kind})
+                except UserError as error:
+                    refused = complaint in str(error)
+                else:
+                    refused = False
+                if not refused:
+                    accepted.append(assignment)
+    assert accepted == []
+
+
+def test_every_program_and_every_kind_of_wrong_input_occurs() -> None:
+    every = list(every_case())
+    assert {case.program for case in CASES} == {case.program for case in every}
+    assert {case.program for case in CASES} >= {*cli.COMMANDS, *executables()}
+    assert {case.kind for case in CASES} == {case.kind for case in every}

@@ -150,6 +150,7 @@ def test_live_parameters_are_weights_bounds_and_limits() -> None:
     assert groups == {
         "fence",
         "envelope",
+        "consistency",
         "limits",
         "contouring",
         "obstacles",

@@ -9,7 +9,7 @@ import pytest
 
 from quad_mpc_ros.commands.run_configuration import SCHEMA
 from quad_mpc_ros.configuration import files
-from quad_mpc_ros.configuration.vehicle import VEHICLE, differences, disagreements
+from quad_mpc_ros.configuration.vehicle import VEHICLE, disagreements
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
@@ -62,7 +62,7 @@ def test_the_simulator_may_fly_another_vehicle(tmp_path: Path) -> None:
 def test_the_delay_of_the_odometry_is_part_of_the_input_delay(tmp_path: Path) -> None:
     nodes = loaded(tmp_path, VEHICLE_FILE, settings=("simulator.odom_delay=0.01",))
     assert nodes["simulator"].command_delay == pytest.approx(0.025)
-    assert not differences(nodes["mpc"].vehicle_values(), nodes["simulator"].vehicle_values())
+    assert not disagreements({node: config.vehicle_values() for node, config in nodes.items()})
 
 
 def test_a_plant_of_its_own_physics_stays_what_its_file_describes(tmp_path: Path) -> None:
@@ -78,9 +78,7 @@ def test_shipped_vehicles_state_each_number_once(preset: str) -> None:
     for name in VEHICLE:
         assert text.count(f"\n    {name}:") <= 1, name
     nodes = files.load([preset], [], schema=ALL)
-    ours = nodes["mpc"].vehicle_values()
-    for config in nodes.values():
-        assert not differences(ours, config.vehicle_values())
+    assert not disagreements({node: config.vehicle_values() for node, config in nodes.items()})
 
 
 def test_names_of_the_vehicle_mean_the_same_in_every_node() -> None:
@@ -88,12 +86,6 @@ def test_names_of_the_vehicle_mean_the_same_in_every_node() -> None:
         specs = [s for kind in ALL.values() for s in kind.specs() if s.name == name]
         assert specs
         assert len({(s.kind, s.unit, s.default, s.per_axis) for s in specs}) == 1, name
-
-
-def test_differences_name_parameter_and_both_values() -> None:
-    given = {"mass": 0.5, "drag": 0.2, "omega_max": [1.0, 1.0, 1.0]}
-    other = {"mass": 0.75, "drag": [0.2, 0.2, 0.2]}
-    assert differences(given, other) == ["mass 0.5 and 0.75"]
 
 
 def test_disagreements_name_every_node_with_its_value() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from fixtures.planner import Planner
 from fixtures.presets import agile
 from numpy.testing import assert_allclose
 
@@ -14,7 +15,6 @@ from quad_mpc_ros.control.estimation.command_history import CommandHistory, acti
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
-from quad_mpc_ros.control.mpc import Mpc
 
 MakeOdometry = Callable[..., OdometrySample]
 MakeWindow = Callable[..., ReferenceWindow]
@@ -30,7 +30,7 @@ def test_plans_afresh_after_clock_change(
     shift: int, make_odometry: MakeOdometry, make_window: MakeWindow
 ) -> None:
     aside = np.array([-1.0, 0.5, 2.0])
-    mpc, fresh = Mpc(agile()), Mpc(agile())
+    mpc, fresh = Planner(agile()), Planner(agile())
     mpc.step(make_odometry(START, p_WB=aside), make_window(START))
     stamp = START + shift
     step = mpc.step(make_odometry(stamp, p_WB=aside), make_window(stamp))

@@ -16,7 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.control.config import MpcConfig, OdometryParameters, SolverParameters
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.prediction import PredictedState
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import State
 from quad_mpc_ros.control.model.vehicle import Vehicle
@@ -40,22 +42,28 @@ class SolverSpy:
 
     def __init__(self) -> None:
         self.odometries: list[OdometrySample] = []
+        self.solves = 0
         self.failing = False
 
     def install(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        original = Mpc.step
+        predict, solve = DelayCompensation.predict, Mpc.solve
 
-        def step(
-            mpc: Mpc, odometry: OdometrySample, window: ReferenceWindow, _: None, **late_ns: int
-        ) -> MpcStep:
+        def predicted(
+            estimator: DelayCompensation, odometry: OdometrySample, **late_ns: int
+        ) -> PredictedState:
             self.odometries.append(odometry)
-            outcome = original(mpc, odometry, window, **late_ns)
+            return predict(estimator, odometry, **late_ns)
+
+        def solved(mpc: Mpc, *arguments: Any, **named: Any) -> MpcStep:
+            self.solves += 1
+            outcome = solve(mpc, *arguments, **named)
             if not self.failing:
                 return outcome
             failed = outcome.solution._replace(solved=False, status="made to fail")
             return outcome._replace(plan=None, solution=failed)
 
-        monkeypatch.setattr(Mpc, "step", step)
+        monkeypatch.setattr(DelayCompensation, "predict", predicted)
+        monkeypatch.setattr(Mpc, "solve", solved)
 
 
 @pytest.fixture
@@ -143,7 +151,7 @@ def test_nothing_is_published_before_odometry_and_reference_have_come(
     assert tick is not None
     assert tick.command is None
     assert tick.stats.source == "waiting"
-    assert spy.odometries == []
+    assert spy.solves == 0
     assert hovering.watch() is None
     hovering.sleep()
     assert hovering.reference() is None
@@ -446,7 +454,7 @@ def test_a_lost_reference_holds_the_plan_then_the_place(
         hovering.sleep()
     # The window of 2 s reaches over the horizon of 0.5 s for 1.5 s.
     assert sources == ["mpc"] * 76 + ["plan"] * 10 + ["hover"] * 14
-    assert len(spy.odometries) == 76
+    assert (spy.solves, len(spy.odometries)) == (76, 100)
     tick = hovering.odometry()
     assert tick is not None
     assert "reference is 2.00 s old" in tick.stats.reason
@@ -689,3 +697,19 @@ def test_absurd_states_never_lead_outside_the_bounds(
         tick = flight.tick(p_WB=p + k, v_WB_B=v, w_WB_B=w)
         assert_sound(tick, paper_config)
     assert flight.tick().command is not None
+
+
+@pytest.mark.parametrize("rate", [2, 4, 5, 10, 30, 50])
+def test_warns_once_of_odometry_that_is_slower_than_the_control(
+    rate: int, make_odometry: MakeOdometry, make_window: MakeWindow
+) -> None:
+    controller = Controller(MpcConfig())
+    controller.receive_reference(make_window(START), now_ns=START)
+    warnings = []
+    for count in range(4 * rate):
+        now_ns = START + count * SECOND // rate
+        controller.receive_odometry(make_odometry(now_ns), now_ns=now_ns)
+        warnings += [each for each in controller.take_warnings() if "times a second" in each]
+    told = f"odometry comes {rate}.0 times a second, control_rate is 50: commands come no more"
+    assert [each.startswith(told) for each in warnings] == ([True] if rate < 50 else [])
+    assert all(("odom_timeout is 0.1 s" in each) == (rate <= 10) for each in warnings)

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.delayed_reference import DelayedReference
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
@@ -54,7 +55,7 @@ def places(window: ReferenceWindow, stamp_ns: int, *, after: Array) -> Array:
 
 
 def test_at_full_speed_windows_are_passed_on_as_they_are() -> None:
-    delayed = DelayedReference(10.0)
+    delayed = DelayedReference(MpcConfig())
     for k in range(5):
         window = SERVER.window(k * PERIOD_NS)
         assert delayed.at(window, k * PERIOD_NS) is window
@@ -64,7 +65,7 @@ def test_at_full_speed_windows_are_passed_on_as_they_are() -> None:
 @pytest.mark.parametrize("every", [1, 5])
 @pytest.mark.parametrize("speed", [0.5, 0.9, 1.05])
 def test_follows_the_same_way_later(speed: float, every: int) -> None:
-    delayed, ticks = DelayedReference(10.0), 151
+    delayed, ticks = DelayedReference(MpcConfig()), 151
     window = fly(delayed, ticks, speed=speed, every=every)
     assert delayed.behind == pytest.approx((ticks - 1) * 0.02 * (1.0 - speed))
     stamp_ns, after = (ticks - 1) * PERIOD_NS, np.linspace(0.0, 1.5, 31)
@@ -74,14 +75,14 @@ def test_follows_the_same_way_later(speed: float, every: int) -> None:
 
 
 def test_keeps_no_more_than_is_ahead() -> None:
-    delayed = DelayedReference(0.5)
+    delayed = DelayedReference(MpcConfig().updated({"advanced.contouring.behind_max": 0.5}))
     window = fly(delayed, 400, speed=0.5)
     assert delayed.behind == pytest.approx(0.5)
     assert len(window.offset_ns) < 0.5 / 0.02 + 45
 
 
 def test_a_plan_counts_until_the_next_one_comes() -> None:
-    delayed = DelayedReference(10.0)
+    delayed = DelayedReference(MpcConfig())
     fly(delayed, 1, speed=0.5)
     for k in (1, 3, 7):
         delayed.at(SERVER.window(k * PERIOD_NS), k * PERIOD_NS)
@@ -90,7 +91,7 @@ def test_a_plan_counts_until_the_next_one_comes() -> None:
 
 def test_what_comes_next_joins_the_way_where_it_begins() -> None:
     """A hold asked for now is flown after what was ahead of it."""
-    delayed = DelayedReference(10.0)
+    delayed = DelayedReference(MpcConfig())
     fly(delayed, 100, speed=0.8)
     now_ns = 100 * PERIOD_NS
     held = ReferenceWindow.hover(SERVER.window(now_ns).p_WB[0], stamp_ns=now_ns)
@@ -104,7 +105,7 @@ def test_what_comes_next_joins_the_way_where_it_begins() -> None:
 
 
 def test_a_jump_is_followed_by_the_clock() -> None:
-    delayed = DelayedReference(10.0)
+    delayed = DelayedReference(MpcConfig())
     fly(delayed, 100, speed=0.8)
     elsewhere = ReferenceWindow.hover([30.0, 0.0, 2.0], stamp_ns=100 * PERIOD_NS)
     assert delayed.at(elsewhere, elsewhere.stamp_ns) is elsewhere
@@ -112,7 +113,7 @@ def test_a_jump_is_followed_by_the_clock() -> None:
 
 
 def test_so_is_what_comes_after_a_gap() -> None:
-    delayed = DelayedReference(10.0)
+    delayed = DelayedReference(MpcConfig())
     fly(delayed, 100, speed=0.8)
     window = SERVER.window(1_000 * PERIOD_NS)
     assert delayed.at(window, window.stamp_ns) is window
@@ -120,7 +121,7 @@ def test_so_is_what_comes_after_a_gap() -> None:
 
 
 def test_at_rest_nobody_is_behind() -> None:
-    delayed = DelayedReference(10.0)
+    delayed = DelayedReference(MpcConfig())
     for k in range(100):
         stamp_ns = k * PERIOD_NS
         delayed.at(ReferenceWindow.hover([1.0, 2.0, 3.0], stamp_ns=stamp_ns), stamp_ns)
@@ -129,7 +130,7 @@ def test_at_rest_nobody_is_behind() -> None:
 
 
 def test_the_way_moves_with_the_estimate() -> None:
-    delayed = DelayedReference(10.0)
+    delayed = DelayedReference(MpcConfig())
     fly(delayed, 100, speed=0.8)
     stamp_ns = 100 * PERIOD_NS
     reset = EstimateReset(stamp_ns=stamp_ns, turn=0.3, step_W=np.array([3.0, -2.0, 0.5]))
@@ -143,13 +144,13 @@ def test_the_way_moves_with_the_estimate() -> None:
 
 
 def test_another_frame_begins_anew() -> None:
-    delayed = DelayedReference(10.0)
+    delayed = DelayedReference(MpcConfig())
     fly(delayed, 100, speed=0.8)
     window = dataclasses.replace(SERVER.window(100 * PERIOD_NS), frame_id="map")
     assert delayed.at(window, window.stamp_ns) is window
 
 
 def test_attitudes_stay_unit() -> None:
-    window = fly(DelayedReference(10.0), 60, speed=0.7)
+    window = fly(DelayedReference(MpcConfig()), 60, speed=0.7)
     R = so3.rotation_from_quaternion_xyzw(window.q_WB_xyzw)
     np.testing.assert_allclose(np.linalg.det(R), 1.0)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
 from typing import Any
 
 import numpy as np
 import pytest
 from fixtures.presets import ideal
 
-from quad_mpc_ros.control import controller as controller_module
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.mpc import Mpc
@@ -81,19 +81,20 @@ def test_blind_descent_uses_learned_thrust() -> None:
     assert blind.max() - learned[-1] < 0.05
 
 
-def failing_at(ticks: list[int], step: Callable[..., Any]) -> Callable[..., Any]:
-    count = iter(range(1_000_000))
+def fail_at(ticks: list[int], owner: type, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the calls of a method with these numbers raise."""
+    count, method = itertools.count(), getattr(owner, name)
 
-    def failing(self: Mpc, *arguments: Any, **named: Any) -> Any:
+    def failing(*arguments: Any, **named: Any) -> Any:
         if next(count) in ticks:
             raise ArithmeticError("of nothing")
-        return step(self, *arguments, **named)
+        return method(*arguments, **named)
 
-    return failing
+    monkeypatch.setattr(owner, name, failing)
 
 
-def test_error_in_step_keeps_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(controller_module.Mpc, "step", failing_at([500], Mpc.step))
+def test_errors_in_the_mpc_keep_the_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
+    fail_at([500, 501], Mpc, "solve", monkeypatch)
     flight = Hover(thrust_scale=0.7)
     learned = flight.fly(10.0)
     after = flight.fly(4.0)
@@ -102,25 +103,21 @@ def test_error_in_step_keeps_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
     assert np.abs(after - learned[-1]).max() < 0.02
 
 
-def test_repeated_error_resets_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = []
-    begin_anew = Mpc.begin_anew
-
-    def counted(self: Mpc) -> None:
-        begin_anew(self)
-        made.append(self.learned().thrust_scale)
-
-    monkeypatch.setattr(controller_module.Mpc, "step", failing_at([500, 501], Mpc.step))
-    monkeypatch.setattr(controller_module.Mpc, "begin_anew", counted)
+@pytest.mark.parametrize(("ticks", "scale"), [([500], 0.7), ([500, 501], 1.0)])
+def test_two_errors_in_a_row_replace_the_estimator(
+    ticks: list[int], scale: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fail_at(ticks, DelayCompensation, "predict", monkeypatch)
     flight = Hover(thrust_scale=0.7)
-    flight.fly(14.0)
-    first, second = made
-    assert first == pytest.approx(0.7, abs=0.2)
-    assert second == 1.0
+    flight.fly(10.02 + 0.02 * len(ticks))
+    assert flight.last.stats.thrust_scale == pytest.approx(scale, abs=0.2)
+    assert flight.last.stats.stage_errors == len(ticks)
+    assert flight.last.stats.solver_failures == 0
+    assert flight.fly(4.0)[-1] == pytest.approx(HOVER[2], abs=0.1)
 
 
-def test_error_keeps_engagement(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(controller_module.Mpc, "step", failing_at([100, 101], Mpc.step))
+def test_a_replaced_estimator_keeps_the_engagement(monkeypatch: pytest.MonkeyPatch) -> None:
+    fail_at([100, 101], DelayCompensation, "predict", monkeypatch)
     flight = Hover(thrust_scale=0.7)
     flight.controller.engage(False)
     flight.fly(6.0)

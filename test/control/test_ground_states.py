@@ -20,12 +20,12 @@ from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.warm_up import warmed_up
+from quad_mpc_ros.extras.plants.mujoco.plant import MujocoPlant
 from quad_mpc_ros.recordings.evaluation.simulated import load_config
 from quad_mpc_ros.references.configured import joined_trajectory
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.live import LiveReference
 from quad_mpc_ros.references.path import Straight
-from quad_mpc_ros.simulation.mujoco.plant import MujocoPlant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 from quad_mpc_ros.simulation.sensors import OdometryStream
 

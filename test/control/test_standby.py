@@ -24,7 +24,8 @@ CONFIG = MpcConfig(odom_timeout=0.1, reference_timeout=0.5)
 @pytest.fixture
 def standby(make_odometry: MakeOdometry, make_window: MakeWindow) -> Standby:
     """Return one to which both have come just now."""
-    made = Standby()
+    made = Standby(CONFIG)
+    made.receive_odometry(make_odometry(NOW - 20 * MS), now_ns=NOW - 20 * MS)
     made.receive_odometry(make_odometry(NOW), now_ns=NOW)
     made.receive_reference(make_window(NOW), now_ns=NOW)
     return made
@@ -35,10 +36,10 @@ def test_starts_with_odometry_and_reference(standby: Standby) -> None:
 
 
 def test_names_missing_input(make_odometry: MakeOdometry, make_window: MakeWindow) -> None:
-    standby = Standby()
+    standby = Standby(CONFIG)
     standby.receive_reference(make_window(NOW), now_ns=NOW)
     assert standby.obstacle(CONFIG, now_ns=NOW) == "no odometry yet"
-    standby = Standby()
+    standby = Standby(CONFIG)
     standby.receive_odometry(make_odometry(NOW), now_ns=NOW)
     assert standby.obstacle(CONFIG, now_ns=NOW) == "no reference yet"
 
@@ -69,9 +70,28 @@ def test_does_not_start_with_unusable_input(
 ) -> None:
     standby.receive_odometry(make_odometry(NOW, p_WB=np.full(3, np.nan)), now_ns=NOW)
     assert "not finite" in str(standby.obstacle(CONFIG, now_ns=NOW))
-    standby.receive_odometry(make_odometry(NOW), now_ns=NOW)
+    standby.receive_odometry(make_odometry(NOW + 1), now_ns=NOW)
     standby.receive_reference(make_window(NOW, frame_id="map"), now_ns=NOW)
     assert "frame 'map'" in str(standby.obstacle(CONFIG, now_ns=NOW))
+
+
+@pytest.mark.parametrize("stamp_ns", [0, NOW])
+def test_rejects_odometry_whose_stamps_do_not_advance(
+    stamp_ns: int, make_odometry: MakeOdometry, make_window: MakeWindow
+) -> None:
+    standby = Standby(CONFIG)
+    standby.receive_reference(make_window(NOW), now_ns=NOW)
+    standby.receive_odometry(make_odometry(stamp_ns), now_ns=NOW)
+    assert standby.obstacle(CONFIG, now_ns=NOW) == "no second odometry yet"
+    for period in range(1, 4):
+        now_ns = NOW + period * 20 * MS
+        standby.receive_odometry(make_odometry(stamp_ns), now_ns=now_ns)
+        assert standby.obstacle(CONFIG, now_ns=now_ns) == "odometry stamps do not advance"
+    standby.receive_odometry(make_odometry(NOW + 80 * MS), now_ns=NOW + 80 * MS)
+    standby.receive_odometry(make_odometry(NOW + 100 * MS), now_ns=NOW + 100 * MS)
+    later = NOW + 300 * MS
+    standby.receive_odometry(make_odometry(later), now_ns=later)
+    assert standby.obstacle(CONFIG, now_ns=later) is None
 
 
 def test_in_lockstep_the_reference_must_be_that_of_the_odometry(

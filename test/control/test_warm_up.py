@@ -11,7 +11,7 @@ import pytest
 FLY = """
 import sys
 from quad_mpc_ros.configuration.compilation import FUNCTIONS
-from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.config import ConsistencyParameters, MpcConfig
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import fly
@@ -31,7 +31,7 @@ def compiled():
 lag = float(sys.argv[1])
 mpc = MpcConfig(
     rate_time_constant=lag, thrust_time_constant=lag, input_delay=lag, lockstep=True,
-    formulation=sys.argv[2],
+    formulation=sys.argv[2], consistency=ConsistencyParameters(action="warn"),
 )
 warmed_up(mpc)
 before = compiled()

@@ -64,6 +64,25 @@ def test_every_name_is_there_and_says_what_it_is(name: str) -> None:
         assert "Args:" in text and "Returns:" in text
 
 
+def test_every_name_can_be_imported_first_in_an_interpreter_of_its_own() -> None:
+    program = """
+import os
+import numba, numpy, osqp, scipy.sparse
+import quad_mpc_ros
+for name in quad_mpc_ros.__all__:
+    child = os.fork()  # which has imported nothing of the package
+    if child == 0:
+        exec(f"from quad_mpc_ros import {name}; assert {name} is quad_mpc_ros.{name}")
+        os._exit(0)
+    if os.waitpid(child, 0)[1] != 0:
+        print(name)
+"""
+    ended = subprocess.run(
+        [sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True
+    )
+    assert ended.stdout.split() == [], ended.stderr
+
+
 def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="has no attribute 'Kontroller'"):
         _ = quad_mpc_ros.Kontroller  # type: ignore[attr-defined]

@@ -12,16 +12,16 @@ from typing import Any
 import pytest
 import rclpy
 import yaml
+from fixtures.faults import distortions
 from fixtures.installed_ros import environment, running, wait_for
+from fixtures.relay import PREFIX, Relay, odometry_relay, reference_relay
 from fixtures.setup_py import executable
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from rosbags.highlevel import AnyReader
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.commands.soak.relay import PREFIX, Relay, odometry_relay, reference_relay
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.experiments.faults import distortions
 from quad_mpc_ros.messages.cdr import header_stamp_ns as stamp_of
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE
 from quad_mpc_ros.recordings.reader import BagReader
@@ -61,22 +61,20 @@ class Flight:
         with (self._folder / f"{name}.log").open("wb") as log:
             self._processes.append(subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT))
 
-    def spin(self, seconds: float, *, each: Callable[[], None] = lambda: None) -> None:
-        self.wait(lambda: False, seconds=seconds, each=each)
+    def spin(self, seconds: float) -> None:
+        self.wait(lambda: False, seconds=seconds)
 
     def wait(
         self,
         condition: Callable[[], Any],
         *,
         seconds: float = 60.0,
-        each: Callable[[], None] = lambda: None,
     ) -> bool:
         end = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > end:
                 return False
             self._executor.spin_once(timeout_sec=0.005)
-            each()
         return True
 
     def end_nodes(self) -> None:
@@ -246,7 +244,7 @@ def record_flight(
         flight.start("reference_node", *given)
         flight.start("simulator_node", *given)
         # Flying by what it sees; what it commands blindly has other stamps.
-        assert flight.wait(lambda: len(answered & {p.stamp_ns for p in odometry.passed}) > 50)
+        assert flight.wait(lambda: len(answered & odometry.passed_ns) > 50)
         fly_with_faults(flight, odometry, reference)
         recorder.interrupt_all()
         recorder.ends()
@@ -262,7 +260,7 @@ def fly_with_faults(flight: Flight, odometry: Relay[Any], reference: Relay[Any])
         request = SetParametersAtomically.Request()
         request.parameters = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
         answer = client.call_async(request)
-        assert flight.wait(answer.done, each=odometry.release)
+        assert flight.wait(answer.done)
         assert answer.result().result.successful
 
     faults = (

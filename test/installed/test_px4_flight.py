@@ -5,6 +5,7 @@ At half the speed of the wall clock, so that a busy machine keeps up.
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -13,12 +14,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from fixtures.installed_ros import environment, importable
 
 BUILD = "QUAD_MPC_PX4"
@@ -37,7 +37,7 @@ CONFIG = {
     "reference": {
         **VEHICLE,
         "drag": 1.0,
-        "advanced.trajectory_omega_max": RATES,
+        "omega_max": RATES,
         "takeoff_height": 2.5,
         "height": 2.5,
     },
@@ -128,9 +128,8 @@ def flown(
     """Fly with the tool and a bridge of these parameters; return its table, a row a phase."""
     nodes = {**CONFIG, f"{bridge}_bridge": {**VEHICLE, **parameters}}
     config = folder / "sih.yaml"
-    config.write_text(
-        yaml.safe_dump({f"/**/{name}": {"ros__parameters": each} for name, each in nodes.items()})
-    )
+    parameters_of = {f"/**/{name}": {"ros__parameters": each} for name, each in nodes.items()}
+    config.write_text(json.dumps(parameters_of))  # YAML, without aliases of what is shared
     command = [python, "-P", str(TOOL), "--config", str(config), "--bridge", bridge, *options]
     code = start("flight", command, dict(env)).wait()
     told = (folder / "flight.log").read_text()
@@ -179,3 +178,66 @@ def test_px4_is_flown_by_mavlink(build: Path, start: Start, tmp_path: Path) -> N
     for phase, most in {"hover": 0.15, "reference": 0.15, "corner 4": 0.2}.items():
         assert table[phase][0] < most
     assert table["reference"][2] > 4.0  # m/s
+
+
+class Connection:
+    """A bridge to PX4 by MAVLink, without a node."""
+
+    def __init__(self, device: str) -> None:
+        from quad_mpc_ros.ros.bridges.mavlink import MavlinkBridge
+        from quad_mpc_ros.ros.bridges.network_line import open_line
+        from quad_mpc_ros.ros.messages import new_message
+
+        self.bridge = MavlinkBridge(MavlinkBridge.Config(device=device), new_message)
+        assert self.bridge.line is not None
+        self._line = open_line(self.bridge.line)
+
+    def until(self, condition: Callable[[], Any], *, seconds: float = 60.0) -> Any:
+        """Exchange messages until a condition is true; return what it returned."""
+        deadline = time.monotonic() + seconds
+        while not (found := condition()):
+            assert time.monotonic() < deadline, self.bridge.take_warnings()
+            self._line.write(self.bridge.exchange(self._line.read(), now_ns=self.now_ns))
+            time.sleep(0.002)
+        return found
+
+    def close(self) -> None:
+        self._line.close()
+
+    @property
+    def now_ns(self) -> int:
+        return time.monotonic_ns()
+
+    def command(self, number: int, *parameters: float) -> None:
+        """Send a COMMAND_LONG, as a ground station does."""
+        message = self.bridge._command(number, *parameters)
+        self._line.write(self.bridge._packed(message).data)
+
+    def arm(self, wanted: bool) -> Any:
+        """Return how PX4 answers a request to arm or disarm."""
+        response = self.bridge.arm(wanted, now_ns=self.now_ns)
+        for each in response.messages:
+            self._line.write(each.data)
+        return self.until(lambda: self.bridge.arming_outcome(now_ns=self.now_ns))
+
+
+@pytest.mark.timeout(200)
+def test_px4_gives_its_reason_and_disarms_in_the_air(
+    build: Path, start: Start, tmp_path: Path
+) -> None:
+    pytest.importorskip("rclpy")
+    pytest.importorskip("pymavlink")
+    instance = start_px4(build, start, tmp_path)
+    with closing(Connection(f"udpout:127.0.0.1:{14580 + instance}")) as px4:
+        bridge = px4.bridge
+        px4.until(lambda: not bridge.stack_fault(now_ns=px4.now_ns))
+        while not (outcome := px4.arm(True)).accepted:  # until its estimator has started
+            assert "the autopilot refuses arming: temporarily rejected" in outcome.text
+        px4.command(22, 0.0, 0.0, 0.0, *4 * [float("nan")])  # take off
+        px4.until(lambda: bridge.landed(now_ns=px4.now_ns) is False)
+        # PX4 refuses to disarm in the air, unless it is forced.
+        px4.command(400, 0.0, 0.0)
+        denied = "the autopilot says: Disarming denied: not landed"
+        px4.until(lambda: denied in bridge.take_warnings())
+        outcome = px4.arm(False)
+        assert (outcome.accepted, outcome.text) == (True, "disarmed")

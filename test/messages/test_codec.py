@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fixtures.messages import empty, encoded
+from fixtures.messages import RECORDED_TYPES, empty, encoded
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.messages.codec import MessageDecoder
-from quad_mpc_ros.messages.schemas import SHIPPED_TYPES, MessageSchema
+from quad_mpc_ros.messages.schemas import MessageSchema
 from quad_mpc_ros.ros.messages import new_message
 
 DECODER = MessageDecoder()
@@ -75,7 +75,7 @@ def assert_same(ours: Any, theirs: Any) -> None:
             assert mine == other, name
 
 
-@pytest.mark.parametrize("type_name", SHIPPED_TYPES)
+@pytest.mark.parametrize("type_name", RECORDED_TYPES)
 @given(seed=st.integers(0, 2**32))
 @settings(max_examples=40, deadline=None)
 def test_decodes_what_rclpy_serializes(type_name: str, seed: int) -> None:
@@ -94,7 +94,7 @@ def test_refuses_unknown_types() -> None:
         DECODER.decode("px4_msgs/msg/VehicleOdometry", b"")
 
 
-@pytest.mark.parametrize("type_name", SHIPPED_TYPES)
+@pytest.mark.parametrize("type_name", RECORDED_TYPES)
 @given(seed=st.integers(0, 2**32), data=st.data())
 @settings(max_examples=40, deadline=None)
 def test_damaged_bytes_decode_or_are_refused(

@@ -9,13 +9,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from fixtures.scripts import script_module
-from rosbags.typesys import Stores, get_typestore
+from fixtures.messages import RECORDED_TYPES
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosidl_adapter.parser import parse_message_string
 
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.messages.codec import MessageDecoder
-from quad_mpc_ros.messages.schemas import SHIPPED_TYPES, installed_schema, schema_for
+from quad_mpc_ros.messages.schemas import schema_for
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.writer import BagWriter
 
@@ -37,14 +37,14 @@ def expected_sections(reference: str, seen: list[str]) -> list[tuple[str, str]]:
     return sections
 
 
-@pytest.mark.parametrize("type_name", [*SHIPPED_TYPES, "sensor_msgs/msg/Imu"])
+@pytest.mark.parametrize("type_name", RECORDED_TYPES)
 def test_text_is_what_rosbag2_writes_of_the_installed_files(type_name: str) -> None:
     (_, root), *used = expected_sections(type_name.replace("/msg/", "/"), [])
     expected = root + "".join(f"{SEPARATOR}{name}\n{text}" for name, text in used)
     assert schema_for(type_name).text == expected
 
 
-@pytest.mark.parametrize("type_name", SHIPPED_TYPES)
+@pytest.mark.parametrize("type_name", RECORDED_TYPES)
 def test_hash_is_that_of_the_installed_package_and_of_rosbags(type_name: str) -> None:
     package, _, name = type_name.split("/")
     description = json.loads((SHARE / package / "msg" / f"{name}.json").read_text())
@@ -54,19 +54,18 @@ def test_hash_is_that_of_the_installed_package_and_of_rosbags(type_name: str) ->
     assert type_hash == get_typestore(Stores.ROS2_JAZZY).hash_rihs01(type_name)
 
 
-@pytest.mark.parametrize("type_name", SHIPPED_TYPES)
-def test_shipped_equals_installed(type_name: str) -> None:
-    assert schema_for(type_name) == installed_schema(type_name)
-
-
-def test_update_tool_writes_what_is_shipped(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("type_name", RECORDED_TYPES)
+def test_without_ros_a_type_has_the_installed_fields_constants_and_hash(
+    type_name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tool = script_module("tools/update_schemas.py")
-    shipped = {path.name: path.read_bytes() for path in tool.FOLDER.iterdir()}
-    monkeypatch.setattr(tool, "FOLDER", tmp_path / "schemas")
-    tool.main()
-    assert {path.name: path.read_bytes() for path in tool.FOLDER.iterdir()} == shipped
+    installed = schema_for(type_name)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", "")
+    monkeypatch.setattr(sys, "prefix", "/nowhere")
+    generated = schema_for(type_name)
+    assert generated.text != installed.text  # comments
+    definitions = get_types_from_msg(installed.text, type_name)
+    assert get_types_from_msg(generated.text, type_name) == definitions
+    assert (generated.type_hash, generated.encoding) == (installed.type_hash, installed.encoding)
 
 
 def install(prefix: Path, reference: str, text: str) -> None:
@@ -180,13 +179,12 @@ WITHOUT_ROS = """
 import sys
 sys.prefix = "/nowhere"
 from pathlib import Path
-from quad_mpc_ros.messages.schemas import SHIPPED_TYPES
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.writer import BagWriter
 with BagWriter(Path(sys.argv[1])) as writer:
-    for type_name in SHIPPED_TYPES:
+    for type_name in sys.argv[2:]:
         writer.add_topic("/" + type_name, type_name)
-assert len(BagReader(Path(sys.argv[1])).topics) == len(SHIPPED_TYPES)
+assert len(BagReader(Path(sys.argv[1])).topics) == len(sys.argv[2:])
 packages = {name.partition(".")[0] for name in sys.modules}
 loaded = [name for name in packages if name.endswith(("rclpy", "_msgs", "_interfaces"))]
 assert not loaded, loaded
@@ -197,5 +195,7 @@ def test_needs_no_ros(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     environment.pop("AMENT_PREFIX_PATH", None)
     subprocess.run(
-        [sys.executable, "-c", WITHOUT_ROS, str(tmp_path / "bag")], check=True, env=environment
+        [sys.executable, "-c", WITHOUT_ROS, str(tmp_path / "bag"), *RECORDED_TYPES],
+        check=True,
+        env=environment,
     )

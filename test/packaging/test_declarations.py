@@ -122,11 +122,27 @@ def test_every_python_dependency_is_used() -> None:
     assert python_dependencies() <= imports_of(ROOT / "quad_mpc_ros").keys()
 
 
-@pytest.mark.parametrize("page", ["README.md", "Dockerfile", "package.xml"])
+PIP_LINE = re.compile(r"pip install (?:--no-cache-dir )?(osqp [a-z ]+)")
+
+
+def test_the_workspace_section_installs_all_that_a_flight_needs() -> None:
+    """Also where rosdep was not run, and where pip brings another NumPy than Ubuntu's."""
+    readme = (ROOT / "README.md").read_text()
+    section = readme[readme.index("## Use it in a ROS 2 workspace") :]
+    line = PIP_LINE.search(section)
+    assert line
+    listed = {import_name(name) for name in line[1].split()}
+    with_others = {"zstandard", "numpy", "scipy", "yaml"}  # of rosbags, osqp, osqp, ROS 2
+    assert listed | with_others == python_dependencies()
+    assert "rosdep install --from-paths" in section
+    assert "quad_mpc compile" in section
+
+
+@pytest.mark.parametrize("page", ["Dockerfile", "package.xml"])
 def test_what_ubuntu_does_not_have_is_installed_by_one_line(
     page: str, package_xml: Package
 ) -> None:
-    line = re.search(r"pip install (?:--no-cache-dir )?(osqp [a-z ]+)", (ROOT / page).read_text())
+    line = PIP_LINE.search((ROOT / page).read_text())
     assert line
     listed = {import_name(name) for name in line[1].split()}
     with_others = {"zstandard"}  # rosbags needs it itself

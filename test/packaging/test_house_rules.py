@@ -6,8 +6,6 @@ import ast
 from collections.abc import Container, Iterator
 from pathlib import Path
 
-import pytest
-
 PACKAGE = Path(__file__).resolve().parents[2] / "quad_mpc_ros"
 TREES = {
     str(path.relative_to(PACKAGE)): ast.parse(path.read_text())
@@ -15,6 +13,7 @@ TREES = {
 }
 
 MOST_PARAMETERS = 10
+MOST_PARAMETERS_OF = {"control/ocp/": 8}
 MOST_ALIKE = 5
 
 # The files that may import ctypes, and for which call of the system that Python does not offer.
@@ -40,15 +39,20 @@ LARGEST_INDEX = 2
 OF_NAMED_TUPLES = {"_asdict", "_replace", "_fields", "_make"}
 
 
-def test_no_function_has_more_than_ten_parameters() -> None:
+def test_no_function_has_more_parameters_than_its_package_may_have() -> None:
     long = [
         f"{name}:{node.lineno}: {node.name} has {count}"
         for name, tree in TREES.items()
         for node in ast.walk(tree)
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-        and (count := parameters(node)) > MOST_PARAMETERS
+        and (count := parameters(node)) > most_parameters(name)
     ]
     assert not long
+
+
+def most_parameters(file: str) -> int:
+    of_packages = [most for package, most in MOST_PARAMETERS_OF.items() if package in file]
+    return min([*of_packages, MOST_PARAMETERS])
 
 
 def parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
@@ -116,9 +120,26 @@ def imports(tree: ast.AST, modules: Container[str]) -> Iterator[str]:
             yield from imports(node, modules)
 
 
-@pytest.mark.parametrize("name", TREES)
-def test_keeps_the_rules(name: str) -> None:
-    assert not list(offences(name, TREES[name]))
+def test_no_file_breaks_a_rule() -> None:
+    found = [f"{name}:{each}" for name, tree in TREES.items() for each in offences(name, tree)]
+    assert not found
+
+
+READERS = {
+    "configuration/ros_yaml.py": {"yaml.load"},
+    "configuration/text_files.py": {"csv.reader"},
+}
+
+
+def test_one_function_reads_every_yaml_file_and_one_every_table() -> None:
+    readers = {"yaml.load", "yaml.safe_load", "csv.reader", "csv.DictReader", "np.loadtxt"}
+    readers.add("np.genfromtxt")
+    found: dict[str, set[str]] = {}
+    for name, tree in TREES.items():
+        calls = {dotted(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+        if calls & readers:
+            found[name] = calls & readers
+    assert found == READERS
 
 
 def is_self(node: ast.expr) -> bool:
@@ -143,53 +164,48 @@ def defined(tree: ast.Module) -> Iterator[str]:
 OWN_PRIVATE = frozenset(name for tree in TREES.values() for name in defined(tree))
 
 
-@pytest.mark.parametrize(
-    ("code", "expected"),
-    [
-        ("node._parameter_overrides", "private attribute _parameter_overrides"),
-        ("self._state_machine.current_state", "private attribute _state_machine"),
-        ("from numba.core import _helperlib", "private module numba.core._helperlib"),
-        ("import rclpy.impl.logging_severity", "private module rclpy.impl.logging_severity"),
-        ("exec('1')", "calls exec"),
-        ("value = builtins.eval(text)", "calls eval"),
-        ("import pickle", "imports pickle"),
-        ("from marshal import loads", "imports marshal"),
-        ("import ctypes", "imports ctypes"),
-        ("from ctypes import CDLL", "imports ctypes"),
-        ("sys.modules['scipy'] = None", "writes sys.modules"),
-        ("del sys.modules['scipy']", "writes sys.modules"),
-        ("sys.modules.setdefault('scipy', None)", "writes sys.modules"),
-        ("modules = sys.modules", "writes sys.modules"),
-        ("from sys import modules", "writes sys.modules"),
-        ("@compiled\ndef f(x):\n    return x[14]", "index 14"),
-        ("@compiled\ndef f(x):\n    return x[i, 12]", "index 12"),
-        ("@compiled\ndef f(x):\n    return x[i, 1 + k]", "offset 1 + k"),
-        ("@compiled\ndef f(x):\n    return x[n + 1 + k]", "offset n + 1 + k"),
-        ("f = compiled(g)\nx[16:19]", "index 16"),
-        ("f = compiled(g)\nx[:9] = 0.0", "index 9"),
-        ("f = compiled(g)\nx[-5]", "index 5"),
-        ("from quad_mpc_ros.configuration.records import Record\nx[3]", "index 3"),
-    ],
-)
-def test_an_offence_is_found(code: str, expected: str) -> None:
-    found = list(offences("control/ocp/sqp.py", ast.parse(code)))
-    assert any(expected in each for each in found), found
+OFFENCES = [
+    ("node._parameter_overrides", "private attribute _parameter_overrides"),
+    ("self._state_machine.current_state", "private attribute _state_machine"),
+    ("from numba.core import _helperlib", "private module numba.core._helperlib"),
+    ("import rclpy.impl.logging_severity", "private module rclpy.impl.logging_severity"),
+    ("exec('1')", "calls exec"),
+    ("value = builtins.eval(text)", "calls eval"),
+    ("import pickle", "imports pickle"),
+    ("from marshal import loads", "imports marshal"),
+    ("import ctypes", "imports ctypes"),
+    ("from ctypes import CDLL", "imports ctypes"),
+    ("sys.modules['scipy'] = None", "writes sys.modules"),
+    ("del sys.modules['scipy']", "writes sys.modules"),
+    ("sys.modules.setdefault('scipy', None)", "writes sys.modules"),
+    ("modules = sys.modules", "writes sys.modules"),
+    ("from sys import modules", "writes sys.modules"),
+    ("@compiled\ndef f(x):\n    return x[14]", "index 14"),
+    ("@compiled\ndef f(x):\n    return x[i, 12]", "index 12"),
+    ("@compiled\ndef f(x):\n    return x[i, 1 + k]", "offset 1 + k"),
+    ("@compiled\ndef f(x):\n    return x[n + 1 + k]", "offset n + 1 + k"),
+    ("f = compiled(g)\nx[16:19]", "index 16"),
+    ("f = compiled(g)\nx[:9] = 0.0", "index 9"),
+    ("f = compiled(g)\nx[-5]", "index 5"),
+    ("from quad_mpc_ros.configuration.records import Record\nx[3]", "index 3"),
+]
+ALLOWED = [
+    ("mpc.py", "class A:\n    def f(self):\n        self._x = 1\n        return self._x"),
+    ("spin.py", "from rclpy.experimental import EventsExecutor"),
+    ("ros/realtime.py", "import ctypes"),
+    ("mpc.py", "if 'rclpy' in sys.modules:\n    sys.modules['rclpy'].ok()"),
+    ("mpc.py", "re.compile('x').fullmatch(text)[3]"),  # no compiled function, no record
+    ("mpc.py", "f = compiled(g)\nx[2, :, -1]\nx[THROTTLE]\ny: Annotated[Array, (3, 3)]"),
+    ("control/lie/kernels.py", "f = compiled(g)\na[8]"),
+]
 
 
-@pytest.mark.parametrize(
-    ("name", "code"),
-    [
-        ("mpc.py", "class A:\n    def f(self):\n        self._x = 1\n        return self._x"),
-        ("spin.py", "from rclpy.experimental import EventsExecutor"),
-        ("ros/realtime.py", "import ctypes"),
-        ("mpc.py", "if 'rclpy' in sys.modules:\n    sys.modules['rclpy'].ok()"),
-        ("mpc.py", "re.compile('x').fullmatch(text)[3]"),  # no compiled function, no record
-        ("mpc.py", "f = compiled(g)\nx[2, :, -1]\nx[THROTTLE]\ny: Annotated[Array, (3, 3)]"),
-        ("control/lie/kernels.py", "f = compiled(g)\na[8]"),
-    ],
-)
-def test_what_is_allowed_is_no_offence(name: str, code: str) -> None:
-    assert not list(offences(name, ast.parse(code)))
+def test_every_offence_is_found_and_nothing_that_is_allowed() -> None:
+    for code, expected in OFFENCES:
+        found = list(offences("control/ocp/manifold.py", ast.parse(code)))
+        assert any(expected in each for each in found), (code, found)
+    for name, code in ALLOWED:
+        assert not list(offences(name, ast.parse(code))), code
 
 
 def offences(name: str, tree: ast.Module) -> Iterator[str]:
@@ -207,7 +223,8 @@ def foreign_attributes(_name: str, tree: ast.Module) -> Iterator[str]:
             and node.attr.startswith("_")
             and not node.attr.startswith("__")
             and node.attr not in OF_NAMED_TUPLES
-            and node.attr not in (own | OWN_PRIVATE if is_self(node.value) else own)
+            and node.attr not in own
+            and not (is_self(node.value) and node.attr in OWN_PRIVATE)
         ):
             yield f"{node.lineno}: private attribute {node.attr} of {ast.unparse(node.value)}"
 
@@ -236,11 +253,17 @@ def tricks(_name: str, tree: ast.Module) -> Iterator[str]:
         elif isinstance(node, ast.Compare):
             read.update(node.comparators)
     for node in ast.walk(tree):
-        if isinstance(node, ast.Call) and ast.unparse(node.func) in CODE_OF_TEXT:
-            yield f"{node.lineno}: calls {ast.unparse(node.func).removeprefix('builtins.')}"
-        names_modules = isinstance(node, ast.Attribute) and ast.unparse(node) == "sys.modules"
-        if names_modules and node not in read:
+        if isinstance(node, ast.Call) and dotted(node.func) in CODE_OF_TEXT:
+            yield f"{node.lineno}: calls {dotted(node.func).removeprefix('builtins.')}"
+        if isinstance(node, ast.Attribute) and dotted(node) == "sys.modules" and node not in read:
             yield f"{node.lineno}: writes sys.modules"
+
+
+def dotted(node: ast.expr) -> str:
+    """Return a name, or a name in a module; of anything else nothing."""
+    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+        return f"{node.value.id}.{node.attr}"
+    return node.id if isinstance(node, ast.Name) else ""
 
 
 def numbered_indices(name: str, tree: ast.Module) -> Iterator[str]:
@@ -273,10 +296,10 @@ def packs(tree: ast.Module) -> bool:
     """Whether a file has compiled functions, or handles records."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef) and any(
-            ast.unparse(decorator) == "compiled" for decorator in node.decorator_list
+            dotted(decorator) == "compiled" for decorator in node.decorator_list
         ):
             return True
-        if isinstance(node, ast.Call) and ast.unparse(node.func) == "compiled":
+        if isinstance(node, ast.Call) and dotted(node.func) == "compiled":
             return True
         if any(module.startswith(RECORDS) for module in imported(node)):
             return True

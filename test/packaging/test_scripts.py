@@ -53,5 +53,5 @@ def test_what_a_script_imports_exists(script: Path) -> None:
 
 
 def test_a_name_that_is_not_there_is_found() -> None:
-    stale = ast.parse("from quad_mpc_ros.obstacles.configured import avoiding, guidance")
-    assert lacking(stale) == ["quad_mpc_ros.obstacles.configured.avoiding"]
+    stale = ast.parse("from quad_mpc_ros.extras.guidance import avoiding, guidance")
+    assert lacking(stale) == ["quad_mpc_ros.extras.guidance.avoiding"]

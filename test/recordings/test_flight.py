@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,6 +17,7 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.recordings.evaluation.metrics import summarise
 from quad_mpc_ros.recordings.evaluation.simulated import load_config
+from quad_mpc_ros.recordings.evaluation.verdict import verdict_on
 from quad_mpc_ros.recordings.flight import Flight, ReferenceSampler
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.references.config import ReferenceConfig
@@ -185,7 +186,32 @@ def test_skips_unusable_odometry(make_bag: BagStarter, build: SimpleNamespace) -
     bag.odometry(build.odometry(start + 10, p_WB=np.array([np.nan, 0.0, 0.0])))
     bag.odometry(build.odometry(start + 20, q_WB_xyzw=np.zeros(4)))
     bag.odometry(build.odometry(start + 30))
-    assert read(bag).stamp_ns.tolist() == [start, start + 30]
+    flight = read(bag)
+    assert flight.stamp_ns.tolist() == [start, start + 30]
+    reason = "odometry pose.pose.position.x is not finite or beyond 1e8"
+    assert flight.rejected == {reason: 1, "odometry quaternion is not of unit length": 1}
+    assert f"Odometries that the controller rejects: 1, {reason}." in wrong(flight)
+
+
+def test_names_odometry_in_another_frame_than_the_controllers(
+    make_bag: BagStarter, build: SimpleNamespace
+) -> None:
+    for frame_id, is_recorded in (("odom", True), ("map", True), ("map", False)):
+        bag = make_bag(f"{frame_id}_{is_recorded}")
+        for n in range(3):
+            bag.odometry(build.odometry(build.start_ns + n * build.period_ns, frame_id=frame_id))
+        if is_recorded:
+            bag.parameters("mpc", {"mass": 0.5})
+        flight = read(bag)
+        assert len(flight.stamp_ns) == 3
+        named = "rejects: 3, odometry is in frame 'map', expected 'odom'."
+        assert any(named in sentence for sentence in wrong(flight)) is (
+            frame_id == "map" and is_recorded
+        )
+
+
+def wrong(flight: Flight) -> Sequence[str]:
+    return verdict_on(summarise(flight)).wrong
 
 
 def test_rotates_a_world_frame_twist(make_bag: BagStarter, build: SimpleNamespace) -> None:
@@ -284,8 +310,10 @@ class TestRefusals:
 
     def test_no_usable_odometry(self, make_bag: BagStarter, build: SimpleNamespace) -> None:
         bag = make_bag()
-        bag.odometry(build.odometry(build.start_ns, p_WB=np.full(3, np.inf)))
-        assert "no flight in it" in self.refusal(bag)
+        bag.odometry(build.odometry(build.start_ns, v_WB_B=np.array([0.0, np.inf, 0.0])))
+        refusal = self.refusal(bag)
+        assert "no flight in it" in refusal
+        assert "1 rejected: odometry twist.twist.linear.y is not finite or beyond 1e8" in refusal
 
     def test_two_vehicles(self, make_bag: BagStarter, build: SimpleNamespace) -> None:
         bag = make_bag(namespace="/uav1")
@@ -358,3 +386,14 @@ def test_the_papers_square(make_bag: BagStarter) -> None:
         if step.tick is not None and step.tick.command is not None
     ]
     assert summary["rate_saturation_fraction"] == pytest.approx(np.mean(at_bound))
+
+
+@pytest.mark.parametrize("stamp_ns", [0, 1_700_000_000_000_000_000])
+def test_rejects_odometry_whose_stamps_do_not_advance(
+    stamp_ns: int, make_bag: BagStarter, build: SimpleNamespace
+) -> None:
+    bag = make_bag()
+    for count in range(100):
+        bag.odometry(build.odometry(stamp_ns), latency_ms=20.0 * count)
+    with pytest.raises(BagError, match="stamps do not advance: given 100 odometries with 1 diff"):
+        read(bag)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.messages.schemas import schema_for
 from quad_mpc_ros.recordings.reader import BagReader, TopicInfo
+from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.writer import BagWriter
 
 WriteFlight = Callable[[BagWriter, int], None]
@@ -294,11 +297,11 @@ def metadata_yaml(**information: object) -> dict[str, bytes]:
         (metadata_yaml(storage_identifier="mcap"), "relative_file_paths names no file"),
         (
             metadata_yaml(storage_identifier="mcap", relative_file_paths=["y.mcap"]),
-            "y.mcap: cannot be read: No such file",
+            "metadata.yaml: lists y.mcap, which is not there",
         ),
         (
             metadata_yaml(storage_identifier="sqlite3", relative_file_paths=["y.db3"]),
-            "storage is 'sqlite3', expected 'mcap'; convert",
+            "storage is 'sqlite3', expected MCAP; convert it: rosbags-convert --src",
         ),
         (
             metadata_yaml(storage_identifier="mcap", compression_mode="FILE"),
@@ -311,8 +314,8 @@ def metadata_yaml(**information: object) -> dict[str, bytes]:
             "compression 'lz4' of mode 'FILE' is not supported, expected zstd",
         ),
         ({"metadata.yaml": b"- 1"}, "rosbag2_bagfile_information is missing"),
-        ({"metadata.yaml": b"a: [\n\tb"}, "metadata.yaml: is not YAML"),
-        ({"metadata.yaml": b"\xff\xfe\x00\xd8"}, "metadata.yaml: is not YAML"),
+        ({"metadata.yaml": b"a: [\n\tb"}, "metadata.yaml: not YAML"),
+        ({"metadata.yaml": b"\xff\xfe\x00\xd8"}, "metadata.yaml: not UTF-8"),
     ],
 )
 def test_refuses_what_is_no_bag_in_one_line(
@@ -324,6 +327,58 @@ def test_refuses_what_is_no_bag_in_one_line(
         BagReader(tmp_path)
     assert "\n" not in str(caught.value)
     assert str(tmp_path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("x_0.db3", b"SQLite format 3\0", "holds a bag of another format, expected MCAP"),
+        ("x.bag", b"#ROSBAG V2.0\n", "holds a bag of another format, expected MCAP"),
+    ],
+)
+def test_names_other_formats_and_what_converts_them(
+    tmp_path: Path, name: str, content: bytes, reason: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    command = f"convert it: rosbags-convert --src {tmp_path / name} --dst"
+    for path, told in ((tmp_path, reason), (tmp_path / name, "is a")):
+        with pytest.raises(BagError) as caught:
+            BagReader(path)
+        assert told in str(caught.value) and command in str(caught.value)
+
+
+def test_the_command_for_sqlite_converts(tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with RosbagsWriter(
+        tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3
+    ) as writer:
+        connection = writer.add_connection("/clock", CLOCK, typestore=store)
+        writer.write(connection, 1, b"\x00\x01\x00\x00" + bytes(8))
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    with pytest.raises(BagError) as caught:
+        BagReader(tmp_path / "bag")
+    command = str(caught.value).partition("convert it: ")[2]
+    assert command.startswith("rosbags-convert ")
+    scripts = Path(sys.executable).parent
+    subprocess.run([scripts / command.split()[0], *command.split()[1:]], check=True)
+    assert BagReader(Path(command.split()[4])).topics["/clock"].message_count == 1
+
+
+def test_a_topic_of_another_encoding_is_named(tmp_path: Path) -> None:
+    for encoding, told in (("json", "as 'json', expected 'cdr'"), ("ros1", "rosbags-convert")):
+        file = tmp_path / f"{encoding}.mcap"
+        with file.open("wb") as stream:
+            writer = Writer(stream)
+            writer.start(profile="")
+            channel = writer.register_channel("/odom", encoding, 0)
+            writer.add_message(channel, 1, b"{}", 1)
+            writer.finish()
+        with pytest.raises(BagError, match=told):
+            BagReader(file).require_cdr(["/odom"])
+        with pytest.raises(BagError, match=told):
+            Recording(file).flight()
+        with pytest.raises(BagError, match=told):
+            Recording(file).run()
 
 
 def test_refuses_a_missing_bag(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import yaml
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.highlevel import AnyReader
 
 from quad_mpc_ros.configuration import BagError
@@ -332,3 +332,134 @@ def test_kill_loses_at_most_one_second(tmp_path: Path) -> None:
         last_ns = times[-1] if times else started_ns
         assert killed_ns - last_ns < 1e9
         assert len(times) > (last_ns - started_ns) / 1e9 * 50
+
+
+def test_completes_metadata_with_an_empty_storage_identifier(flight_bag: Path) -> None:
+    """rosbag2#2175: ``ros2 bag reindex`` of Humble leaves it empty."""
+    metadata = flight_bag / "metadata.yaml"
+    metadata.write_text(
+        metadata.read_text().replace("storage_identifier: mcap", 'storage_identifier: ""')
+    )
+    with pytest.raises(BagError, match=r"storage_identifier is empty.*: quad_mpc bag repair"):
+        BagReader(flight_bag)
+    assert repair(flight_bag).files == []
+    assert len(list(BagReader(flight_bag).messages())) == 15
+    with AnyReader([flight_bag]) as reader:
+        assert reader.message_count == 15
+
+
+def test_lists_files_that_were_renamed(flight_bag: Path) -> None:
+    (flight_bag / "flight_0.mcap").rename(flight_bag / "square_0.mcap")
+    with pytest.raises(BagError, match=r"lists flight_0\.mcap, which is not there.*bag repair"):
+        BagReader(flight_bag)
+    repair(flight_bag)
+    assert [file.name for file in BagReader(flight_bag).files] == ["square_0.mcap"]
+
+
+def test_indexes_the_messages_of_a_reindexed_bag(tmp_path: Path) -> None:
+    """rosbag2#2003: recorded without an end, then given metadata.yaml by ``ros2 bag reindex``."""
+    bag = tmp_path / "killed"
+    write_clocks(bag, 35)
+    metadata = (bag / "metadata.yaml").read_bytes()
+    cut(bag, 1200)
+    (bag / "metadata.yaml").write_bytes(metadata)
+    assert "is unfinished" in BagReader(bag).warning
+    repair(bag)
+    assert has_message_indexes(bag / "killed_0.mcap")
+
+
+def test_indexes_messages_of_a_finished_file_that_has_no_index_of_them(tmp_path: Path) -> None:
+    """``ros2 bag play`` cannot put its messages in order."""
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    with (bag / "bag_0.mcap").open("wb") as stream:
+        writer = Writer(stream, index_types=IndexType.ALL ^ IndexType.MESSAGE)
+        writer.start(profile="ros2")
+        channel = writer.register_channel("/clock", "cdr", 0)
+        for number in range(20):
+            writer.add_message(channel, number, clock_data(number), number)
+        writer.finish()
+    assert not has_message_indexes(bag / "bag_0.mcap")
+    repair(bag)
+    assert has_message_indexes(bag / "bag_0.mcap")
+    assert len(list(BagReader(bag).messages())) == 20
+
+
+def has_message_indexes(file: Path) -> bool:
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    return all(chunk.message_index_offsets for chunk in summary.chunk_indexes)
+
+
+def test_keeps_what_was_whole_before_a_power_failure(tmp_path: Path) -> None:
+    """rosbag2#2133: a block of the last chunk was never written, its end neither."""
+    bag = tmp_path / "robot"
+    write_clocks(bag, 35)
+    whole = (bag / "robot_0.mcap").read_bytes()
+    cut(bag, len(whole))
+    (bag / "robot_0.mcap").write_bytes(whole[:1500] + bytes(4096))
+    repair(bag)
+    assert numbers(bag) == list(range(len(numbers(bag))))
+    assert len(numbers(bag)) >= 10
+
+
+@pytest.mark.parametrize("wrong", [0, 2**63 + 5, 2**64 - 1])
+def test_corrects_log_times_of_a_clock_that_was_not_set(tmp_path: Path, wrong: int) -> None:
+    """rosbag2#1276 and #2389: 0 before the first ``/clock``, or times that rolled over."""
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    start = 1_700_000_000_000_000_000
+    with (bag / "bag_0.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        channel = writer.register_channel("/clock", "cdr", 0)
+        for number in range(20):
+            time = wrong if number in (0, 1, 9) else start + number
+            writer.add_message(channel, time, clock_data(number), time)
+        writer.finish()
+    assert "log times: quad_mpc bag repair" in BagReader(bag / "bag_0.mcap").warning
+    (file,) = repair(bag).files
+    assert file.corrected_times == 3
+    messages = list(BagReader(bag).messages())
+    expected = [start + 2, start + 2, *range(start + 2, start + 9), start + 8]
+    assert [each.log_time_ns for each in messages[:10]] == expected
+    assert all(each.log_time_ns == each.publish_time_ns for each in messages)
+    assert not BagReader(bag).warning
+    assert not repair(bag).needed
+
+
+def test_repairs_a_corrupt_file_among_sound_ones(tmp_path: Path) -> None:
+    """rosbag2#2389: one file of a split bag is corrupt in a chunk, and not in metadata.yaml."""
+    bag = tmp_path / "split"
+    write_clocks(bag, 60, split=20)
+    file = bag / "split_1.mcap"
+    content = bytearray(file.read_bytes())
+    place = content.index(b"zstd") + 30
+    content[place : place + 20] = bytes(20)
+    file.write_bytes(content[:-100])
+    metadata = bag / "metadata.yaml"
+    lines = metadata.read_text().splitlines(keepends=True)
+    metadata.write_text("".join(line for line in lines if "- split_1.mcap" not in line))
+    damaged = repair(bag).files
+    assert [each.path for each in damaged] == [file]
+    kept = numbers(bag)
+    assert kept == sorted(set(kept)) and {*range(20), *range(42, 60)} <= {*kept}
+
+
+def test_file_cut_in_its_summary_is_readable_again(tmp_path: Path) -> None:
+    """mcap#1474: ``mcap recover`` leaves a file that cannot be read."""
+    write_clocks(tmp_path / "whole", 35)
+    content = (tmp_path / "whole" / "whole_0.mcap").read_bytes()
+    with (tmp_path / "whole" / "whole_0.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    last = summary.chunk_indexes[-1]
+    end_of_data = last.chunk_start_offset + last.chunk_length
+    for length in range(end_of_data, len(content), 17):
+        bag = tmp_path / f"cut{length}"
+        write_clocks(bag, 35)
+        (bag / f"{bag.name}_0.mcap").write_bytes(content)
+        cut(bag, length)
+        repair(bag)
+        assert numbers(bag) == list(range(35))

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 import yaml
-from fixtures.messages import empty
+from fixtures.messages import RECORDED_TYPES, empty
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosReliability
 
 from quad_mpc_ros.configuration import BagError
-from quad_mpc_ros.messages.schemas import SHIPPED_TYPES, schema_for
+from quad_mpc_ros.messages.schemas import schema_for
 from quad_mpc_ros.recordings.qos_profile import QosProfile
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.writer import FLUSH_PERIOD_S, BagWriter, Split
@@ -207,19 +207,19 @@ def test_compressions(tmp_path: Path, compression: str, write_flight: WriteFligh
         assert len(list(reader.messages())) == 30
 
 
-def test_writes_every_shipped_type_into_an_unusual_directory(
+def test_writes_every_recorded_type_into_an_unusual_directory(
     tmp_path: Path,
 ) -> None:
     directory = tmp_path / "deep" / "er" / "ü: #1 'x'"
     with BagWriter(directory) as writer:
-        for type_name in SHIPPED_TYPES:
+        for type_name in RECORDED_TYPES:
             topic = "/" + type_name.rpartition("/")[2]
             writer.add_topic(topic, type_name)
             writer.write(topic, empty(type_name), log_time_ns=1, publish_time_ns=0)
     with AnyReader([directory]) as reader:
         for connection, _, data in reader.messages():
             reader.deserialize(data, connection.msgtype)
-        assert reader.message_count == len(SHIPPED_TYPES)
+        assert reader.message_count == len(RECORDED_TYPES)
 
 
 @pytest.mark.parametrize("split", [Split(max_size=1500), Split(max_duration_ns=200_000_000)])

@@ -200,7 +200,7 @@ def test_hold_and_land_always_find_a_way(request_: str, moment: float) -> None:
     trajectory = configured_trajectory(ReferenceConfig.build(changes))
     config = ReferenceConfig.build({**changes, "max_acceleration": 20.0})
     director = Director.flying(config, trajectory, start_ns=START)
-    director._config = dataclasses.replace(config, trajectory_omega_max=(0.4, 0.4, 0.4))
+    director._config = dataclasses.replace(config, omega_max=(0.4, 0.4, 0.4))
     now = START + round(moment * SECOND)
     assert not director.go_to(now, p_WB=np.array([3.0, 0.0, 2.0]), yaw=0.0).accepted
     assert REQUESTS[request_](director, now).accepted

@@ -50,8 +50,8 @@ def test_a_circle_needs_its_centripetal_force_and_its_drag(radius: float, speed:
 
 def test_reports_excess_with_time_and_amount() -> None:
     limits = {
-        "advanced.trajectory_throttle_max": 0.5,
-        "advanced.trajectory_omega_max": [10.0, 5.0, 10.0],
+        "throttle_max": 0.5,
+        "omega_max": [6.0, 30.0 / 7.0, 6.0],
     }
     found = verdict(trajectory="vertical_loop", **limits)
     assert not found.feasible
@@ -139,9 +139,7 @@ def test_what_is_feasible_is_not_slowed() -> None:
 def test_slowing_does_not_help_loop_or_underground() -> None:
     with pytest.raises(ConfigurationError, match="change the parameters of vertical_loop"):
         configured_trajectory(
-            ReferenceConfig(
-                trajectory="vertical_loop", trajectory_throttle_max=0.5, time_scaling="auto"
-            )
+            ReferenceConfig(trajectory="vertical_loop", throttle_max=0.5, time_scaling="auto")
         )
     with pytest.raises(ConfigurationError, match="no slowing down helps"):
         configured_trajectory(
@@ -164,8 +162,8 @@ def test_free_fall_is_refused_with_its_time() -> None:
 
 @pytest.mark.parametrize(("name", "value"), [("min", 0.3), ("max", 0.2)])
 def test_limits_that_forbid_hovering_are_refused(name: str, value: float) -> None:
-    with pytest.raises(ConfigurationError, match=rf"trajectory_throttle_{name}: given {value}"):
-        ReferenceConfig.build({f"advanced.trajectory_throttle_{name}": value})
+    with pytest.raises(ConfigurationError, match=rf"reference\.throttle_{name}: given {value}"):
+        ReferenceConfig.build({f"throttle_{name}": value})
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.reference_window import ReferencePoints, sample
 from quad_mpc_ros.control.model.state import State
+from quad_mpc_ros.control.model.target import reference_input
 from quad_mpc_ros.control.model.vehicle import Vehicle
-from quad_mpc_ros.control.ocp.paper import reference_input
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.references.server import ReferenceServer

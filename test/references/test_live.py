@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
 from collections.abc import Callable
 
 import numpy as np
 import pytest
+from fixtures.interleaving import interleaved, traced
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.estimation.ground_state import GroundState, idles
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.references import live as live_module
+from quad_mpc_ros.references import timeline
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory, joined_trajectory
 from quad_mpc_ros.references.director import Reply
@@ -470,32 +474,36 @@ def test_continues_when_reported_engaged() -> None:
     assert_same_windows(reference.window(START + SECOND), before)
 
 
-def test_outlook_changes_only_with_the_plan() -> None:
-    def same(one: tuple[object, ...], other: tuple[object, ...]) -> bool:
-        return bool(one) and [*map(id, one)] == [*map(id, other)]
+def test_version_changes_only_with_the_plan() -> None:
+    def version() -> object:
+        assert reference.published is not None
+        return reference.published.version
 
     reference, now = hovering()
-    outlook = reference.outlook()
+    holding = version()
     reference.window(now)
     assert reference.land(now + 60 * SECOND).accepted
-    landing = reference.outlook()
-    assert not same(landing, outlook) and same(reference.outlook(), landing)
+    landing = version()
+    assert landing is not holding and version() is landing
     assert reference.hold(now + 61 * SECOND).accepted
-    assert not same(reference.outlook(), landing)
+    assert version() is not landing
     reference.engage(False)
-    assert not reference.outlook(), "it waits at the vehicle, which may move"
+    assert version() is None, "the reference waits at a vehicle that may move"
     reference.engage(True)
-    assert not same(reference.outlook(), landing) and reference.outlook()
+    assert version() not in (None, landing)
 
 
 def test_unpreviewed_jump_is_a_change() -> None:
+    def changes(reference: LiveReference, after_ns: int, until_ns: int) -> bool:
+        reference.observe(odometry(START))
+        assert reference.published is not None
+        return reference.published.changes(after_ns, until_ns)
+
     square = live(mode="at_once", trajectory="square", preview=False, dwell_time=2.0)
-    square.observe(odometry(START))
-    assert not square.changes(START + SECOND, START + 2 * SECOND - 1)
-    assert square.changes(START + 2 * SECOND - 1, START + 2 * SECOND)
+    assert not changes(square, START + SECOND, START + 2 * SECOND - 1)
+    assert changes(square, START + 2 * SECOND - 1, START + 2 * SECOND)
     previewed = live(mode="at_once", trajectory="square", preview=True, dwell_time=2.0)
-    previewed.observe(odometry(START))
-    assert not previewed.changes(START, START + 10 * SECOND)
+    assert not changes(previewed, START, START + 10 * SECOND)
 
 
 def velocity(*v: float, yaw_rate: float = 0.0, heading_aligned: bool = True) -> VelocityCommand:
@@ -696,7 +704,7 @@ def test_velocities_are_feasible_for_the_vehicle_whatever_the_parameters(most: f
     hover = vehicle.hover_throttle
     assert needs.throttle.min() > 0.2 * hover
     assert needs.throttle.max() < hover + 0.8 * (1.0 - hover)
-    assert (np.abs(needs.w_WB_B) < 0.8 * np.array(config.trajectory_omega_max)).all()
+    assert (np.abs(needs.w_WB_B) < 0.8 * np.array(config.rate_limits)).all()
     assert_continuous(windows)
 
 
@@ -717,3 +725,78 @@ def test_a_touchdown_is_never_too_late() -> None:
     told = [reply for reply in replies if reply is not None]
     assert [reply.accepted for reply in told] == [True]
     assert reference.mode(now + 21 * SECOND) == "ground"
+
+
+def standing() -> tuple[LiveReference, int]:
+    reference = live()
+    reference.observe(odometry(START))
+    return reference, START + SECOND
+
+
+def waits_in_the_air() -> tuple[LiveReference, int]:
+    reference, now = hovering()
+    reference.engage(False)
+    reference.observe(moving(now, [1.0, 2.0, 3.0], [1.0, 0.0, 0.0]))
+    return reference, now
+
+
+def sinking() -> tuple[LiveReference, int]:
+    reference, now = hovering()
+    assert reference.land(now).accepted
+    return reference, now + 20 * SECOND
+
+
+STEP = EstimateReset(stamp_ns=START, turn=0.5, step_W=np.array([5.0, 0.0, 1.0]))
+Write = Callable[[LiveReference, int], object]
+WRITES: dict[str, tuple[Callable[[], tuple[LiveReference, int]], Write]] = {
+    "engages": (waits_in_the_air, lambda reference, now: reference.engage(True)),
+    "disengages": (hovering, lambda reference, now: reference.engage(False)),
+    "moves while it waits": (
+        waits_in_the_air,
+        lambda reference, now: reference.observe(moving(now, [4.0] * 3, [0.0] * 3)),
+    ),
+    "lands while it waits": (waits_in_the_air, lambda reference, now: reference.landed(True)),
+    "is on the ground while it waits": (
+        waits_in_the_air,
+        lambda reference, now: reference.tell_ground(GroundState.ON_GROUND),
+    ),
+    "is reset while it waits": (
+        waits_in_the_air,
+        lambda reference, now: reference.reset_estimate(now, STEP),
+    ),
+    "is reset": (hovering, lambda reference, now: reference.reset_estimate(now, STEP)),
+    "lands": (hovering, lambda reference, now: reference.land(now)),
+    "touches the ground": (
+        sinking,
+        lambda reference, now: [reference.landed(True), reference.observe(odometry(now, 0, 0, 1))],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRITES)
+def test_a_window_cut_in_another_thread_is_of_before_or_after_a_change(case: str) -> None:
+    """The publishing thread is interrupted at each of its bytecodes, and the other one, too."""
+    make, change = WRITES[case]
+    shown: list[ReferenceWindow | None] = []
+
+    template, now = make()
+
+    def prepared() -> tuple[Callable[[], ReferenceWindow | None], Callable[[], object]]:
+        reference = copy.deepcopy(template)
+        return lambda: reference.window(now + SECOND), lambda: change(reference, now)
+
+    read, write = prepared()
+    before = read()
+    traced(write, lambda: shown.append(read()), live_module, timeline)
+    after = read()
+    shown += interleaved(prepared, live_module)
+    assert len(shown) > 50
+    for window in shown:
+        assert _same_window(window, before) or _same_window(window, after), window
+
+
+def _same_window(one: ReferenceWindow | None, other: ReferenceWindow | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    fields = ("offset_ns", "p_WB", "q_WB_xyzw", "v_WB_W", "a_WB_W", "w_WB_W")
+    return all(np.array_equal(getattr(one, each), getattr(other, each)) for each in fields)

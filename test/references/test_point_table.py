@@ -58,6 +58,29 @@ MISTAKES = {
     "infinite": ([HEADER, *ROWS, "9, 1, 1, inf"], "line 10: z is 'inf'"),
     "time backwards": ([HEADER, *ROWS, "1, 1, 1, 1"], "line 10: time 1 s is not after 3.5 s"),
     "time twice": ([HEADER, *ROWS, "3.5, 1, 1, 1"], "line 10: time 3.5 s is not after 3.5 s"),
+    "semicolons": ([HEADER.replace(",", ";"), *ROWS], "separated by ';', expected a comma"),
+    "tabs": ([HEADER.replace(",", "\t"), *ROWS], "separated by tabs, expected a comma"),
+    "semicolons and decimal commas": (
+        [HEADER.replace(",", ";"), "0,0;1,0;0,5;2,0"],
+        "line 1: values are separated by ';' and decimals are written with a comma",
+    ),
+    "decimal commas": ([HEADER, "0,0,1,0,0,5,2,0"], "8 values, expected 4 (time, x, y, z); write"),
+    "quoted decimal commas": (
+        [HEADER, '"0,5",1,1,1'],
+        "time is '0,5', expected a finite number w",
+    ),
+    "quote that does not end": ([HEADER, '0,"1,1,1'], "line 2: unexpected end of data"),
+    "digits in groups": ([HEADER, *ROWS, "9, 1_0, 1, 1"], "line 10: x is '1_0', expected"),
+    "nanoseconds": (
+        [HEADER, *(f"{1403636580000000000 + 100000000 * k},0,0,1" for k in range(6))],
+        "looks like nanoseconds, expected seconds",
+    ),
+    "microseconds": ([HEADER, *(f"{20000 * k},0,0,1" for k in range(6))], "like microseconds"),
+    "milliseconds": ([HEADER, *(f"{20 * k},0,0,1" for k in range(6))], "like milliseconds"),
+    "milliseconds of a date": (
+        [HEADER, *(f"{1403636580000 + 5 * k},0,0,1" for k in range(6))],
+        "looks like milliseconds",
+    ),
     "too few": ([HEADER, *ROWS[:5]], "5 points, expected at least 6"),
 }
 
@@ -75,8 +98,8 @@ def test_reports_mistake_with_line(mistake: str, tmp_path: Path) -> None:
 
 def test_a_file_that_is_not_there_or_not_text_is_refused(tmp_path: Path) -> None:
     (tmp_path / "picture.csv").write_bytes(b"\x89PNG\xff")
-    for name in ("nothing.csv", "picture.csv"):
-        with pytest.raises(UserError, match=f"{name}: cannot be read"):
+    for name, reason in {"nothing.csv": "cannot be read", "picture.csv": "not UTF-8"}.items():
+        with pytest.raises(UserError, match=f"{name}: {reason}"):
             read_csv(tmp_path / name)
     for trajectory in ("csv", "bag"):
         with pytest.raises(ConfigurationError, match=r"^reference\.file: given '', expected the"):

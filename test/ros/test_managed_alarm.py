@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+import pytest
 import rclpy
 from rclpy.task import Future
 
@@ -51,3 +52,32 @@ def test_alarm_follows_period_of_its_callback() -> None:
     # Never early; how late is the machine's business.
     assert all(took > pause - 0.005 for took, pause in zip(passed, expected, strict=True))
     assert min(passed) < 0.3
+
+
+class _Hindered(ManagedNode[MpcConfig]):
+    """What is in the way of its activation is read twice, and comes and goes."""
+
+    def __init__(self, obstacles: list[str | None]) -> None:
+        super().__init__("hindered", MpcConfig)
+        self._obstacles = obstacles
+        self.start()
+
+    def obstacle(self) -> str | None:
+        return self._obstacles.pop(0) if self._obstacles else None
+
+    def report(self) -> Health:
+        return Health(level=OK, text="active")
+
+
+@pytest.mark.parametrize("refused", [1, 2, 5])
+def test_a_refused_automatic_activation_is_tried_again(refused: int) -> None:
+    rclpy.init()
+    try:
+        node = _Hindered([each for _ in range(refused) for each in (None, "too old")])
+        for _ in range(refused):
+            assert node._activates_by_itself() is False
+        assert node._activates_by_itself() is True
+        assert node.active
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()

@@ -22,6 +22,7 @@ LINES = (
     "0x.8p1 0x1p 0x1.8 0b11 0o17 1_000 1:30 12:30:45 2001-01-01 5e 5e+ e5 . + 1.2.3 0.1f 1,5",
     "9223372036854775807 9223372036854775808 -9223372036854775808 -9223372036854775809",
     "0x7fffffffffffffff 0x8000000000000000 0xfffffffffffffffff 1e308 1e309 -1e309 1e-308 1e-320",
+    "1e-400 -1e-400 0e5 0.0e-400 0x0p-1",
     "2.2250738585072014e-308 123456789012345678901234567890",
     ".nan .NaN .NAN nan NaN -nan nan(1) .Nan +.nan .inf .Inf .INF +.inf -.inf -.INF .iNF inf -Inf",
     "INFINITY infinit",
@@ -91,7 +92,7 @@ def test_an_assignment_is_to_us_what_an_override_is_to_ros(word: str) -> None:
 
 def test_numbers_without_a_dot_are_numbers_for_the_command_line(tmp_path: Path) -> None:
     file = tmp_path / "vehicle.yaml"
-    file.write_text("/**: {ros__parameters: {mass: 4e-1, omega_max: [1e1, 1e1, 5]}}\n")
+    file.write_text("/**: {ros__parameters: {mass: 4e-1, omega_max: [1e1, 1e1, 5.0]}}\n")
     loaded = files.load([str(file)], ["mpc.Q=[1e1,1,1,1,1,1,5e-2,0,0]"], schema=SCHEMA)["mpc"]
     assert loaded.flattened()["mass"] == 0.4
     assert loaded.flattened()["omega_max"] == (10.0, 10.0, 5.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import subprocess
 import sys
 
@@ -83,3 +84,103 @@ def test_no_thread_of_dds_is_left_when_a_process_ends() -> None:
 
     assert result.returncode == 0, result.stderr
     assert result.stdout.splitlines() == ["True", "[]"]
+
+
+_SWALLOWED = """
+import ctypes, signal, sys
+from quad_mpc_ros.ros import spin
+
+def create():
+    ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.{name}))()
+    while True:
+        pass
+
+sys.exit(spin.run(create))
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_signal_in_a_callback_of_c_interrupts_the_start(name: str) -> None:
+    """Python cannot raise there: compiling has such callbacks, and would go on for a minute."""
+    program = _SWALLOWED.format(name=name)
+
+    result = subprocess.run(
+        [sys.executable, "-P", "-c", program], capture_output=True, text=True, timeout=60
+    )
+
+    assert result.returncode == 130
+    assert result.stderr == ""
+
+
+def test_sigterm_in_a_callback_of_c_interrupts_a_start_that_ignores_sigint() -> None:
+    """A shell without job control starts what runs in the background so."""
+    ignoring = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+    program = ignoring + _SWALLOWED.format(name="SIGTERM")
+
+    result = subprocess.run(
+        [sys.executable, "-P", "-c", program], capture_output=True, text=True, timeout=60
+    )
+
+    assert (result.returncode, result.stderr) == (130, "")
+
+
+_BEGUN = """
+import signal, sys
+from rclpy.node import Node
+from quad_mpc_ros.ros import spin
+
+class Begun(Node):
+    def begin(self):
+        signal.raise_signal(signal.{name})
+
+sys.exit(spin.run(lambda: Begun("begun")))
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_signal_from_the_first_published_message_on_is_exit_code_0(name: str) -> None:
+    program = _BEGUN.format(name=name)
+
+    result = subprocess.run(
+        [sys.executable, "-P", "-c", program], capture_output=True, text=True, timeout=60
+    )
+
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+_SPENT = """
+import sys, time
+from quad_mpc_ros.ros import spin
+from quad_mpc_ros.ros.nodes.{module} import {node}
+
+class Ending({node}):
+    def begin(self):
+        super().begin()
+        self.create_timer(0.1, self.end)
+
+    def end(self):
+        print(time.process_time())
+        spin.stop()
+
+sys.argv[1:] = []
+sys.exit(spin.run(Ending))
+"""
+
+
+@pytest.mark.parametrize(
+    ("module", "node"), [("mpc_node", "MpcNode"), ("simulator_node", "SimulatorNode")]
+)
+def test_a_shutdown_takes_a_small_share_of_what_the_start_took(module: str, node: str) -> None:
+    """In processor time; with a collection of all garbage it was more than a third."""
+    program = _SPENT.format(module=module, node=node)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+
+    result = subprocess.run(
+        [sys.executable, "-P", "-c", program], capture_output=True, text=True, timeout=60
+    )
+
+    assert result.returncode == 0, result.stderr
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    start = float(result.stdout)
+    assert spent - start < 0.15 * start

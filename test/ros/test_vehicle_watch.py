@@ -46,7 +46,9 @@ def started(tmp_path: Path) -> Iterator[Fly]:
         mpc = MpcNode()
         logger = mpc.get_logger()
         mpc.get_logger = lambda: _Kept(logger, warnings)
-        nodes = [mpc, ReferenceNode(), BridgeNode(RatesBridge), Node("listener")]
+        reference = ReferenceNode()
+        reference.begin()
+        nodes = [mpc, reference, BridgeNode(RatesBridge), Node("listener")]
         nodes[-1].create_subscription(
             DiagnosticArray,
             "/diagnostics",
@@ -94,7 +96,9 @@ def test_one_vehicle_file_for_all_nodes_is_no_fault(started: Fly) -> None:
 def test_another_mass_is_reported_once_and_in_the_health(started: Fly) -> None:
     warnings, health = started(ANOTHER)
     (warning,) = [text for text in warnings if "vehicle" in text]
-    expected = "mpc and reference were given different vehicles: mass 0.5 and 0.75"
+    expected = (
+        "mpc and reference were given different vehicles: mass 0.5 of mpc, 0.75 of reference"
+    )
     assert warning == f"{expected}; give every node the same vehicle file"
     level, text = health[-1]
     assert level == WARN

@@ -12,8 +12,8 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.estimation.error_state import MOTION
 from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.prediction import PredictedState
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.control.ocp.problem import PredictedState
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig

@@ -194,7 +194,7 @@ def near_free_fall(tilt_max: float) -> float:
             "reference.ellipse_semi_axes=[5.0, 2.5]",
             "reference.ellipse_frequency=2.0",
             "reference.height=20.0",
-            "reference.advanced.trajectory_omega_max=[1000.0, 1000.0, 1000.0]",
+            "reference.omega_max=[1000.0, 1000.0, 1000.0]",
         ),
     )
     trajectory, _ = judged_trajectory(reference)

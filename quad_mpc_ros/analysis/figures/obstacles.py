@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.obstacles.shapes import Box, Cylinder, Shape
 from quad_mpc_ros.recordings.flight import Flight
+from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape
 
 COLOUR = "#D55E00"
 

@@ -1,8 +1,8 @@
-"""Panels drawn by matplotlib, and the figures of a flight, or of several beside each other."""
+"""Panels drawn by matplotlib, and the figures of a flight."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 FIGURE_NAMES = ("position", "attitude", "velocity", "inputs", "path")
 
 _WIDTH, _PANEL_HEIGHT, _AROUND = 8.0, 1.6, 0.7  # inch
-_COMPARED_WIDTH, _COMPARED_HEIGHT = 5.0, 1.3  # inch
 _WIDTHS = {"fine": 0.6, "normal": 1.3, "strong": 1.7, "broad": 2.2}  # points
 _ABOVE, _BELOW, _LOWEST = 3, 2, 1
 
@@ -48,40 +47,25 @@ def write_figures(flight: Flight, directory: Path) -> list[Path]:
         figures["clearance"] = ("Distance to obstacles", clearance)
     return [
         *(
-            write_panels(title, panels, directory / f"{name}.png")
+            write_panels(title, panels, directory / f"{name}.png", gaps=flight.gaps)
             for name, (title, panels) in figures.items()
         ),
         write_path(flight, directory / "path.png"),
     ]
 
 
-def write_comparison(flights: Mapping[str, Flight], path: Path) -> Path:
-    """Draw position and inputs of flights, by title, beside each other into one PNG.
+def write_panels(
+    title: str, panels: Sequence[Panel], path: Path, *, gaps: Sequence[tuple[float, float]] = ()
+) -> Path:
+    """Draw panels below each other on one time axis into a PNG; raises ``OSError``.
 
-    Raises ``OSError`` when it cannot be written.
+    ``gaps`` are times without odometry [s], which are shaded.
     """
-    columns = [[*position_panels(flight), *input_panels(flight)] for flight in flights.values()]
-    rows, first_input = len(columns[0]), 3
-    figure = style.new_figure(_COMPARED_WIDTH * len(flights), _AROUND + _COMPARED_HEIGHT * rows)
-    grid = figure.subplots(rows, len(flights), sharex=True, sharey="row", squeeze=False)
-    for column, title, panels in zip(grid.T, flights, columns, strict=True):
-        for axes, panel in zip(column, panels, strict=True):
-            draw_panel(axes, panel)
-            axes.label_outer()
-        style.title(column[0], title)
-        style.legend(column[0])
-        style.legend(column[first_input])
-        label_time(column[-1])
-    figure.align_ylabels(grid[:, 0])
-    return style.save(figure, path)
-
-
-def write_panels(title: str, panels: Sequence[Panel], path: Path) -> Path:
-    """Draw panels below each other on one time axis into a PNG; raises ``OSError``."""
     figure = style.new_figure(_WIDTH, _AROUND + _PANEL_HEIGHT * len(panels))
     column = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axes, panel in zip(column, panels, strict=True):
         draw_panel(axes, panel)
+        shade_gaps(axes, gaps)
     style.title(column[0], title)
     style.legend(column[0])
     label_time(column[-1])
@@ -116,6 +100,13 @@ def draw_panel(axes: Axes, panel: Panel, *, fontsize: float = 9) -> None:
     if panel.levels:
         axes.set_yticks(range(len(panel.levels)), panel.levels)
     axes.set_ylabel(_label(panel), fontsize=fontsize, color=style.INK)
+
+
+def shade_gaps(axes: Axes, gaps: Sequence[tuple[float, float]]) -> None:
+    """Shade times without odometry [s]."""
+    for number, (begin, end) in enumerate(gaps):
+        name = "no odometry" if number == 0 else None
+        axes.axvspan(begin, end, color=style.FAINT, alpha=0.5, linewidth=0, label=name, zorder=0)
 
 
 def label_time(axes: Axes) -> None:

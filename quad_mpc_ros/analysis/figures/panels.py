@@ -22,7 +22,7 @@ Weight = Literal["fine", "normal", "strong", "broad"]
 LEVELS = tuple(source.name.lower() for source in Source)
 """The rungs of the safety ladder, as :func:`source_panels` numbers them."""
 
-AVOIDANCE = ("off", "free", "around", "stopped")
+AVOIDANCE = ("off", "free", "around", "stopped", "failed")
 """What is flown among obstacles, as :func:`clearance_panels` numbers it."""
 
 _STEP_COLOUR = "#009E73"  # of the same palette as the others
@@ -46,6 +46,8 @@ class Curve:
     def thinned(self, most: int) -> Curve:
         """Return the least and the greatest value of ``most`` / 2 stretches, so peaks stay.
 
+        Breaks, the first of values that are not numbers, stay as well.
+
         A curve of no more than ``most`` values is returned as it is.
         """
         count = len(self.time)
@@ -59,7 +61,10 @@ class Curve:
         stretches = padded.reshape(-1, length)
         least = np.argmin(np.where(np.isnan(stretches), np.inf, stretches), axis=1)
         greatest = np.argmax(np.where(np.isnan(stretches), -np.inf, stretches), axis=1)
-        kept = np.unique(np.concatenate(([0, count - 1], begins + least, begins + greatest)))
+        missing = np.isnan(values)
+        breaks = np.flatnonzero(missing & ~np.append(False, missing[:-1]))
+        ends = [0, count - 1]
+        kept = np.unique(np.concatenate((ends, breaks, begins + least, begins + greatest)))
         return dataclasses.replace(
             self,
             time=self.time[kept],
@@ -146,13 +151,21 @@ def input_panels(flight: Flight) -> list[Panel]:
 
 def error_panels(flight: Flight) -> list[Panel]:
     """Return the distance and the angle to the reference."""
-    time = flight.time if flight.reference is not None else np.zeros(0)
     errors = (
         ("position", "m", position_errors(flight)),
         ("attitude", "rad", attitude_errors(flight)),
     )
+    nothing = Curve(name="error", time=np.zeros(0), values=np.zeros(0))
     return [
-        Panel(name=name, unit=unit, curves=[Curve(name="error", time=time, values=values)])
+        Panel(
+            name=name,
+            unit=unit,
+            curves=[
+                _curve_of_odometry(flight, values, name="error")
+                if flight.reference is not None
+                else nothing
+            ],
+        )
         for name, unit, values in errors
     ]
 
@@ -200,7 +213,7 @@ def clearance_panels(flight: Flight) -> list[Panel]:
             )
         )
     if true is not None:
-        curves.append(Curve(name="flown", time=flight.time, values=true, weight="strong"))
+        curves.append(_curve_of_odometry(flight, true, name="flown", weight="strong"))
     if not curves:
         return []
     panels = [
@@ -258,7 +271,7 @@ def _tracked(
             unit=unit,
             curves=[
                 *_reference_curve(flight, reference, column),
-                Curve(name="flown", time=flight.time, values=flown[:, column]),
+                _curve_of_odometry(flight, flown[:, column], name="flown"),
             ],
         )
         for column, (name, subscript) in enumerate(quantities)
@@ -269,15 +282,21 @@ def _reference_curve(flight: Flight, reference: Array | None, column: int) -> li
     if reference is None:
         return []
     return [
-        Curve(
+        _curve_of_odometry(
+            flight,
+            reference[:, column],
             name="reference",
-            time=flight.time,
-            values=reference[:, column],
             colour=style.REFERENCE,
             weight="broad",
             held=True,
         )
     ]
+
+
+def _curve_of_odometry(flight: Flight, values: Array, **look: Any) -> Curve:
+    """Return values at each odometry (n,) as a curve that is broken where odometry is missing."""
+    time, broken = flight.broken(flight.time, values)
+    return Curve(time=time, values=broken, **look)
 
 
 def _continuous_wxyz(q_xyzw: Array) -> Array:

@@ -72,7 +72,7 @@ def _draw_reference(axes: Any, flight: Flight) -> None:
     if flight.reference is None:
         return
     axes.plot(
-        *flight.reference.p_WB.T,
+        *flight.broken(flight.time, flight.reference.p_WB)[1].T,
         color=style.REFERENCE,
         linewidth=1.6,
         linestyle=(0, (4, 2)),
@@ -113,7 +113,7 @@ def _draw_waypoints(axes: Any, flight: Flight) -> None:
 
 
 def _draw_flight(figure: Any, axes: Any, flight: Flight, *, ground: float) -> None:
-    x, y, _ = flight.p_WB.T
+    x, y, _ = flight.broken(flight.time, flight.p_WB)[1].T
     axes.plot(x, y, ground, color=style.FAINT, linewidth=1.0, zorder=_GROUND)
     start = flight.p_WB[0]
     axes.scatter(
@@ -121,4 +121,5 @@ def _draw_flight(figure: Any, axes: Any, flight: Flight, *, ground: float) -> No
     )
     thinned = slice(None, None, -(-len(x) // _MOST_PIECES))
     speed = np.linalg.norm(flight.v_WB_B[thinned], axis=1)
-    space.draw_coloured_by_speed(figure, axes, flight.p_WB[thinned], speed, zorder=_FLIGHT)
+    _, p_WB, speed = flight.broken(flight.time[thinned], flight.p_WB[thinned], speed)
+    space.draw_coloured_by_speed(figure, axes, p_WB, speed, zorder=_FLIGHT)

@@ -11,8 +11,8 @@ from quad_mpc_ros.analysis.figures import space, style
 from quad_mpc_ros.analysis.figures.over_time import draw_panel, label_time
 from quad_mpc_ros.analysis.figures.panels import Curve, Panel
 from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.references.course import Course
 from quad_mpc_ros.references.feasibility import Verdict
-from quad_mpc_ros.references.gates import Course
 from quad_mpc_ros.references.trajectory import TrajectorySamples
 
 _WIDTH, _HEIGHT = 10.0, 4.6  # inch
@@ -82,14 +82,12 @@ def _turned(q_WB_xyzw: Array) -> Array:
 
 def _draw_needs(figure: Any, column: list[Any], verdict: Verdict) -> None:
     needs, limits = verdict.over_time, verdict.limits
-    throttle = (limits.trajectory_throttle_min, limits.trajectory_throttle_max)
+    throttle = (limits.throttle_min, limits.throttle_max)
     rows = [
         ("throttle", "", "", needs.throttle, throttle),
         *(
             ("ω", axis, "rad/s", rates, (-bound, bound))
-            for axis, rates, bound in zip(
-                "xyz", needs.w_WB_B.T, limits.trajectory_omega_max, strict=True
-            )
+            for axis, rates, bound in zip("xyz", needs.w_WB_B.T, limits.rate_limits, strict=True)
         ),
         ("height", "", "m", needs.height, (0.0,)),
     ]

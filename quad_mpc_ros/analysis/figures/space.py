@@ -10,7 +10,7 @@ import numpy as np
 from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.vehicle import ARM, outline
-from quad_mpc_ros.references.gates import Course, Gate
+from quad_mpc_ros.references.course import Course, Gate
 
 _ELEVATION, _AZIMUTH = 22.0, -60.0  # deg, of the eye
 _AROUND = 0.08  # of the axes, for numbers and labels beside the room
@@ -59,9 +59,13 @@ def draw_room(
     for name, axis in names.items():
         axis.set_pane_color((0.98, 0.98, 0.98, 1.0))
         axis.line.set_color(style.FAINT)
-        axis.set_label_text(f"{name} [m]", fontsize=9, color=style.INK)
         axis.set_tick_params(labelsize=8, labelcolor=style.INK, color=style.FAINT)
         axis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
+        # In space the offset of the ticks would stand on top of the label.
+        axis.get_major_formatter().format_ticks(axis.get_majorticklocs())
+        offset = axis.get_major_formatter().get_offset()
+        axis.get_offset_text().set_visible(False)
+        axis.set_label_text(f"{name} [m] {offset}".rstrip(), fontsize=9, color=style.INK)
     return axes
 
 
@@ -83,14 +87,18 @@ def _fill(axes: Any, lower: Array, upper: Array) -> None:
 def draw_coloured_by_speed(
     figure: Any, axes: Any, p_WB: Array, speed: Array, *, zorder: int
 ) -> None:
-    """Draw positions (n, 3) [m] as a line coloured by speed (n,) [m/s], and its scale."""
+    """Draw positions (n, 3) [m] as a line coloured by speed (n,) [m/s], and its scale.
+
+    It is broken where a position is not a number.
+    """
     from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
 
     pieces = np.stack((p_WB[:-1], p_WB[1:]), axis=1)
+    whole = np.isfinite(pieces).all(axis=(1, 2))
     line = Line3DCollection(
-        pieces, cmap=_speed_colours(), linewidth=3.0, capstyle="round", zorder=zorder
+        pieces[whole], cmap=_speed_colours(), linewidth=3.0, capstyle="round", zorder=zorder
     )
-    line.set_array(speed[1:])
+    line.set_array(speed[1:][whole])
     axes.add_collection(line)
     bar = figure.colorbar(line, ax=axes, shrink=0.55, pad=0.1, aspect=26)
     bar.outline.set_visible(False)

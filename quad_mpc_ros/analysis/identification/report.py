@@ -105,7 +105,7 @@ def identification_table(
     reported = [*_rows(found, given), *_voltage_rows(found)]
     values = [("", "given", "found", "+- 95 %"), *map(_cells, reported)]
     rows = [
-        *text_table(values, align="lrrr", widths=(27, 8, 16, 11), gap=""),
+        *text_table(values, align="lrrr", widths=(27, 7, 15, 10), gap=" "),
         "",
         f"flown under commands {found.flown:.1f} s; left over: body rates "
         f"{found.rate_residual:.3g} rad/s, velocity {found.velocity_residual:.3g} m/s RMS",

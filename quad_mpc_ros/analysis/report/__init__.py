@@ -5,8 +5,7 @@ an extra of the package, is imported when a page is made.
 """
 
 from quad_mpc_ros.analysis.report.page import page
-from quad_mpc_ros.analysis.report.plotting import PLOTLY_NEEDED
 from quad_mpc_ros.analysis.report.run import ReportedRun, read_runs
 from quad_mpc_ros.analysis.report.series import TABLE_NAMES, csv_tables
 
-__all__ = ["PLOTLY_NEEDED", "TABLE_NAMES", "ReportedRun", "csv_tables", "page", "read_runs"]
+__all__ = ["TABLE_NAMES", "ReportedRun", "csv_tables", "page", "read_runs"]

@@ -116,7 +116,6 @@ def page(runs: Sequence[ReportedRun]) -> str:
     parameters = overview.parameter_table(runs, only_different=False)
     series = Section(key="series", title="Time series", parts=[_buttons(run) for run in runs])
     return html_page(
-        title="quad_mpc report:",
         names=[run.name for run in runs],
         verdicts=[_verdict(run) for run in runs],
         facts=facts,
@@ -127,7 +126,6 @@ def page(runs: Sequence[ReportedRun]) -> str:
             folded("Recorded parameters", parameters or paragraph("None were recorded.")),
         ],
         data={run.name: csv_tables(run) for run in runs if not _long(run)},
-        script="runs.js",
     )
 
 
@@ -145,9 +143,9 @@ def _verdict(run: ReportedRun) -> str:
     if error is not None:
         most = summary["position_max_m"]
         text += f" Position error {error:.3g} m RMSE, {most:.3g} m at most."
-    if run.unfinished:
-        text += f" {run.unfinished}."
-    return verdict(run.name, text, good=run.verdict.good and not run.unfinished)
+    if run.warning:
+        text += f" {run.warning}."
+    return verdict(run.name, text, good=run.verdict.good and not run.warning)
 
 
 def _in_words(run: ReportedRun, *, alone: bool) -> str:

@@ -14,7 +14,8 @@ from quad_mpc_ros.configuration import UserError
 PLOTLY_NEEDED = "quad_mpc report draws with Plotly 6 or later: pip install 'quad_mpc_ros[report]'"
 """The message where Plotly is not installed, or too old."""
 
-CAMPAIGN_COLOURS = (style.FLOWN, style.REFERENCE, "#009E73", "#CC79A7", "#56B4E9")
+FAR = 1e4
+"""Of a value [m]: too large to be drawn in single precision."""
 
 _OLDEST = 6
 # At the top left: the names of the runs stand below it, Plotly's buttons on the right.
@@ -33,15 +34,6 @@ def plotly(module: str) -> Any:
         return importlib.import_module(f"plotly.{module}")
     except ImportError as error:
         raise UserError(f"{error}. {PLOTLY_NEEDED}") from error
-
-
-def has_plotly() -> bool:
-    """Whether figures can be drawn."""
-    try:
-        plotly("offline")
-    except UserError:
-        return False
-    return True
 
 
 def subplots(rows: int, runs: Sequence[ReportedRun], *, titles: str, **options: Any) -> Any:
@@ -64,21 +56,16 @@ def lay_out(figure: Any, *, height: int, margin: dict[str, int], **options: Any)
 
 
 def figure_html(figure: Any, key: str) -> str:
-    """Return the element with a figure; its id is ``figure-`` and the key."""
+    """Return the element with a figure; its id is ``figure-`` and the key, its PNG ``key``.png."""
     return str(
         figure.to_html(
             full_html=False,
             include_plotlyjs=False,
             div_id=f"figure-{key}",
-            config=configuration(key),
+            config={
+                "responsive": True,
+                "displaylogo": False,
+                "toImageButtonOptions": {"format": "png", "filename": key, "scale": 2},
+            },
         )
     )
-
-
-def configuration(key: str) -> dict[str, Any]:
-    """Return how a figure behaves in the browser; saved as PNG it is called ``key``."""
-    return {
-        "responsive": True,
-        "displaylogo": False,
-        "toImageButtonOptions": {"format": "png", "filename": key, "scale": 2},
-    }

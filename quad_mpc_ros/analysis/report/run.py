@@ -25,8 +25,8 @@ class ReportedRun:
     name: str
     bag: Path
     flight: Flight
-    unfinished: str = ""
-    """What to say of a bag that was not ended properly."""
+    warning: str = ""
+    """What is wrong with the bag and how to repair it; empty of a sound one."""
 
     @cached_property
     def summary(self) -> Summary:
@@ -45,9 +45,7 @@ def read_runs(bags: Mapping[str, Path]) -> list[ReportedRun]:
     for name, bag in bags.items():
         recording = Recording(bag)
         flight = recording.flight(most_plans=MOST_HORIZONS)
-        runs.append(
-            ReportedRun(name=name, bag=bag, flight=flight, unfinished=recording.unfinished)
-        )
+        runs.append(ReportedRun(name=name, bag=bag, flight=flight, warning=recording.warning))
     return runs
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros.analysis.figures import obstacles, space, style
-from quad_mpc_ros.analysis.report.plotting import lay_out, plotly, subplots
+from quad_mpc_ros.analysis.report.plotting import FAR, lay_out, plotly, subplots
 from quad_mpc_ros.analysis.report.run import MOST_HORIZONS, ReportedRun
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.obstacles.free_region import corridor_edges
+from quad_mpc_ros.messages.free_region import corridor_edges
 from quad_mpc_ros.recordings.evaluation.race import drawn_course
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoint_positions
 from quad_mpc_ros.recordings.flight import Flight
@@ -33,7 +33,13 @@ def space_figure(runs: Sequence[ReportedRun]) -> Any:
     for column, run in enumerate(runs, start=1):
         for trace in _traces(run, fastest=fastest, first=column == 1):
             figure.add_trace(trace, row=1, col=column)
-    figure.update_scenes(**_room(runs))
+    lower, upper = _room(runs)
+    # WebGL draws in single precision, in which UTM coordinates are half a metre apart.
+    origin = np.where(np.abs(lower) >= FAR, np.round(lower, -3), 0.0)
+    for trace in figure.data:
+        for name, shift in zip("xyz", origin, strict=True):
+            trace[name] = (np.asarray(trace[name], dtype=np.float64) - shift).astype(np.float32)
+    figure.update_scenes(**_scene(lower - origin, upper - origin, origin))
     lay_out(figure, height=_HEIGHT, margin={"l": 0, "r": 0, "b": 0})
     return figure
 
@@ -51,17 +57,27 @@ def drawn_horizons(flight: Flight) -> tuple[Array, Array]:
     return positions, np.repeat(flight.time_of(stamps_ns), lengths)
 
 
-def _room(runs: Sequence[ReportedRun]) -> dict[str, Any]:
-    """Return the layout of a scene, the same for all runs, in which a metre is a metre."""
+def _room(runs: Sequence[ReportedRun]) -> tuple[Array, Array]:
+    """Return the corners (3,) [m] of a box about all runs."""
     points = [run.flight.p_WB for run in runs]
     points += [space.gate_points(drawn_course(run.flight)) for run in runs]
     points += [run.flight.reference.p_WB for run in runs if run.flight.reference is not None]
     points += [obstacles.extent(obstacles.drawn_shapes(run.flight)) for run in runs]
-    lower, upper = space.room(np.vstack(points))
+    return space.room(np.vstack(points))
+
+
+def _scene(lower: Array, upper: Array, origin: Array) -> dict[str, Any]:
+    """Return the layout of a scene, the same for all runs, in which a metre is a metre.
+
+    Corners (3,) [m] are relative to an origin (3,), which the titles of the axes name.
+    """
     sides = (upper - lower) / float(np.max(upper - lower))
     axes = {
-        f"{name}axis": {"title": {"text": f"{name} [m]"}, "range": [low, high]}
-        for name, low, high in zip("xyz", lower.tolist(), upper.tolist(), strict=True)
+        f"{name}axis": {
+            "title": {"text": f"{name} - {shift:.0f} [m]" if shift else f"{name} [m]"},
+            "range": [low, high],
+        }
+        for name, low, high, shift in zip("xyz", lower, upper, origin.tolist(), strict=True)
     }
     return {
         **axes,
@@ -80,14 +96,16 @@ def _traces(run: ReportedRun, *, fastest: float, first: bool) -> list[Any]:
     thinned = slice(None, None, -(-len(flight.p_WB) // MOST_POINTS))
     time = flight.time[thinned]
     if flight.reference is not None:
-        reference, places = flight.reference.p_WB[thinned], waypoint_positions(flight)
+        at, reference = flight.broken(time, flight.reference.p_WB[thinned])
+        places = waypoint_positions(flight)
         traces += [
-            _line("reference", reference, time, colour=style.REFERENCE, width=4, legend=first),
+            _line("reference", reference, at, colour=style.REFERENCE, width=4, legend=first),
             _marks("waypoint", places, colour=style.BOUND, symbol="diamond", legend=first),
         ]
-    flown = _line("flown", flight.p_WB[thinned], time, colour=style.FLOWN, width=6, legend=first)
+    at, p_WB, speed = flight.broken(time, flight.p_WB[thinned], _speed(run)[thinned])
+    flown = _line("flown", p_WB, at, colour=style.FLOWN, width=6, legend=first)
     flown.line.update(
-        color=_speed(run)[thinned],
+        color=speed,
         cmin=0.0,
         cmax=fastest or 1.0,
         colorscale="Viridis",
@@ -124,7 +142,7 @@ def _obstacles(flight: Flight, *, legend: bool) -> list[Any]:
     if not shapes:
         return []
     corners, triangles = obstacles.mesh(shapes)
-    x, y, z = corners.astype(np.float32).T
+    x, y, z = corners.T
     i, j, k = triangles.T
     trace = plotly("graph_objects").Mesh3d(
         x=x,
@@ -158,7 +176,7 @@ def drawn_gate_lines(flight: Flight, *, legend: bool) -> list[Any]:
 def _line(name: str, p_WB: Array, time: Array, *, colour: str, width: int, legend: bool) -> Any:
     return _scatter(
         name,
-        p_WB.astype(np.float32),
+        p_WB,
         legend=legend,
         mode="lines",
         line={"color": colour, "width": width},

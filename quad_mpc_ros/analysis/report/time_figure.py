@@ -10,8 +10,8 @@ import numpy as np
 
 from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.analysis.figures.panels import Curve, Panel
-from quad_mpc_ros.analysis.report.plotting import lay_out, plotly, subplots
-from quad_mpc_ros.analysis.report.run import ReportedRun, fallback_spans
+from quad_mpc_ros.analysis.report.plotting import FAR, lay_out, plotly, subplots
+from quad_mpc_ros.analysis.report.run import ReportedRun, Span, fallback_spans
 from quad_mpc_ros.recordings.flight import Flight
 
 MOST_POINTS = 6000  # of a curve; three for each pixel of a wide screen
@@ -19,11 +19,18 @@ MOST_SHADES = 200  # the longest times without the MPC
 
 _ROW_HEIGHT, _MARGINS = 130, 100  # pixels
 _WIDTHS = {"fine": 0.75, "normal": 1.5, "strong": 2.0, "broad": 3.0}  # pixels
-_SPAN_COLOURS = {"plan": "#F0E442", "hover": "#E69F00", "blind": "#D55E00", "silent": "#333333"}
+_NO_ODOMETRY = "no odometry"
+_SPAN_COLOURS = {
+    _NO_ODOMETRY: "#999999",
+    "plan": "#F0E442",
+    "hover": "#E69F00",
+    "blind": "#D55E00",
+    "silent": "#333333",
+}
 
 
 def time_figure(runs: Sequence[ReportedRun], panels_of: Callable[[Flight], list[Panel]]) -> Any:
-    """Return the panels of runs beside each other, with the times without the MPC shaded."""
+    """Return the panels of runs beside each other, with what had no MPC or odometry shaded."""
     columns = [panels_of(run.flight) for run in runs]
     count = len(columns[0])
     figure = subplots(
@@ -70,10 +77,12 @@ def _draw(figure: Any, panel: Panel, *, place: dict[str, int], shown: set[str]) 
 
 
 def _trace(curve: Curve, *, in_legend: bool) -> Any:
+    values = curve.values
+    is_far = bool((np.abs(values[np.isfinite(values)]) >= FAR).any())
     return plotly("graph_objects").Scatter(
         x=curve.time,
         # Single precision is more than a screen has, and half the page.
-        y=curve.values.astype(np.float32),
+        y=values if is_far else values.astype(np.float32),
         name=curve.name,
         legendgroup=curve.name,
         showlegend=in_legend,
@@ -84,13 +93,19 @@ def _trace(curve: Curve, *, in_legend: bool) -> Any:
             "shape": "hv" if curve.held else "linear",
         },
         customdata=None if curve.hover is None else [escape(str(text)) for text in curve.hover],
-        hovertemplate="%{y:.4g}" + ("" if curve.hover is None else " %{customdata}"),
+        hovertemplate=f"%{{y:{'.3f' if is_far else '.4g'}}}"
+        + ("" if curve.hover is None else " %{customdata}"),
     )
 
 
 def _shades(figure: Any, flight: Flight, *, rows: int, column: int) -> list[dict[str, Any]]:
-    """Return a rectangle for each time without the MPC in each row of a column."""
-    longest = sorted(fallback_spans(flight), key=lambda span: span.start - span.end)
+    """Return a rectangle for each time without the MPC or odometry in each row of a column."""
+    missing = [
+        Span(start=begin, end=end, source=_NO_ODOMETRY, reason="") for begin, end in flight.gaps
+    ]
+    longest = sorted(
+        [*fallback_spans(flight), *missing], key=lambda span: (span.start - span.end, span.source)
+    )
     return [
         {
             "type": "rect",

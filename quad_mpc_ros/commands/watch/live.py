@@ -4,45 +4,61 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import signal
+import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from quad_mpc_ros.commands.observer import Observer, subscribe
-from quad_mpc_ros.commands.watch.screen import LONGEST_WAIT, Screen
-from quad_mpc_ros.commands.watch.vehicle import WATCHED, Arrival, Vehicle, Vehicles
-from quad_mpc_ros.commands.watch.view import looked_at
+from quad_mpc_ros.commands.watch.screen import Screen
+from quad_mpc_ros.commands.watch.vehicle import WATCHED, Vehicle, Vehicles
+from quad_mpc_ros.commands.watch.view import viewed
 from quad_mpc_ros.messages.topics import DIAGNOSTICS, ODOMETRY, STATS, Topic
-from quad_mpc_ros.ros.messages import decoded
+from quad_mpc_ros.ros.messages import message_in
 
 _ROSOUT = Topic(name="/rosout", type_name="rcl_interfaces/msg/Log", reliable=True, depth=50)
 _SEARCH_PERIOD = 1.0  # s between looks for new vehicles
 _ONCE_WAITS, _ONCE_COUNTS = 5.0, 2.5  # s: for odometry of each, and then to count rates
 
 
-def watch_live(screen: Screen, *, namespaces: Sequence[str] | None, interval: float) -> bool:
-    """Show vehicles until interrupted, or once; return whether anything was heard of one."""
+def watch_once(namespaces: Sequence[str] | None) -> bool:
+    """Print one table; return whether a message of a vehicle was received."""
     vehicles = Vehicles(namespaces)
-    with screen, _Watcher(vehicles) as watcher:
-        if screen.once:
-            # Of what starts, or on a busy machine, one node is found seconds after another.
-            watcher.wait(_ONCE_WAITS, until=lambda: watcher.hears_all or screen.stopped)
-            watcher.wait(_ONCE_COUNTS if watcher.hears else 0.0, until=lambda: screen.stopped)
+    with _Watcher(vehicles) as watcher:
+        # While they start, or on a busy machine, nodes are found seconds after each other.
+        watcher.wait(_ONCE_WAITS, until=lambda: watcher.has_all_odometry)
+        if watcher.has_received:
+            watcher.wait(_ONCE_COUNTS)
+        with Screen(whole_terminal=False) as screen:
             _show(vehicles, screen)
-            return watcher.hears
-        while not screen.stopped:
-            _show(vehicles, screen)
-            watcher.wait(interval, until=lambda: screen.stopped)
-    return True
+        return watcher.has_received
+
+
+def watch_live(screen: Screen, *, namespaces: Sequence[str] | None, interval: float) -> None:
+    """Show vehicles, each ``interval`` [s], until Ctrl-C.
+
+    Ctrl-C is noted only: as an exception, other libraries could turn it into another one.
+    """
+    vehicles, stopped = Vehicles(namespaces), threading.Event()
+    before = signal.signal(signal.SIGINT, lambda *_: stopped.set())
+    try:
+        with _Watcher(vehicles) as watcher:
+            while not stopped.is_set():
+                _show(vehicles, screen)
+                watcher.wait(interval, until=stopped.is_set)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _show(vehicles: Vehicles, screen: Screen) -> None:
-    views = looked_at(vehicles, time.monotonic())
-    if views:
-        title = time.strftime("%H:%M:%S")
-    else:
-        title = f"nobody publishes {STATS.name} in this ROS domain yet; Ctrl-C ends"
-    screen.show(views, title=title)
+    now = time.monotonic()
+    views = []
+    for vehicle in vehicles:
+        vehicle.look(now)
+        views.append(viewed(vehicle, now))
+    nobody = f"nobody publishes {STATS.name} in this ROS domain yet; Ctrl-C ends"
+    screen.show(views, title=time.strftime("%H:%M:%S") if views else nobody)
 
 
 class _Watcher(Observer):
@@ -53,12 +69,12 @@ class _Watcher(Observer):
         self._vehicles = vehicles
         self._subscribed: set[str] = set()
         self._searched = 0.0
-        self.hears = False
-        """Whether anything came."""
+        self.has_received = False
+        """Whether any message of a vehicle was received."""
 
     @property
-    def hears_all(self) -> bool:
-        """Whether odometry of each vehicle has come, of one at least."""
+    def has_all_odometry(self) -> bool:
+        """Whether odometry of each vehicle was received, of one at least."""
         newest = [vehicle.topics[ODOMETRY.name].newest for vehicle in self._vehicles]
         return len(newest) > 0 and None not in newest
 
@@ -70,15 +86,16 @@ class _Watcher(Observer):
         subscribe(self.node, _ROSOUT, self._vehicles.take_log)
         return self
 
-    def wait(self, seconds: float, *, until: Callable[[], bool]) -> None:
-        """Take what comes for so long, or until something is true."""
+    def wait(self, seconds: float, *, until: Callable[[], bool] = lambda: False) -> None:
+        """Receive messages for so long, or until something is true."""
         deadline = time.monotonic() + seconds
-        while (left := deadline - time.monotonic()) > 0.0 and not until():
-            if time.monotonic() - self._searched > _SEARCH_PERIOD:
-                self._search()
-            self.executor.spin_once(timeout_sec=min(left, LONGEST_WAIT))
+        while time.monotonic() < deadline and not until():
+            self._search()
+            self.spin_until(until, min(deadline, self._searched + _SEARCH_PERIOD))
 
     def _search(self) -> None:
+        if time.monotonic() - self._searched < _SEARCH_PERIOD:
+            return
         self._searched = time.monotonic()
         for name, types in self.node.get_topic_names_and_types():
             if name.endswith(f"/{STATS.name}") and STATS.type_name in types:
@@ -98,17 +115,9 @@ class _Watcher(Observer):
             subscribe(self.node, named, take, raw=True)
 
     def _take(self, vehicle: Vehicle, topic: Topic, data: bytes) -> None:
-        self.hears = True
-        decode = functools.partial(_decoded, topic, data)
-        vehicle.take(topic, Arrival(seconds=time.monotonic(), data=data, decode=decode))
+        self.has_received = True
+        decode = functools.partial(message_in, topic, data)
+        vehicle.topics[topic.name].take(decode, seconds=time.monotonic())
 
     def _on_diagnostics(self, message: Any) -> None:
         self._vehicles.take_diagnostics(message, seconds=time.monotonic())
-
-
-def _decoded(topic: Topic, data: bytes) -> Any:
-    """Return a message. Raises ``ValueError`` for bytes that are none."""
-    try:
-        return decoded(topic, data)
-    except Exception as error:  # whatever rclpy has for it
-        raise ValueError(f"bytes are no {topic.type_name}: {error}") from error

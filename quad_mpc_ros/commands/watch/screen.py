@@ -1,47 +1,43 @@
-"""Where pictures go: the whole terminal, drawn anew, or lines of plain text; and Ctrl-C."""
+"""The table of :mod:`.view` drawn with Rich: over the whole terminal, or as plain text."""
 
 from __future__ import annotations
 
-import signal
-import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Self
 
-from rich.console import Console
+from rich import box
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
+from rich.table import Table
+from rich.text import Text
 
-from quad_mpc_ros.commands.watch.panel import pictured
-from quad_mpc_ros.commands.watch.view import VehicleView
-
-LONGEST_WAIT = 0.2
-"""How long [s] may be waited for anything without a look at whether it is stopped."""
+from quad_mpc_ros.commands.watch.view import Entry, Mark, VehicleView
 
 _PLAIN_WIDTH = 120
+_STYLES = {
+    Mark.PLAIN: "",
+    Mark.GOOD: "green",
+    Mark.WARN: "yellow",
+    Mark.BAD: "bold red",
+    Mark.OLD: "magenta",
+    Mark.MISSING: "dim",
+}
 
 
 class Screen:
-    """Shows one picture after the other; the terminal is as before when the block ends.
+    """Shows one table after the other; the terminal is as before when the block ends."""
 
-    Inside the block Ctrl-C is noted in ``stopped``; pressed again it interrupts. As an exception
-    alone it could be lost: in a callback of compiled code, or of another library.
-    """
-
-    def __init__(self, *, once: bool, console: Console | None = None) -> None:
-        self._console = Console() if console is None else console
-        self.once = once
-        self.is_terminal = self._console.is_terminal
-        if not self.is_terminal and console is None:
-            self._console = Console(width=_PLAIN_WIDTH)
-        self.stopped = False
-        """Whether Ctrl-C was pressed."""
+    def __init__(self, *, whole_terminal: bool = True) -> None:
+        console = Console()
+        self.is_terminal = console.is_terminal
+        self._console = console if self.is_terminal else Console(width=_PLAIN_WIDTH)
+        self._whole_terminal = whole_terminal and self.is_terminal
         self._live: Live | None = None
         self._ends = ExitStack()
 
     def __enter__(self) -> Self:
-        before = signal.signal(signal.SIGINT, self._on_interrupt)
-        self._ends.callback(signal.signal, signal.SIGINT, before)
-        if self.is_terminal and not self.once:
+        if self._whole_terminal:
             live = Live(console=self._console, screen=True, auto_refresh=False)
             self._live = self._ends.enter_context(live)
         return self
@@ -49,21 +45,33 @@ class Screen:
     def __exit__(self, *_: object) -> None:
         self._ends.close()
 
-    def sleep(self, seconds: float) -> None:
-        """Wait, at most until Ctrl-C."""
-        end = time.monotonic() + seconds
-        while not self.stopped and (left := end - time.monotonic()) > 0.0:
-            time.sleep(min(left, LONGEST_WAIT))
-
-    def _on_interrupt(self, _number: int, _frame: object) -> None:
-        if self.stopped:
-            raise KeyboardInterrupt
-        self.stopped = True
-
     def show(self, views: Sequence[VehicleView], *, title: str) -> None:
-        """Show a picture of some vehicles."""
-        picture = pictured(views, title=title)
+        """Show a table of some vehicles."""
+        table = drawn(views, title=title)
         if self._live is None:
-            self._console.print(picture)
+            self._console.print(table)
         else:
-            self._live.update(picture, refresh=True)
+            self._live.update(table, refresh=True)
+
+
+def drawn(views: Sequence[VehicleView], *, title: str) -> RenderableType:
+    """Return a table with a column for each vehicle, and the lines of the logs below it."""
+    if not views:
+        return Text(title)
+    # Text, as everywhere: brackets in a name are no markup.
+    table = Table(title=Text(title), box=box.SIMPLE_HEAD, title_justify="left")
+    table.add_column("vehicle", style="bold", no_wrap=True)
+    for view in views:
+        table.add_column(Text(view.name), overflow="fold")
+    for label in dict.fromkeys(label for view in views for label in view.entries):
+        table.add_row(label, *(_text(view.entries.get(label)) for view in views))
+    lines = [
+        Text.assemble((f"{view.name} {node}  ", "bold"), _text(entry))
+        for view in views
+        for node, entry in view.log
+    ]
+    return Group(table, *lines)
+
+
+def _text(entry: Entry | None) -> Text:
+    return Text() if entry is None else Text(entry.text, style=_STYLES[entry.mark])

@@ -42,10 +42,10 @@ class CommandHistory:
 
     def record(self, command: Array, *, stamp_ns: int) -> None:
         """Remember a command (4,); those of a later time, as of a clock set back, are void."""
-        acts_ns, count = stamp_ns + self._delay_ns, len(self.acts_ns)
+        acts_ns, count = stamp_ns + self._delay_ns, self.acts_ns.size
         while count > 0 and self._room_ns.item(count - 1) > acts_ns:
             count -= 1
-        if count == len(self._room_ns):
+        if count == self._room_ns.size:
             count = self._make_room(stamp_ns - _KEPT_NS)
         self._room_ns[count] = acts_ns
         self.acts_ns = self._room_ns[: count + 1]
@@ -58,7 +58,7 @@ class CommandHistory:
 
     def knows(self, time_ns: int) -> bool:
         """Whether what acted at a time was sent from here, as far as is remembered."""
-        return len(self.acts_ns) > 0 and self.acts_ns.item(0) <= time_ns
+        return self.acts_ns.size > 0 and self.acts_ns.item(0) <= time_ns
 
     def _make_room(self, oldest_ns: int) -> int:
         """Forget what acted before a time, or grow if that is not even half; return what is left.

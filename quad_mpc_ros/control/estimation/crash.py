@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from quad_mpc_ros.control.estimation.ground_motion import Motion
 from quad_mpc_ros.control.estimation.kept_height import GUST, SETTLING, THRUST_ERROR, KeptHeight
-from quad_mpc_ros.control.model.samples import OdometrySample
 
 SLOW = 1.0
 """Speed [m/s], filtered, with no more than which it may have come to rest."""
@@ -41,9 +40,9 @@ class Crash:
         self._before = 0, 0.0  # stamp, and speed [m/s]
         self._collided_ns: int | None = None
 
-    def update(self, odometry: OdometrySample, motion: Motion, *, height: float) -> bool:
-        """Return whether it has crashed; ``motion`` and ``height`` [m] are filtered."""
-        self._look_for_collision(odometry)
+    def update(self, stamp_ns: int, motion: Motion) -> bool:
+        """Take the motion at a stamp, and return whether it has crashed."""
+        self._look_for_collision(stamp_ns, motion.reported_speed)
         if self.found:
             self.found = motion.climb >= -FAST
             if not self.found:
@@ -51,16 +50,15 @@ class Crash:
             return self.found
         fall = rise = 0.0
         if motion.speed < SLOW:
-            if odometry.up < 0.0:
+            if motion.up < 0.0:
                 fall = (1.0 - GUST) * self._gravity
             if self._collided_ns is not None:
                 rise = ((1.0 - THRUST_ERROR) * motion.lift - 1.0 - GUST) * self._gravity
-        inverted = self._inverted.lasts(odometry.stamp_ns, height, fall)
-        self.found = self._stopped.lasts(odometry.stamp_ns, height, rise) or inverted
+        inverted = self._inverted.lasts(stamp_ns, motion.height, fall)
+        self.found = self._stopped.lasts(stamp_ns, motion.height, rise) or inverted
         return self.found
 
-    def _look_for_collision(self, odometry: OdometrySample) -> None:
-        stamp_ns, speed = odometry.stamp_ns, odometry.speed
+    def _look_for_collision(self, stamp_ns: int, speed: float) -> None:
         before_ns, before = self._before
         if before - speed > _HARDEST * 1e-9 * (stamp_ns - before_ns):
             self._collided_ns = stamp_ns

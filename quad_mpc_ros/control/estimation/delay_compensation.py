@@ -31,10 +31,16 @@ from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import Learning
 from quad_mpc_ros.control.estimation.specific_force import SpecificForces
 from quad_mpc_ros.control.estimation.turning_update import add_offsets
-from quad_mpc_ros.control.estimation.update_mode import LONGEST_GAP_NS, Conditions, UpdateMode
+from quad_mpc_ros.control.estimation.update_mode import (
+    LONGEST_GAP_NS,
+    MODE_TEXTS,
+    Conditions,
+    UpdateMode,
+)
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
+from quad_mpc_ros.control.model.prediction import PredictedState, Prediction
 from quad_mpc_ros.control.model.rollout import (
     LONGEST_SUBSTEP,
     StateRecord,
@@ -42,8 +48,8 @@ from quad_mpc_ros.control.model.rollout import (
     roll_forward,
 )
 from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample
-from quad_mpc_ros.control.model.state import BODY_RATE, Input
-from quad_mpc_ros.control.ocp.problem import PredictedState, Prediction
+from quad_mpc_ros.control.model.state import BODY_RATE, U_THROTTLE, Input
+from quad_mpc_ros.control.stage import Stage
 
 # How long commands must have acted before something is learned, once they had not acted: the
 # actuators are still on their way from where something else had them.
@@ -68,13 +74,13 @@ class EstimateStatus(NamedTuple):
     ``resets`` is how often it was reset so far, ``accelerometer`` what became of what it measured.
     """
 
-    text: str = UpdateMode.HOLD.text
+    text: str = MODE_TEXTS[UpdateMode.HOLD]
     resets: int = 0
     accelerometer: str = "off"  # or missing, paused, used, refused
     imu_stamp_ns: int = 0  # of the newest measurement of the accelerometer
 
 
-class DelayCompensation:
+class DelayCompensation(Stage):
     """Follows the vehicle through the commands sent, and predicts across the input delay."""
 
     def __init__(self, config: MpcConfig, *, ground: GroundDetector | None = None) -> None:
@@ -137,10 +143,9 @@ class DelayCompensation:
     def record(self, command: Input, *, stamp_ns: int) -> None:
         """Remember a command by when it is sent, on the clock of the odometry's stamps."""
         # What the rates follow, but for their offsets: the model has no gain of its own.
-        followed = command.vector()
-        followed[BODY_RATE] *= self._rate_gain
-        self._sent, self._sent_ns = followed, stamp_ns
-        self._history.record(followed, stamp_ns=stamp_ns)
+        self._sent[U_THROTTLE], self._sent_ns = command.throttle, stamp_ns
+        self._sent[BODY_RATE] = self._rate_gain * command.w_WB_B
+        self._history.record(self._sent, stamp_ns=stamp_ns)
 
     def feel(self, sample: ImuSample) -> None:
         """Take what an accelerometer measured, for the next odometry."""
@@ -184,7 +189,8 @@ class DelayCompensation:
             measured = self._followed.measured
             self._ekf.start(p_WB=measured.p_WB, v_WB_W=measured.v_WB_W, w_WB_B=measured.w_WB_B)
             self.status = EstimateStatus(resets=self._health.resets)
-            self._take_felt(stamp_ns, stamp_ns)
+            if self._felt_variance > 0.0:
+                self._take_felt(stamp_ns, stamp_ns)
         elif self._follows:
             self._go_on(odometry, previous_ns)
         else:
@@ -232,7 +238,7 @@ class DelayCompensation:
     def _go_on(self, odometry: OdometrySample, previous_ns: int) -> None:
         """Take an odometry, and bring the EKF from the one before to it."""
         stamp_ns = odometry.stamp_ns
-        is_felt = self._take_felt(previous_ns, stamp_ns)
+        is_felt = self._felt_variance > 0.0 and self._take_felt(previous_ns, stamp_ns)
         mode, at_bounds = _follow(
             buffer=self._buffer,
             p_WB=odometry.p_WB,
@@ -253,8 +259,6 @@ class DelayCompensation:
 
     def _take_felt(self, previous_ns: int, stamp_ns: int) -> bool:
         """Give the filter what was felt since the odometry before; return whether there is any."""
-        if self._felt_variance == 0.0:
-            return False
         mean = self._felt.mean(start_ns=previous_ns, end_ns=stamp_ns)
         felt = self._followed.filter.felt
         felt.variance = 0.0 if mean is None else self._felt_variance
@@ -262,16 +266,16 @@ class DelayCompensation:
             felt.f_B[:] = mean
         return mean is not None
 
-    def _use_of_felt(self, mode: UpdateMode, is_felt: bool) -> str:
+    def _use_of_felt(self, mode: int, is_felt: bool) -> str:
         if not is_felt:
             return "missing"
         if self._followed.filter.felt.used:
             return "used"
         return "refused" if mode in (UpdateMode.LEARN, UpdateMode.REJECT) else "paused"
 
-    def _judge(self, mode: UpdateMode, at_bounds: bool, stamp_ns: int, *, duration: float) -> None:
+    def _judge(self, mode: int, at_bounds: bool, stamp_ns: int, *, duration: float) -> None:
         """Note what an odometry did to the estimate; reset one that fails for long."""
-        text = UpdateMode(mode).text
+        text = MODE_TEXTS[mode]
         if mode in (UpdateMode.LEARN, UpdateMode.REJECT):
             refused = mode == UpdateMode.REJECT
             if at_bounds and not refused:
@@ -345,7 +349,7 @@ def _follow(
     commands: Array,
     stamps_ns: tuple[int, int],
     conditions: Conditions,
-) -> tuple[UpdateMode, bool]:
+) -> tuple[int, bool]:
     """Go on to an odometry from the one before, under what acted of a history between the two.
 
     Returns:
@@ -364,7 +368,7 @@ def _follow(
         conditions=conditions,
         given_variance=v_variance,
     )
-    return mode, is_at_bounds(followed.filter)
+    return mode.value, is_at_bounds(followed.filter)
 
 
 @compiled

@@ -192,10 +192,10 @@ def update(
     for k in range(len(acting.durations)):
         throttle = acting.commands[k, U_THROTTLE]
         saturated |= not state.bounds.throttle_min < throttle < state.bounds.throttle_max
-    mode = update_mode(conditions, saturated, state.paused_for, True)
+    mode = update_mode(conditions, saturated, state.paused_for)
     if mode == UpdateMode.VELOCITY_ONLY:
         state.paused_for += duration
-        mode = update_mode(conditions, saturated, state.paused_for, True)
+        mode = update_mode(conditions, saturated, state.paused_for)
     elif mode == UpdateMode.LEARN:
         state.paused_for = 0.0
     write_estimated(state, state.estimated)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from quad_mpc_ros.control.lie import formulas
 
 _SECOND = 1_000_000_000
 _AT_BOUNDS_NS = 3 * _SECOND
@@ -28,7 +28,7 @@ class EstimateHealth:
 
         ``duration`` [s] is since the one before. Call it once for each: a reset is counted.
         """
-        share = 1.0 - math.exp(-duration / _FORGETTING)
+        share = formulas.lowpass_share(duration, _FORGETTING)
         self._refused += share * ((1.0 if refused else 0.0) - self._refused)
         if not at_bounds:
             self._bounds_since_ns = None
@@ -38,7 +38,7 @@ class EstimateHealth:
             self._bounds_since_ns is not None and now_ns - self._bounds_since_ns > _AT_BOUNDS_NS
         )
         tried = self._reset_ns is not None and 0 <= now_ns - self._reset_ns < _PATIENCE_NS
-        if not (self._refused > _MOST_REFUSED or (stuck and not tried)):
+        if tried or not (stuck or self._refused > _MOST_REFUSED):
             return False
         self.resets += 1
         self._reset_ns, self._bounds_since_ns, self._refused = now_ns, None, 0.0

@@ -1,6 +1,6 @@
 """Does the vehicle stand or fly? The one place that judges it; ``docs/ground.md``.
 
-Whoever needs to know asks here: the supervisor what motors and rates may do, the estimator
+Whoever needs to know asks here: the limit stage what motors and rates may do, the estimator
 whether anything may be learned, and on ``mpc/ground_state`` the reference and the bridges.
 
 To say wrongly that it stands would cut the motors of a flying vehicle. So that is said only of
@@ -19,8 +19,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from quad_mpc_ros.control.estimation.crash import FAST, SLOW, Crash
 from quad_mpc_ros.control.estimation.ground_motion import FilteredMotion
 from quad_mpc_ros.control.estimation.ground_state import (
@@ -35,8 +33,10 @@ from quad_mpc_ros.control.estimation.ground_state import (
 )
 from quad_mpc_ros.control.estimation.kept_height import GUST, SETTLING, THRUST_ERROR, KeptHeight
 from quad_mpc_ros.control.estimation.update_mode import LONGEST_GAP_NS
+from quad_mpc_ros.control.lie import kernels
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.stage import Stage
 
 # Thrust as a share of the weight: some, filtered, for a while, keeps a vehicle in the air that was
 # not seen to stand, and enough may have lifted one that was.
@@ -62,7 +62,7 @@ class _Course(NamedTuple):
     speed: float
 
 
-class GroundDetector:
+class GroundDetector(Stage):
     """Follows a vehicle from odometry to odometry."""
 
     def __init__(self, gravity: float = 9.81) -> None:
@@ -83,6 +83,7 @@ class GroundDetector:
         self._climbs = self._lands = False  # so does the reference, near the ground
         self._stood_at: float | None = None
         self._stood_ns: int | None = None
+        self._has_just_left = False
         self._stamp_ns: int | None = None
         self._little_since_ns: int | None = None
         self._lifting_since_ns: int | None = None
@@ -134,17 +135,12 @@ class GroundDetector:
     @property
     def learning(self) -> Learning:
         """What the estimator may do: the ground carries what the thrust does not."""
-        if not self.state.flies or self._has_just_left():
+        if not self.state.flies or self._has_just_left:
             return Learning.HOLD
         might_touch = self._lands or self._little_since_ns is not None
         if might_touch or self.state is GroundState.TOUCHING_DOWN:
             return Learning.PAUSE
         return Learning.LEARN
-
-    def _has_just_left(self) -> bool:
-        if self._stamp_ns is None or self._stood_ns is None:
-            return False
-        return 0 <= self._stamp_ns - self._stood_ns < _LETTING_GO_NS
 
     def update(
         self, odometry: OdometrySample, *, thrust: float, window: ReferenceWindow | None
@@ -187,12 +183,15 @@ class GroundDetector:
         self._little_since_ns = _since(self._little_since_ns, odometry.stamp_ns, lasts=little)
         self._lifting_since_ns = _since(self._lifting_since_ns, odometry.stamp_ns, lasts=lifts)
 
-    def _evidence(self, odometry: OdometrySample, window: ReferenceWindow | None) -> set[Evidence]:
+    def _evidence(
+        self, odometry: OdometrySample, window: ReferenceWindow | None
+    ) -> tuple[Evidence, ...]:
         """Return what speaks for a change of the state."""
         self._climbs = self._lands = False
-        if self._crash.update(odometry, self._motion.now, height=self._motion.height):
-            return {Evidence.LIES}
-        found, height = set(), float(odometry.p_WB[2])
+        if self._crash.update(odometry.stamp_ns, self._motion.now):
+            return (Evidence.LIES,)
+        found: tuple[Evidence, ...] = ()
+        height = float(odometry.p_WB[2])
         course = self._course_of(window, height)
         self._climbs = course.highest > height + HEIGHT or course.highest > course.height + _RISING
         below = course.height < height - HEIGHT
@@ -200,13 +199,13 @@ class GroundDetector:
         sinks = course.lowest < course.height - _RISING
         self._lands = rests and (below or sinks) and self._is_low(height)
         if self._climbs:
-            found.add(Evidence.CLIMBS)
+            found += (Evidence.CLIMBS,)
         if rests and below and self._might_be_down(height, sinks=sinks):
-            found.add(Evidence.TOUCHES)
+            found += (Evidence.TOUCHES,)
         if self._has_left() or self._is_moving():
-            found.add(Evidence.LEFT)
+            found += (Evidence.LEFT,)
         elif self._rests(odometry.stamp_ns, wanted=rests):
-            found.add(Evidence.RESTS)
+            found += (Evidence.RESTS,)
         return found
 
     def _course_of(self, window: ReferenceWindow | None, height: float) -> _Course:
@@ -216,16 +215,18 @@ class GroundDetector:
         if window is None:
             return _Course(height, height, height, 0.0)
         if window is not self._window:
-            self._window = window
-            heights, v = window.p_WB[:, 2].tolist(), window.v_WB_W
-            speed = math.sqrt(np.einsum("ij,ij->i", v, v).max())
+            self._window, heights = window, window.p_WB[:, 2].tolist()
+            speed = kernels.largest_length(window.v_WB_W)
             self._course = _Course(heights[0], min(heights), max(heights), speed)
         return self._course
 
     def _follow_ground(self, odometry: OdometrySample) -> None:
         """Note where it stands, as far as it does: estimates drift."""
+        stamp_ns = odometry.stamp_ns
         if self.state.stands:
-            self._stood_at, self._stood_ns = float(odometry.p_WB[2]), odometry.stamp_ns
+            self._stood_at, self._stood_ns = float(odometry.p_WB[2]), stamp_ns
+        stood_ns = self._stood_ns
+        self._has_just_left = stood_ns is not None and 0 <= stamp_ns - stood_ns < _LETTING_GO_NS
         if self.state.stands and self._little_since_ns is not None:
             self._motion.draw_ground(fast=True)  # it has not left
         elif not (self.state.flies or self._climbs):
@@ -242,7 +243,7 @@ class GroundDetector:
             self._still.forget()
             return False
         fall = (1.0 - (1.0 + THRUST_ERROR) * self._thrust - GUST) * self._gravity
-        kept = self._still.lasts(stamp_ns, self._motion.height, fall)
+        kept = self._still.lasts(stamp_ns, self._motion.now.height, fall)
         return bool(self._landed) or kept
 
     def _might_be_down(self, height: float, *, sinks: bool) -> bool:
@@ -262,8 +263,9 @@ class GroundDetector:
 
     def _is_moving(self) -> bool:
         """Whether it is faster than noise, which alone does not change the height as well."""
-        shifted = abs(self._motion.now.rise) > HEIGHT
-        return self._motion.now.speed > (_MOVING if shifted else FAST)
+        motion = self._motion.now
+        shifted = not -HEIGHT <= motion.rise <= HEIGHT
+        return motion.speed > (_MOVING if shifted else FAST)
 
     def _has_left(self) -> bool:
         """Whether it is no longer where it was seen first, or stood, under thrust."""

@@ -10,8 +10,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3
+from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.lie.formulas import lowpass_share
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
 
@@ -21,25 +23,44 @@ _REDUCED = 0.8  # share of the flight's thrust with less of which it has to fall
 _SHOULD_FALL = 0.2  # m/s faster downwards, by then
 _FALLS = 0.3  # share of that; with less it is carried
 
+_Reported = tuple[Array, Array, Array]  # position, attitude and velocity in the body
+
 
 class Motion(NamedTuple):
-    """Speed along the ground and upwards [m/s], filtered.
+    """Speed along the ground, upwards and in all [m/s], filtered.
 
-    And its way [m] from where it stood or was seen first, and that upwards; the share of its
-    weight that the thrust lifts; and whether something else seems to carry it.
+    And its height [m], its way from where it stood or was seen first, and that upwards; the share
+    of its weight that the thrust lifts; and whether something else seems to carry it. Not
+    filtered: the cosine of its tilt, and its speed as reported.
     """
 
     aside: float = 0.0
     climb: float = 0.0
+    speed: float = 0.0
+    height: float = 0.0
     way: float = 0.0
     rise: float = 0.0
     lift: float = 0.0
     carried: bool = False
+    up: float = 1.0
+    reported_speed: float = 0.0
 
-    @property
-    def speed(self) -> float:
-        """Its speed [m/s]."""
-        return math.hypot(self.aside, self.climb)
+
+class Filters(Record):
+    """What is filtered."""
+
+    gravity: float  # m/s^2
+    p_WB: Vector3
+    v_WB_W: Vector3
+    ground_W: Vector3  # where it stood, or was seen first
+    duration: float  # s, between the last two odometries
+    # As shares of the weight: what lifts, the thrust now and in flight lately.
+    lift: float
+    thrust: float
+    in_flight: float
+    # m/s: by how much it should have fallen with too little thrust, how it climbed before.
+    fall: float
+    climb: float
 
 
 class FilteredMotion:
@@ -48,38 +69,31 @@ class FilteredMotion:
     def __init__(self, gravity: float) -> None:
         self.now = Motion()
         """The motion at the last odometry."""
-        self._gravity = gravity
-        # Lists of plain numbers: of three, arrays take longer.
-        self._p_WB = self._v_WB_W = self._ground = [0.0, 0.0, 0.0]
-        self._duration = 0.0
-        self.forget_thrust()
-
-    @property
-    def height(self) -> float:
-        """The height, filtered [m]."""
-        return self._p_WB[2]
+        self._filters = Filters.zeros()
+        self._filters["gravity"] = gravity
 
     def forget_thrust(self) -> None:
         """Forget what carried it."""
-        # As shares of the weight: what lifts, the thrust now and in flight lately.
-        self._lift = self._thrust = self._in_flight = 0.0
-        # m/s: by how much it should have fallen with too little thrust, how it climbed before.
-        self._fall = self._climb = 0.0
+        for name in ("lift", "thrust", "in_flight", "fall", "climb"):
+            self._filters[name] = 0.0
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Take an announced step of the estimate: nothing has moved."""
-        self._p_WB = reset.points(np.array(self._p_WB)).tolist()
-        self._ground = reset.points(np.array(self._ground)).tolist()
-        self._v_WB_W = reset.vectors(np.array(self._v_WB_W)).tolist()
+        for name in ("p_WB", "ground_W"):
+            self._filters[name] = reset.points(self._filters[name])
+        self._filters["v_WB_W"] = reset.vectors(self._filters["v_WB_W"])
 
     def draw_ground(self, *, fast: bool) -> None:
         """Let where it stood follow where it is."""
-        share = _share(self._duration, _THRUST_FILTER if fast else _FLIGHT_FILTER)
-        self._ground = _between(self._ground, self._p_WB, share)
+        time_constant = _THRUST_FILTER if fast else _FLIGHT_FILTER
+        share = lowpass_share(float(self._filters["duration"]), time_constant)
+        ground_W = self._filters["ground_W"]
+        ground_W += share * (self._filters["p_WB"] - ground_W)
 
     def lower_ground(self) -> None:
         """Let where it stood be no higher than where it is."""
-        self._ground = [*self._ground[:2], min(self._ground[2], self.height)]
+        ground_W = self._filters["ground_W"]
+        ground_W[2] = min(ground_W[2], self.now.height)
 
     def follow(
         self, odometry: OdometrySample, *, thrust: float, duration: float, anew: bool, flies: bool
@@ -88,52 +102,55 @@ class FilteredMotion:
 
         ``thrust`` is what the command in force makes by the model, as a share of the weight.
         """
-        p_WB = odometry.p_WB.tolist()
-        v_WB_W = _turned(odometry.q_WB_xyzw.tolist(), odometry.v_WB_B.tolist())
-        if anew:
-            self._p_WB, self._v_WB_W, self._ground = p_WB, v_WB_W, p_WB
-        self._duration = 0.0 if anew else duration
-        share = _share(self._duration, _FILTER)
-        self._p_WB = _between(self._p_WB, p_WB, share)
-        self._v_WB_W = _between(self._v_WB_W, v_WB_W, share)
-        self._lift += _share(self._duration, _THRUST_FILTER) * (thrust * odometry.up - self._lift)
-        vx, vy, climb = self._v_WB_W
-        self.now = Motion(
-            aside=math.hypot(vx, vy),
-            climb=climb,
-            way=math.dist(self._p_WB, self._ground),
-            rise=self._p_WB[2] - self._ground[2],
-            lift=self._lift,
-            carried=self._is_carried(max(thrust, 0.0), climb, share, flies=flies),
-        )
-
-    def _is_carried(self, thrust: float, climb: float, share: float, *, flies: bool) -> bool:
-        """Note with what thrust it flies; return whether it should be falling, and is not.
-
-        A curve of the thrust may be negative where nothing turns; here it is not.
-        """
-        self._thrust += share * (thrust - self._thrust)
-        change = self._thrust - self._in_flight
-        if self._thrust < _REDUCED * self._in_flight:
-            self._fall -= self._gravity * change / self._in_flight * self._duration
-        else:
-            self._fall, self._climb = 0.0, climb
-        if flies and self._fall < _SHOULD_FALL:
-            self._in_flight += _share(self._duration, _FLIGHT_FILTER) * change
-        return self._fall > max(_SHOULD_FALL, (self._climb - climb) / _FALLS)
+        reported = odometry.p_WB, odometry.q_WB_xyzw, odometry.v_WB_B
+        duration = 0.0 if anew else duration
+        self.now = _follow(self._filters, reported, thrust, duration=duration, flies=flies)
 
 
-def _share(duration: float, time_constant: float) -> float:
-    """Return the share of the way to a new value that a filter goes in a time [s]."""
-    return 1.0 - math.exp(-duration / time_constant)
+@compiled
+def _follow(
+    buffer: RecordArray[Filters], reported: _Reported, thrust: float, duration: float, flies: bool
+) -> Motion:
+    """Filter the ``reported`` position, attitude and velocity; begin anew with no duration."""
+    filters, (p_WB, q_WB_xyzw, v_WB_B) = buffer[()], reported
+    R_WB = kernels.rotation(kernels.quaternion_in(q_WB_xyzw))
+    v_WB_W = kernels.apply(R_WB, kernels.vector(v_WB_B))
+    anew, (_, _, up) = duration == 0.0, kernels.column(R_WB, 2)
+    share = 1.0 if anew else kernels.lowpass_share(duration, _FILTER)
+    for k in range(3):
+        filters.p_WB[k] += share * (p_WB[k] - filters.p_WB[k])
+        filters.v_WB_W[k] += share * (v_WB_W[k] - filters.v_WB_W[k])
+        filters.ground_W[k] = p_WB[k] if anew else filters.ground_W[k]
+    filters.duration = duration
+    filters.lift += kernels.lowpass_share(duration, _THRUST_FILTER) * (thrust * up - filters.lift)
+    vx, vy, climb = kernels.vector(filters.v_WB_W)
+    return Motion(
+        aside=math.hypot(vx, vy),
+        climb=climb,
+        speed=kernels.length(filters.v_WB_W),
+        height=filters.p_WB[2],
+        way=kernels.distance(filters.p_WB, filters.ground_W),
+        rise=filters.p_WB[2] - filters.ground_W[2],
+        lift=filters.lift,
+        carried=_is_carried(filters, max(thrust, 0.0), flies),
+        up=up,
+        reported_speed=kernels.length(v_WB_B),
+    )
 
 
-def _between(here: list[float], there: list[float], share: float) -> list[float]:
-    return [a + share * (b - a) for a, b in zip(here, there, strict=True)]
+@compiled
+def _is_carried(filters: Filters, thrust: float, flies: bool) -> bool:
+    """Note with what thrust it flies; return whether it should be falling, and is not.
 
-
-def _turned(q_WB_xyzw: list[float], v_B: list[float]) -> list[float]:
-    """Return a vector of the body in the world, v + 2 w (q x v) + 2 q x (q x v)."""
-    (x, y, z, w), (a, b, c) = q_WB_xyzw, v_B
-    d, e, f = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return [a + w * d + y * f - z * e, b + w * e + z * d - x * f, c + w * f + x * e - y * d]
+    A curve of the thrust may be negative where nothing turns; here it is not.
+    """
+    climb, duration = filters.v_WB_W[2], filters.duration
+    filters.thrust += kernels.lowpass_share(duration, _FILTER) * (thrust - filters.thrust)
+    change = filters.thrust - filters.in_flight
+    if filters.thrust < _REDUCED * filters.in_flight:
+        filters.fall -= filters.gravity * change / filters.in_flight * duration
+    else:
+        filters.fall, filters.climb = 0.0, climb
+    if flies and filters.fall < _SHOULD_FALL:
+        filters.in_flight += kernels.lowpass_share(duration, _FLIGHT_FILTER) * change
+    return bool(filters.fall > max(_SHOULD_FALL, (filters.climb - climb) / _FALLS))

@@ -7,6 +7,7 @@ or on the topic ``mpc/ground_state``. ``docs/ground.md`` shows the table and the
 from __future__ import annotations
 
 import enum
+from collections.abc import Collection
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -34,15 +35,11 @@ class GroundState(enum.Enum):
     TOUCHING_DOWN = "touching_down"
     CRASHED = "crashed"
 
-    @property
-    def stands(self) -> bool:
+    def __init__(self, name: str) -> None:
+        self.stands = name in ("on_ground", "lifting_off")
         """Whether it is certain that it stands, be it that it is about to lift off."""
-        return self in (GroundState.ON_GROUND, GroundState.LIFTING_OFF)
-
-    @property
-    def flies(self) -> bool:
+        self.flies = name in ("flying", "touching_down")
         """Whether it is certain that it flies, be it that it may just have come down."""
-        return self in (GroundState.FLYING, GroundState.TOUCHING_DOWN)
 
 
 class Evidence(enum.Enum):
@@ -90,13 +87,11 @@ Commands that begin or cease to act lead to ``UNKNOWN``, or to ``ON_GROUND`` whe
 reports to have landed.
 """
 
-_FROM = {state: [each[1:] for each in TRANSITIONS if each.state is state] for state in GroundState}
 
-
-def next_state(state: GroundState, evidence: set[Evidence]) -> GroundState:
+def next_state(state: GroundState, evidence: Collection[Evidence]) -> GroundState:
     """Return the state that follows from what there is evidence of."""
-    for kind, present, then in _FROM[state]:
-        if (kind in evidence) is present:
+    for before, kind, present, then in TRANSITIONS:
+        if before is state and (kind in evidence) is present:
             return then
     return state
 

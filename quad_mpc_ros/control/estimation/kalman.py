@@ -61,23 +61,23 @@ def squared_distance(seen: Innovation, allowed: float) -> float:
     S, square = seen.S.copy(), 0.0
     for k in range(3):
         S[k, k] += allowed
-    inverse = _inverse(S)
+    inverted = inverse(S)
     for i in range(3):
         for j in range(3):
-            square += seen.nu[i] * inverse[i, j] * seen.nu[j]
+            square += seen.nu[i] * inverted[i, j] * seen.nu[j]
     return square
 
 
 @compiled
 def update(x: Array, P: Array, seen: Innovation, considered: Array) -> None:
     """Correct by an innovation; states (n,) that are ``considered``, not zero, are not moved."""
-    PHt, S, inverse, n = seen.PHt, seen.S, _inverse(seen.S), len(x)
+    PHt, S, inverted, n = seen.PHt, seen.S, inverse(seen.S), len(x)
     K, KS = np.zeros((n, 3)), np.zeros((n, 3))
     for i in range(n):
         if considered[i] == 0.0:
             for k in range(3):
-                K[i, k] = PHt[i, 0] * inverse[0, k] + PHt[i, 1] * inverse[1, k]
-                K[i, k] += PHt[i, 2] * inverse[2, k]
+                K[i, k] = PHt[i, 0] * inverted[0, k] + PHt[i, 1] * inverted[1, k]
+                K[i, k] += PHt[i, 2] * inverted[2, k]
                 x[i] += K[i, k] * seen.nu[k]
             for k in range(3):
                 KS[i, k] = K[i, 0] * S[0, k] + K[i, 1] * S[1, k] + K[i, 2] * S[2, k]
@@ -124,7 +124,7 @@ def product(A: Array, B: Array) -> Array:
 
 
 @compiled
-def _inverse(S: Array) -> Array:
+def inverse(S: Array) -> Array:
     """Return the inverse of a symmetric matrix (3, 3)."""
     inverse = np.empty((3, 3))
     a, b, c = kernels.vector(S[0]), kernels.vector(S[1]), kernels.vector(S[2])

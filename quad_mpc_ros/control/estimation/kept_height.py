@@ -22,12 +22,12 @@ class KeptHeight:
     def __init__(self, shortest: float) -> None:
         """Take the shortest time T [s]; the longest is twice that, and then it begins anew."""
         self._shortest = shortest
-        self.forget()
+        self._since_ns: int | None = None
+        self._lowest = self._highest = self._least = 0.0
 
     def forget(self) -> None:
         """Begin anew with the next height."""
-        self._since_ns: int | None = None
-        self._lowest = self._highest = self._least = 0.0
+        self._since_ns = None
 
     def lasts(self, stamp_ns: int, height: float, acceleration: float) -> bool:
         """Take a height [m]; return whether it has been kept for long enough.
@@ -35,7 +35,7 @@ class KeptHeight:
         ``acceleration`` [m/s^2] is the least that it has in the air, 0 where it may have none.
         """
         if acceleration <= 0.0:
-            self.forget()
+            self._since_ns = None
             return False
         if self._since_ns is None:
             self._since_ns = stamp_ns

@@ -118,7 +118,7 @@ def begin_drift(drift: VelocityDrift, p_WB: Array, v_WB_W: Array) -> None:
 @compiled
 def _share(age: float, duration: float) -> float:
     """Return the share of what is seen now in the mean of all, later of the last seconds."""
-    return duration / age if age < _FORGETTING else 1.0 - math.exp(-duration / _FORGETTING)
+    return duration / age if age < _FORGETTING else kernels.lowpass_share(duration, _FORGETTING)
 
 
 def start(noise: WhiteNoise, least: float) -> None:

@@ -25,7 +25,6 @@ from quad_mpc_ros.control.model.rollout import StateRecord
 _ACCELERATION_NOISE = 0.1  # m/s^2 / sqrt(Hz), of the model within a step
 _UNMODELLED = 100.0  # m/s^2, of a vehicle that something else moves
 _BIAS_TIME = 1.0  # s, for which an error of the velocity lasts
-_TURN_JUMP = 0.2  # rad, an attitude that the rates do not lead to
 # Drag is told from wind above this speed across the thrust [m/s], a lag where thrust changes by so
 # much [m/s^2], at rest and per m/s.
 _OBSERVABLE_SPEED = 1.0
@@ -72,7 +71,7 @@ def update_motion(
     passed = kalman.squared_distance(seen, doubt) <= kalman.GATE
     state.velocity_nis = kalman.squared_distance(seen, 0.0)
     state.velocity_innovation[:] = nu
-    if mode != UpdateMode.HOLD and not (passed and _turns_evenly(before, after, duration)):
+    if mode != UpdateMode.HOLD and not passed:
         x[:] = was
         restart(state, after.p_WB, after.v_WB_W)
         return UpdateMode.REJECT
@@ -245,18 +244,6 @@ def _add_unmodelled(P: Array, duration: float) -> None:
         P[v, v] += by_v**2
         P[p, v] += by_p * by_v
         P[v, p] += by_p * by_v
-
-
-@compiled
-def _turns_evenly(before: StateRecord, after: StateRecord, duration: float) -> bool:
-    """Whether the attitude turned by the mean of the measured rates."""
-    w = kernels.plus(kernels.vector(before.w_WB_B), kernels.vector(after.w_WB_B))
-    turn, R_after = kernels.scaled(0.5 * duration, w), kernels.matrix(after.R_WB)
-    R_turned = kernels.multiply(kernels.matrix(before.R_WB), kernels.exp(turn))
-    cosines = 0.0
-    for i in range(9):
-        cosines += R_turned[i] * R_after[i]
-    return cosines >= 1.0 + 2.0 * math.cos(_TURN_JUMP)
 
 
 @compiled

@@ -1,17 +1,17 @@
 """What an odometry may change, by what happened since the one before: the first row that holds.
 
-| commands act | flies | little thrust, or saturated | for long | gate passed | mode |
-|---|---|---|---|---|---|
-| no | | | | | hold |
-| | no | | | | hold |
-| yes | yes | yes | yes | | hold |
-| yes | yes | | | no | reject |
-| yes | yes | yes | no | yes | velocity only |
-| yes | yes | no | | yes | learn |
+| commands act | flies | little thrust, or saturated | for long | mode |
+|---|---|---|---|---|
+| no | | | | hold |
+| | no | | | hold |
+| yes | yes | yes | yes | hold |
+| yes | yes | yes | no | velocity only |
+| yes | yes | no | | learn |
 
 *hold*: position and velocity are followed by themselves, by no model of what moves the vehicle.
 *velocity only*: by the model; what is learned of the vehicle is considered, not changed.
-*learn*: all. *reject*: position and velocity begin anew from the odometry.
+*learn*: all. *reject*: position and velocity start again from the odometry, whose velocity did not
+pass the gate of :mod:`.motion_update`.
 """
 
 from __future__ import annotations
@@ -30,10 +30,9 @@ class UpdateMode(enum.IntEnum):
     LEARN = 2
     REJECT = 3
 
-    @property
-    def text(self) -> str:
-        """Its name in mpc/stats."""
-        return self.name.lower().replace("_", " ")
+
+MODE_TEXTS = tuple(mode.name.lower().replace("_", " ") for mode in UpdateMode)
+"""Names of the modes in mpc/stats."""
 
 
 class Conditions(NamedTuple):
@@ -53,14 +52,10 @@ LONGEST_GAP_NS = 500_000_000
 
 
 @compiled
-def update_mode(
-    conditions: Conditions, saturated: bool, paused_for: float, passed: bool
-) -> UpdateMode:
+def update_mode(conditions: Conditions, saturated: bool, paused_for: float) -> UpdateMode:
     """Return the update mode; ``paused_for`` [s] is how long it has been velocity only."""
     pauses = conditions.may_touch or saturated
     too_long = pauses and paused_for > 1e-9 * LONGEST_GAP_NS
     if not (conditions.acts and conditions.flies) or too_long:
         return UpdateMode.HOLD
-    if not passed:
-        return UpdateMode.REJECT
     return UpdateMode.VELOCITY_ONLY if pauses else UpdateMode.LEARN

@@ -1,4 +1,4 @@
-"""The formulas of SO(3) on plain numbers: each stands alone, for Python and for Numba alike.
+"""The formulas of SO(3), and a low-pass, on plain numbers: for Python and for Numba alike.
 
 :mod:`.so3` calls them as they are, so that who needs a few rotations does not need Numba, and
 :mod:`.kernels` compiles them. Both give the same bits: powers are therefore written as products.
@@ -65,6 +65,16 @@ def inverse_deficit(square: float) -> float:
     return (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / square
 
 
+def heading(q_xyzw: Quaternion) -> float:
+    """Return the turn about the vertical [rad] that is left after the shortest tilt from level."""
+    return 2.0 * math.atan2(q_xyzw[2], q_xyzw[3])
+
+
+def lowpass_share(duration: float, time_constant: float) -> float:
+    """Return the share of the way to a new value that a first-order filter goes in a time [s]."""
+    return 1.0 - math.exp(-duration / time_constant)
+
+
 def rotation(q_xyzw: Quaternion) -> Matrix:
     """Return the rotation of a quaternion (x, y, z, w), normalised first; it must not be zero."""
     x, y, z, w = q_xyzw
@@ -80,6 +90,18 @@ def rotation(q_xyzw: Quaternion) -> Matrix:
         2.0 * (x * z - y * w),
         2.0 * (y * z + x * w),
         1.0 - 2.0 * (x * x + y * y),
+    )
+
+
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the quaternion (x, y, z, w) of the rotation b, then a."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
     )
 
 

@@ -25,7 +25,10 @@ Quaternion = formulas.Quaternion
 _MAGNITUDE = np.int64(0x7FFF_FFFF_FFFF_FFFF)
 
 cross = compiled(formulas.cross)
+lowpass_share = compiled(formulas.lowpass_share)
 rotation = compiled(formulas.rotation)
+heading = compiled(formulas.heading)
+product = compiled(formulas.product)
 quaternion = compiled(formulas.quaternion)
 _polynomial = compiled(formulas.polynomial)
 _turn_ratios = compiled(formulas.turn_ratios)
@@ -95,6 +98,12 @@ def quaternion_in(a: Array) -> Quaternion:
 
 
 @compiled
+def store_quaternion(q: Quaternion, out: Array) -> None:
+    """Write a quaternion into an array (4,)."""
+    out[0], out[1], out[2], out[3] = q
+
+
+@compiled
 def is_zero(a: Array) -> bool:
     """Whether all of a vector in an array (3,) is zero."""
     return bool(a[0] == 0.0 and a[1] == 0.0 and a[2] == 0.0)
@@ -116,6 +125,65 @@ def scaled(factor: float, v: Vector) -> Vector:
 def plus(a: Vector, b: Vector) -> Vector:
     """Return a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@compiled
+def conjugate(q: Quaternion) -> Quaternion:
+    """Return the quaternion of the inverse rotation."""
+    return -q[0], -q[1], -q[2], q[3]
+
+
+@compiled
+def angle(q: Quaternion) -> float:
+    """Return the angle of a rotation, at most pi."""
+    return 2.0 * math.atan2(norm((q[0], q[1], q[2])), abs(q[3]))
+
+
+@compiled
+def quaternion_exp(phi: Vector) -> Quaternion:
+    """Return the quaternion of the rotation by a rotation vector."""
+    half = 0.5 * norm(phi)
+    ratio = 0.5 * (math.sin(half) / half if half > 0.0 else 1.0)
+    return ratio * phi[0], ratio * phi[1], ratio * phi[2], math.cos(half)
+
+
+@compiled
+def minus(a: Vector, b: Vector) -> Vector:
+    """Return a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@compiled
+def norm(v: Vector) -> float:
+    """Return the length of a vector."""
+    return math.sqrt(dot(v, v))
+
+
+@compiled
+def in_world(q_WB_xyzw: Array, v_B: Array) -> Vector:
+    """Return a vector of the body (3,) in the world, by the quaternion of the attitude (4,)."""
+    return apply(rotation(quaternion_in(q_WB_xyzw)), vector(v_B))
+
+
+@compiled
+def length(a: Array) -> float:
+    """Return the length of a vector in an array (3,)."""
+    return norm(vector(a))
+
+
+@compiled
+def distance(a: Array, b: Array) -> float:
+    """Return the distance of two points in arrays (3,)."""
+    return norm(minus(vector(a), vector(b)))
+
+
+@compiled
+def largest_length(rows: Array) -> float:
+    """Return the largest length of vectors (n, 3), 0 of none."""
+    square = 0.0
+    for k in range(len(rows)):
+        square = max(square, dot(vector(rows[k]), vector(rows[k])))
+    return math.sqrt(square)
 
 
 @compiled

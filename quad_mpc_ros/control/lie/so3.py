@@ -43,12 +43,6 @@ def cross(a: Array, b: Array) -> Array:
     return np.array(formulas.cross(_vector(a, "a"), _vector(b, "b")))
 
 
-def vee(skew: Array) -> Array:
-    """Return the vector of a skew matrix, the inverse of :func:`hat`; (..., 3, 3) → (..., 3)."""
-    skew = array(skew, "skew", ..., 3, 3)
-    return np.stack((skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]), axis=-1)
-
-
 def exp(phi: ArrayLike) -> Array:
     """Return the rotation by the rotation vector ``phi`` (Rodrigues); (..., 3) → (..., 3, 3)."""
     phi = array(phi, "phi", ..., 3)
@@ -120,7 +114,6 @@ def shortest_turn_of_z(direction: Array) -> Array:
 
     It has no component along e_3. Opposite to e_3 every horizontal axis is as short: e_1.
     """
-    direction = array(direction, "direction", 3)
     length = np.linalg.norm(direction)
     if not 0.0 < length < math.inf:
         raise ArgumentError("direction", direction.tolist(), "3 finite numbers, not all 0")
@@ -137,7 +130,7 @@ def rotation_from_quaternion_xyzw(q_xyzw: ArrayLike) -> Array:
 
     Raises :class:`ArgumentError` when a quaternion is zero or not finite.
     """
-    q = array(q_xyzw, "q_xyzw", ..., 4)
+    q = np.asarray(q_xyzw, dtype=np.float64)
     if q.ndim == 1:
         x, y, z, w = q.tolist()
         if not 0.0 < x * x + y * y + z * z + w * w < math.inf:

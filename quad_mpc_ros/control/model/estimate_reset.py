@@ -11,6 +11,8 @@ import numpy as np
 
 from quad_mpc_ros.configuration.arguments import array, instance, number, stamp
 from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.lie.formulas import heading
+from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 
 
@@ -45,7 +47,8 @@ class EstimateReset:
         duration = 1e-9 * (after.stamp_ns - before.stamp_ns)
         R_WB = so3.rotation_from_quaternion_xyzw(before.q_WB_xyzw)
         led = so3.quaternion_xyzw_from_rotation(R_WB @ so3.exp(duration * before.w_WB_B))
-        turn = math.remainder(_heading(after.q_WB_xyzw) - _heading(led), math.tau)
+        stepped = heading(after.q_WB_xyzw.tolist()) - heading(led.tolist())
+        turn = math.remainder(stepped, math.tau)
         p = before.p_WB + duration * (R_WB @ before.v_WB_B)
         step_W = after.p_WB - _rotation(turn) @ p
         return cls(stamp_ns=after.stamp_ns, turn=turn, step_W=step_W, frame_id=after.frame_id)
@@ -76,6 +79,12 @@ class EstimateReset:
         moved: dict[str, Any] = self.samples(window)
         return dataclasses.replace(window, **moved)
 
+    def corridor(self, corridor: Corridor) -> Corridor:
+        """Return a corridor in the new coordinates."""
+        normals = self.vectors(corridor.normals)
+        offsets = corridor.offsets + normals @ self.step_W
+        return dataclasses.replace(corridor, normals=normals, offsets=offsets)
+
     def samples(self, samples: Any) -> dict[str, Array]:
         """Return what a reference's samples have in the world, in the new coordinates, by name.
 
@@ -94,8 +103,3 @@ _VECTORS = ("v_WB_W", "a_WB_W", "w_WB_W")
 
 def _rotation(turn: float) -> Array:
     return np.asarray(so3.exp([0.0, 0.0, turn]))
-
-
-def _heading(q_xyzw: Array) -> float:
-    """Return the turn about the world's z axis after the shortest tilt from level [rad]."""
-    return 2.0 * math.atan2(float(q_xyzw[2]), float(q_xyzw[3]))

@@ -58,6 +58,7 @@ def parameters_of(
     return parameters
 
 
+_throttle_curve = compiled(vehicles.throttle_curve)
 _inverse_throttle_curve = compiled(vehicles.inverse_throttle_curve)
 root_of_thrust = compiled(vehicles.root_of_thrust)
 
@@ -71,7 +72,7 @@ def throttle_for(model: ModelParameters, thrust: float) -> float:
 @compiled
 def modelled_thrust(model: ModelParameters, throttle: float) -> float:
     """Return the thrust over mass that the modelled curve makes [m/s^2], unscaled."""
-    return (model.a * throttle + model.b) * throttle + model.c
+    return _throttle_curve(model.a, model.b, model.c, throttle)
 
 
 @compiled

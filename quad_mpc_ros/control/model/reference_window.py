@@ -77,9 +77,9 @@ class PointRecord(Record):
 
 def packed(window: ReferenceWindow) -> RecordArray[SampleRecord]:
     """Return the samples of a window (n,) as compiled code takes them."""
-    samples = SampleRecord.zeros(len(window.offset_ns))
+    samples, arrays = SampleRecord.zeros(window.offset_ns.size), vars(window)
     for name in SampleRecord.names():
-        samples[name] = getattr(window, name)
+        samples[name] = arrays[name]
     return samples
 
 

@@ -151,9 +151,6 @@ class CommandSample:
         throttle: Collective throttle in [0, 1].
         w_WB_B: Body rates in body axes (3,) [rad/s].
         frame_id: The body frame.
-
-    Raises:
-        ArgumentError: One of them is of another type or shape.
     """
 
     stamp_ns: int
@@ -161,9 +158,13 @@ class CommandSample:
     w_WB_B: Array
     frame_id: str = "base_link"
 
-    def __post_init__(self) -> None:
-        _settle(
-            self,
+    def checked(self) -> CommandSample:
+        """Return the command of another program, its numbers converted.
+
+        Raises:
+            ArgumentError: A field is of another type or shape.
+        """
+        return CommandSample(
             stamp_ns=stamp(self.stamp_ns, "stamp_ns"),
             throttle=number(self.throttle, "throttle", finite=False),
             w_WB_B=array(self.w_WB_B, "w_WB_B", 3),
@@ -321,16 +322,16 @@ class ReferenceWindow:
         The position is on the line between two samples, the attitude that of the one before. What
         the MPC follows is sampled better (``control/model/reference_window.py``).
         """
-        after_ns = stamp(stamp_ns, "stamp_ns") - self.stamp_ns
-        offsets_ns = self.offset_ns
-        if len(offsets_ns) == 0:
+        after_ns = stamp_ns - self.stamp_ns
+        offsets_ns, last = self.offset_ns, self.offset_ns.size - 1
+        if last < 0:
             raise ArgumentError("offset_ns", offsets_ns, "a window with samples")
-        if after_ns == int(offsets_ns[0]) != int(offsets_ns[min(1, len(offsets_ns) - 1)]):
+        if after_ns == int(offsets_ns[0]) and last > 0 and after_ns != int(offsets_ns[1]):
             return self.p_WB[0], self.q_WB_xyzw[0]  # as in lockstep
         before = max(int(offsets_ns.searchsorted(after_ns, side="right")) - 1, 0)
         p, q = self.p_WB[before], self.q_WB_xyzw[before]
         past_ns = after_ns - int(offsets_ns[before])
-        if past_ns <= 0 or before + 1 == len(offsets_ns):
+        if past_ns <= 0 or before == last:
             return p, q
         fraction = past_ns / int(offsets_ns[before + 1] - offsets_ns[before])
         return p + fraction * (self.p_WB[before + 1] - p), q

@@ -16,7 +16,6 @@ from quad_mpc_ros.configuration import (
     parameter,
     per_axis,
 )
-from quad_mpc_ros.configuration.arguments import array, number
 from quad_mpc_ros.control.lie import Array
 
 ARM = 0.11
@@ -66,8 +65,7 @@ class LiftParameters(Configuration):
     def thrust(self, throttle: float) -> float:
         """Return the total thrust [N] at a throttle (Eq. 2 times the number of motors)."""
         a, b, c = self.thrust_curve
-        throttle = number(throttle, "throttle")
-        return self.motor_count * ((a * throttle + b) * throttle + c)
+        return self.motor_count * throttle_curve(a, b, c, throttle)
 
     def vehicle(self) -> Vehicle:
         """Return the vehicle that these parameters describe; what they lack is the paper's."""
@@ -125,11 +123,6 @@ class Vehicle(VehicleParameters):
         z, where D grows with the root of that thrust. Shapes: ``a_WB_W`` and ``v_WB_W`` (n, 3),
         ``R_WB`` (n, 3, 3).
         """
-        R_WB = array(R_WB, "R_WB", ..., 3, 3)
-        if R_WB.ndim != 3:
-            raise ArgumentError("R_WB", R_WB, "numbers of shape (n, 3, 3)")
-        a_WB_W = array(a_WB_W, "a_WB_W", len(R_WB), 3)
-        v_WB_W = array(v_WB_W, "v_WB_W", len(R_WB), 3)
         along = np.einsum("ni,ni->n", R_WB[:, :, 2], a_WB_W) + self.gravity * R_WB[:, 2, 2]
         v_WB_B = np.einsum("nji,nj->ni", R_WB, v_WB_W)
         lift = self.translational_lift * np.sum(v_WB_B[:, :2] ** 2, axis=1)
@@ -146,7 +139,6 @@ class Vehicle(VehicleParameters):
         Raises :class:`.ArgumentError` when no throttle in [0, 1] does.
         """
         lowest, highest = self.thrust(0.0), self.thrust(1.0)
-        thrust = number(thrust, "thrust", finite=False)
         if not lowest <= thrust <= highest:
             raise ArgumentError(
                 "thrust",
@@ -158,7 +150,6 @@ class Vehicle(VehicleParameters):
 
     def nearest_throttle(self, thrust: float) -> float:
         """Return the throttle in [0, 1] whose total thrust is nearest to one wanted [N]."""
-        thrust = number(thrust, "thrust", finite=False)
         return self.throttle_for(min(max(thrust, self.thrust(0.0)), self.thrust(1.0)))
 
     @property
@@ -180,6 +171,11 @@ class Vehicle(VehicleParameters):
 @functools.lru_cache
 def _vehicle(**parameters: Any) -> Vehicle:
     return Vehicle(**parameters)
+
+
+def throttle_curve(a: float, b: float, c: float, throttle: float) -> float:
+    """Return the thrust a s^2 + b s + c at a throttle s, in the units of the curve."""
+    return (a * throttle + b) * throttle + c
 
 
 def inverse_throttle_curve(a: float, b: float, c: float, thrust: float) -> float:

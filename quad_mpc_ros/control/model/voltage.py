@@ -4,27 +4,42 @@ from __future__ import annotations
 
 import math
 
+from quad_mpc_ros.control.lie.formulas import lowpass_share
+
 # s: the voltage sags with every burst of thrust, and what follows it shall not follow each.
 _TIME_CONSTANT = 2.0
+_UNKNOWN = 65.535  # V: MAVLink's UINT16_MAX in millivolts, which MAVROS and others pass on
+_MOST = 120.0  # V: 28 cells
+# Of the expected voltage: a cell has 2.5 V to 4.35 V, and is expected at 3.5 V or more.
+_LEAST_SHARE, _MOST_SHARE = 0.6, 1.5
+
+
+def measured_voltage(voltage: float) -> float | None:
+    """Return a reported battery voltage [V]; None if it stands for an unknown one."""
+    known = 0.0 < voltage < math.inf and abs(voltage - _UNKNOWN) > 1e-3
+    return voltage if known else None
 
 
 class SmoothedVoltage:
     """A voltage [V] that follows measured ones with a lag of first order, from the first on."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, expected: float = 0.0) -> None:
+        """Expect voltages [V] near one, unless it is 0."""
         self.value: float | None = None
         """The voltage [V]; None until one was measured."""
+        self.least = _LEAST_SHARE * expected
+        self.most = min(_MOST_SHARE * expected, _MOST) if expected else _MOST
         self._time_ns = 0
 
     def receive(self, voltage: float, *, now_ns: int) -> bool:
-        """Take a measured voltage [V], unless no battery can have it; return whether it counts."""
-        if not 0.0 < voltage < math.inf:
+        """Take a voltage [V] that is known and between ``least`` and ``most``; return whether."""
+        if measured_voltage(voltage) is None or not self.least <= voltage <= self.most:
             return False
         if self.value is None:
             self.value = voltage
         else:
             elapsed = max(now_ns - self._time_ns, 0) * 1e-9
-            share = 1.0 - math.exp(-elapsed / _TIME_CONSTANT)
+            share = lowpass_share(elapsed, _TIME_CONSTANT)
             self.value += share * (voltage - self.value)
         self._time_ns = now_ns
         return True

@@ -1,9 +1,9 @@
-"""The horizon as a sparse quadratic program with a fixed pattern::
+"""A horizon as a sparse quadratic program: its numbers, and OSQP's matrices of a fixed pattern::
 
     minimise    sum_{i=1..N}   1/2 x_i' H_i x_i + g_i' x_i
               + sum_{i=0..N-1} 1/2 u_i' R_i u_i + r_i' u_i
-              + sum_{i=0..N-1} c_i' s_i + 1/2 s_i' D_i s_i
-    subject to  x_{i+1} = A_i x_i + B_i u_i + c_i,   lower_i <= u_i <= upper_i,   x_0 given
+              + sum_{i=0..N-1} l_i' s_i + 1/2 s_i' D_i s_i
+    subject to  x_{i+1} = A_i x_i + B_i u_i,   lower_i <= u_i <= upper_i,   x_0 given
                 n_ij' (u_{i-1}, u_i, x_{i+1}) - s_i,k(j) <= b_ij,   s_i >= 0
 
 x_0 is a constant and is not a variable. The variables are interleaved, (u_0, x_1, s_0, u_1, x_2,
@@ -16,6 +16,7 @@ is in the matrices.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -23,209 +24,250 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from quad_mpc_ros.configuration.compilation import compiled
-from quad_mpc_ros.configuration.records import Record, RecordArray
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.ocp.stages import HorizonPattern, HorizonStages, LimitPattern, Mask
 
-# A bound that holds nothing; OSQP's own infinity is beyond what a solver here may be given.
 FREE = 1e9
+"""A bound that constrains nothing; it stays below what OSQP takes for infinity."""
 
 # Found on jumps of the reference, with soft rows: bounds on inputs as loose as this take a third
 # of the iterations.
 _INPUT_ROW = 0.3
 
-_Places = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 
-class HorizonSolution(NamedTuple):
-    """A solution in physical units: ``inputs`` (N, nu) and ``states`` 1 to N (N, nx).
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LimitPattern:
+    """Soft inequalities of a stage: nr rows, each eased by one of ns slacks.
 
-    ``finite`` says whether all its numbers are, multipliers as well.
+    ``mask`` (nr, 2 nu + nx) says which of u_{i-1}, u_i and x_{i+1}, side by side, a row has;
+    ``slack_of`` (nr,), ascending, by which slack it is eased; ``slack_size`` (ns,) > 0 is a
+    slack's natural size, in the unit of its rows. Rows that share a slack share its cost: the
+    row that is violated most determines it.
     """
 
-    finite: bool
-    inputs: Array
-    states: Array
+    mask: Mask
+    slack_of: NDArray[np.intp]
+    slack_size: Array
+
+
+NO_LIMITS = LimitPattern(
+    mask=np.zeros((0, 0), dtype=bool), slack_of=np.zeros(0, dtype=np.intp), slack_size=np.zeros(0)
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HorizonPattern:
+    """Which entries of a stage can ever be non-zero, and the natural size of each variable.
+
+    ``A`` (nx, nx), ``B`` (nx, nu) and ``H`` (nx, nx, symmetric) are masks; ``state_size`` (nx,)
+    and ``input_size`` (nu,) are positive. Without ``limits`` a stage has no soft rows.
+    """
+
+    steps: int
+    A: Mask
+    B: Mask
+    H: Mask
+    state_size: Array
+    input_size: Array
+    limits: LimitPattern = NO_LIMITS
+
+    @property
+    def sizes(self) -> tuple[int, int, int, int, int]:
+        """Number of stages; of states, inputs, soft rows and slacks of each."""
+        nx, nu, nr = len(self.state_size), len(self.input_size), len(self.limits.mask)
+        return self.steps, nx, nu, nr, len(self.limits.slack_size)
+
+
+class HorizonStages(NamedTuple):
+    """The numbers of one horizon in physical units, to be written in place.
+
+    ``x0`` (nx,) is the state at its start. Of the stages 0 to N - 1 there are the dynamics
+    ``A`` (N, nx, nx), ``B`` (N, nx, nu); of the states 1 to N the cost ``H`` (N, nx, nx,
+    symmetric) and ``g`` (N, nx); of the inputs the diagonal of ``R``, ``r`` and the bounds
+    ``lower``, ``upper`` (N, nu); and of the soft rows, normal · (u_{i-1}, u_i, x_{i+1}) - slack
+    <= offset, the ``normals`` (N, nr, 2 nu + nx), ``offsets`` (N, nr) and the cost of each slack
+    s >= 0, ``linear`` s + 1/2 ``quadratic`` s^2 (N, ns). The normal on u_{-1} of the first stage
+    is not used.
+    """
+
+    x0: Array
+    A: Array
+    B: Array
+    H: Array
+    g: Array
+    R: Array
+    r: Array
+    lower: Array
+    upper: Array
+    normals: Array
+    offsets: Array
+    linear: Array
+    quadratic: Array
+
+    @staticmethod
+    def zeros(steps: int, nx: int, nu: int, nr: int = 0, ns: int = 0) -> HorizonStages:
+        """Return zeros for N stages of nx states and nu inputs, nr soft rows and ns slacks."""
+        return HorizonStages(
+            x0=np.zeros(nx),
+            A=np.zeros((steps, nx, nx)),
+            B=np.zeros((steps, nx, nu)),
+            H=np.zeros((steps, nx, nx)),
+            g=np.zeros((steps, nx)),
+            R=np.zeros((steps, nu)),
+            r=np.zeros((steps, nu)),
+            lower=np.zeros((steps, nu)),
+            upper=np.zeros((steps, nu)),
+            normals=np.zeros((steps, nr, 2 * nu + nx)),
+            offsets=np.zeros((steps, nr)),
+            linear=np.zeros((steps, ns)),
+            quadratic=np.zeros((steps, ns)),
+        )
+
+    @property
+    def sizes(self) -> tuple[int, int, int, int, int]:
+        """Number of stages; of states, inputs, soft rows and slacks of each."""
+        return (*self.B.shape, self.offsets.shape[1], self.linear.shape[1])
 
 
 class HorizonQP:
     """OSQP's form ``min 1/2 z'Pz + q'z, l <= Az <= u`` of a horizon, updated in place.
 
     ``P`` (upper triangle) and ``A`` keep their pattern for life; :meth:`update` writes into their
-    data and into ``q``, ``l``, ``u`` without allocating matrices.
+    data and into ``q``, ``lower``, ``upper`` without allocating matrices. The rows of ``A`` are
+    the dynamics, the bounds of inputs, the soft rows and the bounds of slacks.
     """
 
     def __init__(self, pattern: HorizonPattern) -> None:
         self.pattern = pattern
-        state, size, soft = pattern.state_size, pattern.input_size, pattern.soft
-        n, nx, nu = pattern.steps, len(state), len(size)
-        nr, ns = len(soft.mask), len(soft.slack_size)
-        self._n, self._nx, self._nu, self._nr, self._ns = n, nx, nu, nr, ns
-        self._sizes = np.concatenate((size, state, soft.slack_size))
-        self._slack_of = soft.slack_of
-        self._row_sizes = soft.slack_size[soft.slack_of]
-        columns, rows = n * (nx + nu + ns), n * (nx + nu + nr + ns)
-        self.A, A_places = _assemble(self._constraint_blocks(), shape=(rows, columns))
-        self.P, P_places = _assemble(self._cost_blocks(), shape=(columns, columns))
+        n, nx, nu, nr, _ = pattern.sizes
+        self._scales = scales = _scales_of(pattern)
+        self.A, self.P = _constraint_matrix(pattern, scales), _cost_matrix(pattern, scales)
+        rows, columns = self.A.shape
         self.q, self.lower, self.upper = np.zeros(columns), np.zeros(rows), np.zeros(rows)
-        self._numbers = QpNumbers(self.P.data, self.q, self.A.data, self.lower, self.upper)
+        self._numbers = _Numbers(self.P.data, self.q, self.A.data, self.lower, self.upper)
+        self.is_soft = nr > 0
+        self.first_soft_row = n * (nx + nu)
+        """The first soft row; the other ones and the bounds of slacks follow, to the end."""
+        self.lower[self.first_soft_row : self.first_soft_row + n * nr] = -FREE
+        self.upper[self.first_soft_row :] = FREE
         self._checked: HorizonStages | None = None
         self._multipliers = np.zeros(rows)
         self.cost_scale = 1.0
-        """Factor on the cost as it stands, and so on the multipliers; 1 without soft rows."""
+        """Factor on the cost, and so on the multipliers; 1 without soft rows."""
         self.magnitude = 0.0
         """A number at least as large as each of the problem's; NaN when one is NaN."""
 
-        count_A, count_B = (n - 1) * int(pattern.A.sum()), n * int(pattern.B.sum())
-        fixed = count_A + count_B + n * (nx + nu + ns)
-        # Next states, bounded inputs and slacks.
-        self.A.data[A_places[count_A + count_B : fixed]] = 1.0
-        count_H = n * int(np.triu(pattern.H).sum())
-        at_B, at_soft = A_places[count_A : count_A + count_B], A_places[fixed:]
-        self._scatter = _Scatter(
-            A=_entries(pattern.A, -state / state[:, None], A_places[:count_A], n, skip=1),
-            B=_entries(pattern.B, -size / state[:, None], at_B, n),
-            H=_entries(np.triu(pattern.H), state * state[:, None], P_places[:count_H], n),
-            normals=self._soft_entries(soft, at_soft),
-            diagonal=P_places[count_H:],  # those of R, and of the quadratic prices of slacks
-        )
-        if nr > 0:
-            inputs = slice(count_A + count_B + n * nx, count_A + count_B + n * (nx + nu))
-            self.A.data[A_places[inputs]] = _INPUT_ROW
-            self.lower[n * (nx + nu) :], self.upper[n * (nx + nu) :] = -FREE, FREE
-            self.lower[n * (nx + nu + nr) :] = 0.0
-
-    def _soft_entries(self, soft: LimitPattern, places: _Places) -> RecordArray[_Entry]:
-        """Return the entries of the soft rows, whose places and their slacks' are given."""
-        n, nu = self._n, self._nu
-        before, own = soft.mask.copy(), soft.mask.copy()
-        before[:, nu:], own[:, :nu] = False, False
-        sizes = np.concatenate((self._sizes[:nu], self._sizes[: nu + self._nx]))
-        factors = sizes / self._row_sizes[:, None]
-        count_before, count_own = (n - 1) * int(before.sum()), n * int(own.sum())
-        entries = _Entry.zeros(count_before + count_own)
-        at_own = places[count_before : len(entries)]
-        entries[:count_before] = _entries(before, factors, places[:count_before], n, skip=1)
-        entries[count_before:] = _entries(own, factors, at_own, n)
-        self.A.data[places[len(entries) :]] = -1.0
-        return entries
-
     def update(self, stages: HorizonStages) -> None:
-        """Write the numbers of a horizon; shapes as in :class:`HorizonStages`."""
+        """Write the numbers of a horizon; shapes as in :class:`HorizonStages`.
+
+        Raises:
+            ValueError: The stages have other sizes than the pattern.
+        """
         if stages is not self._checked:
-            self._check_sizes(stages)
-        self.cost_scale, self.magnitude = _write(
-            stages,
-            scatter=self._scatter,
-            sizes=self._sizes,
-            row_sizes=self._row_sizes,
-            numbers=self._numbers,
-        )
+            # Compiled code does not check where it writes.
+            if stages.sizes != self.pattern.sizes:
+                raise ValueError(
+                    "steps, states, inputs, soft rows and slacks of the stages: "
+                    f"{stages.sizes}, expected {self.pattern.sizes}"
+                )
+            self._checked = stages
+        self.cost_scale, self.magnitude = _write(stages, self._scales, self._numbers)
 
-    def _check_sizes(self, stages: HorizonStages) -> None:
-        """Refuse other sizes: compiled code does not look where it writes."""
-        given, expected = stages.sizes, (self._n, self._nx, self._nu, self._nr, self._ns)
-        if given != expected:
-            raise ValueError(
-                "steps, states, inputs, soft rows and slacks of the stages: "
-                f"{given}, expected {expected}"
-            )
-        self._checked = stages
-
-    @property
-    def is_soft(self) -> bool:
-        """Whether there are soft rows."""
-        return self._nr > 0
-
-    @property
-    def first_soft_row(self) -> int:
-        """The first row of those that are soft; bounds on their slacks follow, to the end."""
-        return self._n * (self._nx + self._nu)
-
-    def settled(self, z: Array, y: Array) -> tuple[Array, Array]:
+    def warm_start(self, z: Array, y: Array) -> tuple[Array, Array]:
         """Return a start for a problem with soft rows, from variables and multipliers.
 
-        The multipliers are of the cost itself. The slacks are what the rows ask for where all else
-        is zero, written into ``z``. The multipliers of their bounds hold the prices, which change
-        from one problem to the next, less what the rows pay. The next call overwrites them.
+        ``y`` are multipliers of the cost without its scale. The slacks, written into ``z``, are
+        what the rows need where all else is zero. The multipliers of their bounds are the linear
+        costs of slacks less the multipliers of the rows. The next call overwrites the result.
         """
-        _settle(
-            z=z,
+        _warm_start(
+            z,
             kept=y,
-            cost_scale=self.cost_scale,
             y=self._multipliers,
-            q=self.q,
-            upper=self.upper,
-            steps=self._n,
-            slack_of=self._slack_of,
+            cost_scale=self.cost_scale,
+            scales=self._scales,
+            numbers=self._numbers,
         )
         return z, self._multipliers
 
-    def read(self, z: Array, y: Array) -> HorizonSolution:
-        """Return a solution in physical units; multipliers become those of the cost itself."""
-        inputs, states = np.empty((self._n, self._nu)), np.empty((self._n, self._nx))
-        finite = _read(
-            z, y=y, cost_scale=self.cost_scale, sizes=self._sizes, inputs=inputs, states=states
-        )
-        return HorizonSolution(finite, inputs, states)
+    def read(self, z: Array, y: Array) -> tuple[bool, Array, Array]:
+        """Return whether all numbers of a solution are finite, its inputs and its states.
 
-    def slacks(self, z: Array) -> Array:
-        """Return the slacks (N, ns) of a solution, in physical units."""
-        width = len(self._sizes)
-        return z.reshape(self._n, width)[:, width - self._ns :] * self._sizes[width - self._ns :]
-
-    def _input_at(self, stage: int) -> int:
-        return stage * (self._nu + self._nx + self._ns)
-
-    def _state_at(self, stage: int) -> int:
-        """First variable of state ``stage``, 1 to N."""
-        return self._input_at(stage - 1) + self._nu
-
-    def _slack_at(self, stage: int) -> int:
-        return self._input_at(stage) + self._nu + self._nx
-
-    def _constraint_blocks(self) -> list[tuple[Mask, int, int]]:
-        """Return (mask, first row, first column) of every block, in the order of the entries."""
-        n, nx, nu = self._n, self._nx, self._nu
-        A, B, eye_x, eye_u = self.pattern.A, self.pattern.B, np.eye(nx) > 0, np.eye(nu) > 0
-        return (
-            [(A, i * nx, self._state_at(i)) for i in range(1, n)]
-            + [(B, i * nx, self._input_at(i)) for i in range(n)]
-            + [(eye_x, i * nx, self._state_at(i + 1)) for i in range(n)]
-            + [(eye_u, n * nx + i * nu, self._input_at(i)) for i in range(n)]
-            + self._limit_blocks()
-        )
-
-    def _limit_blocks(self) -> list[tuple[Mask, int, int]]:
-        """Return those of the slacks' bounds and of the soft rows."""
-        n, nx, nu, nr, ns = self._n, self._nx, self._nu, self._nr, self._ns
-        if nr == 0:
-            return []
-        soft, eye_s = self.pattern.soft, np.eye(ns) > 0
-        first = n * (nx + nu)
-        slacks = first + n * nr
-        before, own = soft.mask[:, :nu], soft.mask[:, nu:]
-        return (
-            [(eye_s, slacks + i * ns, self._slack_at(i)) for i in range(n)]
-            + [(before, first + i * nr, self._input_at(i - 1)) for i in range(1, n)]
-            + [(own, first + i * nr, self._input_at(i)) for i in range(n)]
-            + [(eye_s[soft.slack_of], first + i * nr, self._slack_at(i)) for i in range(n)]
-        )
-
-    def _cost_blocks(self) -> list[tuple[Mask, int, int]]:
-        n, eye_u = self._n, np.eye(self._nu) > 0
-        states = [self._state_at(i) for i in range(1, n + 1)]
-        inputs = [self._input_at(i) for i in range(n)]
-        H_upper = np.triu(self.pattern.H)
-        slacks = [(np.eye(self._ns) > 0, self._slack_at(i)) for i in range(n)] if self._ns else []
-        return (
-            [(H_upper, k, k) for k in states]
-            + [(eye_u, k, k) for k in inputs]
-            + [(eye_s, k, k) for eye_s, k in slacks]
-        )
+        ``inputs`` (N, nu) and ``states`` 1 to N (N, nx) are in physical units; the multipliers
+        ``y`` become those of the cost without its scale.
+        """
+        return _read(z, y, self.cost_scale, self._scales)
 
 
-class QpNumbers(NamedTuple):
+class _Scales(NamedTuple):
+    """Factor of each entry of a stage's blocks, 0 outside of the pattern, and sizes.
+
+    ``A`` (nx, nx), ``B`` (nx, nu), ``H`` (nx, nx, upper triangle) and ``normals`` (nr, 2 nu + nx)
+    multiply the numbers of the stages. ``sizes`` (nu + nx + ns,) are the natural sizes of a
+    stage's variables, ``slack_of`` (nr,) is the slack of each soft row, ``input_row`` the entry
+    of a bounded input.
+    """
+
+    A: Array
+    B: Array
+    H: Array
+    normals: Array
+    sizes: Array
+    slack_of: NDArray[np.intp]
+    input_row: float
+
+
+def _scales_of(pattern: HorizonPattern) -> _Scales:
+    state, size, soft = pattern.state_size, pattern.input_size, pattern.limits
+    of_normal = np.concatenate((size, size, state))
+    row_size = soft.slack_size[soft.slack_of]
+    return _Scales(
+        A=np.where(pattern.A, -state / state[:, None], 0.0),
+        B=np.where(pattern.B, -size / state[:, None], 0.0),
+        H=np.triu(np.where(pattern.H, state * state[:, None], 0.0)),
+        normals=np.where(
+            soft.mask.reshape(-1, len(of_normal)), of_normal / row_size[:, None], 0.0
+        ),
+        sizes=np.concatenate((size, state, soft.slack_size)),
+        slack_of=soft.slack_of,
+        input_row=_INPUT_ROW if len(soft.mask) > 0 else 1.0,
+    )
+
+
+def _constraint_matrix(pattern: HorizonPattern, scales: _Scales) -> sparse.csc_matrix:
+    """Return ``A``, with any number in its pattern."""
+    n, nx, nu, nr, ns = pattern.sizes
+    width, input_rows, soft_rows = nu + nx + ns, n * nx, n * (nx + nu)
+    slack_rows = soft_rows + n * nr
+    matrix = sparse.lil_matrix((slack_rows + n * ns, n * width))
+
+    def put(block: Array, row: int, column: int) -> None:
+        matrix[row : row + block.shape[0], column : column + block.shape[1]] = block
+
+    for i in range(n):
+        u = i * width  # first variable of the stage
+        x, s, before = u + nu, u + nu + nx, u - width
+        if i > 0:
+            put(scales.A, row=i * nx, column=before + nu)
+            put(scales.normals[:, :nu], row=soft_rows + i * nr, column=before)
+        put(scales.B, row=i * nx, column=u)
+        put(np.eye(nx), row=i * nx, column=x)
+        put(scales.input_row * np.eye(nu), row=input_rows + i * nu, column=u)
+        put(scales.normals[:, nu:], row=soft_rows + i * nr, column=u)
+        put(-np.eye(ns)[scales.slack_of], row=soft_rows + i * nr, column=s)
+        put(np.eye(ns), row=slack_rows + i * ns, column=s)
+    return sparse.csc_matrix(matrix)
+
+
+def _cost_matrix(pattern: HorizonPattern, scales: _Scales) -> sparse.csc_matrix:
+    """Return the upper triangle of ``P``, with any number in its pattern."""
+    n, _, nu, _, ns = pattern.sizes
+    blocks = [sparse.csc_matrix(block) for block in (np.eye(nu), scales.H, np.eye(ns))]
+    return sparse.csc_matrix(sparse.block_diag(blocks * n))
+
+
+class _Numbers(NamedTuple):
     """The numbers of OSQP's form: entries of ``P`` and ``A``, and its vectors."""
 
     P: Array
@@ -235,67 +277,14 @@ class QpNumbers(NamedTuple):
     upper: Array
 
 
-class _Entry(Record):
-    """A number of the stages that becomes one of a matrix."""
-
-    source: int  # where it is in its block of all stages, flat
-    place: int  # where it goes in the matrix
-    factor: float
-
-
-class _Scatter(NamedTuple):
-    """Where the blocks of the stages go in the matrices."""
-
-    A: RecordArray[_Entry]
-    B: RecordArray[_Entry]
-    H: RecordArray[_Entry]
-    normals: RecordArray[_Entry]
-    diagonal: _Places
-
-
-def _entries(
-    mask: Mask, factors: Array, places: _Places, steps: int, *, skip: int = 0
-) -> RecordArray[_Entry]:
-    """Return the masked entries of a block (rows, columns) of each stage but the first few."""
-    flat = np.flatnonzero(mask)
-    entries = _Entry.zeros((steps - skip) * len(flat))
-    stages = np.arange(skip, steps)[:, None]
-    entries["source"] = (stages * mask.size + flat).ravel()
-    entries["place"] = places
-    entries["factor"] = np.tile(np.broadcast_to(factors, mask.shape).ravel()[flat], steps - skip)
-    return entries
-
-
 @compiled
-def _read(
-    z: Array, y: Array, cost_scale: float, sizes: Array, inputs: Array, states: Array
-) -> bool:
-    nu, nx = inputs.shape[1], states.shape[1]
-    for i in range(len(inputs)):
-        first = i * len(sizes)
-        for k in range(nu):
-            inputs[i, k] = z[first + k] * sizes[k]
-        for k in range(nx):
-            states[i, k] = z[first + nu + k] * sizes[nu + k]
-    for k in range(len(y)):
-        y[k] /= cost_scale
-    return math.isfinite(kernels.infinity_norm(z)) and math.isfinite(kernels.infinity_norm(y))
-
-
-@compiled
-def _write(
-    stages: HorizonStages, scatter: _Scatter, sizes: Array, row_sizes: Array, numbers: QpNumbers
-) -> tuple[float, float]:
+def _write(stages: HorizonStages, scales: _Scales, numbers: _Numbers) -> tuple[float, float]:
     """Write the numbers of the QP; return the factor on its cost, and their magnitude."""
-    _scatter(stages.A, scatter.A, numbers.A)
-    _scatter(stages.B, scatter.B, numbers.A)
-    _scatter(stages.H, scatter.H, numbers.P)
-    _write_dynamics(stages, sizes, numbers)
-    _write_inputs(stages, sizes, scatter.diagonal, numbers)
-    if len(row_sizes) == 0:
+    _write_matrix(stages, scales, numbers.A)
+    _write_cost(stages, scales, numbers)
+    _write_bounds(stages, scales, numbers)
+    if len(scales.slack_of) == 0:
         return 1.0, _magnitude(numbers)
-    _scatter(stages.normals, scatter.normals, numbers.A)
-    _write_limits(stages, sizes, row_sizes, scatter.diagonal, numbers)
     factor = 1.0 / max(1.0, kernels.infinity_norm(numbers.q))
     for k in range(len(numbers.q)):
         numbers.q[k] *= factor
@@ -305,16 +294,91 @@ def _write(
 
 
 @compiled
-def _scatter(block: Array, entries: RecordArray[_Entry], matrix: Array) -> None:
-    """Write entries of a block of the stages into a matrix's data."""
-    values = block.reshape(block.size)
-    for k in range(len(entries)):
-        entry = entries[k]
-        matrix[entry.place] = entry.factor * values[entry.source]
+def _write_matrix(stages: HorizonStages, scales: _Scales, data: Array) -> None:
+    """Write ``A``, column by column, without calls or branches for each entry.
+
+    An entry outside of the pattern is overwritten by the one that comes next.
+    """
+    A, B, normals, slack_of, k = stages.A, stages.B, stages.normals, scales.slack_of, 0
+    of_A, of_B, of_normals = scales.A, scales.B, scales.normals
+    n, nx, nu = B.shape
+    for i in range(n):
+        for j in range(nu):  # of u_i: B_i, its bound, normals of this stage and the next
+            for row in range(nx):
+                data[k] = of_B[row, j] * B[i, row, j]
+                k += of_B[row, j] != 0.0
+            data[k] = scales.input_row
+            k += 1
+            for row in range(len(slack_of)):
+                data[k] = of_normals[row, nu + j] * normals[i, row, nu + j]
+                k += of_normals[row, nu + j] != 0.0
+            for row in range(len(slack_of) if i + 1 < n else 0):
+                data[k] = of_normals[row, j] * normals[i + 1, row, j]
+                k += of_normals[row, j] != 0.0
+        for j in range(nx):  # of x_{i+1}: one, A_{i+1}, normals
+            data[k] = 1.0
+            k += 1
+            for row in range(nx if i + 1 < n else 0):
+                data[k] = of_A[row, j] * A[i + 1, row, j]
+                k += of_A[row, j] != 0.0
+            x = 2 * nu + j
+            for row in range(len(slack_of)):
+                data[k] = of_normals[row, x] * normals[i, row, x]
+                k += of_normals[row, x] != 0.0
+        for j in range(len(slack_of)):  # of the slacks: their rows, then their bound
+            data[k] = -1.0
+            k += 1
+            if j + 1 == len(slack_of) or slack_of[j + 1] != slack_of[j]:
+                data[k] = 1.0
+                k += 1
 
 
 @compiled
-def _magnitude(numbers: QpNumbers) -> float:
+def _write_cost(stages: HorizonStages, scales: _Scales, numbers: _Numbers) -> None:
+    """Write ``P``, column by column, and ``q``."""
+    n, nx, nu = stages.B.shape
+    ns, sizes, k, z = stages.linear.shape[1], scales.sizes, 0, 0
+    for i in range(n):
+        for j in range(nu):
+            numbers.P[k] = stages.R[i, j] * sizes[j] * sizes[j]
+            numbers.q[z] = stages.r[i, j] * sizes[j]
+            k, z = k + 1, z + 1
+        for j in range(nx):
+            for row in range(j + 1):
+                if scales.H[row, j] != 0.0:
+                    numbers.P[k] = scales.H[row, j] * stages.H[i, row, j]
+                    k += 1
+            numbers.q[z] = stages.g[i, j] * sizes[nu + j]
+            z += 1
+        for j in range(ns):
+            size = sizes[nu + nx + j]
+            numbers.P[k] = stages.quadratic[i, j] * size * size
+            numbers.q[z] = stages.linear[i, j] * size
+            k, z = k + 1, z + 1
+
+
+@compiled
+def _write_bounds(stages: HorizonStages, scales: _Scales, numbers: _Numbers) -> None:
+    """Write the right sides of the dynamics, and the bounds of inputs and of soft rows."""
+    n, nx, nu = stages.B.shape
+    nr, sizes = len(scales.slack_of), scales.sizes
+    for k in range(nx):  # those of later stages are zero
+        A_x0 = 0.0
+        for j in range(nx):
+            A_x0 += stages.A[0, k, j] * stages.x0[j]
+        numbers.lower[k] = numbers.upper[k] = A_x0 / sizes[nu + k]
+    for i in range(n):
+        for k in range(nu):
+            row = n * nx + i * nu + k
+            numbers.lower[row] = stages.lower[i, k] / sizes[k] * scales.input_row
+            numbers.upper[row] = stages.upper[i, k] / sizes[k] * scales.input_row
+        for j in range(nr):
+            row, size = n * (nx + nu) + i * nr + j, sizes[nu + nx + scales.slack_of[j]]
+            numbers.upper[row] = min(stages.offsets[i, j] / size, FREE)
+
+
+@compiled
+def _magnitude(numbers: _Numbers) -> float:
     """Return the largest magnitude of all; NaN when one is NaN."""
     cost = kernels.infinity_norm(numbers.P), kernels.infinity_norm(numbers.q)
     rows = kernels.infinity_norm(numbers.lower), kernels.infinity_norm(numbers.upper)
@@ -324,100 +388,39 @@ def _magnitude(numbers: QpNumbers) -> float:
 
 
 @compiled
-def _write_dynamics(stages: HorizonStages, sizes: Array, numbers: QpNumbers) -> None:
-    """Write the right sides of the dynamics, and the linear cost of states."""
-    n, nx, nu = stages.B.shape
-    for i in range(n):
-        for k in range(nx):
-            size = sizes[nu + k]
-            numbers.q[i * len(sizes) + nu + k] = stages.g[i, k] * size
-            constant = stages.c[i, k]
-            if i == 0:
-                for j in range(nx):
-                    constant += stages.A[0, k, j] * stages.x0[j]
-            numbers.lower[i * nx + k] = numbers.upper[i * nx + k] = constant / size
-
-
-@compiled
-def _write_inputs(
-    stages: HorizonStages, sizes: Array, diagonal: _Places, numbers: QpNumbers
-) -> None:
-    """Write the cost of inputs, and their bounds."""
-    n, nx, nu = stages.B.shape
-    for i in range(n):
-        for k in range(nu):
-            size, bound = sizes[k], n * nx + i * nu + k
-            numbers.P[diagonal[i * nu + k]] = stages.R[i, k] * size * size
-            numbers.q[i * len(sizes) + k] = stages.r[i, k] * size
-            numbers.lower[bound] = stages.lower[i, k] / size
-            numbers.upper[bound] = stages.upper[i, k] / size
-
-
-@compiled
-def _write_limits(
-    stages: HorizonStages,
-    sizes: Array,
-    row_sizes: Array,
-    diagonal: _Places,
-    numbers: QpNumbers,
-) -> None:
-    """Write the bounds of soft rows and the prices of slacks."""
-    n, nr, ns, width = len(stages.R), len(row_sizes), stages.linear.shape[1], len(sizes)
-    first, nu = n * (width - ns), stages.R.shape[1]
-    for k in range(first - n * nu, first):
-        numbers.lower[k] *= _INPUT_ROW
-        numbers.upper[k] *= _INPUT_ROW
-    for i in range(n):
-        for j in range(nr):
-            bound = stages.offsets[i, j] / row_sizes[j]
-            numbers.upper[first + i * nr + j] = min(bound, FREE)
-        for k in range(ns):
-            size = sizes[width - ns + k]
-            numbers.q[i * width + width - ns + k] = stages.linear[i, k] * size
-            price = stages.quadratic[i, k] * size * size
-            numbers.P[diagonal[n * nu + i * ns + k]] = price
-
-
-@compiled
-def _settle(
-    z: Array,
-    kept: Array,
-    cost_scale: float,
-    y: Array,
-    q: Array,
-    upper: Array,
-    steps: int,
-    slack_of: _Places,
+def _warm_start(
+    z: Array, kept: Array, y: Array, cost_scale: float, scales: _Scales, numbers: _Numbers
 ) -> None:
     for k in range(len(y)):
         y[k] = cost_scale * kept[k]
-    nr, ns, width = len(slack_of), slack_of[-1] + 1, len(z) // steps
-    rows = steps * (width - ns)
-    bounds = rows + steps * nr
+    slack_of, width = scales.slack_of, len(scales.sizes)
+    nr, ns, steps = len(slack_of), slack_of[-1] + 1, len(z) // width
+    soft_rows = steps * (width - ns)
+    slack_rows = soft_rows + steps * nr
     for i in range(steps):
         for k in range(ns):
-            slack, bound = i * width + width - ns + k, bounds + i * ns + k
-            z[slack], y[bound] = 0.0, -q[slack]
+            slack, bound = i * width + width - ns + k, slack_rows + i * ns + k
+            z[slack], y[bound] = 0.0, -numbers.q[slack]
             for j in range(nr):
                 if slack_of[j] == k:
-                    row = rows + i * nr + j
-                    z[slack] = max(z[slack], -upper[row])
+                    row = soft_rows + i * nr + j
+                    z[slack] = max(z[slack], -numbers.upper[row])
                     y[bound] += y[row]
             y[bound] = min(y[bound], 0.0)
 
 
-def _assemble(
-    blocks: list[tuple[Mask, int, int]], *, shape: tuple[int, int]
-) -> tuple[sparse.csc_matrix, _Places]:
-    """Return the matrix of the blocks' pattern, full of zeros, and where each entry's data is.
-
-    Entries are listed one block after another, and each is given once. SciPy sorts them by column
-    and row, and keeps zeros that are given.
-    """
-    places = [np.nonzero(mask) for mask, _, _ in blocks]
-    rows = np.concatenate([at[0] + row for at, (_, row, _) in zip(places, blocks, strict=True)])
-    columns = np.concatenate([at[1] + col for at, (_, _, col) in zip(places, blocks, strict=True)])
-    in_data = np.empty(len(rows), np.intp)
-    in_data[np.lexsort((rows, columns))] = np.arange(len(rows))
-    indices = rows.astype(np.int32), columns.astype(np.int32)
-    return sparse.csc_matrix((np.zeros(len(rows)), indices), shape), in_data
+@compiled
+def _read(z: Array, y: Array, cost_scale: float, scales: _Scales) -> tuple[bool, Array, Array]:
+    nx, nu = scales.B.shape
+    sizes, steps = scales.sizes, len(z) // len(scales.sizes)
+    inputs, states = np.empty((steps, nu)), np.empty((steps, nx))
+    for i in range(steps):
+        first = i * len(sizes)
+        for k in range(nu):
+            inputs[i, k] = z[first + k] * sizes[k]
+        for k in range(nx):
+            states[i, k] = z[first + nu + k] * sizes[nu + k]
+    for k in range(len(y)):
+        y[k] /= cost_scale
+    finite = math.isfinite(kernels.infinity_norm(z)) and math.isfinite(kernels.infinity_norm(y))
+    return finite, inputs, states

@@ -1,14 +1,15 @@
-"""Soft limits on the plan: what they allow, their rows of the QP, and what breaking them costs.
+"""Soft limits on the plan: their bounds, their rows of the QP, and the penalty for breaking them.
 
-    tilt_i <= tilt allowed,   |v_i| <= speed allowed                              i = 1..N
+    tilt_i <= bound,   |v_i| <= bound,   n_ij' p_i <= b_ij,  j = 1..K             i = 1..N
     throttle_i and the rates' change from u_{i-1} to u_i between bounds           i = 0..N-1
 
-Each is eased by one slack a stage, of price c s + 1/2 d s^2. A limit bounds what the controller
-adds: where the reference asks for more by itself, it may have that and a margin. u_{-1} is the
-command sent last.
+Each kind is eased by one slack a stage, at a cost c s + 1/2 d s^2; the half-spaces n, b of a
+corridor share one slack. A limit bounds what the controller adds: where the reference exceeds a
+limit, the bound is the reference's own value and a margin. u_{-1} is the command sent last.
 
-Rows are linear in what changes about a rollout. The tilt is a vector in the plane of the body's x
-and y axes, as long as the angle between thrust axis and up. A turn R exp([φ]) lengthens it by
+Rows are linear in what changes about a rollout; those of half-spaces are exact. The tilt is a
+vector in the plane of the body's x and y axes, as long as the angle between thrust axis and up. A
+turn R exp([φ]) lengthens it by
 
     dθ = (R_32 φ_x - R_31 φ_y) / sin θ
 
@@ -16,51 +17,53 @@ and a turn about the perpendicular direction leaves its length: four rows make a
 disc, one side of which touches it where the rollout is. Level there is no such direction, and that
 in which the cost falls stands in for it.
 
-c is about what the tracking cost would pay at most for easing a limit, so that a limit is broken
-only where it cannot be kept. That is found at the rollout, anew for each problem: the slopes p_i
-of the cost of what follows, by p_i = g_i + A_i' p_{i+1}. A price once and for all would have to
-suit the largest jump, and a solver's tolerance grows with the largest number in its problem.
+The weight c of an exact penalty has to exceed the multiplier of the hard constraint, which is
+about what the tracking cost would gain by easing a limit. So the weights are computed at the
+rollout, for each problem, from the slopes p_i of the cost of all that follows, p_i = g_i + A_i'
+p_{i+1}. Constant weights would have to suit the largest jump, and a solver's tolerance grows with
+the largest number in its problem. A vehicle that brakes or swerves is held by one or two of the
+half-spaces' stages alone, and these pay for what the others gain; hence their larger factor,
+which tests find to be exact.
 
 Near a limit the best step is all or nothing, and a first-order solver takes long to find it. There
-changes of the plan cost something (:func:`regularise`), in proportion to the slopes. A reference
-far away pulls as if it were near (:func:`pull_target_closer`), else height would be given away for
-speed.
+changes of the plan have a cost (:func:`regularise_limits`), in proportion to the slopes. The
+position error of the target is saturated (:func:`saturate_position_error`), else height would be
+given away for speed.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3
-from quad_mpc_ros.control.config import LimitParameters
 from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.model.corridor import Corridor
+from quad_mpc_ros.control.model.prediction import Prediction
 from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord, body_in
-from quad_mpc_ros.control.model.state import INPUT_SIZE, THETA, U_RATE, U_THROTTLE, V
-from quad_mpc_ros.control.ocp.half_spaces import (
-    HalfSpaces,
-    half_space_penalty,
-    pattern_of,
-    write_half_spaces,
-)
-from quad_mpc_ros.control.ocp.horizon_qp import FREE
-from quad_mpc_ros.control.ocp.settings import Settings, values_of
-from quad_mpc_ros.control.ocp.stages import HorizonStages, LimitPattern
-from quad_mpc_ros.control.ocp.target import TargetStage
-from quad_mpc_ros.control.ocp.trajectory import PlannedTrajectory
+from quad_mpc_ros.control.model.state import INPUT_SIZE, THETA, U_RATE, U_THROTTLE, P, V
+from quad_mpc_ros.control.model.target import TargetStage
+from quad_mpc_ros.control.ocp.horizon_qp import FREE, HorizonStages, LimitPattern
+from quad_mpc_ros.control.ocp.plan import PlannedTrajectory
+from quad_mpc_ros.control.ocp.settings import Settings
 
-# The kinds, in the order of their rows: tilt, speed, throttle, and change of the rates.
-_TILT, _SPEED, _THROTTLE, _SLEW = range(4)
-_ROWS = np.array([4, 1, 2, 6])
-# What a violation of each typically is, and by what the solver measures it.
-_TYPICAL = np.array([0.5, 3.0, 0.3, 2.5])
-_SIZES = np.array([0.5, 1.0, 0.3, 2.5])
+# The kinds, in the order of their rows. There are as many rows of half-spaces as are configured.
+_TILT, _SPEED, _THROTTLE, _SLEW, _HALF_SPACES = range(5)
+_ROWS = (4, 1, 2, 6)
+# By kind: a typical violation; the natural size of the slack; the quadratic weight as a share of
+# the linear one; the distance at which a plan starts to count as near a limit.
+_TYPICAL = np.array([0.5, 3.0, 0.3, 2.5, 0.3])
+_SLACK_SIZES = np.array([0.5, 1.0, 0.3, 2.5, 0.3])
+_QUADRATIC = np.array([0.5, 0.5, 0.5, 0.5, 1.0])
+_NEAR = np.array([0.2, 0.5, 0.05, 0.5, 0.1])
 
 
-class Allowed(Record):
-    """What the limits allow in a stage; ``FREE``, or less, where nothing is limited."""
+class StageBounds(Record):
+    """Bounds of a stage; ``FREE`` where nothing is limited."""
 
     tilt: float  # rad
     speed: float  # m/s
@@ -71,21 +74,13 @@ class Allowed(Record):
     rate_change_max: Vector3
 
 
-class LimitPlace(Record):
-    """Where a kind of limit stands in a stage: its first row and its slack, -1 for none."""
-
-    row: int
-    slack: int
-
-
-# What a reference may have beyond what it asks for: tilt [rad], speed [m/s], throttle.
+# Margins beyond the reference's own values: tilt [rad], speed [m/s], throttle.
 TILT_MARGIN, SPEED_MARGIN, _THROTTLE_MARGIN = 0.3, 1.0, 0.1
-# Prices: this share of a slope, which is that of all stages that follow together; of a typical
-# violation at least this, and at least this share of the steepest slope; and the quadratic price
-# as a share of the linear one.
-_SLOPE, _LEAST_PRICE, _STEEP, _SQUARE = 0.8, 0.4, 0.2, 0.5
-# A plan as near to a limit as this feels that it is there.
-_NEAR = np.array([0.2, 0.5, 0.05, 0.5])
+# Weights: this share of a slope, which is that of all stages that follow together; of a typical
+# violation at least this, and at least this share of the steepest slope.
+_SLOPE, _LEAST_WEIGHT, _LEAST_SHARE = 0.8, 0.4, 0.2
+_HALF_SPACE_SLOPE, _LEAST_HALF_SPACE_WEIGHT = 2.0, 4.0
+_SWERVE = 0.3  # s, in which a change of the velocity becomes one of the position
 # What a change of the plan costs, as a share of that slope: throttle, rates, velocity, attitude.
 _DAMPING_THROTTLE = 0.02 / 0.3**2
 _DAMPING_RATES = 0.2 / 5.0**2
@@ -95,136 +90,147 @@ _DAMPING_ATTITUDE = 0.03 / 0.5**2
 _NO_TILT, _NO_SPEED = 0.05, 0.3
 
 
-class LimitLayout:
-    """Which limits a configuration has, and where their rows and slacks are.
+class Limits(NamedTuple):
+    """The soft limits of a horizon of N stages.
 
-    ``places`` (4,) are those of each kind. After them come ``half_spaces`` on the position.
-    Columns are the ``inputs`` of the stage before, those of this one, and the state at its end.
+    ``rows`` and ``slacks`` (5,) are the first row and the slack of each kind in a stage, -1 for
+    none, ``bounds`` (N,) the bounds along the target, (0,) without any limit, ``weights`` (5,) the
+    linear penalty weights of the present iterate. The corridor's half-spaces are ``normals``
+    (N, K, 3) and ``offsets`` (N, K), FREE for none.
     """
 
-    def __init__(
-        self, limits: LimitParameters, *, half_spaces: int = 0, inputs: int = INPUT_SIZE
-    ) -> None:
-        self._inputs = inputs
-        has = values_of(limits) > 0.0
-        ends, slacks = np.cumsum(np.where(has, _ROWS, 0)), np.cumsum(has)
-        self.places = LimitPlace.zeros(len(has))
-        self.places["row"] = np.where(has, ends - _ROWS, -1)
-        self.places["slack"] = np.where(has, slacks - 1, -1)
-        self.kinds = np.flatnonzero(has)
-        self._count = half_spaces
-        self._row, self._slack = int(ends[-1]), int(slacks[-1])
-        self.rows, self.slacks = self._row + half_spaces, self._slack + min(half_spaces, 1)
+    rows: NDArray[np.intp]
+    slacks: NDArray[np.intp]
+    bounds: RecordArray[StageBounds]
+    weights: Array
+    normals: Array
+    offsets: Array
 
-    def half_spaces(self, steps: int) -> HalfSpaces:
-        """Return room for the half-spaces of so many stages."""
-        return HalfSpaces.zeros(steps, self._count, row=self._row, slack=self._slack)
+    @staticmethod
+    def zeros(settings: Settings, steps: int, *, half_spaces: int = 0) -> Limits:
+        """Return the configured limits and so many half-spaces for N stages."""
+        counts = np.array([*_ROWS, half_spaces])
+        has = np.array([*(settings.limits > 0.0), half_spaces > 0])
+        return Limits(
+            rows=np.where(has, np.cumsum(counts * has) - counts, -1),
+            slacks=np.where(has, np.cumsum(has) - 1, -1),
+            bounds=StageBounds.zeros(steps if has.any() else 0),
+            weights=np.zeros(len(counts)),
+            normals=np.zeros((steps, half_spaces, 3)),
+            offsets=np.full((steps, half_spaces), FREE),
+        )
 
-    def pattern(self, nx: int) -> LimitPattern:
-        """Return which entries the rows have, with ``nx`` states."""
-        nu = self._inputs
-        state = 2 * nu
-        masks = [np.zeros((count, 2 * nu + nx), dtype=bool) for count in _ROWS]
-        masks[_TILT][:, state + THETA : state + THETA + 2] = True
-        masks[_SPEED][:, state + V : state + THETA] = True
+    def pattern(self, nx: int, nu: int) -> LimitPattern:
+        """Return which entries the rows have, with ``nx`` states and ``nu`` inputs."""
+        counts, x = np.array([*_ROWS, self.offsets.shape[1]]), 2 * nu
+        masks = [np.zeros((count, 2 * nu + nx), dtype=bool) for count in counts]
+        masks[_TILT][:, x + THETA : x + THETA + 2] = True
+        masks[_SPEED][:, x + V : x + THETA] = True
         masks[_THROTTLE][:, nu + U_THROTTLE] = True
         for k in range(3):
             masks[_SLEW][2 * k : 2 * k + 2, [U_RATE + k, nu + U_RATE + k]] = True
-        own = pattern_of(self._count, nx=nx, nu=nu)
-        slack_of = np.repeat(np.arange(self._slack), _ROWS[self.kinds])
+        masks[_HALF_SPACES][:, x + P : x + V] = True
+        kinds = np.flatnonzero(self.rows >= 0)
         return LimitPattern(
-            mask=np.vstack([*(masks[kind] for kind in self.kinds), own.mask]),
-            slack_of=np.concatenate((slack_of, self._slack + own.slack_of)),
-            slack_size=np.concatenate((_SIZES[self.kinds], own.slack_size)),
+            mask=np.vstack([masks[0][:0], *(masks[kind] for kind in kinds)]),
+            slack_of=np.repeat(np.arange(len(kinds)), counts[kinds]),
+            slack_size=_SLACK_SIZES[kinds],
         )
+
+    def set_corridor(self, corridor: Corridor, *, stamp_ns: int, step: float) -> None:
+        """Set the half-spaces to those at the ends of stages of ``step`` seconds from a stamp on.
+
+        Rows beyond K are dropped; after the corridor's last stage that one holds.
+        """
+        rows = min(self.offsets.shape[1], corridor.offsets.shape[1])
+        since = (stamp_ns - corridor.stamp_ns) * 1e-9
+        ends = (since + step * np.arange(1, len(self.offsets) + 1)) / corridor.step
+        stages = np.clip(np.rint(ends).astype(np.intp) - 1, 0, len(corridor.offsets) - 1)
+        self.offsets[:], self.normals[:] = FREE, 0.0
+        self.normals[:, :rows] = corridor.normals[stages, :rows]
+        self.offsets[:, :rows] = np.minimum(corridor.offsets[stages, :rows], FREE)
 
 
 @compiled
-def allow(
-    given: Settings,
-    sent: Array,
-    since: float,
+def compute_bounds(
+    settings: Settings,
+    prediction: Prediction,
     target: RecordArray[TargetStage],
-    allowed: RecordArray[Allowed],
+    any_tilt: bool,
+    bounds: RecordArray[StageBounds],
 ) -> None:
-    """Write what the limits allow (N,) along a target.
+    """Write the bounds (N,) along a target, with ``any_tilt`` none of the tilt.
 
-    The command ``sent`` (4,) last was sent ``since`` seconds ago, infinity if there is none. What
-    is not limited may be anything up to ``FREE``.
+    Bounds of kinds that are not limited are ``FREE`` or more.
     """
-    limits = given.limits
-    for i in range(len(allowed)):
-        stage, may = target[i], allowed[i]
+    limits, sent, since = settings.limits, prediction.sent, prediction.since_sent
+    for i in range(len(bounds)):
+        stage, bound = target[i], bounds[i]
         own = math.acos(kernels.clamp(stage.R_WB[2, 2], -1.0, 1.0))
         tilt = max(limits[_TILT], own + TILT_MARGIN)
-        may.tilt = tilt if limits[_TILT] > 0.0 and tilt < math.pi else FREE
+        has_tilt = limits[_TILT] > 0.0 and tilt < math.pi and not any_tilt
+        bound.tilt = tilt if has_tilt else FREE
         v = kernels.vector(stage.v_WB_W)
         speed = max(limits[_SPEED], math.sqrt(kernels.dot(v, v)) + SPEED_MARGIN)
-        may.speed = speed if limits[_SPEED] > 0.0 else FREE
+        bound.speed = speed if limits[_SPEED] > 0.0 else FREE
         margin, throttle = limits[_THROTTLE], stage.mean_input[U_THROTTLE]
         has_margin = margin > 0.0
-        least = min(given.u_min[U_THROTTLE] + margin, throttle - _THROTTLE_MARGIN)
-        most = max(given.u_max[U_THROTTLE] - margin, throttle + _THROTTLE_MARGIN)
-        may.throttle_min = least if has_margin else -FREE
-        may.throttle_max = most if has_margin else FREE
-        duration = since if i == 0 else given.step
+        least = min(settings.u_min[U_THROTTLE] + margin, throttle - _THROTTLE_MARGIN)
+        most = max(settings.u_max[U_THROTTLE] - margin, throttle + _THROTTLE_MARGIN)
+        bound.throttle_min = least if has_margin else -FREE
+        bound.throttle_max = most if has_margin else FREE
+        duration = since if i == 0 else settings.step
+        # Before the first command the time since it is infinite.
+        has_slew = limits[_SLEW] > 0.0 and limits[_SLEW] * duration < FREE
+        if not has_slew:
+            bound.rate_change_min[:], bound.rate_change_max[:] = -FREE, FREE
+            continue
+        change = limits[_SLEW] * duration
         for k in range(3):
             rate = U_RATE + k
             if i == 0:  # as it changes within the stage
                 first, last = stage.inputs[0, rate], stage.inputs[SUBSTEPS - 1, rate]
                 before, by_itself = sent[rate], (last - first) / (SUBSTEPS - 1)
-                by_itself *= SUBSTEPS / given.step * since
+                by_itself *= SUBSTEPS / settings.step * since
             else:
                 before = 0.0
                 by_itself = stage.mean_input[rate] - target[i - 1].mean_input[rate]
-            change = limits[_SLEW] * duration
-            has_slew = limits[_SLEW] > 0.0 and change < FREE
-            fall, rise = min(by_itself, 0.0) - change, max(by_itself, 0.0) + change
-            may.rate_change_min[k] = before + fall if has_slew else -FREE
-            may.rate_change_max[k] = before + rise if has_slew else FREE
+            bound.rate_change_min[k] = before + (min(by_itself, 0.0) - change)
+            bound.rate_change_max[k] = before + (max(by_itself, 0.0) + change)
 
 
 @compiled
-def flips(given: Settings, R_start: kernels.Matrix, target: RecordArray[TargetStage]) -> bool:
+def flips(settings: Settings, R_start: kernels.Matrix, target: RecordArray[TargetStage]) -> bool:
     """Whether the thrust axis of a target turns faster somewhere than body rates are bounded to.
 
-    As it does near free fall, where the direction of little thrust means little. ``R_start`` is
+    That happens near free fall, where the direction of little thrust means little. ``R_start`` is
     the attitude at the start of the first stage.
     """
-    u_max = given.u_max
+    u_max = settings.u_max
     before = kernels.column(R_start, 2)
-    slowest = math.cos(min(max(u_max[1], u_max[2]) * given.step, math.pi))
+    slowest = math.cos(min(max(u_max[1], u_max[2]) * settings.step, math.pi))
     for i in range(len(target)):
-        after, cosine = kernels.column(kernels.matrix(target[i].R_WB), 2), 0.0
-        for k in range(3):
-            cosine += before[k] * after[k]
-        if cosine < slowest:
+        after = kernels.column(kernels.matrix(target[i].R_WB), 2)
+        if kernels.dot(before, after) < slowest:
             return True
         before = after
     return False
 
 
 @compiled
-def allow_any_tilt(allowed: RecordArray[Allowed]) -> None:
-    """Limit the tilt in no stage."""
-    for i in range(len(allowed)):
-        allowed[i].tilt = FREE
-
-
-@compiled
-def pull_target_closer(
-    given: Settings, start: StateRecord, target: RecordArray[TargetStage]
+def saturate_position_error(
+    settings: Settings, start: StateRecord, target: RecordArray[TargetStage]
 ) -> None:
-    """Move the positions of a target so that the first is no further away than a distance.
+    """Move a target so that its first position is at most ``max_position_error`` away.
 
-    From the state ``start``, across and in height each: what is far away does not make little of
-    the height.
+    The distance is from the state ``start``, horizontal and vertical each, so that a horizontal
+    error does not outweigh height.
     """
-    first, distance = target[0], given.distance
+    first, distance = target[0], settings.max_position_error
     x, y, z = (
-        start.p_WB[0] - first.p_WB[0] + given.step * first.v_WB_W[0],
-        start.p_WB[1] - first.p_WB[1] + given.step * first.v_WB_W[1],
-        start.p_WB[2] - first.p_WB[2] + given.step * first.v_WB_W[2],
+        start.p_WB[0] - first.p_WB[0] + settings.step * first.v_WB_W[0],
+        start.p_WB[1] - first.p_WB[1] + settings.step * first.v_WB_W[1],
+        start.p_WB[2] - first.p_WB[2] + settings.step * first.v_WB_W[2],
     )
     across = 1.0 - distance / max(math.hypot(x, y), distance)
     height = 1.0 - distance / max(abs(z), distance)
@@ -236,157 +242,188 @@ def pull_target_closer(
 
 
 @compiled
-def regularise(
-    R: Array, prices: Array, closeness: float, steep: float, stages: HorizonStages
+def regularise_limits(
+    R: Array, weights: Array, activity: float, steep_slope: float, stages: HorizonStages
 ) -> float:
-    """Make changes of the plan cost something, lest a step be all or nothing.
+    """Add a cost to changes of the plan, so that a step is not all or nothing; return its scale.
 
-    ``R`` (4,) are the weights on its inputs. It is in proportion to the steepest slope that there
-    is, and to how close the plan is to a limit, or the slope to a ``steep`` one, which is
-    returned. Where the iterations converge stays the same.
+    ``R`` (4,) are the weights on its inputs. The scale is the steepest slope of the cost, times
+    the constraint ``activity`` or the share of that slope in ``steep_slope``, whichever is larger.
+    The iterations converge to the same plan.
     """
-    slope = steepest_slope(prices)
-    steepest = max(closeness, min(1.0, slope / steep)) * slope
+    slope = _steepest_slope(weights)
+    scale = max(activity, min(1.0, slope / steep_slope)) * slope
     H = stages.H
     for i in range(len(H)):
-        stages.R[i, U_THROTTLE] = R[U_THROTTLE] + _DAMPING_THROTTLE * steepest
+        stages.R[i, U_THROTTLE] = R[U_THROTTLE] + _DAMPING_THROTTLE * scale
         for k in range(3):
-            stages.R[i, U_RATE + k] = R[U_RATE + k] + _DAMPING_RATES * steepest
-            H[i, V + k, V + k] += _DAMPING_VELOCITY * steepest
-            H[i, THETA + k, THETA + k] += _DAMPING_ATTITUDE * steepest
-    return steepest
+            stages.R[i, U_RATE + k] = R[U_RATE + k] + _DAMPING_RATES * scale
+            H[i, V + k, V + k] += _DAMPING_VELOCITY * scale
+            H[i, THETA + k, THETA + k] += _DAMPING_ATTITUDE * scale
+    return scale
 
 
 @compiled
-def steepest_slope(prices: Array) -> float:
+def _steepest_slope(weights: Array) -> float:
     """Return the steepest slope of the cost, per typical change of attitude or velocity."""
-    steepest = max(prices[_TILT] * _TYPICAL[_TILT], prices[_SPEED] * _TYPICAL[_SPEED])
+    steepest = max(weights[_TILT] * _TYPICAL[_TILT], weights[_SPEED] * _TYPICAL[_SPEED])
     return float(steepest / _SLOPE)
 
 
 @compiled
-def closeness(
-    states: RecordArray[StateRecord], inputs: Array, allowed: RecordArray[Allowed]
+def limits_cost(
+    limits: Limits, target: RecordArray[TargetStage], plan: PlannedTrajectory
 ) -> float:
-    """Return 1 for a plan that reaches a limit, 0 for one that is well inside of all."""
-    most = 0.0
-    for i in range(len(allowed)):
-        beyond = _beyond(i, states, inputs, allowed)
-        for kind in range(len(beyond)):
-            most = max(most, 1.0 + beyond[kind] / _NEAR[kind])
-    return min(most, 1.0)
-
-
-@compiled
-def penalty(
-    states: RecordArray[StateRecord],
-    inputs: Array,
-    allowed: RecordArray[Allowed],
-    prices: Array,
-    half_spaces: HalfSpaces,
-) -> float:
-    """Return what it costs that states 0 to N (N + 1,) and inputs (N, 4) break limits.
+    """Return the penalty for the limits that a plan exceeds.
 
     It is in the units of the tracking cost, which is twice that of the QP.
     """
-    cost = half_space_penalty(half_spaces, states)
-    for i in range(len(allowed)):
-        beyond = _beyond(i, states, inputs, allowed)
-        for kind in range(len(beyond)):
-            cost += _paid(kind, prices, beyond[kind])
-    return cost
+    penalty, _activity = _penalty_and_activity(limits, plan.states, _planned_inputs(target, plan))
+    return penalty
 
 
 @compiled
-def _beyond(
-    i: int, states: RecordArray[StateRecord], inputs: Array, allowed: RecordArray[Allowed]
+def _penalty_and_activity(
+    limits: Limits, states: RecordArray[StateRecord], inputs: Array
+) -> tuple[float, float]:
+    """Return the penalty, and the activity: 1 at a limit or a plane, 0 well inside of all."""
+    bounds, weights, normals, offsets = (
+        limits.bounds,
+        limits.weights,
+        limits.normals,
+        limits.offsets,
+    )
+    cost, activity, weight = 0.0, 0.0, weights[_HALF_SPACES]
+    for i in range(len(offsets) if offsets.shape[1] > 0 else 0):
+        excess = _half_space_excess(kernels.vector(states[i + 1].p_WB), normals[i], offsets[i])
+        cost += _penalty_of(_HALF_SPACES, weight, excess)
+        activity = max(activity, 1.0 + excess / _NEAR[_HALF_SPACES])
+    for i in range(len(bounds)):
+        each = _excess(i, states, inputs, bounds)
+        for kind in range(len(each)):
+            cost += _penalty_of(kind, weights[kind], each[kind])
+            activity = max(activity, 1.0 + each[kind] / _NEAR[kind])
+    return cost, min(activity, 1.0)
+
+
+@compiled
+def _penalty_of(kind: int, weight: float, excess: float) -> float:
+    if excess <= 0.0:
+        return 0.0
+    curvature = 0.5 * _QUADRATIC[kind] / _TYPICAL[kind] * excess
+    return float(2.0 * weight * excess * (1.0 + curvature))
+
+
+@compiled
+def _excess(
+    i: int, states: RecordArray[StateRecord], inputs: Array, bounds: RecordArray[StageBounds]
 ) -> tuple[float, float, float, float]:
-    """Return by how much a stage is beyond each limit, negative inside."""
-    body, may = body_in(states[i + 1]), allowed[i]
+    """Return by how much a stage exceeds each bound, negative inside."""
+    body, bound = body_in(states[i + 1]), bounds[i]
     R_31, R_32, R_33 = kernels.row(body.R, 2)
     tilt = math.atan2(math.hypot(R_31, R_32), R_33)
     speed = math.sqrt(kernels.dot(body.v, body.v))
-    throttle, change = inputs[i, U_THROTTLE], -FREE
+    throttle, slew = inputs[i, U_THROTTLE], -FREE
     for k in range(3):
-        turned = inputs[i, U_RATE + k] - (inputs[i - 1, U_RATE + k] if i > 0 else 0.0)
-        change = max(change, turned - may.rate_change_max[k], may.rate_change_min[k] - turned)
+        change = _rate_change(inputs, i, k)
+        slew = max(slew, change - bound.rate_change_max[k], bound.rate_change_min[k] - change)
     return (
-        tilt - may.tilt,
-        speed - may.speed,
-        max(throttle - may.throttle_max, may.throttle_min - throttle),
-        change,
+        tilt - bound.tilt,
+        speed - bound.speed,
+        max(throttle - bound.throttle_max, bound.throttle_min - throttle),
+        slew,
     )
 
 
 @compiled
-def _paid(kind: int, prices: Array, beyond: float) -> float:
-    if beyond <= 0.0:
-        return 0.0
-    return float(2.0 * prices[kind] * beyond * (1.0 + 0.5 * _SQUARE / _TYPICAL[kind] * beyond))
+def _half_space_excess(p: kernels.Vector, normals: Array, offsets: Array) -> float:
+    """Return by how much a place is beyond the farthest plane, negative inside."""
+    most = -FREE
+    for j in range(len(offsets)):
+        if offsets[j] < FREE:
+            most = max(most, kernels.dot(kernels.vector(normals[j]), p) - offsets[j])
+    return most
+
+
+@compiled
+def _planned_inputs(target: RecordArray[TargetStage], plan: PlannedTrajectory) -> Array:
+    """Return the mean inputs of the stages of a plan (N, 4)."""
+    inputs = np.empty_like(plan.deviation)
+    for i in range(len(inputs)):
+        for k in range(INPUT_SIZE):
+            inputs[i, k] = target[i].mean_input[k] + plan.deviation[i, k]
+    return inputs
+
+
+@compiled
+def _rate_change(inputs: Array, i: int, k: int) -> float:
+    """Return the planned change of a rate since the stage before; in the first the rate."""
+    return float(inputs[i, U_RATE + k] - (inputs[i - 1, U_RATE + k] if i > 0 else 0.0))
 
 
 @compiled
 def write_limits(
-    places: RecordArray[LimitPlace],
+    limits: Limits,
     target: RecordArray[TargetStage],
     plan: PlannedTrajectory,
-    allowed: RecordArray[Allowed],
-    prices: Array,
-    half_spaces: HalfSpaces,
     stages: HorizonStages,
 ) -> tuple[float, float]:
-    """Write soft rows and prices (4,) about a plan; return what it pays, and its closeness.
+    """Write soft rows and weights about a plan; return its penalty and constraint activity.
 
     The stages have the rest of the QP about it.
     """
     n, nx, nu = stages.B.shape
-    state = 2 * nu
-    slopes = np.empty((n, nx))
-    _write_prices(stages, prices, slopes)
-    write_half_spaces(half_spaces, plan.states, slopes, stages)
-    inputs = np.empty((n, INPUT_SIZE))
+    x = 2 * nu  # first column of the state
+    slopes, weights, inputs = np.empty((n, nx)), limits.weights, _planned_inputs(target, plan)
+    _write_weights(stages, weights, slopes)
     for i in range(n):
-        for k in range(INPUT_SIZE):
-            inputs[i, k] = target[i].mean_input[k] + plan.deviation[i, k]
         rows, offsets = stages.normals[i], stages.offsets[i]
-        body, may = body_in(plan.states[i + 1]), allowed[i]
-        first = places[_TILT].row
-        if first >= 0:
-            _write_tilt(body.R, slopes[i], may.tilt, rows[first:, state:], offsets[first:])
-        first = places[_SPEED].row
-        if first >= 0:
-            offsets[first] = _write_speed(body.v, slopes[i], may.speed, rows[first, state:])
-        first = places[_THROTTLE].row
-        if first >= 0:
-            column = nu + U_THROTTLE
-            rows[first, column], rows[first + 1, column] = 1.0, -1.0
-            offsets[first] = may.throttle_max - inputs[i, U_THROTTLE]
-            offsets[first + 1] = inputs[i, U_THROTTLE] - may.throttle_min
-        if places[_SLEW].row >= 0:
+        body, bound = body_in(plan.states[i + 1]), limits.bounds[i]
+        row = limits.rows[_TILT]
+        if row >= 0:
+            _write_tilt(body.R, slopes[i], bound.tilt, rows[row:, x:], offsets[row:])
+        row = limits.rows[_SPEED]
+        if row >= 0:
+            offsets[row] = _write_speed(body.v, slopes[i], bound.speed, rows[row, x:])
+        row = limits.rows[_THROTTLE]
+        if row >= 0:
+            throttle, column = inputs[i, U_THROTTLE], nu + U_THROTTLE
+            rows[row, column], rows[row + 1, column] = 1.0, -1.0
+            offsets[row] = bound.throttle_max - throttle
+            offsets[row + 1] = throttle - bound.throttle_min
+        row = limits.rows[_SLEW]
+        if row >= 0:
             for k in range(3):
-                first = places[_SLEW].row + 2 * k
-                rate = U_RATE + k
-                change = inputs[i, rate] - (inputs[i - 1, rate] if i > 0 else 0.0)
-                for side in range(2):
-                    sign = 1.0 - 2.0 * side
-                    rows[first + side, nu + rate] = sign
-                    rows[first + side, rate] = -sign
-                offsets[first] = may.rate_change_max[k] - change
-                offsets[first + 1] = change - may.rate_change_min[k]
-        for kind in range(len(places)):
-            slack = places[kind].slack
+                change = _rate_change(inputs, i, k)
+                _write_slew(change, bound, k, rows[row + 2 * k :, :x], offsets[row + 2 * k :])
+        for j in range(limits.offsets.shape[1]):
+            row, n_ij = limits.rows[_HALF_SPACES] + j, kernels.vector(limits.normals[i, j])
+            kernels.store_vector(n_ij, rows[row, x + P :])
+            b_ij = limits.offsets[i, j]
+            offsets[row] = FREE if b_ij >= FREE else b_ij - kernels.dot(n_ij, body.p)
+        for kind in range(len(weights)):
+            slack = limits.slacks[kind]
             if slack >= 0:
-                stages.linear[i, slack] = prices[kind]
-                stages.quadratic[i, slack] = prices[kind] * _SQUARE / _TYPICAL[kind]
-    paid = penalty(plan.states, inputs, allowed, prices, half_spaces)
-    return paid, closeness(plan.states, inputs, allowed)
+                stages.linear[i, slack] = weights[kind]
+                stages.quadratic[i, slack] = weights[kind] * _QUADRATIC[kind] / _TYPICAL[kind]
+    return _penalty_and_activity(limits, plan.states, inputs)
+
+
+@compiled
+def _write_slew(change: float, bound: StageBounds, k: int, rows: Array, offsets: Array) -> None:
+    """Write the upper and the lower bound of the change of a rate, in columns of the inputs."""
+    before, now = U_RATE + k, rows.shape[1] // 2 + U_RATE + k
+    rows[0, now], rows[0, before] = 1.0, -1.0
+    rows[1, now], rows[1, before] = -1.0, 1.0
+    offsets[0] = bound.rate_change_max[k] - change
+    offsets[1] = change - bound.rate_change_min[k]
 
 
 @compiled
 def _write_tilt(
-    R: kernels.Matrix, slope: Array, allowed: float, rows: Array, offsets: Array
+    R: kernels.Matrix, slope: Array, bound: float, rows: Array, offsets: Array
 ) -> None:
-    """Write the four sides of the square about the disc of tilts allowed.
+    """Write the four sides of the square about the disc of tilts within the bound.
 
     The columns of ``rows`` are those of the state.
     """
@@ -405,7 +442,7 @@ def _write_tilt(
     sides = (x, y, along), (-x, -y, -along), (-y, x, across), (y, -x, -across)
     for side, (of_x, of_y, own) in enumerate(sides):
         rows[side, THETA], rows[side, THETA + 1] = of_x, of_y
-        offsets[side] = allowed - own
+        offsets[side] = bound - own
 
 
 @compiled
@@ -418,8 +455,8 @@ def _direction(x: float, y: float) -> tuple[float, float]:
 
 
 @compiled
-def _write_speed(v: kernels.Vector, slope: Array, allowed: float, row: Array) -> float:
-    """Write the plane that touches the ball of velocities allowed in the velocity's direction.
+def _write_speed(v: kernels.Vector, slope: Array, bound: float, row: Array) -> float:
+    """Write the plane that touches the ball of bounded velocities in the velocity's direction.
 
     Returns its offset. The columns of the ``row`` are those of the state.
     """
@@ -430,15 +467,16 @@ def _write_speed(v: kernels.Vector, slope: Array, allowed: float, row: Array) ->
     length = math.sqrt(kernels.dot(n, n))
     n = kernels.scaled(1.0 / length, n) if length > 1e-12 else (1.0, 0.0, 0.0)
     kernels.store_vector(n, row[V:])
-    return allowed - kernels.dot(n, v)
+    return bound - kernels.dot(n, v)
 
 
 @compiled
-def _write_prices(stages: HorizonStages, prices: Array, slopes: Array) -> None:
-    """Write the slopes (N, nx) of the cost in the states 1 to N, and the prices (4,) of them."""
+def _write_weights(stages: HorizonStages, weights: Array, slopes: Array) -> None:
+    """Write the slopes (N, nx) of the cost in states 1 to N, and the weights (5,) from them."""
     n, nx = slopes.shape
-    for kind in range(len(prices)):
-        prices[kind] = _LEAST_PRICE / _TYPICAL[kind]
+    for kind in range(len(weights)):
+        weights[kind] = _LEAST_WEIGHT / _TYPICAL[kind]
+    weights[_HALF_SPACES] = _LEAST_HALF_SPACE_WEIGHT
     turning = np.zeros(3)
     for i in range(n - 1, -1, -1):
         for k in range(nx):
@@ -448,23 +486,26 @@ def _write_prices(stages: HorizonStages, prices: Array, slopes: Array) -> None:
                     slope += stages.A[i + 1, j, k] * slopes[i + 1, j]
             slopes[i, k] = slope
         p = slopes[i]
-        _raise(prices, _TILT, _SLOPE * math.hypot(p[THETA], p[THETA + 1]))
-        by_v = p[V] ** 2 + p[V + 1] ** 2 + p[V + 2] ** 2
-        _raise(prices, _SPEED, _SLOPE * math.sqrt(by_v))
+        _raise(weights, _TILT, _SLOPE * math.hypot(p[THETA], p[THETA + 1]))
+        by_p = math.sqrt(p[P] ** 2 + p[P + 1] ** 2 + p[P + 2] ** 2)
+        by_v = math.sqrt(p[V] ** 2 + p[V + 1] ** 2 + p[V + 2] ** 2)
+        _raise(weights, _SPEED, _SLOPE * by_v)
+        _raise(weights, _HALF_SPACES, _HALF_SPACE_SLOPE * by_p)
+        _raise(weights, _HALF_SPACES, _HALF_SPACE_SLOPE * by_v / _SWERVE)
         for k in range(INPUT_SIZE):
             slope = stages.r[i, k]
             for j in range(nx):
                 slope += stages.B[i, j, k] * p[j]
             if k == 0:
-                _raise(prices, _THROTTLE, _SLOPE * abs(slope))
+                _raise(weights, _THROTTLE, _SLOPE * abs(slope))
             else:  # a change of the rates lasts
                 turning[k - 1] += slope
-                _raise(prices, _SLEW, _SLOPE * abs(turning[k - 1]))
-    least = _STEEP * steepest_slope(prices)
-    for kind in range(len(prices)):
-        _raise(prices, kind, least / _TYPICAL[kind])
+                _raise(weights, _SLEW, _SLOPE * abs(turning[k - 1]))
+    least = _LEAST_SHARE * _steepest_slope(weights)
+    for kind in range(_HALF_SPACES):
+        _raise(weights, kind, least / _TYPICAL[kind])
 
 
 @compiled
-def _raise(prices: Array, kind: int, worth: float) -> None:
-    prices[kind] = max(prices[kind], worth)
+def _raise(weights: Array, kind: int, least: float) -> None:
+    weights[kind] = max(weights[kind], least)

@@ -1,21 +1,14 @@
-"""The manifold formulation: SQP on SO(3) with actuators and disturbance.
+"""The formulation ``manifold``: SQP on the problem of :mod:`.problem`, and ``contouring``.
 
-The variables are deviations δ from the inputs that hold the reference, one a stage
-(:mod:`quad_mpc_ros.control.ocp.target`). An iteration linearises along a plan,
+An iteration writes the QP about a plan and takes the step δ + α dδ with the longest α of a few
+that lowers the true cost, so a plan is never worse than the one it came from. As a rule one
+iteration is enough: the real-time iteration of Diehl et al. (2005), warm started with the last
+plan, shifted by the time that has passed. After a jump of the reference the plan that simply holds
+the reference's inputs competes with the shifted one, and a few iterations follow.
 
-    x_{i+1} = f(x_i, u_r,i + δ_i)           rolled out from the present state: without defects
-    dx_{i+1} = A_i dx_i + B_i dδ_i          exact Jacobians, control/model/jacobians.py
-    min  sum 1/2 dx_i' H_i dx_i + g_i' dx_i + sum 1/2 dδ_i' R dδ_i + δ_i' R dδ_i
-
-and takes the step δ + α dδ with the longest α of a few that lowers the true cost
-(:mod:`.tracking_cost`), so a plan is never worse than the one it came from. As a
-rule one iteration is enough: the real-time iteration of Diehl et al. (2005), warm started with the
-last plan, shifted by the time that has passed. After a jump of the reference the plan that simply
-holds the reference's inputs competes with the shifted one, and a few iterations follow.
-
-The cost is the paper's: errors x_r ⊟ x weighted by Q, u_r - u by R, with the velocity in the world
-frame, whose norm is the same, and the exact Jacobian of the attitude error. Where there are limits
-(:mod:`quad_mpc_ros.control.ocp.limits`), breaking them costs, in the QP and in the line search.
+The iterates stay in the workspace from one call to the next. So a tick crosses from Python into
+compiled code twice, before the solver and after it: a call that finds the caches cold costs as
+much as a fifth of the linearisation.
 """
 
 from __future__ import annotations
@@ -25,201 +18,281 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quad_mpc_ros.configuration import per_axis
+from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.corridor import Corridor
-from quad_mpc_ros.control.model.jacobians import RATE, STATE_SIZE, THROTTLE
+from quad_mpc_ros.control.model.parameters import rate_offset_at
+from quad_mpc_ros.control.model.prediction import PredictedState
 from quad_mpc_ros.control.model.reference_window import SampleRecord, packed
-from quad_mpc_ros.control.model.rollout import SUBSTEPS
+from quad_mpc_ros.control.model.rollout import SUBSTEPS, body_in, roll_out
 from quad_mpc_ros.control.model.samples import ReferenceWindow
-from quad_mpc_ros.control.model.state import (
-    ATTITUDE,
-    BODY_RATE,
-    INPUT_SIZE,
-    POSITION,
-    TANGENT_SIZE,
-    THETA,
-    U_THROTTLE,
-    VELOCITY,
-)
-from quad_mpc_ros.control.ocp import progress, sqp
-from quad_mpc_ros.control.ocp.limits import LimitLayout
-from quad_mpc_ros.control.ocp.plan import Plan
-from quad_mpc_ros.control.ocp.problem import PredictedState
+from quad_mpc_ros.control.model.state import INPUT_SIZE, U_RATE, U_THROTTLE
+from quad_mpc_ros.control.model.target import TargetStage, sample_target
+from quad_mpc_ros.control.ocp.horizon_qp import HorizonPattern, HorizonStages
+from quad_mpc_ros.control.ocp.limits import Limits, compute_bounds, flips, saturate_position_error
+from quad_mpc_ros.control.ocp.plan import Plan, PlannedTrajectory, apply_bounds, shift
+from quad_mpc_ros.control.ocp.problem import Problem, Workspace, pattern_of, plan_cost, write_qp
+from quad_mpc_ros.control.ocp.progress import SPEED_INPUT, Progress, follow_path
 from quad_mpc_ros.control.ocp.settings import settings_of
-from quad_mpc_ros.control.ocp.stages import HorizonPattern, HorizonStages
 
-_STATE_SIZES = np.concatenate((np.repeat([1.0, 3.0, 0.5, 5.0], 3), [0.3]))
-_INPUT_SIZES = np.array([0.3, 5.0, 5.0, 5.0])
-
+_COLD_ITERATIONS = 5
+_JUMP_ITERATIONS = 3
+# A shifted plan whose cost has grown by this much meets a reference that has jumped.
+_JUMP_FACTOR, _JUMP_FLOOR = 4.0, 0.1
+_STEP_LENGTHS = (1.0, 0.5, 0.25, 0.1)
 _CONVERGED = 0.95
 # For how long after a flip of the reference the vehicle may be behind.
 _RECOVERING_NS = 500_000_000
 
 
-class _Room(NamedTuple):
-    """Where a problem is written: with its limits, and with half-spaces or without."""
+class ProblemBuffers(NamedTuple):
+    """The arrays and the pattern of a problem, with half-spaces or without."""
 
-    limits: LimitLayout
-    workspace: sqp.Workspace
+    pattern: HorizonPattern
+    work: Workspace
     stages: HorizonStages
+
+    @staticmethod
+    def of(config: MpcConfig, work: Workspace) -> ProblemBuffers:
+        """Return the buffers of a configuration with the limits of a workspace."""
+        pattern = pattern_of(config, work.limits)
+        return ProblemBuffers(pattern, work, HorizonStages.zeros(*pattern.sizes))
 
 
 class ManifoldProblem:
     """Tracks the reference along the predicted trajectory; keeps the last plan from tick to tick.
 
-    Who writes its workspace: the target and the plan linearised along :func:`.sqp.begin`, the
-    latter also :func:`.sqp.relinearise`; the last plan :func:`.sqp.line_search` alone, with the
-    new one. Where the solver fails it stays. Half-spaces on the position are in a problem of their
-    own, which begins from the same plan, so that without a corridor nothing of them is solved.
+    :func:`begin` and :func:`relinearise` write the nominal plan; :func:`line_search` alone writes
+    the last plan, which therefore stays where the solver fails. Half-spaces on the position are
+    in a problem of their own, which shares target and plans, so that without a corridor the
+    unconstrained problem is solved.
     """
 
     is_deviation = True
+    """The QP's variables are the change of a plan: the solver starts from zero."""
 
     def __init__(self, config: MpcConfig) -> None:
-        self._steps, self._step = config.horizon_steps, config.horizon_step
-        lags = *per_axis(config.rate_time_constant), config.thrust_time_constant
-        lagging = max(lags) > 0.0
-        self._uneven = not config.drags_alike
-        # Without lags rate and throttle are their commands and need no states of their own.
-        self._size = STATE_SIZE if lagging else TANGENT_SIZE
-        self._inputs, self.gives_way = INPUT_SIZE, config.formulation == "contouring"
-        if self.gives_way:
-            self._size, self._inputs = progress.SIZE, progress.INPUTS
-        limits = LimitLayout(config.limits, inputs=self._inputs)
-        workspace = sqp.Workspace.zeros(self._steps, limits, progress=self.gives_way)
-        self._anywhere = self._here = self._room(limits, workspace)
-        within = LimitLayout(config.limits, half_spaces=config.half_spaces, inputs=self._inputs)
-        self._within = self._room(within, self._anywhere.workspace.within(within))
+        self._step = config.horizon_step
+        self._settings = settings_of(config)
+        self.has_progress_state = config.formulation == "contouring"
+        steps, settings = config.horizon_steps, self._settings[()]
+        work = Workspace(
+            target=TargetStage.zeros(steps),
+            nominal=PlannedTrajectory.zeros(steps),
+            plan=PlannedTrajectory.zeros(steps),
+            progress=Progress.zeros(steps if self.has_progress_state else 0),
+            limits=Limits.zeros(settings, steps),
+        )
+        self._unconstrained = ProblemBuffers.of(config, work)
+        limits = Limits.zeros(settings, steps, half_spaces=config.half_spaces)
+        self._constrained = ProblemBuffers.of(config, work._replace(limits=limits))
         self._window: ReferenceWindow | None = None
         self._samples = SampleRecord.zeros(0)
         self._flips_until_ns, self._flipping = 0, False
         self._last = 0, math.nan  # stamp and cost of the last plan
-        # Of the present iterate: its cost, how many iterations are left, and whether the stages
-        # are those about it.
+        # Cost of the present iterate, iterations left, and whether the stages are about it.
         self._cost, self._iterations, self._linearised = 0.0, 0, False
-        self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over weights and bounds; the last plan stays."""
-        self._settings = settings_of(config)
+        """Take over weights and bounds, in place; the last plan stays."""
+        self._settings[()] = settings_of(config)[()]
 
-    def _room(self, limits: LimitLayout, workspace: sqp.Workspace) -> _Room:
-        stages = HorizonStages.zeros(
-            self._steps, self._size, self._inputs, rows=limits.rows, slacks=limits.slacks
-        )
-        return _Room(limits, workspace, stages)
-
-    def pattern(self, *, within: bool = False) -> HorizonPattern:
-        """Return the sparsity of the Jacobians and of the cost."""
-        limits = (self._within if within else self._anywhere).limits
-        n, diagonal = self._size, np.eye(3, dtype=bool)
-        A = np.zeros((progress.SIZE, progress.SIZE), dtype=bool)
-        A[POSITION, POSITION] = A[POSITION, VELOCITY] = A[VELOCITY, VELOCITY] = diagonal
-        A[:THETA, VELOCITY] |= self._uneven  # drag that differs between axes acts across
-        A[:THETA, THETA:STATE_SIZE] = True
-        A[ATTITUDE, THETA:THROTTLE] = True
-        A[RATE, RATE] = diagonal
-        A[THROTTLE, THROTTLE] = True
-        B = np.zeros((progress.SIZE, self._inputs), dtype=bool)
-        B[:THETA, :INPUT_SIZE] = True
-        B[ATTITUDE, BODY_RATE] = True
-        B[RATE, BODY_RATE] = diagonal
-        B[THROTTLE, U_THROTTLE] = True
-        H = np.zeros((progress.SIZE, progress.SIZE), dtype=bool)
-        H[:THETA, :THETA] = np.eye(THETA, dtype=bool)
-        H[ATTITUDE, ATTITUDE] = True
-        if self.gives_way:
-            progress.couple(A, B, H)
-        return HorizonPattern(
-            steps=self._steps,
-            A=A[:n, :n],
-            B=B[:n],
-            H=H[:n, :n],
-            state_size=np.append(_STATE_SIZES, progress.STATE_NATURAL)[:n],
-            input_size=np.append(_INPUT_SIZES, progress.INPUT_NATURAL)[: self._inputs],
-            limits=limits.pattern(n),
-        )
+    def pattern(self, *, constrained: bool = False) -> HorizonPattern:
+        """Return the sparsity of the QP, ``constrained`` to a corridor or not."""
+        return (self._constrained if constrained else self._unconstrained).pattern
 
     def begin(
         self, state: PredictedState, window: ReferenceWindow, corridor: Corridor | None = None
     ) -> None:
         """Set the target, and warm start: shift the last plan, or hold the reference's inputs."""
-        self._here = self._anywhere
+        buffers = self._unconstrained
         if corridor is not None:
-            self._here = self._within
-            half_spaces = self._here.workspace.half_spaces
-            half_spaces.take(corridor, stamp_ns=state.stamp_ns, step=self._step)
+            buffers = self._constrained
+            buffers.work.limits.set_corridor(corridor, stamp_ns=state.stamp_ns, step=self._step)
         if window is not self._window:  # one serves several ticks
             self._window, self._samples = window, packed(window)
-        stamp_ns, (last_ns, last_cost) = state.stamp_ns, self._last
-        recovering = 0 <= self._flips_until_ns - stamp_ns <= _RECOVERING_NS
-        self._elapsed_ns = stamp_ns - window.stamp_ns
-        self._cost, self._iterations, flips = sqp.begin(
-            elapsed_ns=self._elapsed_ns,
+        self._stamp_ns, self._stages = state.stamp_ns, buffers.stages
+        self._problem = Problem(
+            elapsed_ns=state.stamp_ns - window.stamp_ns,
             samples=self._samples,
             prediction=state.prediction,
-            last=((stamp_ns - last_ns) * 1e-9 / self._step, last_cost),
-            recovering=recovering,
             settings=self._settings,
-            workspace=self._here.workspace,
-            stages=self._here.stages,
+            work=buffers.work,
         )
-        if flips:
-            self._flips_until_ns = stamp_ns + _RECOVERING_NS
-        self._state, self._flipping = state, recovering or flips
-        # What is rolled out for its cost has been linearised on the way.
+        last_ns, last_cost = self._last
+        recovering = 0 <= self._flips_until_ns - state.stamp_ns <= _RECOVERING_NS
+        self._cost, self._iterations, is_flipping = begin(
+            self._problem,
+            self._stages,
+            elapsed=(state.stamp_ns - last_ns) * 1e-9 / self._step,
+            last_cost=last_cost,
+            recovering=recovering,
+        )
+        if is_flipping:
+            self._flips_until_ns = state.stamp_ns + _RECOVERING_NS
+        self._flipping = recovering or is_flipping
+        # The roll-out for the cost has linearised on the way.
         self._linearised = True
 
     def linearise(self) -> HorizonStages:
         """Return the QP in the change of the present iterate."""
         if not self._linearised:
-            cost = sqp.relinearise(
-                elapsed_ns=self._elapsed_ns,
-                samples=self._samples,
-                prediction=self._state.prediction,
-                is_flipping=self._flipping,
-                settings=self._settings,
-                workspace=self._here.workspace,
-                stages=self._here.stages,
-            )
-            if self._here.limits.rows > 0:  # at other prices
+            cost = relinearise(self._problem, self._stages, is_flipping=self._flipping)
+            if len(self._problem.work.limits.bounds) > 0:  # the weights have changed
                 self._cost = cost
         self._linearised = False
-        return self._here.stages
+        return self._stages
 
-    def line_search(self, inputs: Array, states: Array) -> bool:
-        """Take the longest step that lowers the true cost; return whether to leave it at that."""
-        count, stamp_ns = self._steps + 1, self._state.stamp_ns
-        commands = np.empty((self._steps * SUBSTEPS, INPUT_SIZE))
-        p_WB, R_WB = np.empty((count, 3)), np.empty((count, 3, 3))
-        reached = sqp.line_search(
-            elapsed_ns=self._elapsed_ns,
-            samples=self._samples,
-            prediction=self._state.prediction,
-            change=inputs,
-            cost=self._cost,
-            settings=self._settings,
-            workspace=self._here.workspace,
-            inputs=commands,
-            p_WB=p_WB,
-            R_WB=R_WB,
-        )
-        self._plan = Plan(
-            stamp_ns=stamp_ns,
-            step=self._step,
-            input_step=self._step / SUBSTEPS,
-            inputs=commands,
-            p_WB=p_WB,
-            R_WB=R_WB,
-            speeds=self._here.workspace.progress.plan.copy(),
-        )
-        converged = not reached < _CONVERGED * self._cost
-        self._cost, self._iterations = reached, self._iterations - 1
-        self._last = stamp_ns, reached
-        return converged or self._iterations == 0
+    def line_search(self, inputs: Array, states: Array) -> tuple[Plan, bool]:
+        """Return the plan after the longest step that lowers the true cost, and whether to end.
 
-    def plan(self) -> Plan:
-        """Return the plan of the last line search, in arrays of its own."""
-        return self._plan
+        ``inputs`` (N, nu) and ``states`` 1 to N (N, nx) are the QP's solution. The arrays of the
+        plan are its own.
+        """
+        cost, plan = line_search(self._problem, inputs, self._cost, self._stamp_ns)
+        converged = not cost < _CONVERGED * self._cost
+        self._cost, self._iterations = cost, self._iterations - 1
+        self._last = self._stamp_ns, cost
+        return plan, converged or self._iterations == 0
+
+
+@compiled
+def begin(
+    problem: Problem, stages: HorizonStages, elapsed: float, last_cost: float, recovering: bool
+) -> tuple[float, int, bool]:
+    """Write target and bounds, and the QP about the best start there is.
+
+    Args:
+        problem: Target, bounds and the nominal plan are written.
+        stages: The QP, which is written.
+        elapsed: For how many stages the last plan has been flown.
+        last_cost: Cost of the last plan, NaN without one.
+        recovering: Whether the reference flipped a moment ago.
+
+    Returns:
+        The cost of the start, the iterations that it needs, and whether the reference flips.
+    """
+    settings, work = problem.settings[()], problem.work
+    planned, speeds = work.plan.deviation, work.progress.nominal
+    if len(speeds) > 0:
+        plan = work.progress.plan
+        shift(plan.reshape((-1, 1)), elapsed, speeds.reshape((-1, 1)))
+    R_start = sample_target(
+        problem.elapsed_ns,
+        problem.samples,
+        problem.prediction[()].parameters,
+        settings.step,
+        u_min=settings.u_min,
+        u_max=settings.u_max,
+        speeds=speeds,
+        target=work.target,
+    )
+    has_limits = len(work.limits.bounds) > 0
+    is_flipping = has_limits and flips(settings, R_start, work.target)
+    flipped = recovering or is_flipping
+    if has_limits:
+        _limit(problem, flipped)
+    if math.isnan(last_cost):
+        cost = _linearise_along(np.zeros_like(planned), 0.0, problem, flipped, stages)
+        return cost, _COLD_ITERATIONS, is_flipping
+    cost = _linearise_along(planned, elapsed, problem, flipped, stages)
+    if cost <= _JUMP_FACTOR * last_cost + _JUMP_FLOOR:
+        return cost, 1, is_flipping
+    held = _linearise_along(np.zeros_like(planned), 0.0, problem, flipped, stages)
+    if not held < cost:
+        held = _linearise_along(planned, elapsed, problem, flipped, stages)
+    return held, _JUMP_ITERATIONS, is_flipping
+
+
+@compiled
+def _limit(problem: Problem, any_tilt: bool) -> None:
+    """Saturate the position error of the target, and write the bounds along it."""
+    settings, work, prediction = problem.settings[()], problem.work, problem.prediction[()]
+    first = kernels.vector(work.target[0].p_WB)
+    saturate_position_error(settings, prediction.state, work.target)
+    if len(work.progress.shift) > 0:
+        moved = kernels.plus(kernels.vector(work.target[0].p_WB), kernels.scaled(-1.0, first))
+        kernels.store_vector(moved, work.progress.shift)
+    compute_bounds(settings, prediction, work.target, any_tilt, work.limits.bounds)
+
+
+@compiled
+def relinearise(problem: Problem, stages: HorizonStages, is_flipping: bool) -> float:
+    """Write the QP about the last plan, for another iteration; return the plan's cost."""
+    work = problem.work
+    work.progress.nominal[:] = work.progress.plan
+    return _linearise_along(work.plan.deviation, 0.0, problem, is_flipping, stages)
+
+
+@compiled
+def _linearise_along(
+    deviation: Array, elapsed: float, problem: Problem, is_flipping: bool, stages: HorizonStages
+) -> float:
+    """Write the QP about a plan shifted by ``elapsed`` stages; return its cost."""
+    work = problem.work
+    _follow_path(problem, work.progress.nominal)
+    shift(deviation, elapsed, work.nominal.deviation)
+    apply_bounds(problem.settings[()], work.target, work.nominal)
+    return write_qp(problem, is_flipping, stages)
+
+
+@compiled
+def _follow_path(problem: Problem, speeds: Array) -> None:
+    """Move the target to where speeds (N,) lead; without speeds it stays."""
+    if len(speeds) > 0:
+        work, step = problem.work, problem.settings[()].step
+        follow_path(problem.elapsed_ns, problem.samples, step, speeds, work.progress, work.target)
+
+
+@compiled
+def line_search(problem: Problem, change: Array, cost: float, stamp_ns: int) -> tuple[float, Plan]:
+    """Take the longest step along a ``change`` (N, nu) that lowers a cost.
+
+    If no step lowers it, the nominal plan stays. Returns the cost reached, and the plan from
+    ``stamp_ns`` on, with inputs as commands: offset and gain of the rates are taken off.
+    """
+    reached = _search(problem, change, cost)
+    settings, plan = problem.settings[()], problem.work.plan
+    model, gain = problem.prediction[()].parameters, settings.rate_gain
+    inputs, count = plan.inputs.reshape((-1, INPUT_SIZE)).copy(), len(plan.states)
+    for i in range(len(inputs)):
+        offset = rate_offset_at(model, inputs[i, U_THROTTLE])
+        for k in range(3):
+            inputs[i, U_RATE + k] = (inputs[i, U_RATE + k] - offset[k]) / gain[k]
+    p_WB, R_WB = np.empty((count, 3)), np.empty((count, 3, 3))
+    for i in range(count):
+        body = body_in(plan.states[i])
+        kernels.store_vector(body.p, p_WB[i])
+        kernels.store_matrix(body.R, R_WB[i])
+    step, speeds = settings.step, problem.work.progress.plan.copy()
+    return reached, Plan(stamp_ns, step, step / SUBSTEPS, inputs, p_WB, R_WB, speeds)
+
+
+@compiled
+def _search(problem: Problem, change: Array, cost: float) -> float:
+    settings, work, prediction = problem.settings[()], problem.work, problem.prediction[()]
+    nominal, tried, progress = work.nominal, work.plan, work.progress
+    for length in _STEP_LENGTHS:
+        for i in range(len(change)):
+            for k in range(INPUT_SIZE):
+                tried.deviation[i, k] = nominal.deviation[i, k] + length * change[i, k]
+        apply_bounds(settings, work.target, tried)
+        roll_out(
+            prediction.parameters,
+            settings.step,
+            inputs=tried.inputs,
+            start=prediction.state,
+            states=tried.states,
+        )
+        for i in range(len(progress.plan)):
+            speed = progress.nominal[i] + length * change[i, SPEED_INPUT]
+            progress.plan[i] = kernels.clamp(speed, settings.speed_min, settings.speed_max)
+        _follow_path(problem, progress.plan)
+        reached = plan_cost(problem)
+        if reached < cost:
+            return reached
+    tried.deviation[:], tried.inputs[:] = nominal.deviation, nominal.inputs
+    tried.states[:] = nominal.states
+    progress.plan[:] = progress.nominal
+    return cost

@@ -16,7 +16,8 @@ from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.corridor import Corridor
-from quad_mpc_ros.control.model.reference_window import ReferencePoints, sample
+from quad_mpc_ros.control.model.prediction import PredictedState
+from quad_mpc_ros.control.model.reference_window import sample
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.model.state import (
     ATTITUDE,
@@ -26,14 +27,13 @@ from quad_mpc_ros.control.model.state import (
     TANGENT_SIZE,
     U_THROTTLE,
     VELOCITY,
-    Input,
     State,
     boxminus,
 )
+from quad_mpc_ros.control.model.target import reference_input
 from quad_mpc_ros.control.model.vehicle import Vehicle
+from quad_mpc_ros.control.ocp.horizon_qp import HorizonPattern, HorizonStages
 from quad_mpc_ros.control.ocp.plan import Plan
-from quad_mpc_ros.control.ocp.problem import PredictedState
-from quad_mpc_ros.control.ocp.stages import HorizonPattern, HorizonStages
 
 # What a position, velocity, attitude, throttle and rate error of this vehicle typically is.
 _STATE_SIZE = np.repeat([1.0, 3.0, 0.5], 3)
@@ -46,13 +46,12 @@ class PaperProblem:
     """Error-state linear MPC as printed: one iteration of the SQP loop, and a full step."""
 
     is_deviation = False
-    gives_way = False
+    has_progress_state = False
 
     def __init__(self, config: MpcConfig) -> None:
         self._vehicle = config.vehicle()
         self._steps, self._step = config.horizon_steps, config.horizon_step
         self._stages = HorizonStages.zeros(self._steps, TANGENT_SIZE, INPUT_SIZE)
-        self._errors = np.zeros((self._steps + 1, TANGENT_SIZE))
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
@@ -63,7 +62,7 @@ class PaperProblem:
         self._stages.H[-1] *= config.terminal_weight
         self._stages.R[:] = config.R
 
-    def pattern(self, *, within: bool = False) -> HorizonPattern:
+    def pattern(self, *, constrained: bool = False) -> HorizonPattern:
         """Return the sparsity of I + dt A, dt B and the weights."""
         block = np.ones((3, 3), dtype=bool)
         eye, none = np.eye(3, dtype=bool), np.zeros((3, 3), dtype=bool)
@@ -107,24 +106,21 @@ class PaperProblem:
         stages.upper[:] = u_reference - self._u_min
         return stages
 
-    def line_search(self, inputs: Array, states: Array) -> bool:
-        """Take the full step: the paper solves once."""
-        self._input_errors = inputs
-        self._errors[0], self._errors[1:] = self._stages.x0, states
-        return True
+    def line_search(self, inputs: Array, states: Array) -> tuple[Plan, bool]:
+        """Return the reference less the errors, and that this is the end: a full step.
 
-    def plan(self) -> Plan:
-        """Return the reference less the errors."""
-        reference, errors = self._x_reference, self._errors
-        inputs = self._u_reference - self._input_errors
-        return Plan(
+        ``inputs`` (N, 4) and ``states`` 1 to N (N, 9) are the QP's solution.
+        """
+        reference, errors = self._x_reference, np.vstack((self._stages.x0, states))
+        plan = Plan(
             stamp_ns=self._stamp_ns,
             step=self._step,
             input_step=self._step,
-            inputs=np.clip(inputs, self._u_min, self._u_max),
+            inputs=np.clip(self._u_reference - inputs, self._u_min, self._u_max),
             p_WB=reference.p_WB - errors[:, POSITION],
             R_WB=reference.R_WB @ so3.exp(-errors[:, ATTITUDE]),
         )
+        return plan, True
 
 
 def error_dynamics(
@@ -153,23 +149,3 @@ def error_dynamics(
         B[VELOCITY, U_THROTTLE] -= 0.5 * speed / thrust * slope * rotors * x.v_WB_B
     B[ATTITUDE, BODY_RATE] = _EYE_3
     return A, B
-
-
-def reference_input(reference: ReferencePoints, vehicle: Vehicle) -> Input:
-    """Return the input that holds the reference (paper, u_r), from its acceleration and drag.
-
-    The throttle carries the part of m (a + R D R' v + g) along the reference's thrust axis, as far
-    as the motors can.
-    """
-    thrust = vehicle.mass * vehicle.specific_thrust(
-        a_WB_W=reference.a_WB_W[None], v_WB_W=reference.v_WB_W[None], R_WB=reference.R_WB[None]
-    )
-    return Input(throttle=vehicle.nearest_throttle(float(thrust[0])), w_WB_B=reference.w_WB_B)
-
-
-def reference_throttles(references: ReferencePoints, vehicle: Vehicle) -> Array:
-    """Return the throttles (n,) of :func:`reference_input` at n points."""
-    thrust = vehicle.mass * vehicle.specific_thrust(
-        a_WB_W=references.a_WB_W, v_WB_W=references.v_WB_W, R_WB=references.R_WB
-    )
-    return np.array([vehicle.nearest_throttle(each) for each in thrust.tolist()])

@@ -1,4 +1,4 @@
-"""What the controller intends to fly: the inputs it has chosen, and where they lead."""
+"""Plans: the one that the controller intends to fly, and those that the SQP compares."""
 
 from __future__ import annotations
 
@@ -7,8 +7,16 @@ from typing import NamedTuple
 import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
-from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.state import Input
+from quad_mpc_ros.configuration.records import RecordArray
+from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord
+from quad_mpc_ros.control.model.state import INPUT_SIZE, Input
+from quad_mpc_ros.control.model.target import TargetStage
+from quad_mpc_ros.control.ocp.settings import Settings
+
+# How far a command may exceed a bound by rounding, and a duration a step: 0.15 / 0.05 is a little
+# less than 3.
+_ROUNDING = 1e-9
 
 
 class Plan(NamedTuple):
@@ -47,10 +55,6 @@ class Plan(NamedTuple):
         return Input(throttle=throttle, w_WB_B=np.array(rates))
 
 
-# 0.15 / 0.05 is a little less than 3.
-_ROUNDING = 1e-9
-
-
 @compiled
 def _mean_over(inputs: Array, begin: float, end: float) -> tuple[float, float, float, float]:
     """Return the mean of inputs (K, 4), one a unit of time, the last one held."""
@@ -69,3 +73,66 @@ def _mean_over(inputs: Array, begin: float, end: float) -> tuple[float, float, f
         if until >= end:
             break
     return a, b, c, d
+
+
+class PlannedTrajectory(NamedTuple):
+    """A plan of N stages of M substeps, and where it leads.
+
+    ``deviation`` (N, 4) from the reference's mean inputs, ``inputs`` (N, M, 4) inside the bounds,
+    ``states`` 0 to N (N + 1,).
+    """
+
+    deviation: Array
+    inputs: Array
+    states: RecordArray[StateRecord]
+
+    @staticmethod
+    def zeros(steps: int) -> PlannedTrajectory:
+        """Return zeros for N stages."""
+        return PlannedTrajectory(
+            np.zeros((steps, INPUT_SIZE)),
+            np.zeros((steps, SUBSTEPS, INPUT_SIZE)),
+            StateRecord.zeros(steps + 1),
+        )
+
+
+@compiled
+def apply_bounds(
+    settings: Settings, target: RecordArray[TargetStage], plan: PlannedTrajectory
+) -> None:
+    """Clamp a plan to the bounds, and write its inputs.
+
+    A stage's mean input is clamped first, so that some of it is always free.
+    """
+    deviation, u_min, u_max = plan.deviation, settings.u_min, settings.u_max
+    for i in range(len(deviation)):
+        for k in range(INPUT_SIZE):
+            mean = target[i].mean_input[k]
+            deviation[i, k] = kernels.clamp(mean + deviation[i, k], u_min[k], u_max[k]) - mean
+            for j in range(SUBSTEPS):
+                wanted = target[i].inputs[j, k] + deviation[i, k]
+                plan.inputs[i, j, k] = kernels.clamp(wanted, u_min[k], u_max[k])
+
+
+@compiled
+def mark_free(target: RecordArray[TargetStage], plan: PlannedTrajectory, free: Array) -> None:
+    """Write one for inputs (N, M, 4) that no bound holds, zero for others."""
+    for i in range(len(free)):
+        for j in range(SUBSTEPS):
+            for k in range(INPUT_SIZE):
+                wanted = target[i].inputs[j, k] + plan.deviation[i, k]
+                is_free = abs(plan.inputs[i, j, k] - wanted) < _ROUNDING
+                free[i, j, k] = 1.0 if is_free else 0.0
+
+
+@compiled
+def shift(inputs: Array, elapsed: float, shifted: Array) -> None:
+    """Write inputs (N, m) as they are ``elapsed`` stages later, the last one held."""
+    last = len(inputs) - 1
+    elapsed = kernels.clamp(elapsed, 0.0, float(len(inputs)))
+    whole = int(elapsed)
+    share = elapsed - whole
+    for i in range(len(inputs)):
+        now, then = min(i + whole, last), min(i + whole + 1, last)
+        for k in range(inputs.shape[1]):
+            shifted[i, k] = (1.0 - share) * inputs[now, k] + share * inputs[then, k]

@@ -1,128 +1,264 @@
-"""What the SQP loop asks of a formulation of the optimal control problem.
+"""The optimal control problem on SO(3), and its QP about a plan::
 
-    problem.begin(state, window)
-    repeat: stages = problem.linearise(), solve the QP, problem.line_search(solution)
-    plan = problem.plan()
+    minimise    sum_{i=1..N}   w_i |e_i|_Q^2 + sum_{i=0..N-1} |δ_i|_R^2,    e_i = x_i ⊟ x_r,i
+                + penalty of the soft limits + cost of progress along the reference
+    subject to  x_{i+1} = f(x_i, u_r,i + δ_i),   u_min <= u_r,i + δ_i <= u_max,   x_0 given
 
-:class:`~quad_mpc_ros.control.mpc.Mpc` runs it; ``docs/equations.md`` has the formulations.
+in the deviations δ, one a stage, from the inputs u_r that hold the reference
+(:mod:`quad_mpc_ros.control.model.target`). The errors e are of position, velocity in the world
+(whose norm is that in the body) and attitude at the ends of the stages; w_N is the terminal
+weight, other w_i are 1.
+
+About a plan, which is rolled out from the present state and so has no defects, the QP is::
+
+    minimise    sum_{i=1..N}   1/2 dx_i' H_i dx_i + g_i' dx_i
+              + sum_{i=0..N-1} 1/2 du_i' R du_i + r_i' du_i + c' s_i + 1/2 s_i' D s_i
+    subject to  dx_{i+1} = A_i dx_i + B_i du_i,   dx_0 = 0
+                u_min <= u_r,i + δ_i + du_i <= u_max
+                n_ij' (du_{i-1}, du_i, dx_{i+1}) - s_i,k(j) <= b_ij,   s_i >= 0
+    with        H_i = w_i J_i' Q J_i,   g_i = w_i J_i' Q e_i,   r_i = R δ_i
+
+where A_i and B_i are the exact Jacobians of :mod:`quad_mpc_ros.control.model.jacobians`, and the
+last row are the soft limits. The cost is half of the true one to second order, but for the
+curvature of e (Gauss and Newton): J is the identity for position and velocity, and J_r^-1(e) for
+the attitude error, which changes by that with a rotation of the body. :func:`write_qp` writes the
+QP, with one function for each line.
+
+Soft limits, half-spaces among them, and progress add themselves through the same interface. Each
+of :mod:`.limits` and :mod:`.progress` marks its entries in the pattern, and has three functions:
+``write_...`` adds its numbers to a :class:`HorizonStages`, ``..._cost`` is its part of the true
+cost, and ``regularise_...`` adds a cost to changes of the plan near a limit.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol, cast
+from typing import NamedTuple
 
 import numpy as np
 
+from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.configuration.compilation import compiled
-from quad_mpc_ros.configuration.records import Record, RecordArray, Vector4
+from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.model.corridor import Corridor
-from quad_mpc_ros.control.model.parameters import ModelParameters, rate_offset_at
-from quad_mpc_ros.control.model.rollout import StateRecord
-from quad_mpc_ros.control.model.samples import ReferenceWindow
-from quad_mpc_ros.control.model.state import State
-from quad_mpc_ros.control.ocp.plan import Plan
-from quad_mpc_ros.control.ocp.stages import HorizonPattern, HorizonStages
+from quad_mpc_ros.control.model.jacobians import RATE, STATE_SIZE, THROTTLE, jacobians
+from quad_mpc_ros.control.model.prediction import Prediction
+from quad_mpc_ros.control.model.reference_window import SampleRecord
+from quad_mpc_ros.control.model.rollout import StateRecord, body_in
+from quad_mpc_ros.control.model.state import (
+    ATTITUDE,
+    BODY_RATE,
+    INPUT_SIZE,
+    POSITION,
+    TANGENT_SIZE,
+    THETA,
+    U_THROTTLE,
+    VELOCITY,
+    P,
+    V,
+)
+from quad_mpc_ros.control.model.target import TargetStage
+from quad_mpc_ros.control.ocp import progress
+from quad_mpc_ros.control.ocp.horizon_qp import HorizonPattern, HorizonStages
+from quad_mpc_ros.control.ocp.limits import Limits, limits_cost, regularise_limits, write_limits
+from quad_mpc_ros.control.ocp.plan import PlannedTrajectory, mark_free
+from quad_mpc_ros.control.ocp.progress import (
+    Progress,
+    progress_cost,
+    regularise_progress,
+    write_progress,
+)
+from quad_mpc_ros.control.ocp.settings import Settings
+
+_STATE_SIZES = np.concatenate((np.repeat([1.0, 3.0, 0.5, 5.0], 3), [0.3]))
+_INPUT_SIZES = np.array([0.3, 5.0, 5.0, 5.0])
 
 
-class Prediction(Record):
-    """What is predicted of the vehicle for the time when the next command acts."""
+class Workspace(NamedTuple):
+    """The arrays of N stages.
 
-    state: StateRecord  # with the throttle and the rates that it will have
-    parameters: ModelParameters  # as estimated
-    # Throttle and rates [rad/s] commanded last, with the offset that the rates have.
-    sent: Vector4
-    since_sent: float  # s, since the odometry that it answered; infinity before the first
+    ``target`` (N,) is the reference along the horizon, ``nominal`` the plan linearised along and
+    ``plan`` the last one. ``progress`` is empty where the reference is followed by the clock.
+    """
+
+    target: RecordArray[TargetStage]
+    nominal: PlannedTrajectory
+    plan: PlannedTrajectory
+    progress: Progress
+    limits: Limits
 
 
-class PredictedState(NamedTuple):
-    """The state at ``stamp_ns``, when the command that is computed now will act."""
+class Problem(NamedTuple):
+    """A problem: the reference from ``elapsed_ns`` after its stamp on, prediction and settings.
 
-    stamp_ns: int
+    ``samples`` (n,) are the reference window's. ``prediction`` and ``settings`` are of no
+    dimensions.
+    """
+
+    elapsed_ns: int
+    samples: RecordArray[SampleRecord]
     prediction: RecordArray[Prediction]
+    settings: RecordArray[Settings]
+    work: Workspace
 
-    @classmethod
-    def at_rest(cls, parameters: RecordArray[ModelParameters]) -> PredictedState:
-        """Return a state at the origin with the given parameters, before any command."""
-        prediction = Prediction.zeros()
-        predicted = prediction[()]
-        predicted.state.R_WB[:] = np.eye(3)
-        predicted.parameters = parameters[()]
-        predicted.since_sent = math.inf
-        return cls(0, prediction)
 
-    @property
-    def sent(self) -> Array:
-        """What was commanded last (4,)."""
-        return cast(Array, self.prediction["sent"])
-
-    @property
-    def x(self) -> State:
-        """The state as the paper has it, with the velocity in the body."""
-        state = self.prediction["state"]
-        rotation = state["R_WB"]
-        return State(p_WB=state["p_WB"], v_WB_B=rotation.T @ state["v_WB_W"], R_WB=rotation)
-
-    @property
-    def w_WB_B(self) -> Array:
-        """The body rates that it will have (3,) [rad/s]."""
-        return cast(Array, self.prediction["state"]["w_WB_B"])
-
-    @property
-    def rate_offset(self) -> tuple[float, float, float]:
-        """What the rates have beyond their commands at the throttle of the state [rad/s]."""
-        return _rate_offset(self.prediction)
-
-    @property
-    def parameters(self) -> RecordArray[ModelParameters]:
-        """The parameters of the model."""
-        return cast(RecordArray[ModelParameters], self.prediction["parameters"])
+def pattern_of(config: MpcConfig, limits: Limits) -> HorizonPattern:
+    """Return the sparsity of the QP, and the natural sizes of its variables."""
+    has_lags = max(*per_axis(config.rate_time_constant), config.thrust_time_constant) > 0.0
+    # Without lags rate and throttle are their commands and need no states of their own.
+    nx, nu = STATE_SIZE if has_lags else TANGENT_SIZE, INPUT_SIZE
+    diagonal, all_states = np.eye(3, dtype=bool), progress.SIZE
+    A = np.zeros((all_states, all_states), dtype=bool)
+    A[POSITION, POSITION] = A[POSITION, VELOCITY] = A[VELOCITY, VELOCITY] = diagonal
+    A[:THETA, VELOCITY] |= not config.drags_alike  # anisotropic drag couples the axes
+    A[:THETA, THETA:STATE_SIZE] = True
+    A[ATTITUDE, THETA:THROTTLE] = True
+    A[RATE, RATE] = diagonal
+    A[THROTTLE, THROTTLE] = True
+    B = np.zeros((all_states, progress.INPUTS), dtype=bool)
+    B[:THETA, :INPUT_SIZE] = True
+    B[ATTITUDE, BODY_RATE] = True
+    B[RATE, BODY_RATE] = diagonal
+    B[THROTTLE, U_THROTTLE] = True
+    H = np.zeros((all_states, all_states), dtype=bool)
+    H[:THETA, :THETA] = np.eye(THETA, dtype=bool)
+    H[ATTITUDE, ATTITUDE] = True
+    if config.formulation == "contouring":
+        nx, nu = progress.SIZE, progress.INPUTS
+        progress.mark_progress(A, B, H)
+    return HorizonPattern(
+        steps=config.horizon_steps,
+        A=A[:nx, :nx],
+        B=B[:nx, :nu],
+        H=H[:nx, :nx],
+        state_size=np.append(_STATE_SIZES, progress.STATE_NATURAL)[:nx],
+        input_size=np.append(_INPUT_SIZES, progress.INPUT_NATURAL)[:nu],
+        limits=limits.pattern(nx, nu),
+    )
 
 
 @compiled
-def _rate_offset(prediction: RecordArray[Prediction]) -> kernels.Vector:
-    predicted = prediction[()]
-    return rate_offset_at(predicted.parameters, predicted.state.throttle)
+def write_qp(problem: Problem, is_flipping: bool, stages: HorizonStages) -> float:
+    """Write the QP about the nominal plan, rolling it out on the way; return its true cost.
 
-
-class TrackingProblem(Protocol):
-    """Tracks a reference over a horizon: a sequence of QPs, and the plan that they end in.
-
-    It owns the stages that it returns, and overwrites them with each linearisation.
+    While the reference ``is_flipping``, steep slopes alone add no cost to changes of the plan.
     """
+    settings, work = problem.settings[()], problem.work
+    target, plan, errors = work.target, work.nominal, np.empty((len(work.target), TANGENT_SIZE))
+    has_progress = len(work.progress.nominal) > 0
+    _write_dynamics(problem, stages)
+    cost = tracking_cost(settings, plan.states, target, plan.deviation, errors)
+    write_tracking_cost(settings, errors, stages.H, stages.g)
+    _write_inputs(settings, target, plan, stages)
+    if has_progress:
+        write_progress(settings, errors, work.progress, stages)
+        cost += progress_cost(settings, work.progress.nominal)
+    if len(work.limits.bounds) > 0:
+        penalty, activity = write_limits(work.limits, target, plan, stages)
+        cost += penalty
+        steep_slope = math.inf if is_flipping else settings.steep_slope
+        scale = regularise_limits(settings.R, work.limits.weights, activity, steep_slope, stages)
+        if has_progress:
+            regularise_progress(settings.progress_weight, scale, stages)
+    return cost
 
-    is_deviation: bool
-    """Whether the QP's variables are the change of a plan: the solver starts from zero then."""
-    gives_way: bool
-    """Whether progress along the reference is among them."""
 
-    def pattern(self, *, within: bool = False) -> HorizonPattern:
-        """Return the sparsity and the natural sizes of the variables, ``within`` a corridor."""
-        ...
+@compiled
+def _write_dynamics(problem: Problem, stages: HorizonStages) -> None:
+    """Write A_i and B_i, and the states x_i of the nominal plan."""
+    plan, prediction = problem.work.nominal, problem.prediction[()]
+    free = np.empty_like(plan.inputs)
+    mark_free(problem.work.target, plan, free)
+    jacobians(
+        prediction.parameters,
+        problem.settings[()].step,
+        inputs=plan.inputs,
+        free=free,
+        start=prediction.state,
+        states=plan.states,
+        A=stages.A,
+        B=stages.B,
+    )
 
-    def reconfigure(self, config: MpcConfig) -> None:
-        """Take over changed weights and bounds."""
-        ...
 
-    def begin(
-        self, state: PredictedState, window: ReferenceWindow, corridor: Corridor | None = None
-    ) -> None:
-        """Take a state, a reference and where the vehicle may be, and choose where to start."""
-        ...
+@compiled
+def tracking_cost(
+    settings: Settings,
+    states: RecordArray[StateRecord],
+    target: RecordArray[TargetStage],
+    deviation: Array,
+    errors: Array,
+) -> float:
+    """Return the cost of states 0 to N (N + 1,) and deviations δ (N, 4); write errors e (N, 9)."""
+    cost = 0.0
+    for i in range(len(deviation)):
+        body, stage, error = body_in(states[i + 1]), target[i], errors[i]
+        for k in range(3):
+            error[P + k] = body.p[k] - stage.p_WB[k]
+            error[V + k] = body.v[k] - stage.v_WB_W[k]
+        R_error = kernels.multiply(kernels.transposed(kernels.matrix(stage.R_WB)), body.R)
+        kernels.store_vector(kernels.log(R_error), error[THETA:])
+        weight = _stage_weight(settings, i, len(deviation))
+        for k in range(TANGENT_SIZE):
+            cost += weight * settings.Q[k] * error[k] ** 2
+        for k in range(INPUT_SIZE):
+            cost += settings.R[k] * deviation[i, k] ** 2
+    return cost
 
-    def linearise(self) -> HorizonStages:
-        """Return the numbers of the QP about the present iterate."""
-        ...
 
-    def line_search(self, inputs: Array, states: Array) -> bool:
-        """Go on along the QP's solution, as far as it helps; return whether that is the end.
+@compiled
+def write_tracking_cost(settings: Settings, errors: Array, H: Array, g: Array) -> None:
+    """Write H_i (N, nx, nx) and g_i (N, nx) at errors e (N, 9)."""
+    Q = settings.Q
+    for i in range(len(errors)):
+        w = _stage_weight(settings, i, len(errors))
+        for k in range(THETA):
+            H[i, k, k] = w * Q[k]
+            g[i, k] = w * Q[k] * errors[i, k]
+        e, q = kernels.vector(errors[i, THETA:]), kernels.vector(Q[THETA:])
+        J = kernels.right_jacobian_inverse(e)
+        weighted = w * q[0] * e[0], w * q[1] * e[1], w * q[2] * e[2]
+        kernels.store_vector(kernels.apply_transposed(J, weighted), g[i, THETA:])
+        for a in range(3):
+            by_a = kernels.column(J, a)
+            for b in range(3):
+                by_b = kernels.column(J, b)
+                H[i, THETA + a, THETA + b] = w * (
+                    by_a[0] * q[0] * by_b[0] + by_a[1] * q[1] * by_b[1] + by_a[2] * q[2] * by_b[2]
+                )
 
-        ``inputs`` (N, nu) and ``states`` 1 to N (N, nx) are in physical units.
-        """
-        ...
 
-    def plan(self) -> Plan:
-        """Return the plan of the last line search."""
-        ...
+@compiled
+def _stage_weight(settings: Settings, stage: int, steps: int) -> float:
+    return settings.terminal_weight if stage == steps - 1 else 1.0
+
+
+@compiled
+def _write_inputs(
+    settings: Settings,
+    target: RecordArray[TargetStage],
+    plan: PlannedTrajectory,
+    stages: HorizonStages,
+) -> None:
+    """Write R, r_i = R δ_i and the bounds of du_i."""
+    for i in range(len(target)):
+        for k in range(INPUT_SIZE):
+            u = target[i].mean_input[k] + plan.deviation[i, k]
+            stages.R[i, k] = settings.R[k]
+            stages.r[i, k] = settings.R[k] * plan.deviation[i, k]
+            # No change is always feasible.
+            stages.lower[i, k] = min(settings.u_min[k] - u, 0.0)
+            stages.upper[i, k] = max(settings.u_max[k] - u, 0.0)
+
+
+@compiled
+def plan_cost(problem: Problem) -> float:
+    """Return the true cost of the last plan, whose states and target are rolled out."""
+    settings, work = problem.settings[()], problem.work
+    plan, errors = work.plan, np.empty((len(work.target), TANGENT_SIZE))
+    cost = tracking_cost(settings, plan.states, work.target, plan.deviation, errors)
+    cost += progress_cost(settings, work.progress.plan)
+    if len(work.limits.bounds) > 0:
+        cost += limits_cost(work.limits, work.target, plan)
+    return cost

@@ -26,13 +26,13 @@ import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import RecordArray
-from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.jacobians import STATE_SIZE
 from quad_mpc_ros.control.model.reference_window import PointRecord, SampleRecord, sample_into
 from quad_mpc_ros.control.model.state import INPUT_SIZE, P, V
+from quad_mpc_ros.control.model.target import TargetStage, path_times
+from quad_mpc_ros.control.ocp.horizon_qp import HorizonStages, Mask
 from quad_mpc_ros.control.ocp.settings import Settings
-from quad_mpc_ros.control.ocp.stages import HorizonStages, Mask
-from quad_mpc_ros.control.ocp.target import TargetStage, path_times
 
 PATH_TIME, SPEED, SIZE = STATE_SIZE, STATE_SIZE + 1, STATE_SIZE + 2
 """Where progress and its speed are in the state of the problem, and the size of that."""
@@ -41,53 +41,42 @@ SPEED_INPUT, INPUTS = INPUT_SIZE, INPUT_SIZE + 1
 STATE_NATURAL, INPUT_NATURAL = np.array([0.07, 0.3]), np.array([0.1])
 """Natural sizes of the two states and of the input."""
 
-# What a change of the speed costs near limits, as a share of the steepest slope, as other changes
-# of the plan do (:func:`.limits.regularise`). Without, the slowest problems are those where the
-# slope is steep: progress then costs next to nothing of what all else does, and goes from one
-# bound to the other. A third of the iterations of the slowest, of random problems.
+# Cost of a change of the speed near limits, in proportion to the same scale as other changes of
+# the plan. Without it the slowest problems are those with a steep slope: the cost of progress
+# is then next to nothing, and progress goes from one bound to the other. It takes a third of the
+# iterations of the slowest random problems.
 _DAMPING_SPEED = 0.1 / 0.3**2
 
 
 class Progress(NamedTuple):
-    """How fast progress is in each stage, (N,) of the nominal plan and of the last one.
+    """Speeds of progress in each stage, (N,) of the nominal plan and of the last one.
 
-    ``path`` (N,) is the reference at the ends of the stages, where progress is then; ``pull`` (3,)
-    by how much the target is moved from it. All are empty where time passes as on a clock.
+    ``path`` (N,) is the reference at the progress at the ends of the stages; ``shift`` (3,) is
+    the target's distance from it where the position error saturates. All are empty where time
+    passes as on a clock.
     """
 
     nominal: Array
     plan: Array
     path: RecordArray[PointRecord]
-    pull: Array
+    shift: Array
 
     @staticmethod
     def zeros(steps: int) -> Progress:
-        """Return room for so many stages."""
+        """Return N stages at the speed of a clock."""
         return Progress(
             np.ones(steps), np.ones(steps), PointRecord.zeros(steps), np.zeros(3 * min(steps, 1))
         )
 
 
-def couple(A: Mask, B: Mask, H: Mask) -> None:
-    """Mark what progress has in the pattern of a stage."""
+def mark_progress(A: Mask, B: Mask, H: Mask) -> None:
+    """Mark the entries of progress in the pattern of a stage."""
     A[PATH_TIME, PATH_TIME] = True
     B[PATH_TIME, SPEED_INPUT] = B[SPEED, SPEED_INPUT] = True
     for k in range(3):
         for row, column in ((P + k, PATH_TIME), (V + k, PATH_TIME), (V + k, SPEED)):
             H[row, column] = H[column, row] = True
     H[PATH_TIME:SIZE, PATH_TIME:SIZE] = True
-
-
-@compiled
-def shift_speeds(speeds: Array, elapsed: float, shifted: Array) -> None:
-    """Write speeds (N,) as they are ``elapsed`` stages later, the last one held."""
-    last = len(speeds) - 1
-    elapsed = kernels.clamp(elapsed, 0.0, float(len(speeds)))
-    whole = int(elapsed)
-    share = elapsed - whole
-    for i in range(len(speeds)):
-        now, then = min(i + whole, last), min(i + whole + 1, last)
-        shifted[i] = (1.0 - share) * speeds[now] + share * speeds[then]
 
 
 @compiled
@@ -99,7 +88,7 @@ def follow_path(
     progress: Progress,
     target: RecordArray[TargetStage],
 ) -> None:
-    """Move places and velocities of a target (N,) to where speeds (N,) lead on the reference.
+    """Move positions and velocities of a target (N,) to where speeds (N,) lead on the reference.
 
     From ``elapsed_ns`` after the stamp of the window that the ``samples`` (n,) are of.
     """
@@ -109,42 +98,42 @@ def follow_path(
     for i in range(len(speeds)):
         point, stage = progress.path[i], target[i]
         for k in range(3):
-            stage.p_WB[k] = point.p_WB[k] + progress.pull[k]
+            stage.p_WB[k] = point.p_WB[k] + progress.shift[k]
             stage.v_WB_W[k] = speeds[i] * point.v_WB_W[k]
 
 
 @compiled
-def progress_cost(given: Settings, speeds: Array) -> float:
-    """Return what speeds (N,) other than 1 cost."""
+def progress_cost(settings: Settings, speeds: Array) -> float:
+    """Return the cost of speeds (N,) other than 1."""
     cost = 0.0
     for i in range(len(speeds)):
-        cost += given.progress_weight * (speeds[i] - 1.0) ** 2
+        cost += settings.progress_weight * (speeds[i] - 1.0) ** 2
     return cost
 
 
 @compiled
-def regularise_progress(weight: float, steepest: float, stages: HorizonStages) -> None:
-    """Make changes of the speed cost something beside its ``weight``, near limits."""
+def regularise_progress(weight: float, scale: float, stages: HorizonStages) -> None:
+    """Add a cost to changes of the speed to its ``weight``, at the scale of the limits."""
     for i in range(len(stages.R)):
-        stages.R[i, SPEED_INPUT] = weight + _DAMPING_SPEED * steepest
+        stages.R[i, SPEED_INPUT] = weight + _DAMPING_SPEED * scale
 
 
 @compiled
 def write_progress(
-    given: Settings, errors: Array, progress: Progress, stages: HorizonStages
+    settings: Settings, errors: Array, progress: Progress, stages: HorizonStages
 ) -> None:
     """Write dynamics, cost and bounds of the nominal progress at errors (N, 9) of the vehicle.
 
-    The cost of the vehicle's own state is there, whose weights these are.
+    The stages already have the cost of the vehicle's own state, with the same weights.
     """
     for i in range(len(errors)):
         H, g, speed, point = stages.H[i], stages.g[i], progress.nominal[i], progress.path[i]
         by_time = by_speed = 0.0
         time_time = time_speed = speed_speed = 0.0
-        factor = given.terminal_weight if i == len(errors) - 1 else 1.0
+        factor = settings.terminal_weight if i == len(errors) - 1 else 1.0
         for k in range(3):
             v, a = point.v_WB_W[k], speed * point.a_WB_W[k]
-            of_p, of_v = factor * given.Q[P + k], factor * given.Q[V + k]
+            of_p, of_v = factor * settings.Q[P + k], factor * settings.Q[V + k]
             H[P + k, PATH_TIME] = H[PATH_TIME, P + k] = -of_p * v
             H[V + k, PATH_TIME] = H[PATH_TIME, V + k] = -of_v * a
             H[V + k, SPEED] = H[SPEED, V + k] = -of_v * v
@@ -157,8 +146,8 @@ def write_progress(
         H[PATH_TIME, SPEED] = H[SPEED, PATH_TIME] = time_speed
         g[PATH_TIME], g[SPEED] = by_time, by_speed
         stages.A[i, PATH_TIME, PATH_TIME] = 1.0
-        stages.B[i, PATH_TIME, SPEED_INPUT], stages.B[i, SPEED, SPEED_INPUT] = given.step, 1.0
-        stages.R[i, SPEED_INPUT] = given.progress_weight
-        stages.r[i, SPEED_INPUT] = given.progress_weight * (speed - 1.0)
-        stages.lower[i, SPEED_INPUT] = min(given.speed_min - speed, 0.0)
-        stages.upper[i, SPEED_INPUT] = max(given.speed_max - speed, 0.0)
+        stages.B[i, PATH_TIME, SPEED_INPUT], stages.B[i, SPEED, SPEED_INPUT] = settings.step, 1.0
+        stages.R[i, SPEED_INPUT] = settings.progress_weight
+        stages.r[i, SPEED_INPUT] = settings.progress_weight * (speed - 1.0)
+        stages.lower[i, SPEED_INPUT] = min(settings.speed_min - speed, 0.0)
+        stages.upper[i, SPEED_INPUT] = max(settings.speed_max - speed, 0.0)

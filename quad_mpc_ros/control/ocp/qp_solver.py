@@ -1,20 +1,32 @@
-"""One persistent QP: set up once, values updated in place, warm started, its solution judged."""
+"""OSQP, set up once for a pattern: numbers updated in place, warm started, solutions judged."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+import signal
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
+import osqp
 
 from quad_mpc_ros.control.config import SolverParameters
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.ocp import osqp_adapter
 from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP
+
+new_osqp: Callable[[], Any] = osqp.OSQP
+"""Factory for OSQP instances; tests replace it to inject failures."""
+
+_SOLVED = int(osqp.SolverStatus.OSQP_SOLVED)
+# Out of iterations, within ten times the tolerance.
+_SOLVED_INACCURATE = int(osqp.SolverStatus.OSQP_SOLVED_INACCURATE)
+_OUT_OF_TIME = int(osqp.SolverStatus.OSQP_TIME_LIMIT_REACHED)
+_INTERRUPTED = int(osqp.SolverStatus.OSQP_SIGINT)
+OUT_OF_ITERATIONS = int(osqp.SolverStatus.OSQP_MAX_ITER_REACHED)
 
 
 class QpSolution(NamedTuple):
-    """What the solver returned, to be used only when ``solved``.
+    """The solver's result, to be used only when ``solved``.
 
     ``z`` are the variables as the solver has them, ``inputs`` (N, nu) and ``states`` 1 to N
     (N, nx) the same in physical units. Residuals are of the scaled problem, ``solve_time`` is
@@ -32,7 +44,7 @@ class QpSolution(NamedTuple):
     solve_time: float
 
 
-_LARGEST = 1e15  # larger numbers OSQP takes for infinite
+_LARGEST = 1e15  # OSQP takes larger numbers for infinite
 _REFUSED = QpSolution(
     solved=False,
     status="not finite or too large",
@@ -56,20 +68,23 @@ class QpSolver:
         *,
         time_limit: float = math.inf,
         progress: bool = False,
+        half_spaces: bool = False,
     ) -> None:
         """``time_limit`` [s] ends a solve that takes longer, unsolved.
 
-        ``progress`` along the reference is among the variables, and no half-spaces are.
+        ``progress`` along the reference is among the variables, or ``half_spaces`` are among the
+        soft rows; not both.
         """
         self._qp, self._progress = qp, progress
-        # With soft rows it is a step, of which a line search takes what lowers the true cost, so
-        # one that is less accurate is of use as well. Without them it is the plan itself.
-        inaccurate = [osqp_adapter.SOLVED_INACCURATE] if qp.is_soft else []
-        self._accepted = {osqp_adapter.SOLVED, *inaccurate}
+        # With soft rows the solution is a step, of which a line search takes as much as lowers
+        # the true cost, so a less accurate one is of use as well. Without, it is the plan itself.
+        self._accepted = {_SOLVED, _SOLVED_INACCURATE} if qp.is_soft else {_SOLVED}
         self._settings = _settings(parameters, time_limit, soft=qp.is_soft)
+        if half_spaces:
+            self._settings |= _HALF_SPACE_SETTINGS
         if progress:
             self._settings |= _PROGRESS_SETTINGS
-        self._osqp: osqp_adapter.OsqpAdapter | None = None
+        self._osqp: Any = None
         self._z = self._zero = np.zeros(qp.A.shape[1])
         self._y = np.zeros(qp.A.shape[0])
 
@@ -77,10 +92,10 @@ class QpSolver:
         """Solve the problem as it stands in the QP, warm started in primal and dual.
 
         ``from_zero`` starts the primal at zero, for problems in deviations from a known plan.
-        ``again`` is to say that the problem is that of the last solve, linearised elsewhere.
+        ``again`` means that the problem is that of the last solve, linearised elsewhere.
         """
-        # Given NaN, OSQP keeps its old data or says "solved"; it must not come to that. Written so
-        # that NaN, which compares with nothing, is refused.
+        # Given NaN, OSQP keeps its old data or reports "solved", so refuse it here. The comparison
+        # is false for NaN.
         if not self._qp.magnitude < _LARGEST:
             self.forget()
             return _REFUSED
@@ -88,49 +103,58 @@ class QpSolver:
         if qp.is_soft:
             if again and self._progress:
                 y[qp.first_soft_row :] = 0.0
-            z, y = qp.settled(z, y)
-        result = self._updated().solve(z, y)
-        # A solver may say "solved" and return NaN; the plan is what flies, so look at the plan.
+            z, y = qp.warm_start(z, y)
+        result = self._solved_from(z, y)
+        info = result.info
+        # A solver may report "solved" and return NaN; the plan is what flies, so check the plan.
         finite, inputs, states = qp.read(result.x, result.y)
-        solved = finite and result.status in self._accepted
-        late = finite and result.status == osqp_adapter.OUT_OF_TIME
-        if solved or late:  # what has been gained so far is not lost for the next one
-            self._z, self._y = result.x, result.y
+        solved = finite and info.status_val in self._accepted
+        if solved or (finite and info.status_val == _OUT_OF_TIME):
+            self._z, self._y = result.x, result.y  # keep the progress made for the next solve
         else:
             self.forget()
         return QpSolution(
             solved=solved,
-            status=result.status_text if finite else "not finite",
+            status=info.status if finite else "not finite",
             z=self._z,
             inputs=inputs,
             states=states,
-            iterations=result.iterations,
-            primal_residual=result.primal_residual,
-            dual_residual=result.dual_residual,
-            solve_time=result.run_time,
+            iterations=info.iter,
+            primal_residual=info.prim_res,
+            dual_residual=info.dual_res,
+            solve_time=info.run_time,
         )
 
     def forget(self) -> None:
-        """Start the next solve from zero: after a failure the old iterate is no help."""
+        """Start the next solve from zero: after a failure the old iterate does not help."""
         self._z = np.zeros_like(self._z)
         self._y = np.zeros_like(self._y)
 
-    def _updated(self) -> osqp_adapter.OsqpAdapter:
-        """Return OSQP with the problem as it stands."""
+    def _solved_from(self, z: Array, y: Array) -> Any:
+        """Return OSQP's result, with arrays ``x`` and ``y`` of its own, from a start.
+
+        OSQP handles SIGINT itself while it solves. The signal is raised again, so that Ctrl-C is
+        not lost.
+        """
         qp = self._qp
         if self._osqp is None:
-            self._osqp = osqp_adapter.set_up(
-                P=qp.P, q=qp.q, A=qp.A, lower=qp.lower, upper=qp.upper, settings=self._settings
-            )
+            self._osqp = new_osqp()
+            self._osqp.setup(P=qp.P, q=qp.q, A=qp.A, l=qp.lower, u=qp.upper, **self._settings)
         else:
-            self._osqp.update(q=qp.q, lower=qp.lower, upper=qp.upper, P=qp.P.data, A=qp.A.data)
-        return self._osqp
+            self._osqp.update(q=qp.q, l=qp.lower, u=qp.upper, Px=qp.P.data, Ax=qp.A.data)
+        self._osqp.warm_start(x=z, y=y)
+        result = self._osqp.solve(raise_error=False)
+        if result.info.status_val == _INTERRUPTED:
+            signal.raise_signal(signal.SIGINT)
+        return result
 
 
-# What differs with soft rows, found on jumps and on random states and limits: half the iterations.
+# Settings with soft rows, found on jumps and on random states and limits: half the iterations.
 _SOFT_SETTINGS = {"scaling": 3, "rho": 0.7, "alpha": 1.6}
 # Their cost is divided by its steepest slope, so that the tolerance is a share of that.
 _SOFT_TOLERANCE = 2.0
+# More over-relaxation with half-spaces: most solves take a check longer, the longest half as long.
+_HALF_SPACE_SETTINGS = {"alpha": 1.7}
 
 # With progress, whose curvature is small and changes with the speed of the reference, the step
 # size is adapted where it is off by 1.7 times, not by five: a quarter off the iterations of the

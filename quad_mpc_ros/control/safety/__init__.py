@@ -1,1 +1,1 @@
-"""Who commands the vehicle, whatever happens; :mod:`.supervisor` is where to begin to read."""
+"""What is accepted, who commands the vehicle, and within which limits."""

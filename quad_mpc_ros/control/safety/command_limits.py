@@ -28,9 +28,9 @@ def clamped(u: Input, config: MpcConfig) -> Input:
     x_max, y_max, z_max = config.omega_max
     if (
         config.throttle_min <= u.throttle <= config.throttle_max
-        and abs(x) <= x_max
-        and abs(y) <= y_max
-        and abs(z) <= z_max
+        and -x_max <= x <= x_max
+        and -y_max <= y <= y_max
+        and -z_max <= z <= z_max
     ):
         return u
     limit = np.array(config.omega_max)

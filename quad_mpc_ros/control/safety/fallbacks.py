@@ -18,6 +18,7 @@ from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.state import Input, State
 from quad_mpc_ros.control.safety.command_limits import clamped
+from quad_mpc_ros.control.stage import Stage
 
 # Horizontally and vertically. They hold vehicles whose rates and thrust lag by 20 to 80 ms behind
 # commands that are up to 80 ms late, thrust 0.7 to 1.3 times the modelled, in wind.
@@ -33,6 +34,7 @@ _HORIZONTAL_LIMIT, _VERTICAL_LIMIT = 8.0, 5.0  # m/s^2
 ACCELERATION_LIMIT = np.array([_HORIZONTAL_LIMIT, _HORIZONTAL_LIMIT, _VERTICAL_LIMIT])
 _TURNING_TIME = 0.15  # s, until the thrust brakes
 _BLIND_DESCENT = 0.1  # fraction of the hover throttle given up by the end of the blind time
+_DESCENT_SPEED = 2.0  # m/s, as a fall from 0.2 m, where the velocity is dead reckoned
 
 
 class Learned(NamedTuple):
@@ -46,7 +48,7 @@ class Learned(NamedTuple):
     a_W: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-class HoverFallback:
+class HoverFallback(Stage):
     """Brakes and holds a position."""
 
     def __init__(self, config: MpcConfig) -> None:
@@ -69,6 +71,10 @@ class HoverFallback:
         if self._p_hold is not None:
             self._p_hold = reset.points(self._p_hold)
         self._integral = reset.vectors(self._integral)
+
+    def engage(self, engaged: bool) -> None:
+        """Forget the held position: another controller has moved the vehicle, or will."""
+        self.release()
 
     def command(
         self,
@@ -107,7 +113,7 @@ class HoverFallback:
         self._integral = np.clip(grown, -_INTEGRAL_LIMIT, _INTEGRAL_LIMIT)
 
 
-class BlindFallback:
+class BlindFallback(Stage):
     """Levels the attitude that dead reckoning still knows, and lets the vehicle sink slowly."""
 
     def __init__(self, config: MpcConfig) -> None:
@@ -131,19 +137,35 @@ class BlindFallback:
         seen = R_WB if self._R_WB is None else self._R_WB
         self._R_WB = dead_reckoned(seen, w_WB_B, duration=duration)
 
-    def command(self, R_WB: Array, *, elapsed: float, learned: Learned | None = None) -> Input:
+    def command(
+        self,
+        R_WB: Array,
+        *,
+        elapsed: float,
+        learned: Learned | None = None,
+        v_WB_W: Array | None = None,
+    ) -> Input:
         """Return the command ``elapsed`` seconds after going blind.
 
-        ``R_WB`` (3, 3) is the last attitude seen, from which dead reckoning may have gone on.
+        ``R_WB`` (3, 3) is the last attitude seen, from which dead reckoning may have gone on. With
+        a dead reckoned velocity ``v_WB_W`` (3,) [m/s] it brakes first.
         """
         if self._R_WB is not None:
             R_WB = self._R_WB
         share = min(elapsed / max(self._config.blind_time, 1e-9), 1.0)
         scale, a_W = learned or Learned()
-        weight = self._vehicle.mass * (self._vehicle.gravity - a_W[2])
-        throttle = self._vehicle.nearest_throttle(weight / scale) * (1.0 - _BLIND_DESCENT * share)
-        u = Input(throttle=throttle, w_WB_B=levelling(R_WB, gain=_BLIND_TILT_GAIN))
-        return clamped(u, self._config)
+        force = np.array([0.0, 0.0, self._vehicle.gravity - a_W[2]])
+        turn = levelling(R_WB, gain=_BLIND_TILT_GAIN)
+        if v_WB_W is not None:
+            braking = -VELOCITY_GAIN * (v_WB_W + np.array([0.0, 0.0, _DESCENT_SPEED]))
+            most, gravity = ACCELERATION_LIMIT, self._vehicle.gravity
+            force += np.clip(braking, (-most[0], -most[1], -gravity), most)
+            # Falling freely it tilts no further than it would in hover.
+            towards = np.array([force[0], force[1], max(force[2], gravity)])
+            turn = _BLIND_TILT_GAIN * tilt_to(towards, R_WB)
+        thrust = self._vehicle.mass * force[2] / scale
+        throttle = self._vehicle.nearest_throttle(thrust) * (1.0 - _BLIND_DESCENT * share)
+        return clamped(Input(throttle=throttle, w_WB_B=turn), self._config)
 
 
 def stop_within(corridor: Corridor, p_W: Array, *, v_WB_W: Array) -> Array:

@@ -11,11 +11,12 @@ import math
 
 import numpy as np
 
-from quad_mpc_ros.control.config import FenceParameters, MpcConfig
-from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.lie import Array, kernels, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.fallbacks import ACCELERATION_LIMIT, VELOCITY_GAIN
 from quad_mpc_ros.control.safety.ladder import Action, Breach
+from quad_mpc_ros.control.stage import Stage
 
 _CALM_NS = 1_000_000_000
 # Of a limit of the envelope, and from a wall of the fence [m].
@@ -25,7 +26,7 @@ _TURN_TIME = 0.4  # s: until the hover controller has turned the vehicle to brak
 _INSET = 0.5
 
 
-class FlightLimits:
+class FlightLimits(Stage):
     """Watches the vehicle, and remembers a breach until it is over."""
 
     def __init__(self, config: MpcConfig) -> None:
@@ -36,9 +37,10 @@ class FlightLimits:
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed limits; what they find is looked at anew."""
         self._fence, self._envelope = config.fence, config.envelope
-        self._low, self._high = config.fence.minimum, config.fence.maximum
+        self._low, self._high = config.fence.walls
         # Whether there are walls that it is to stop in front of.
-        self._foresees = config.fence.action == "hover" and config.fence != FenceParameters()
+        self._fenced = config.fence.has_walls
+        self._foresees = config.fence.action == "hover" and self._fenced
 
     def check(
         self, odometry: OdometrySample, *, p_reference: Array | None, now_ns: int
@@ -76,7 +78,7 @@ class FlightLimits:
         """Return the gravest breach of limits scaled by a share, of walls moved by a distance."""
         gravest: Breach | None = None
         for action, reason in (
-            (self._fence.action, self._outside(odometry, distance)),
+            (self._fence.action, self._outside(odometry, distance) if self._fenced else None),
             (self._envelope.action, self._excess(odometry, share)),
         ):
             if reason is not None:
@@ -105,11 +107,11 @@ class FlightLimits:
             tilt = math.acos(min(max(odometry.up, -1.0), 1.0))
             if tilt > share * limits.tilt_max:
                 return f"tilt is {tilt:.2f} rad, limit {limits.tilt_max:g}"
-        rate = math.hypot(*odometry.w_WB_B.tolist())
+        rate, speed = kernels.length(odometry.w_WB_B), kernels.length(odometry.v_WB_B)
         if rate > share * limits.rate_max:
             return f"body rate is {rate:.1f} rad/s, limit {limits.rate_max:g}"
-        if odometry.speed > share * limits.speed_max:
-            return f"speed is {odometry.speed:.1f} m/s, limit {limits.speed_max:g}"
+        if speed > share * limits.speed_max:
+            return f"speed is {speed:.1f} m/s, limit {limits.speed_max:g}"
         return None
 
 

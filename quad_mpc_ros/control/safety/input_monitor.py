@@ -12,30 +12,34 @@ from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.ladder import timeouts_of
-from quad_mpc_ros.control.safety.odometry_gate import OdometryGate
-from quad_mpc_ros.control.safety.position_jumps import PositionJumps
+from quad_mpc_ros.control.safety.odometry_gate import SLOW, OdometryGate
+from quad_mpc_ros.control.safety.odometry_jumps import OdometryJumps
 from quad_mpc_ros.control.safety.twist_frame import TwistFrameCheck
 from quad_mpc_ros.control.safety.validation import BODY, coverage_fault, imu_fault
 from quad_mpc_ros.control.safety.window_validation import reference_fault
+from quad_mpc_ros.control.stage import Failure, Stage
+from quad_mpc_ros.control.stage_log import StageLog
 
 # Of a measurement of the accelerometer before the newest odometry, which may have stopped.
 _FARTHEST_AHEAD_NS = 1_000_000_000
 
 
-class InputMonitor:
+class InputMonitor(Stage):
     """Takes what is fit to be used; of what is not it says why, and keeps the last good one.
 
-    ``odometry`` has its twist in the body frame, in whichever it came, and where its position has
-    jumped the one that its velocity leads to; ``jumps`` says so. ``odometry_ns`` and
-    ``reference_ns`` are the times of arrival.
+    ``odometry`` has its twist in the body frame, in whichever it came, and without what jumped;
+    ``jumps`` says so. ``odometry_ns`` and ``reference_ns`` are the times of arrival.
     """
 
-    def __init__(self, config: MpcConfig) -> None:
+    def __init__(self, config: MpcConfig, log: StageLog | None = None) -> None:
+        self._log = log or StageLog()
         self._parameters, self._gravity = config.odometry, config.gravity
         self.gate = OdometryGate(config)
-        self.jumps = PositionJumps()
+        self.jumps = OdometryJumps()
         self._horizon_ns = round(config.horizon_steps * config.horizon_step * 1e9)
         self._twist_check = TwistFrameCheck(twist_frame=config.odometry.twist_frame)
+        self.reported: OdometrySample | None = None
+        """The newest odometry before jumps are replaced, twist in the body frame."""
         self.odometry: OdometrySample | None = None
         self.odometry_ns: int | None = None
         self.reference: ReferenceWindow | None = None
@@ -43,32 +47,63 @@ class InputMonitor:
         self.idle_wanted = False
         """Whether the reference asks for idle motors; in the air it is one that rests."""
         self._lockstep = config.lockstep
+        self._reported_slow = False
         self.imu_stamp_ns: int | None = None
         """Stamp of the newest measurement of the accelerometer."""
         self.reconfigure(config)
 
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """The monitor, and the checks that it makes."""
+        return self, self.gate, self.jumps, self._twist_check
+
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed timeouts."""
-        self.gate.reconfigure(config)
+        self._control_period = 1.0 / config.control_rate
         self._odometry_timeout_ns = timeouts_of(config).odometry
         self._reference_timeout_ns = timeouts_of(config).reference
 
-    def take_odometry(self, odometry: OdometrySample, *, now_ns: int) -> str | None:
-        """Take an odometry that arrives now, or return why it cannot be used."""
+    def accept_odometry(self, odometry: OdometrySample, *, now_ns: int) -> OdometrySample | None:
+        """Take an odometry and return it, the twist in the body frame; None if it is unfit."""
         refusal = self.gate.refusal(odometry, now_ns=now_ns)
         if refusal is not None:
-            return refusal
+            self._log.reject(refusal)
+            return None
         self._twist_check.note(odometry)
         if self._parameters.twist_frame == "world":
             odometry = with_body_twist(odometry)
+        self.reported = odometry
         self.odometry, self.odometry_ns = self.jumps.checked(odometry), self.gate.changed_ns
-        return None
+        if self.jumps.fault:
+            self._log.reject(self.jumps.fault)
+        notes = self.jumps.take_notes()
+        if notes:
+            self._log.warn(*notes)
+        return self.odometry
 
-    def take_imu(self, sample: ImuSample) -> str | None:
-        """Take what an accelerometer measured, or return why it cannot be used.
+    def accept_imu(self, sample: ImuSample) -> bool:
+        """Take what an accelerometer measured if it is fit to be used."""
+        fault = self._imu_fault(sample)
+        if fault:
+            self._log.reject(fault)
+        if fault is None:
+            self.imu_stamp_ns = sample.stamp_ns
+        return fault is None
 
-        Nothing but its stamp is kept. In lockstep it may come again, which is no fault.
-        """
+    def accept_reference(self, window: ReferenceWindow, *, now_ns: int) -> bool:
+        """Take a reference window that arrives now if it is fit to be used."""
+        fault = reference_fault(window, frame_id=self._parameters.frame_id)
+        if fault is not None:
+            self._log.reject(fault)
+            return False
+        self.idle_wanted = idles(window, self._gravity)
+        if self.idle_wanted:
+            window = replace(window, a_WB_W=np.zeros_like(window.a_WB_W))
+        self.reference, self.reference_ns = window, now_ns
+        return True
+
+    def _imu_fault(self, sample: ImuSample) -> str | None:
+        """Return why a measurement cannot be used, "" of one that comes again in lockstep."""
         odometry, newest_ns, stamp_ns = self.odometry, self.imu_stamp_ns, sample.stamp_ns
         fault = imu_fault(sample, body=BODY if odometry is None else odometry.child_frame_id)
         if fault is not None:
@@ -81,49 +116,45 @@ class InputMonitor:
             if ahead_ns < -self._odometry_timeout_ns or ahead_ns > _FARTHEST_AHEAD_NS:
                 side = "ahead of" if ahead_ns > 0 else "behind"
                 return f"imu stamp is {1e-9 * abs(ahead_ns):.2f} s {side} that of the odometry"
-        self.imu_stamp_ns = stamp_ns
         return None
 
-    def take_reference(self, window: ReferenceWindow, *, now_ns: int) -> str | None:
-        """Take a reference window that arrives now, or return why it cannot be used."""
-        fault = reference_fault(window, frame_id=self._parameters.frame_id)
-        if fault is None:
-            self.idle_wanted = idles(window, self._gravity)
-            if self.idle_wanted:
-                window = replace(window, a_WB_W=np.zeros_like(window.a_WB_W))
-            self.reference, self.reference_ns = window, now_ns
-        return fault
-
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Let the reference move with the estimate until another comes, and where it is."""
-        self.jumps.reset_estimate(reset)
+        """Move the odometry, and the reference until another comes, with the estimate."""
+        if self.odometry is not None and self.odometry.stamp_ns < reset.stamp_ns:
+            self.odometry = reset.odometry(self.odometry)
         if self.reference is not None:
             self.reference = reset.window(self.reference)
 
-    def reference_at(self, stamp_ns: int, *, now_ns: int) -> tuple[ReferenceWindow | None, str]:
-        """Return the reference to follow at a stamp, or None and why there is none.
+    def is_unseen(self, *, now_ns: int) -> bool:
+        """Whether odometry is missing for longer than its timeout, after a first one."""
+        seen_ns = self.odometry_ns
+        return seen_ns is not None and abs(now_ns - seen_ns) > self._odometry_timeout_ns
+
+    def seconds_until_unseen(self, *, now_ns: int) -> float:
+        """Return for how long the vehicle will not be unseen yet."""
+        age_ns = 0 if self.odometry_ns is None else now_ns - self.odometry_ns
+        return max(self._odometry_timeout_ns + 1 - age_ns, 0) * 1e-9 if age_ns >= 0 else 0.0
+
+    def reference_at(self, stamp_ns: int, *, now_ns: int) -> ReferenceWindow | Failure:
+        """Return the reference to follow at a stamp, or why there is none.
 
         One that came long ago is followed as long as it reaches over the horizon.
         """
         timeout_ns = self._reference_timeout_ns
         if self.reference is None:
-            return None, "no usable reference"
+            return Failure("validate", "no usable reference")
         old = now_ns - (self.reference_ns or 0) > timeout_ns
         if old and not self._reaches(self.reference, stamp_ns):
-            return None, "no usable reference"
+            return Failure("validate", "no usable reference")
         fault = coverage_fault(self.reference, stamp_ns, tolerance_ns=timeout_ns)
-        return (self.reference, "") if fault is None else (None, fault)
+        return self.reference if fault is None else Failure("validate", fault)
 
     def reference_seen_ns(self, now_ns: int) -> int | None:
         """Return when the reference came; now, as long as it reaches over the horizon."""
         window, odometry = self.reference, self.odometry
-        if (
-            window is not None
-            and odometry is not None
-            and self._reaches(window, odometry.stamp_ns)
-        ):
-            return now_ns
-        return self.reference_ns
+        if window is None or odometry is None or not self._reaches(window, odometry.stamp_ns):
+            return self.reference_ns
+        return now_ns
 
     def _reaches(self, window: ReferenceWindow, stamp_ns: int) -> bool:
         return window.stamp_ns + int(window.offset_ns[-1]) - stamp_ns >= self._horizon_ns
@@ -135,6 +166,26 @@ class InputMonitor:
         """
         odometry_ns = self.odometry.stamp_ns if self.odometry is not None else now_ns
         return now_ns - odometry_ns, now_ns - (self.reference_ns or 0)
+
+    def report(self) -> None:
+        """Warn of what odometries of the last seconds show: a low rate, twist in another frame."""
+        self._log.warn(*filter(None, (self.twist_warning(), self.rate_warning())))
+
+    def rate_warning(self) -> str | None:
+        """Return a warning when the odometry comes so rarely that it limits the flight, once."""
+        period = self.gate.period
+        slow = period is not None and period > SLOW * self._control_period
+        if period is None or not slow or self._reported_slow:
+            self._reported_slow = slow
+            return None
+        self._reported_slow = True
+        timeout = 1e-9 * self._odometry_timeout_ns
+        failsafe = f"; odom_timeout is {timeout:g} s: the failsafe commands in between"
+        return (
+            f"odometry comes {1.0 / period:.1f} times a second, control_rate is "
+            f"{1.0 / self._control_period:g}: commands come no more often"
+            f"{failsafe if SLOW * period > timeout else ''}; raise the rate of its source"
+        )
 
     def twist_warning(self) -> str | None:
         """Return a warning when the odometry's twist seems to be in the other frame, once."""

@@ -32,7 +32,8 @@ class Action(enum.IntEnum):
 
     WARN = 0
     HOVER = 1
-    STOP = 2
+    DESCEND = 2
+    STOP = 3
 
 
 class Breach(NamedTuple):
@@ -112,11 +113,16 @@ def decide(inputs: Inputs, state: LadderState, timeouts: Timeouts) -> tuple[Deci
         return Decision(Source.WAITING, fault), state
     holding = _is_within(planned_ns, inputs.now_ns, timeouts.plan_hold)
     # Where the vehicle was when it was last seen says nothing of where it is.
-    breach = inputs.breach if sighted else None
+    descends = inputs.breach is not None and inputs.breach.action is Action.DESCEND
+    breach = inputs.breach if sighted or descends else None
+    seeing = (sighted or holding or not fault) and not descends
+    blind_since_ns = inputs.now_ns if state.blind_since_ns is None else state.blind_since_ns
+    stopped = breach.reason if breach is not None and breach.action is Action.STOP else ""
     state = LadderState(
         planned_ns=planned_ns,
-        blind_since_ns=_blind_since(inputs.now_ns, state, seeing=sighted or holding or not fault),
-        stopped=state.stopped or _reason_to_stop(breach),
+        # As long as the plan holds it is not blind.
+        blind_since_ns=None if seeing else blind_since_ns,
+        stopped=state.stopped or stopped,
     )
     return _rung(inputs, state, timeouts, fault=fault, breach=breach, holding=holding), state
 
@@ -134,27 +140,18 @@ def _rung(
         return Decision(Source.SILENT, state.stopped)
     if breach is not None and breach.action is Action.HOVER:
         return Decision(Source.IDLE if inputs.standing else Source.HOVER, breach.reason)
-    if not fault:
+    if breach is not None and breach.action is Action.DESCEND:
+        fault = breach.reason
+    elif not fault:
         unseen = _FORESEEN if inputs.foreseen else inputs.jumped
         return Decision(Source.MPC, breach.reason if breach is not None else unseen)
-    if holding and not inputs.standing:  # a plan may take off later
+    elif holding and not inputs.standing:  # a plan may take off later
         return Decision(Source.PLAN, fault)
     if state.blind_since_ns is None:
         return Decision(Source.IDLE if inputs.standing else Source.HOVER, fault)
     if _is_within(state.blind_since_ns, inputs.now_ns, timeouts.blind):
         return Decision(Source.IDLE if inputs.standing else Source.BLIND, fault)
     return Decision(Source.SILENT, fault)
-
-
-def _blind_since(now_ns: int, state: LadderState, *, seeing: bool) -> int | None:
-    """Return since when nothing but dead reckoning flies; the plan, as long as it holds, sees."""
-    if seeing:
-        return None
-    return now_ns if state.blind_since_ns is None else state.blind_since_ns
-
-
-def _reason_to_stop(breach: Breach | None) -> str:
-    return breach.reason if breach is not None and breach.action is Action.STOP else ""
 
 
 def _input_fault(inputs: Inputs, timeouts: Timeouts) -> str:
@@ -172,7 +169,7 @@ def _input_fault(inputs: Inputs, timeouts: Timeouts) -> str:
 
 def _is_within(since_ns: int | None, now_ns: int, duration_ns: int) -> bool:
     """Whether something is at most so old, and not of a time to come, by a clock set back."""
-    return since_ns is not None and abs(now_ns - since_ns) <= duration_ns
+    return since_ns is not None and -duration_ns <= now_ns - since_ns <= duration_ns
 
 
 def _seconds(duration_ns: int) -> str:

@@ -10,19 +10,25 @@ consistent for as long, a faster one is accepted at once.
 from __future__ import annotations
 
 import math
+import statistics
 
 from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimation.clock_offset import ClockOffset, PersistentOffset
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.control.safety.clock_offset import ClockOffset, PersistentOffset
 from quad_mpc_ros.control.safety.validation import odometry_fault
+from quad_mpc_ros.control.stage import Stage
 
 _SECOND = 1_000_000_000
+STANDS = "odometry stamps do not advance"
 _BACKWARDS = "odometry stamp runs backwards"
 # Moving at this speed [m/s, rad/s] for a timeout shows in every odometry.
 _MOVING = 1e-3
+_PERIODS = 5
+SLOW = 1.1
+"""Odometry is too slow for the control if its period is longer than so many control periods."""
 
 
-class OdometryGate:
+class OdometryGate(Stage):
     """Refuses odometry that does not fit what came before it."""
 
     def __init__(self, config: MpcConfig) -> None:
@@ -37,6 +43,10 @@ class OdometryGate:
         self._began_ns = 0
         self._confirmed = False  # the offset, by what came later
         self._misfits = PersistentOffset()
+        self._steps_ns: list[int] = []
+        self._measured_ns = 0  # their sum
+        self.period: float | None = None
+        """Usual time between two odometries [s], by their stamps; None until it is known."""
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
@@ -64,8 +74,19 @@ class OdometryGate:
         self._confirmed = self._confirmed or now_ns - self._began_ns > self._timeout_ns
         if self._newest is None or not _repeats(odometry, self._newest):
             self.changed_ns = now_ns
+        if self._newest is not None and stamp_ns > self._newest.stamp_ns:
+            self._measure_period(stamp_ns - self._newest.stamp_ns)
         self._newest = odometry
         self._misfits.clear()
+
+    def _measure_period(self, step_ns: int) -> None:
+        """Take the median of a second and five periods or more: losses and gaps count little."""
+        self._steps_ns.append(step_ns)
+        self._measured_ns += step_ns
+        if self._measured_ns >= _SECOND and len(self._steps_ns) >= _PERIODS:
+            self.period = statistics.median(self._steps_ns) / _SECOND
+            self._steps_ns.clear()
+            self._measured_ns = 0
 
     def _misfit_in_lockstep(
         self, odometry: OdometrySample, newest: OdometrySample, _: int
@@ -76,12 +97,12 @@ class OdometryGate:
 
     def _misfit(self, odometry: OdometrySample, newest: OdometrySample, now_ns: int) -> str | None:
         if odometry.stamp_ns == newest.stamp_ns:
-            return "odometry repeats its stamp"
+            return STANDS
         if now_ns - self.changed_ns > self._timeout_ns and _repeats(odometry, newest):
             return "odometry reports motion but its values do not change"
         ahead_ns = -self._offset.age_ns(odometry.stamp_ns, now_ns=now_ns)
         backwards = odometry.stamp_ns < newest.stamp_ns
-        if not backwards and abs(ahead_ns) <= self._timeout_ns:
+        if not backwards and -self._timeout_ns <= ahead_ns <= self._timeout_ns:
             return None
         if not backwards and ahead_ns > 0 and not self._confirmed:
             return None  # those before had waited in a queue

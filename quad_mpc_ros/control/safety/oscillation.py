@@ -13,8 +13,10 @@ from collections import deque
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.ladder import Action, Breach
+from quad_mpc_ros.control.stage import Stage
 
 _SECOND = 1_000_000_000
 _WITHIN_NS = 3 * _SECOND
@@ -25,14 +27,15 @@ _QUICKEST_NS = _SECOND // 10  # no vehicle leans to the other side faster; upsid
 _LONGER, _LONGEST_NS = 3, 300 * _SECOND
 _FORGOTTEN_NS = 30 * _SECOND  # after so long without it is for the first time again
 
+_Pose = tuple[Array, Array]  # position (3,) and quaternion (4,)
 
-class OscillationMonitor:
+
+class OscillationMonitor(Stage):
     """Watches the tilt, and remembers for a while that it swung."""
 
     def __init__(self, config: MpcConfig) -> None:
         self._reversals = (_Reversals(), _Reversals())
-        self._p_reference: list[float] | None = None
-        self._q_reference_xyzw: Array | None = None
+        self._reference: _Pose | None = None
         self._until_ns: int | None = None
         self._hold_ns = 0
         self._engaged = True
@@ -43,6 +46,12 @@ class OscillationMonitor:
         self._config = config.oscillation
         self._action = Action[self._config.action.upper()]
 
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Move the reference of the tick before: it has not jumped."""
+        if self._reference is not None:
+            p_WB, q_WB_xyzw = self._reference
+            self._reference = reset.points(p_WB), reset.attitudes(q_WB_xyzw)
+
     def engage(self, engaged: bool) -> None:
         """Set whether commands act; a pilot may tilt as he likes."""
         if engaged is not self._engaged:
@@ -50,7 +59,7 @@ class OscillationMonitor:
             self._forget()
 
     def check(
-        self, odometry: OdometrySample, reference: tuple[Array, Array] | None, *, now_ns: int
+        self, odometry: OdometrySample, reference: _Pose | None, *, now_ns: int
     ) -> Breach | None:
         """Return the breach in force, if there is one.
 
@@ -59,38 +68,22 @@ class OscillationMonitor:
         if not self._engaged:
             return None
         if self._until_ns is None or now_ns >= self._until_ns:
-            if reference is None:
-                return None
-            p_reference, q_reference_xyzw = reference
-            self._follow(odometry.p_WB, p_reference, q_reference_xyzw)
-            if not self._is_oscillation(odometry, q_reference_xyzw, now_ns):
+            if reference is None or not self._is_oscillation(odometry, reference, now_ns):
                 return None
             self._begin(now_ns)
         return Breach(self._action, "it oscillates: lags or delay may be longer than the model's")
 
-    def _follow(self, p_WB: Array, p_reference: Array, q_reference_xyzw: Array) -> None:
-        """Forget what was before a jump of the reference, or far from it.
-
-        What leads around obstacles finds other ways now and then, and jumps in its tilt alone.
-        """
-        position = p_reference.tolist()
-        jumped = math.dist(position, self._p_reference or position) > _JUMP
-        if self._q_reference_xyzw is not None:
-            tilt = math.hypot(*_lean(q_reference_xyzw, self._q_reference_xyzw))
-            jumped |= tilt > _TILT_JUMP
-        if jumped or math.dist(p_WB.tolist(), position) > _NEAR:
+    def _is_oscillation(self, odometry: OdometrySample, reference: _Pose, now_ns: int) -> bool:
+        """Count swings, but for those before a jump of the reference or far from it."""
+        pose, threshold = (odometry.p_WB, odometry.q_WB_xyzw), self._config.tilt_amplitude
+        before, self._reference = self._reference or reference, reference
+        lean_x, lean_y, elsewhere = _leans(pose=pose, reference=reference, before=before)
+        if elsewhere:
             self._forget()
-        self._p_reference, self._q_reference_xyzw = position, q_reference_xyzw
-
-    def _is_oscillation(
-        self, odometry: OdometrySample, q_reference_xyzw: Array, now_ns: int
-    ) -> bool:
-        leans = _lean(odometry.q_WB_xyzw, q_reference_xyzw)
-        counts = [
-            reversals.count(lean, threshold=self._config.tilt_amplitude, now_ns=now_ns)
-            for reversals, lean in zip(self._reversals, leans, strict=True)
-        ]
-        return max(counts) >= _REVERSALS
+        about_x, about_y = self._reversals
+        x = about_x.count(lean_x, threshold=threshold, now_ns=now_ns)
+        y = about_y.count(lean_y, threshold=threshold, now_ns=now_ns)
+        return x >= _REVERSALS or y >= _REVERSALS
 
     def _begin(self, now_ns: int) -> None:
         """Hold, and longer where it did not help the last time."""
@@ -118,7 +111,7 @@ class _Reversals:
 
     def count(self, value: float, *, threshold: float, now_ns: int) -> int:
         """Take a value, and return how many changes there were lately."""
-        if abs(value) > threshold:
+        if value > threshold or value < -threshold:
             side = math.copysign(1.0, value)
             if side == -self._side and now_ns - self._since_ns >= _QUICKEST_NS:
                 self._times_ns.append(now_ns)
@@ -127,6 +120,21 @@ class _Reversals:
         while self._times_ns and not 0 <= now_ns - self._times_ns[0] <= _WITHIN_NS:
             self._times_ns.popleft()
         return len(self._times_ns)
+
+
+@compiled
+def _leans(pose: _Pose, reference: _Pose, before: _Pose) -> tuple[float, float, bool]:
+    """Return how far a pose leans from its reference [rad]; whether that jumped or is far away.
+
+    The local path around obstacles changes now and then, and may jump in its tilt alone.
+    """
+    (p_WB, q_WB_xyzw), (p_before, q_before_xyzw) = pose, before
+    p_reference, q_reference_xyzw = reference
+    tilt_x, tilt_y = _lean(q_reference_xyzw, q_before_xyzw)
+    jumped = math.hypot(tilt_x, tilt_y) > _TILT_JUMP
+    jumped |= kernels.distance(p_reference, p_before) > _JUMP
+    x, y = _lean(q_WB_xyzw, q_reference_xyzw)
+    return x, y, jumped or kernels.distance(p_WB, p_reference) > _NEAR
 
 
 @compiled

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.stage import Stage
 
 _SPEED_ENOUGH = 0.5  # m/s, below it noise hides the frame
 _MOST_UNCHECKED = 100
 _EVIDENCE_NEEDED = 25  # samples in disfavour more than in favour
 
 
-class TwistFrameCheck:
+class TwistFrameCheck(Stage):
     """Collects evidence that the twist is given in the frame it is not configured for.
 
     Each pair of odometries moving at speed votes: the displacement is compared with the velocity
@@ -28,6 +29,11 @@ class TwistFrameCheck:
         self._previous: OdometrySample | None = None
         self._evidence = 0
         self._reported = False
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Forget the odometries in the coordinates before; the evidence stays."""
+        self._unchecked.clear()
+        self._previous = None
 
     def note(self, odometry: OdometrySample) -> None:
         """Keep an odometry until there is time to look at it: once the command is out."""
@@ -69,21 +75,11 @@ def _disagreement(
     p_before: Array, p_after: Array, q_WB_xyzw: Array, v: Array, duration: float
 ) -> tuple[float, float, float]:
     """Return the speed between two positions, and how far the twist is off if body or world."""
-    measured = kernels.scaled(
-        1.0 / duration,
-        kernels.plus(kernels.vector(p_after), kernels.scaled(-1.0, kernels.vector(p_before))),
-    )
-    R_WB = kernels.rotation(kernels.quaternion_in(q_WB_xyzw))
-    world = kernels.vector(v)
-    child = kernels.apply(R_WB, world)
+    moved = kernels.minus(kernels.vector(p_after), kernels.vector(p_before))
+    measured = kernels.scaled(1.0 / duration, moved)
+    child, world = kernels.in_world(q_WB_xyzw, v), kernels.vector(v)
     return (
-        _distance(measured, (0.0, 0.0, 0.0)),
-        _distance(measured, child),
-        _distance(measured, world),
+        kernels.norm(measured),
+        kernels.norm(kernels.minus(measured, child)),
+        kernels.norm(kernels.minus(measured, world)),
     )
-
-
-@compiled
-def _distance(a: kernels.Vector, b: kernels.Vector) -> float:
-    difference = kernels.plus(a, kernels.scaled(-1.0, b))
-    return math.sqrt(kernels.dot(difference, difference))

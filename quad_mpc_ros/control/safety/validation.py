@@ -19,16 +19,32 @@ NOT_UNIT = "quaternion is not of unit length"
 
 def odometry_fault(odometry: OdometrySample, *, frame_id: str) -> str | None:
     """Return why an odometry cannot be used, whatever came before it."""
-    q_xyzw = odometry.q_WB_xyzw.tolist()
+    x, y, z, w = odometry.q_WB_xyzw.tolist()
     vectors = (*odometry.p_WB.tolist(), *odometry.v_WB_B.tolist(), *odometry.w_WB_B.tolist())
-    for value in (*vectors, *q_xyzw):
-        if not abs(value) <= LARGEST:  # NaN compares with nothing, and so is not within it
-            return f"odometry {UNUSABLE}"
-    if abs(math.sqrt(sum(q * q for q in q_xyzw)) - 1.0) > QUATERNION_TOLERANCE:
+    for value in (*vectors, x, y, z, w):
+        if not -LARGEST <= value <= LARGEST:  # NaN compares with nothing, and so is not within it
+            return f"odometry {_unusable_field(odometry)} is not finite or beyond 1e8"
+    if abs(math.sqrt(x * x + y * y + z * z + w * w) - 1.0) > QUATERNION_TOLERANCE:
         return f"odometry {NOT_UNIT}"
     if not is_frame(odometry.frame_id, frame_id):
         return f"odometry is in frame '{odometry.frame_id}', expected '{frame_id}'"
     return None
+
+
+def _unusable_field(odometry: OdometrySample) -> str:
+    """Return the first field of a message that :func:`odometry_fault` cannot use."""
+    fields = {
+        "pose.pose.position": odometry.p_WB,
+        "twist.twist.linear": odometry.v_WB_B,
+        "twist.twist.angular": odometry.w_WB_B,
+        "pose.pose.orientation": odometry.q_WB_xyzw,
+    }
+    return next(
+        f"{name}.{axis}"
+        for name, values in fields.items()
+        for axis, value in zip("xyzw", values.tolist(), strict=False)
+        if not abs(value) <= LARGEST
+    )
 
 
 def imu_fault(sample: ImuSample, *, body: str) -> str | None:

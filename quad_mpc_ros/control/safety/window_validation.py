@@ -24,7 +24,7 @@ _FAULTS = {_UNUSABLE: UNUSABLE, _NOT_UNIT: NOT_UNIT, _BACKWARDS: "times run back
 
 def reference_fault(window: ReferenceWindow, *, frame_id: str) -> str | None:
     """Return why a reference window cannot be used."""
-    if len(window.offset_ns) == 0:
+    if window.offset_ns.size == 0:
         return "reference is empty"
     fault = _reference_fault(
         window.offset_ns,

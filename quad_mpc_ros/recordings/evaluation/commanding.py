@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.configuration import per_axis
-from quad_mpc_ros.control.config import FenceParameters, MpcConfig
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.safety.ladder import Source
 from quad_mpc_ros.recordings.evaluation.crash import tilts
@@ -48,6 +48,7 @@ def margins(flight: Flight) -> dict[str, Any]:
     return {
         "lockstep": mpc.lockstep,
         "control_period_ms": 1e3 / mpc.control_rate,
+        "odom_period_ms": 1e3 * flight.odometry_period,
         "odom_timeout_ms": 1e3 * mpc.odom_timeout,
         "odom_age_ms": percentiles(flight.stats["odom_age_ms"][flying], 50, 99),
         "reference_age_ms": percentiles(flight.stats["reference_age_ms"][flying], 50, 99),
@@ -91,10 +92,10 @@ def _given(mpc: MpcConfig) -> dict[str, float]:
 
 def _fence_margin(flight: Flight) -> float | None:
     """Return the least distance to a wall of the fence [m], below 0 outside."""
-    fence = flight.mpc.fence
-    if (fence.minimum, fence.maximum) == (FenceParameters().minimum, FenceParameters().maximum):
+    if not flight.mpc.fence.has_walls:
         return None
-    to_walls: Array = np.minimum(flight.p_WB - fence.minimum, fence.maximum - flight.p_WB)
+    low, high = flight.mpc.fence.walls
+    to_walls: Array = np.minimum(flight.p_WB - low, high - flight.p_WB)
     return float(to_walls.min())
 
 

@@ -137,36 +137,6 @@ class Motion:
         return np.asarray(np.linalg.norm(outside, axis=1) > _FARTHEST)
 
 
-class MotionLog:
-    """Collects the poses of a vehicle and of its reference while it flies; times in seconds."""
-
-    def __init__(self) -> None:
-        self._rows: list[Array] = []
-
-    def add(self, time: float, pose: tuple[Array, Array], reference: tuple[Array, Array]) -> None:
-        """Take the position (3,) [m] and quaternion x, y, z, w (4,) of both at a time [s]."""
-        self._rows.append(np.concatenate(([time], *pose, *reference)))
-
-    def clear(self) -> None:
-        """Forget what was collected."""
-        self._rows.clear()
-
-    def crash(self) -> Crash | None:
-        """Return the first crash, if any."""
-        if not self._rows:
-            return None
-        time, p, q, p_reference, q_reference = np.split(
-            np.array(self._rows), [1, 4, 8, 11], axis=1
-        )
-        return Motion(
-            time=time[:, 0],
-            p_WB=p,
-            tilt=tilts(q),
-            p_WB_reference=p_reference,
-            tilt_reference=tilts(q_reference),
-        ).crash()
-
-
 def crash_of(flight: Flight) -> Crash | None:
     """Return the crash of a flight by its odometry, if any; it needs a reference."""
     followed = flight.followed

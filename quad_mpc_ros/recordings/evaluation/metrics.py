@@ -20,6 +20,7 @@ from quad_mpc_ros.recordings.evaluation.commanding import (
 from quad_mpc_ros.recordings.evaluation.crash import collision_of, crash_figures, crash_of
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 from quad_mpc_ros.recordings.evaluation.race import race_figures
+from quad_mpc_ros.recordings.evaluation.task import task_figures
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoints
 from quad_mpc_ros.recordings.flight import Flight
 
@@ -33,15 +34,17 @@ Summary = dict[str, Any]
 def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
     """Return the figures of merit of a flight, those of ``summary.json``.
 
-    Among them ``position_rmse_m``, the root of the mean of |p_r - p|^2 over all odometries;
+    Among them ``position_rmse_m``, the root of the mean of |p_r - p|^2 over all odometries, of
+    which there are none in ``odometry_gaps_s``, begins and ends of times without odometry;
     ``waypoint_error_m``, just before each switch of a reference that jumps; ``attitude_rmse_rad``,
     of the angle |Log(R' R_r)|; ``step_time_us`` and ``iterations`` as percentiles; ``fallbacks``,
     the commands that were not the MPC's; ``crashed``, with ``crash`` and ``crash_time_s``, as a
     campaign judges it but by the odometry, None without a reference; ``clearance_min_m``, from the
     vehicle's surface to the nearest obstacle's, ``collided``, and in ``collision`` when, where and
     how fast it did, None where obstacles are not known; ``gates`` and ``lap_time_s`` of a course,
-    see :mod:`quad_mpc_ros.recordings.evaluation.race`; ``behind_max_s``, the most time that was
-    given up with formulation contouring, None with others.
+    see :mod:`quad_mpc_ros.recordings.evaluation.race`; ``missed``, what was asked and not flown,
+    and ``beyond_limits``, what the reference needs beyond a limit of the MPC; ``behind_max_s``,
+    the most time that was given up with formulation contouring, None with others.
 
     Args:
         flight: A recorded or simulated flight.
@@ -63,12 +66,14 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
     position_error = position_errors(flight)
     ran = flight.stats["solver_status"] != "not run"
     latency_ms = _latencies_ms(flight)
-    duration = float(flight.time[-1])
+    duration, race = float(flight.time[-1]), race_figures(flight)
     return {
         "duration_s": duration,
         "odometries": len(flight.stamp_ns),
         "commands": len(flight.commands.stamp_ns),
         "unanswered_odometries": _unanswered(flight),
+        "odometry_gaps_s": [list(gap) for gap in flight.gaps],
+        "rejected_odometries": dict(flight.rejected),
         "position_rmse_m": _rms(position_error),
         "position_max_m": _number(position_error.max(initial=-math.inf)),
         "waypoint_error_m": [
@@ -87,10 +92,12 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
         "rate_saturation_fraction": _saturation(flight),
         **_crash(flight),
         **_obstacles(flight),
-        **race_figures(flight),
+        **race,
+        **task_figures(flight, race),
         "behind_max_s": _behind(flight),
         "estimate_resets": last_count(flight, "estimate_resets"),
         "rejected_inputs": last_count(flight, "rejected_inputs"),
+        "stage_errors": last_count(flight, "stage_errors"),
         "commanding": commanding(flight),
         "margins": margins(flight),
         "estimated": estimated(flight),

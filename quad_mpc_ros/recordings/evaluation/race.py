@@ -1,89 +1,41 @@
-"""How a flight passed the gates of the course that it was told."""
+"""How a flight passed the gates of the course in its parameters; optional racing judges it."""
 
 from __future__ import annotations
 
-import contextlib
-import dataclasses
 from typing import Any
 
-import numpy as np
-
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import optional_part
 from quad_mpc_ros.recordings.flight import Flight
 from quad_mpc_ros.recordings.parameters import recorded_parameters
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.gate_passages import Lap, MovedGates, passages
-from quad_mpc_ros.references.gates import Course, read_course
+from quad_mpc_ros.references.course import Course
 
-VEHICLE_RADIUS = 0.2
-"""Of a ball that holds a vehicle, rotors and all, by default [m]."""
-
-
-def flown_course(flight: Flight) -> Course | None:
-    """Return the course in the recorded parameters; None without one that can be read."""
-    gates = recorded_parameters(flight.parameters, ReferenceConfig).get("gates")
-    if not gates:
-        return None
-    try:
-        return read_course(str(gates))
-    except UserError:  # a file that is on another machine
-        return None
+_GATES = f"{ReferenceConfig.owner}.gates"
 
 
 def race_figures(flight: Flight) -> dict[str, Any]:
     """Return ``gates``, each passage with its time, and ``lap_time_s``; None without a course.
 
-    Gates that moved are judged where they were told to be when they were passed.
+    A gate that moved is judged at its reported pose at the time of its passage. Raises
+    :class:`UserError` for a flight with a course where racing is not installed.
     """
-    course = flown_course(flight)
-    if course is None:
+    if not _has_course(flight):
         return {"gates": None, "lap_time_s": None}
-    lap = _lap(course, flight, _moved(course, flight) if flight.gates else None)
-    return {
-        "gates": [
-            {
-                "gate": number,
-                "time_s": passage.time,
-                "miss_m": passage.miss,
-                "passed": passage.passed,
-                "clipped": passage.clipped,
-            }
-            for number, passage in zip(course.numbers, lap.passages, strict=True)
-        ],
-        "lap_time_s": lap.time,
-    }
+    figures: dict[str, Any] = optional_part("race_figures", needed_by=_GATES)(flight)
+    return figures
 
 
 def drawn_course(flight: Flight) -> Course | None:
-    """Return the course with the gate of each passage where that was told to be by then.
+    """Return the course with each gate at its reported pose at the time of its passage.
 
-    A gate that was not passed is where it was told to be last.
+    A gate that was not passed is at its last reported pose. None without a course; raises as
+    :func:`race_figures`.
     """
-    course = flown_course(flight)
-    if course is None or not flight.gates:
-        return course
-    moved = _moved(course, flight)
-    gates = []
-    for number, passage in enumerate(_lap(course, flight, moved).passages):
-        step = -1
-        if passage.passed and passage.time is not None:
-            step = int(np.searchsorted(flight.time, passage.time, side="right")) - 1
-        gates.append(moved.courses[moved.held[step]].gates[number])
-    return dataclasses.replace(course, gates=tuple(gates))
+    if not _has_course(flight):
+        return None
+    course: Course | None = optional_part("drawn_course", needed_by=_GATES)(flight)
+    return course
 
 
-def _lap(course: Course, flight: Flight, moved: MovedGates | None) -> Lap:
-    recorded = recorded_parameters(flight.parameters, ReferenceConfig)
-    radius = float(recorded.get("radius", VEHICLE_RADIUS))
-    return passages(course, seconds=flight.time, p_WB=flight.p_WB, radius=radius, moved=moved)
-
-
-def _moved(course: Course, flight: Flight) -> MovedGates:
-    """Return the course as it was told in flight; what the controller refuses is left out."""
-    courses, since_ns = [course], [np.iinfo(np.int64).min]
-    for told in flight.gates:
-        with contextlib.suppress(UserError):
-            courses.append(course.moved(told.p_WG, told.q_WG_xyzw))
-            since_ns.append(told.publish_time_ns)
-    held = np.searchsorted(since_ns, flight.publish_time_ns, side="right") - 1
-    return MovedGates(courses=courses, held=held)
+def _has_course(flight: Flight) -> bool:
+    return bool(recorded_parameters(flight.parameters, ReferenceConfig).get("gates"))

@@ -11,7 +11,6 @@ from quad_mpc_ros.configuration.arguments import instance, number
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import ReferenceWindow
-from quad_mpc_ros.obstacles.scene import Scene
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.recordings.flight import (
     Flight,
@@ -27,7 +26,8 @@ from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.closed_loop import ControlLaw, LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.plant import Plant
-from quad_mpc_ros.simulation.surroundings import scene_of
+from quad_mpc_ros.simulation.scene import Scene
+from quad_mpc_ros.simulation.surroundings import configured_scene
 
 _LONGEST = 1e6  # s, of a flight
 _METHODS = {
@@ -199,5 +199,6 @@ class FlightLog:
             mpc=config.mpc,
             plans=(),
             gates=(),
-            scene=self._scene or scene_of(config.simulator.obstacles),
+            rejected={},
+            scene=self._scene or configured_scene(config.simulator.obstacles),
         )

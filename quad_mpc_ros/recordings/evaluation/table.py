@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from quad_mpc_ros.configuration.text_tables import labelled, text_table
+from quad_mpc_ros.configuration.text_tables import text_table
 
 _WIDTH = 80
 _LABEL = 20
@@ -41,7 +42,9 @@ def _flight_rows(s: Mapping[str, Any]) -> list[str]:
     return [
         line
         for label, text in rows.items()
-        for line in labelled(label, text, indent=_LABEL, width=_WIDTH)
+        for line in textwrap.wrap(
+            text, _WIDTH, initial_indent=label.ljust(_LABEL), subsequent_indent=" " * _LABEL
+        )
     ]
 
 
@@ -72,7 +75,10 @@ def _timing_rows(s: Mapping[str, Any]) -> list[str]:
         for label, unit, values, style in rows
     ]
     return text_table(
-        [("", "", *_COLUMNS), *cells], align="llrrrr", widths=(_LABEL, 4, 13, 13, 13, 13), gap=""
+        [("", "", *_COLUMNS), *cells],
+        align="llrrrr",
+        widths=(_LABEL - 1, 4, 12, 12, 12, 12),
+        gap=" ",
     )
 
 

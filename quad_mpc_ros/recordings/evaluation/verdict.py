@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from quad_mpc_ros.control.safety.odometry_gate import SLOW
 from quad_mpc_ros.recordings.evaluation.commanding import WITHOUT_MPC
 from quad_mpc_ros.recordings.evaluation.crash import crash_text
 
@@ -19,8 +20,18 @@ _SHORTEST_LAG = 5.0  # ms; a difference below is not worth a flight
 _TIGHT_DEADLINE = 0.5  # of a control period, at p99
 
 _BY_REASON = (
+    ("disagree", "Correct frames, signs and units of the odometry (docs/safety.md)."),
+    ("do not lift", "Check motors, battery, mass and thrust_curve (docs/first_flight.md)."),
     ("it oscillates", "Raise lags or delay by half, or fly default (docs/tuning.md)."),
     ("solver", "Let the solver iterate longer: advanced.solver.max_iterations (docs/tuning.md)."),
+)
+_TOO_FAST = (
+    "Slow the reference down: reference.time_scaling: auto, or other parameters of it "
+    "(docs/references.md)."
+)
+_MISSED = (
+    "Fly longer (--duration), or keep obstacles, fence and limits away from what is asked "
+    "(docs/references.md)."
 )
 _LOOK = "Look the reason up and mend it (docs/diagnostics.md)."
 
@@ -36,7 +47,8 @@ class Verdict:
     """What a summary says, in sentences.
 
     Attributes:
-        good: Whether the MPC gave every command, every solve had a solution, nothing crashed.
+        good: Whether the flight did what was asked, the MPC gave every command, every solve had
+            a solution, nothing crashed.
         line: The outcome in one line.
         commanded: Who commanded, and why another than the MPC.
         shares: The share of the ticks that each source commanded.
@@ -72,7 +84,7 @@ def verdict_on(summary: Summary) -> Verdict:
     """Return what the summary of a flight says (:func:`.metrics.summarise`)."""
     wrong, commanded = _wrong(summary), commanded_text(summary)
     failed = _without_mpc(summary) or summary["solver_failures"] or summary["crashed"]
-    failed = failed or summary.get("collided")
+    failed = failed or summary["stage_errors"] or summary.get("collided") or summary["missed"]
     return Verdict(
         good=bool(summary["commands"] and not failed),
         line=_line(summary, commanded, wrong),
@@ -94,6 +106,10 @@ def commanded_text(summary: Summary) -> str:
     if not sources:
         return f"{summary['commands']} commands; who gave them was not recorded."
     without = _without_mpc(summary)
+    unanswered = summary["unanswered_odometries"]
+    if not without and unanswered:
+        due = summary["commands"] + unanswered
+        return f"The MPC gave {summary['commands']} of the {due} commands that were due."
     if not without:
         return f"The MPC gave every one of the {summary['commands']} commands."
     total = sum(sources.values())
@@ -138,14 +154,29 @@ def _wrong(s: Summary) -> list[str]:
         x, y, z = s["collision"]["position_m"]
         speed = s["collision"]["speed_m_s"]
         found.append(f"It touched at ({x:.2f}, {y:.2f}, {z:.2f}) m with {speed:.2f} m/s.")
+    found += s["missed"]
     if _without_mpc(s):
         found.append(f"The failsafe commanded: {s['commanding']['first_without_mpc']['reason']}.")
     if s["solver_failures"]:
         found.append(f"Solves without a solution: {s['solver_failures']}.")
+    if s["stage_errors"]:
+        found.append(f"Errors inside the controller: {s['stage_errors']}.")
     if _late(s):
         found.append(f"Commands more than a control period late: {s['deadline_misses']}.")
+    period, control = s["margins"]["odom_period_ms"], s["margins"]["control_period_ms"]
+    if period > SLOW * control:
+        found.append(
+            f"Odometry came {1e3 / period:.1f} times a second, control_rate is "
+            f"{1e3 / control:g}: commands came no more often."
+        )
     if s["unanswered_odometries"]:
         found.append(f"Odometries without a command: {s['unanswered_odometries']}.")
+    if s.get("odometry_gaps_s"):
+        found.append(_gaps_text(s["odometry_gaps_s"]))
+    found += [
+        f"Odometries that the controller rejects: {count}, {reason}."
+        for reason, count in s.get("rejected_odometries", {}).items()
+    ]
     if s["rejected_inputs"]:
         found.append(f"Odometries and references refused as unusable: {s['rejected_inputs']}.")
     if s["estimate_resets"]:
@@ -213,11 +244,16 @@ def _estimated(s: Summary) -> list[str]:
 
 def _advice(s: Summary) -> list[str]:
     found: list[str] = []
+    if s["beyond_limits"] and (s["crashed"] or s["missed"]):
+        found.append(f"{' '.join(s['beyond_limits'])} {_TOO_FAST}")
     if s["crashed"]:
         return [
+            *found,
             "Do not fly a vehicle with this: quad_mpc rehearse says what a configuration bears "
-            "(docs/first_flight.md)."
+            "(docs/first_flight.md).",
         ]
+    if s["missed"]:
+        found.append(_MISSED)
     reason = (s["commanding"]["first_without_mpc"] or {}).get("reason", "")
     if _without_mpc(s):
         found.append(next((text for begin, text in _BY_REASON if reason.startswith(begin)), _LOOK))
@@ -226,6 +262,8 @@ def _advice(s: Summary) -> list[str]:
             "Give the MPC more time: fewer mpc.horizon_steps, or advanced.realtime.* "
             "(docs/performance.md)."
         )
+    if s["stage_errors"]:
+        found.append("Report the errors in the log, with the bag: they are defects.")
     if s["rejected_inputs"]:
         found.append("Read the log for why messages were refused (docs/diagnostics.md).")
     if _saturates(s):
@@ -274,6 +312,15 @@ def _spread(estimate: Mapping[str, float], unit: str = "") -> str:
     style = "{:z.0f}" if unit == " ms" else "{:z.2f}"  # z: no -0.00
     value, low, high = (style.format(estimate[name]) for name in ("value", "low", "high"))
     return f"{value}{unit} ({low} to {high})"
+
+
+def _gaps_text(gaps: Sequence[Sequence[float]]) -> str:
+    missing = sum(end - begin for begin, end in gaps)
+    begin, end = max(gaps, key=lambda gap: gap[1] - gap[0])
+    return (
+        f"Odometry is missing for {missing:.2f} s, longest from {begin:.2f} to {end:.2f} s, and "
+        "the errors are those of the rest."
+    )
 
 
 def _capital(text: str) -> str:

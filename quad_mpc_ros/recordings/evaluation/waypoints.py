@@ -20,12 +20,14 @@ _SAME_POSITION = 1e-6  # m
 class Waypoint:
     """A position ``p_WB`` (3,) [m] that the reference held up to the odometry ``last``.
 
+    ``duration`` [s] is how long it was held.
     ``complete``: it was left by a jump, or the flight ended after it had been held as long as the
     longest of those that were.
     """
 
     p_WB: Array
     last: int
+    duration: float
     complete: bool
 
 
@@ -44,6 +46,7 @@ def waypoints(flight: Flight) -> list[Waypoint]:
         Waypoint(
             p_WB=p_WB[last],
             last=last,
+            duration=duration,
             complete=last in left or (last == len(steps) and duration >= enough),
         )
         for last, duration in holds

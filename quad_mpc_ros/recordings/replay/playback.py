@@ -23,7 +23,7 @@ class Due:
     message: RecordedMessage
 
 
-class Timeline:
+class PlaybackTimeline:
     """The recorded time that belongs to a steady time.
 
     It is a straight line through the point of the last start or pause: what is published late
@@ -98,7 +98,7 @@ class Playback:
         self,
         messages: Iterator[Due],
         *,
-        timeline: Timeline,
+        timeline: PlaybackTimeline,
         publish: Callable[[RecordedMessage], None],
         publish_clock: Callable[[int], None],
         clock_rate: float,

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Generic, TypeVar
 
-from quad_mpc_ros.recordings.replay.playback import Playback, Timeline
+from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline
 
 T = TypeVar("T")
 
@@ -29,7 +29,7 @@ class PlaybackThread:
     def __init__(
         self,
         playback: Playback,
-        timeline: Timeline,
+        timeline: PlaybackTimeline,
         *,
         at_end: Callable[[Exception | None], None],
     ) -> None:

@@ -17,6 +17,8 @@ Every bridge obeys these rules:
   (ArduPilot is asked for its landing mode once it has been landed: it would not disarm else.)
 - It refuses to engage and to arm where the vehicle would jump, and releases for good when somebody
   else takes over or commands have stopped (:mod:`.handover`).
+- Disarming is forced: in the air, too, the motors stop. The bridge releases the vehicle at once. A
+  bridge that cannot disarm its stack refuses and names what can.
 - It reports whether the vehicle acts on commands: until then the reference waits at the vehicle,
   and the MPC learns nothing. Where the stack knows it, it reports whether the vehicle stands.
 """
@@ -28,7 +30,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from quad_mpc_ros.control.estimation.ground_state import GroundState
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
@@ -39,11 +41,18 @@ from quad_mpc_ros.messages.conversions import NewMessage, odometry_from_message
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.handover import Ground, Handover, Stack, State, Surroundings
+from quad_mpc_ros.ros.bridges.line import ReopenedLine
 from quad_mpc_ros.ros.bridges.odometry import OdometryStamps, PositionJumps
 from quad_mpc_ros.ros.bridges.thrust import ThrustMap
 
+FORCED = 21196.0
+"""Second parameter of MAV_CMD_COMPONENT_ARM_DISARM: disarm in the air as well."""
+
 _FASTEST_TURN = 100.0  # rad/s: more than the gyroscope of a vehicle can measure
 _ASKED_AGAIN_NS = 1_000_000_000
+_RESULTS = "accepted", "temporarily rejected", "denied", "unsupported", "failed"
+_ARMING_TIMEOUT_NS = 3_000_000_000  # until the stack reports what was requested
+_REASON_NS = 500_000_000  # for texts with the reason of a refusal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,13 +92,15 @@ class Line:
     """How often it is read [s]."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class CrazyflieLink:
-    """A link to a Crazyflie in place of a serial line, by its address as cflib writes it."""
+class OwnLine(Protocol):
+    """A line that a bridge opens itself, in place of a serial one."""
 
-    uri: str
-    period: float = 0.005
-    """How often it is read [s]."""
+    @property
+    def period(self) -> float:
+        """How often it is read [s]."""
+
+    def open(self) -> ReopenedLine:
+        """Return the line; it connects when it is first read."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +154,7 @@ class Bridge(ABC):
     patient: bool = False
     """Whether a pilot switches the stack to setpoints, at any time."""
 
-    line: Line | CrazyflieLink | None = None
+    line: Line | OwnLine | None = None
     """The line to the stack, if there is one."""
 
     subscriptions: Sequence[Subscription]
@@ -173,6 +184,9 @@ class Bridge(ABC):
         self._handover = Handover(config.handover, patient=self.patient)
         self._surroundings = Surroundings(config.handover)
         self._ground, self._mpc_ground = Ground(), GroundState.UNKNOWN
+        self._arming: tuple[bool, int] | None = None  # what was requested, and when [ns]
+        self._refusal: list[str] = []  # of that request
+        self._reasons: list[str] = []  # what the stack said since then
         self._asked_ns: int | None = None
 
     @abstractmethod
@@ -188,7 +202,7 @@ class Bridge(ABC):
         return Response(accepted=True, text="released")
 
     def _arm(self, wanted: bool) -> Response:
-        """Return what arms or disarms, or that this bridge cannot."""
+        """Return what arms, or disarms also in the air, or that this bridge cannot."""
         return Response(accepted=False, text="arm the vehicle with the tools of its own stack")
 
     @abstractmethod
@@ -230,14 +244,39 @@ class Bridge(ABC):
         return Response(accepted=True, text=f"{self._handover.state.value}: the MPC will fly")
 
     def arm(self, wanted: bool, *, now_ns: int) -> Response:
-        """Arm or disarm, on request.
+        """Arm or disarm, on request; :meth:`arming_outcome` has the result.
 
-        Disarming is never refused; the motors of a flying vehicle stop.
+        Disarming stops the motors of a flying vehicle.
         """
         self._advance(now_ns)
         response = self._arm(wanted)
         obstacle = self._obstacle_to_arming(now_ns) if wanted and response.accepted else ""
-        return Response(accepted=False, text=obstacle) if obstacle else response
+        if obstacle:
+            return Response(accepted=False, text=obstacle)
+        if response.accepted:
+            self._arming, self._refusal, self._reasons = (wanted, now_ns), [], []
+            if not wanted and self._handover.state is not State.RELEASED:
+                self._handover.release("released by disarming")
+        return response
+
+    def arming_outcome(self, *, now_ns: int) -> Response | None:
+        """Return how the last request to arm or disarm ended; None while that is open."""
+        if self._arming is None:
+            return None
+        wanted, since_ns = self._arming
+        what, elapsed_ns = "armed" if wanted else "disarmed", abs(now_ns - since_ns)
+        if self._reports_armed(wanted, now_ns) is wanted:
+            return Response(accepted=True, text=what)
+        if elapsed_ns < (_REASON_NS if self._refusal else _ARMING_TIMEOUT_NS):
+            return None
+        unanswered = f"the stack has not reported that it is {what} within 3 s"
+        return Response(
+            accepted=False, text=": ".join([*(self._refusal or [unanswered]), *self._reasons])
+        )
+
+    def stack_fault(self, *, now_ns: int) -> str:
+        """Return why the stack cannot be flown now, or an empty string."""
+        return self._stack(now_ns).fault
 
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
         """Take a reference, by which a handover is judged."""
@@ -332,6 +371,15 @@ class Bridge(ABC):
             case _:
                 return ""
 
+    def _reports_armed(self, wanted: bool, now_ns: int) -> bool | None:
+        """Return whether the stack reports that it is armed, or None, after it was ``wanted``."""
+        return self._stack(now_ns).armed
+
+    def _refuse_arming(self, reason: str) -> None:
+        """Note that the stack refused the request to arm or disarm."""
+        self._warnings.append(reason)
+        self._refusal = [reason]
+
     def _asked_to_switch(self, now_ns: int) -> list[Outgoing]:
         """Return what switches the stack to setpoints, once they have run for long enough."""
         if self._handover.offered_for(now_ns=now_ns) < round(self.warm_up * 1e9):
@@ -421,7 +469,7 @@ class Bridge(ABC):
         if not stack.fault:
             flown = self._handover.state is State.ENGAGED
             state = self._mpc_ground if flown else GroundState.UNKNOWN
-            self._ground.update(odometry.p_WB, armed=stack.armed, state=state)
+            self._ground.update(odometry.p_WB, armed=bool(stack.armed), state=state)
 
     def _refuse(self, reason: str) -> None:
         self.refused += 1
@@ -433,9 +481,14 @@ class Bridge(ABC):
             return []
 
         def receive(message: Any, now_ns: int) -> None:
-            self.thrust.receive_voltage(float(getattr(message, field)), now_ns=now_ns)
+            self._receive_voltage(float(getattr(message, field)), now_ns)
 
         return [Subscription(topic=topic, receive=receive)]
+
+    def _receive_voltage(self, voltage: float, now_ns: int) -> None:
+        """Take a battery voltage [V] as the stack reports it, known or not."""
+        warning = self.thrust.receive_voltage(voltage, now_ns=now_ns)
+        self._warnings += [warning] if warning else []
 
     def _command_fault(self, command: CommandSample, now_ns: int) -> str | None:
         if not all(map(math.isfinite, (command.throttle, *command.w_WB_B.tolist()))):
@@ -449,6 +502,11 @@ class Bridge(ABC):
         if abs(age) > self._config.command_timeout:
             return f"the command is {age:.3f} s old by its stamp"
         return None
+
+
+def command_result(number: int) -> str:
+    """Return a MAV_RESULT in words; PX4 and MAVROS answer with the same numbers."""
+    return _RESULTS[number] if 0 <= number < len(_RESULTS) else f"result {number}"
 
 
 class LatestStatus:

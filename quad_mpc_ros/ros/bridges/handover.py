@@ -30,6 +30,7 @@ _SECOND = 1_000_000_000
 _PATIENCE_NS = 5 * _SECOND  # until the stack has switched
 _LASTING_NS = 300_000_000  # obstacles to an offered handover are ignored for so long
 _FRESH_NS = 500_000_000
+_GAP_NS = 100_000_000  # without a fresh command, after which the stack may act on the gap
 _REFERENCE_FRESH_NS = _SECOND
 _HOLDING_SHARES = (0.5, 1.6)  # of the weight as thrust: keeps its height for a moment
 
@@ -49,11 +50,15 @@ class State(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class Stack:
-    """What a stack reports; ``fault`` is why nothing must be sent to it, or empty."""
+    """What a stack reports; ``fault`` is why nothing must be sent to it, or empty.
+
+    ``armed`` is None while unknown. ``left`` is why it takes no setpoints, for the log.
+    """
 
     fault: str = ""
     takes_setpoints: bool = False
-    armed: bool = False
+    armed: bool | None = None
+    left: str = "another node, a pilot or a failsafe switched the mode"
 
 
 class Handover:
@@ -97,7 +102,8 @@ class Handover:
         elif stack.fault:
             self.release(f"released because {stack.fault}")
         elif self.state is not State.OFFERED and not stack.takes_setpoints:
-            self.release("released because somebody else switched the mode")
+            gap = f"no fresh command came for {gap_ns / _SECOND:.2f} s, and "
+            self.release(f"released because {gap if gap_ns > _GAP_NS else ''}{stack.left}")
         elif self.state is State.ENGAGED and not stack.armed:
             self.release("released by disarming")
         elif self.state is not State.ENGAGED:
@@ -169,7 +175,7 @@ class Surroundings:
         ``landed`` is whether the vehicle stands on the ground; None where that is unknown.
         """
         odometry = self._odometry
-        if odometry is None or _is_old(odometry[1], now_ns, _FRESH_NS):
+        if odometry is None or is_old(odometry[1], now_ns, _FRESH_NS):
             return "there is no fresh odometry"
         return (
             self._tilted(odometry[0])
@@ -190,7 +196,7 @@ class Surroundings:
         if self._reference is None:
             return ""  # commands need not come from a reference
         window, seen_ns = self._reference
-        if _is_old(seen_ns, now_ns, _REFERENCE_FRESH_NS):
+        if is_old(seen_ns, now_ns, _REFERENCE_FRESH_NS):
             return "the reference is old"
         away = window.pose_at(odometry.stamp_ns)[0] - odometry.p_WB
         if landed:  # a reference below the ground leads nowhere
@@ -204,7 +210,7 @@ class Surroundings:
         return f"the reference is {distance:.2f} m away, engage_distance_max is {most:g} m"
 
     def _command_obstacle(self, *, landed: bool | None, now_ns: int) -> str:
-        if self._command is None or _is_old(self._command[2], now_ns, _FRESH_NS):
+        if self._command is None or is_old(self._command[2], now_ns, _FRESH_NS):
             return "there is no fresh command"
         command, share, _ = self._command
         least, most = _HOLDING_SHARES
@@ -226,5 +232,6 @@ class Surroundings:
         return ""
 
 
-def _is_old(since_ns: int, now_ns: int, most_ns: int) -> bool:
-    return abs(now_ns - since_ns) > most_ns
+def is_old(since_ns: int | None, now_ns: int, most_ns: int) -> bool:
+    """Whether a time [ns] is longer ago than ``most_ns``, or unknown, or far in the future."""
+    return since_ns is None or abs(now_ns - since_ns) > most_ns

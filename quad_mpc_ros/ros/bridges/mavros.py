@@ -11,6 +11,7 @@ Fields and constants after https://github.com/mavlink/mavros (mavros_msgs/msg/At
 from __future__ import annotations
 
 import dataclasses
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,7 @@ from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.ros.bridges.ardupilot import cosine_of_tilt, thrust_fault, without_boost
 from quad_mpc_ros.ros.bridges.bridge import (
+    FORCED,
     Bridge,
     LatestStatus,
     Outgoing,
@@ -27,11 +29,13 @@ from quad_mpc_ros.ros.bridges.bridge import (
     Response,
     ServiceCall,
     Subscription,
+    command_result,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.handover import Stack
 
 IGNORE_ATTITUDE = 128  # and no bit of a rate or of the thrust
+COMPONENT_ARM_DISARM = 400  # MAV_CMD
 
 _STATE_TIMEOUT = 3.0  # s: MAVROS publishes it with each heartbeat of the autopilot, once a second
 _ENGAGED = {"px4": ("OFFBOARD",), "ardupilot": ("GUIDED", "GUIDED_NOGPS")}
@@ -94,11 +98,12 @@ class MavrosBridge(Bridge):
         )
         self.publications = (self._target,)
         self._set_mode = self._service("set_mode", "mavros_msgs/srv/SetMode")
-        self._arming = self._service("cmd/arming", "mavros_msgs/srv/CommandBool")
+        self._arm_service = self._service("cmd/arming", "mavros_msgs/srv/CommandBool")
+        self._command = self._service("cmd/command", "mavros_msgs/srv/CommandLong")
         self._parameters = self._service(
             "param/get_parameters", "rcl_interfaces/srv/GetParameters"
         )
-        self.services = self._set_mode, self._arming, self._parameters
+        self.services = self._set_mode, self._arm_service, self._command, self._parameters
 
     def engage(self, wanted: bool, *, now_ns: int) -> Response:
         """Hand the vehicle to the MPC, or take it back; ask ArduPilot what thrust means."""
@@ -137,12 +142,26 @@ class MavrosBridge(Bridge):
             return Stack(fault="MAVROS is not connected to the autopilot")
         if self._thrust_fault:
             return Stack(fault=self._thrust_fault)
-        return Stack(takes_setpoints=state.mode in self._modes, armed=bool(state.armed))
+        return Stack(
+            takes_setpoints=state.mode in self._modes,
+            armed=bool(state.armed),
+            left=f"the autopilot's mode is {state.mode}",
+        )
 
     def _arm(self, wanted: bool) -> Response:
-        what = "arming" if wanted else "disarming"
-        call = self._call(self._arming, value=wanted)
+        if wanted:
+            what, call = "arming", self._call(self._arm_service, value=True)
+        else:  # the service arming cannot force it
+            what = "disarming"
+            fields = {"command": COMPONENT_ARM_DISARM, "param1": 0.0, "param2": FORCED}
+            call = self._call(self._command, **fields)
+        call = dataclasses.replace(call, receive=functools.partial(self._on_arming, what))
         return Response(accepted=True, text=f"asked for {what}", calls=[call])
+
+    def _on_arming(self, what: str, response: Any) -> None:
+        if not response.success:
+            result = command_result(int(response.result))
+            self._refuse_arming(f"the autopilot refuses {what}: {result}")
 
     def _switch(self) -> list[Outgoing]:
         return [self._call(self._set_mode, custom_mode=self._modes[0])]

@@ -18,24 +18,25 @@ from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
-    CrazyflieLink,
     Line,
     Outgoing,
     OutgoingBytes,
     OutgoingMessage,
+    OwnLine,
     Response,
     ServiceCall,
     Subscription,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
-from quad_mpc_ros.ros.bridges.crazyflie.line import CrazyflieLine
 from quad_mpc_ros.ros.bridges.line import ReopenedLine
 from quad_mpc_ros.ros.bridges.network_line import open_line
 from quad_mpc_ros.ros.clocks import SteadyTime, create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.preflight.finding import Level
+from quad_mpc_ros.ros.preflight.own import LANDED_KEY, STACK_FAULT_KEY
 from quad_mpc_ros.ros.preflight.thrust_map import thrust_map_findings
+from quad_mpc_ros.ros.repeated_warnings import RepeatedWarnings
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
 
@@ -44,6 +45,7 @@ _OURS = (
     topics.GROUND_STATE,
 )
 _WARNING_PERIOD = 5.0
+_OUTCOME_PERIOD = 0.05
 _QUIET_NS = 500_000_000
 
 
@@ -58,6 +60,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self._refuse_clashes(command)
         self._refuse_other_releases()
         self._silence = ""
+        self._warnings = RepeatedWarnings(self)
         self._command_ns = 0
         self._odometry = self.health.publisher(topics.ODOMETRY)
         self._odometry_message = new_message(topics.ODOMETRY.type_name)
@@ -91,8 +94,16 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             self.health.subscription(
                 subscription.topic, functools.partial(self._on_stack, subscription)
             )
-        for name, ask in (("arm", self._bridge.arm), ("engage", self._bridge.engage)):
-            self.create_service(SetBool, f"~/{name}", functools.partial(self._serve, ask))
+        self.create_service(
+            SetBool, "~/engage", functools.partial(self._serve, self._bridge.engage)
+        )
+        arm = self.create_service(
+            SetBool, "~/arm", functools.partial(self._serve, self._bridge.arm)
+        )
+        # Answered by the outcome, which may take seconds: rclpy has no other way to answer later.
+        self._answer_arm, arm.send_response = arm.send_response, self._hold_answer
+        self._held_answers: list[tuple[Any, Any]] = []
+        create_steady_timer(self, _OUTCOME_PERIOD, self._answer_held)
         line = self._bridge.line
         self._line = None if line is None else _opened(line)
         if line is not None:
@@ -165,7 +176,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         if odometry is not None:
             self._publish_odometry(odometry, self._bridge.announced_reset)
         for warning in self._bridge.take_warnings():
-            self.get_logger().warning(warning, throttle_duration_sec=_WARNING_PERIOD)
+            self._warnings.warn(warning)
 
     def _on_line(self) -> None:
         assert self._line is not None
@@ -176,7 +187,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             self._publish_odometry(odometry, reset)
         warnings = self._bridge.take_warnings()
         for warning in [*warnings, *filter(None, [self._line.fault])]:
-            self.get_logger().warning(warning, throttle_duration_sec=_WARNING_PERIOD)
+            self._warnings.warn(warning)
 
     def _publish_odometry(self, odometry: OdometrySample, reset: EstimateReset | None) -> None:
         if reset is not None:  # first, for what follows is in other coordinates
@@ -227,6 +238,26 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self.get_logger().info(response.message)
         return response
 
+    def _hold_answer(self, response: Any, header: Any) -> None:
+        """Send the answer of a request to arm or disarm, unless its outcome is still open."""
+        if response.success:
+            self._held_answers.append((response, header))
+        else:
+            self._answer_arm(response, header)
+
+    def _answer_held(self) -> None:
+        """Answer requests to arm or disarm whose outcome has come; the newest one decides."""
+        if not self._held_answers:
+            return
+        outcome = self._bridge.arming_outcome(now_ns=self._time.now_ns())
+        if outcome is None:
+            return
+        for response, header in self._held_answers:
+            response.success, response.message = outcome.accepted, outcome.text
+            self._answer_arm(response, header)
+            self.get_logger().info(outcome.text)
+        self._held_answers.clear()
+
     def _obstacle(self) -> str:
         """Return what must be mended before the vehicle is handed over; nothing is asked now."""
         rivals = self.health.rivals()
@@ -264,9 +295,11 @@ class BridgeNode(ReportingNode[BridgeConfig]):
 
     def report(self) -> Health:
         """Return whether commands are sent to the stack, or why not."""
-        bridge = self._bridge
-        quiet = self._time.now_ns() - self._command_ns > _QUIET_NS
-        text = "silent: no commands from the mpc" if quiet else bridge.silence
+        bridge, now_ns = self._bridge, self._time.now_ns()
+        quiet = now_ns - self._command_ns > _QUIET_NS
+        fault = bridge.stack_fault(now_ns=now_ns)
+        silence = "silent: no commands from the mpc" if quiet else bridge.silence
+        text = "; ".join(dict.fromkeys(filter(None, (fault, silence))))
         landed = self._published_landed
         return Health(
             level=WARN if text else OK,
@@ -279,7 +312,8 @@ class BridgeNode(ReportingNode[BridgeConfig]):
                 ("passed_commands", str(bridge.passed)),
                 ("engaged", str(self._engaged_message.data).lower()),
                 ("handover", bridge.handover[0]),
-                ("landed", "unknown" if landed is None else str(landed).lower()),
+                (LANDED_KEY, "unknown" if landed is None else str(landed).lower()),
+                (STACK_FAULT_KEY, fault),
                 ("battery_scale", f"{bridge.thrust.battery_scale:.3f}"),
             ],
         )
@@ -290,8 +324,8 @@ def run_bridge(kind: type[Bridge], args: list[str] | None = None) -> int:
     return run(functools.partial(BridgeNode, kind), args)
 
 
-def _opened(line: Line | CrazyflieLink) -> ReopenedLine:
-    return CrazyflieLine(line) if isinstance(line, CrazyflieLink) else open_line(line)
+def _opened(line: Line | OwnLine) -> ReopenedLine:
+    return open_line(line) if isinstance(line, Line) else line.open()
 
 
 def _require(kind: type[Bridge]) -> None:

@@ -7,11 +7,11 @@ import math
 
 import numpy as np
 
+from quad_mpc_ros.control.estimation.clock_offset import ClockOffset, PersistentOffset
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import state_from_odometry
-from quad_mpc_ros.control.safety.clock_offset import ClockOffset, PersistentOffset
 
 _LONGEST_POSE_GAP_NS = 200_000_000
 _FASTEST = 30.0  # m/s: beyond it the estimate stepped

@@ -21,12 +21,14 @@ from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, gi
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.bridge import (
+    FORCED,
     Bridge,
     LatestStatus,
     Outgoing,
     OutgoingMessage,
     Response,
     Subscription,
+    command_result,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.frames import (
@@ -113,10 +115,9 @@ def fill_vehicle_rates_setpoint(message: Any, command: CommandSample, *, throttl
 
 
 def fill_arming(message: Any, *, wanted: bool, target_system: int) -> None:
-    """Write a ``VehicleCommand`` that arms or disarms."""
-    _fill_command(
-        message, VEHICLE_CMD_COMPONENT_ARM_DISARM, (float(wanted), 0.0, 0.0), target_system
-    )
+    """Write a ``VehicleCommand`` that arms, or disarms also in the air."""
+    parameters = (1.0, 0.0, 0.0) if wanted else (0.0, FORCED, 0.0)
+    _fill_command(message, VEHICLE_CMD_COMPONENT_ARM_DISARM, parameters, target_system)
 
 
 def fill_offboard_mode(message: Any, *, target_system: int) -> None:
@@ -235,7 +236,10 @@ class Px4Bridge(Bridge):
         if mode is not None:
             offboard.append(bool(mode.flag_control_offboard_enabled))
             armed.append(bool(mode.flag_armed))
-        return Stack(takes_setpoints=all(offboard), armed=all(armed))
+        left = "PX4 switched the mode in a failsafe"
+        if status is None or not status.failsafe:
+            left = "a pilot, a ground station or another node switched PX4's mode"
+        return Stack(takes_setpoints=all(offboard), armed=all(armed), left=left)
 
     def _arm(self, wanted: bool) -> Response:
         message = self._new(self._command.type_name)
@@ -283,10 +287,14 @@ class Px4Bridge(Bridge):
         return self._passed_on(odometry, now_ns=now_ns, cause=cause)
 
     def _on_ack(self, message: Any, now_ns: int) -> None:
-        if message.result not in (_ACCEPTED, _IN_PROGRESS):
-            self._warnings.append(
-                f"PX4 answered command {message.command} with result {message.result}"
-            )
+        if message.result in (_ACCEPTED, _IN_PROGRESS):
+            return
+        result = command_result(int(message.result))
+        if message.command == VEHICLE_CMD_COMPONENT_ARM_DISARM:
+            reason = f"PX4 refuses to arm or disarm ({result}): the ground station has its reason"
+            self._refuse_arming(reason)
+        else:
+            self._warnings.append(f"PX4 refuses command {message.command}: {result}")
 
     def _asked(self, what: str, message: Any) -> Response:
         outgoing = OutgoingMessage(topic=self._command, message=message)

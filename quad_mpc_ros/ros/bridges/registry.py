@@ -64,7 +64,10 @@ def load_bridge(name: str) -> Any:
             f"--bridge: given {name!r}, expected one of {', '.join(entries)}"
             f"{did_you_mean(name, [*entries, *(e.removesuffix('_bridge') for e in entries)])}"
         )
-    return entry.load()
+    try:
+        return entry.load()
+    except (ImportError, AttributeError) as error:
+        raise UserError(f"{entry.name}: {entry.value} cannot be loaded: {error}") from error
 
 
 def _entries() -> list[EntryPoint]:

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from quad_mpc_ros.control.model.voltage import SmoothedVoltage
+from quad_mpc_ros.control.model.voltage import SmoothedVoltage, measured_voltage
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 
 _SCALE_LIMITS = (0.5, 1.5)
@@ -24,7 +24,8 @@ class ThrustMap:
             if config.thrust_map.kind == "quadratic"
             else self._model
         )
-        self._voltage = SmoothedVoltage()
+        self._voltage = SmoothedVoltage(expected=config.thrust_map.battery_voltage)
+        self._has_refused_voltage = False
 
     def thrust_newton(self, model_throttle: float) -> float:
         """Return the collective thrust [N] of the MPC's throttle by its model; at least 0."""
@@ -40,10 +41,22 @@ class ThrustMap:
             return model_throttle
         return self._inverse(self._model.thrust(model_throttle) / self.battery_scale)
 
-    def receive_voltage(self, voltage: float, *, now_ns: int) -> None:
-        """Take a battery voltage [V]; impossible ones are ignored."""
-        if self._parameters.battery_voltage != 0.0:
-            self._voltage.receive(voltage, now_ns=now_ns)
+    def receive_voltage(self, voltage: float, *, now_ns: int) -> str:
+        """Take a reported battery voltage [V]; return why it is ignored, once, or nothing.
+
+        Unknown voltages are ignored without a reason.
+        """
+        expected, bounds = self._parameters.battery_voltage, self._voltage
+        if expected == 0.0 or bounds.receive(voltage, now_ns=now_ns):
+            return ""
+        if measured_voltage(voltage) is None or self._has_refused_voltage:
+            return ""
+        self._has_refused_voltage = True
+        return (
+            f"battery voltage: given {voltage:g} V, expected {bounds.least:.3g} V to "
+            f"{bounds.most:.3g} V for thrust_map.battery_voltage {expected:g} V; ignored: check "
+            "its unit and the number of cells"
+        )
 
     @property
     def battery_scale(self) -> float:

@@ -6,7 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 
 from quad_mpc_ros.recordings.qos_profile import INFINITE_NS, QosProfile
 from quad_mpc_ros.ros.messages import qos_profile
@@ -34,7 +40,10 @@ def adapted(publishers: Sequence[QoSProfile]) -> QoSProfile:
     """Return the strictest profile that every publisher of a topic can serve, as rosbag2 does."""
     reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in publishers)
     latched = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in publishers)
-    return qos_profile(depth=_RECORDING_DEPTH, reliable=reliable, latched=latched)
+    profile = qos_profile(depth=_RECORDING_DEPTH, reliable=reliable, latched=latched)
+    if reliable and latched:  # of lockstep, whose simulator waits for a recorder that is behind
+        profile.history = HistoryPolicy.KEEP_ALL
+    return profile
 
 
 def offered_again(recorded: Sequence[QosProfile]) -> QoSProfile:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import functools
 import sys
 from collections import deque
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.publisher import Publisher
 
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import UserError, optional_part
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import ReferenceWindow
@@ -20,7 +20,6 @@ from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
 from quad_mpc_ros.messages.corridor import written_corridor
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
-from quad_mpc_ros.obstacles.configured import guidance
 from quad_mpc_ros.ros import realtime
 from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.commanders import Commanders
@@ -33,6 +32,10 @@ from quad_mpc_ros.ros.preflight.own import REFUSED_KEY
 from quad_mpc_ros.ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
+
+if TYPE_CHECKING:  # a node that nothing guides imports it not
+    from quad_mpc_ros.extras.guidance import Guidance
+    from quad_mpc_ros.extras.racing.held_gates import HeldGates
 
 _ESTIMATE_FAILS = {"at bounds": "is at its bounds", "reset": "was reset"}
 _ACCELEROMETER_FAILS = {
@@ -76,12 +79,13 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._refused = "; ".join(refused)
         between_ticks = config.realtime.garbage_collection == "between_ticks"
         self._garbage = GarbageCollection(between_ticks=between_ticks)
-        self._guidance = guidance(config)
-        guide = self._guidance.guide
+        guidance = _guidance(config)
+        guide = None if guidance is None else guidance.guide
+        self._gates: HeldGates | None = None if guidance is None else guidance.gates
         with reported(self):
             self._controller = warmed_up(config, deadline=config.deadline_seconds, guide=guide)
-        self._standby = Standby()
-        self._in_lockstep = config.lockstep
+        self._standby = Standby(config)
+        self._in_lockstep = self.health.lockstep = config.lockstep
         self._engaged: bool | None = None  # unless a bridge publishes it, commands act
         self._landed: bool | None = None
         self._command = self.health.publisher(topics.COMMAND)
@@ -110,12 +114,12 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._corridor: Publisher | None = None
         if guide is not None:
             self._corridor = self.health.publisher(topics.CORRIDOR)
-        if self._guidance.gates is not None:
+        if self._gates is not None:
             self.managed_subscription(topics.GATES, self._on_gates, expected=False)
-        world, surroundings = self._guidance.world, self._guidance.surroundings
-        if world is not None and surroundings is not None:
+        if guidance is not None and guidance.world is not None:
+            assert guidance.surroundings is not None
             self._obstacle_inputs = ObstacleInputs(
-                self, world, surroundings, lockstep=config.lockstep
+                self, guidance.world, guidance.surroundings, lockstep=config.lockstep
             )
         if not config.lockstep:
             self.managed_alarm(1.0 / config.control_rate, self._on_watch)
@@ -127,12 +131,18 @@ class MpcNode(ManagedNode[MpcConfig]):
         if obstacle is None:
             return self._commanders.obstacle()
         missing = self._standby.missing
-        if missing is None:
+        if missing not in ("odometry", "reference"):
             return obstacle
         if missing == "reference" and not self._hears_reference:
             return f"{obstacle}: from the reference node of this process"
         topic = topics.ODOMETRY if missing == "odometry" else topics.REFERENCE
         return f"{obstacle}: {self.health.publishers_of(topic)}"
+
+    def prepare(self, obstacle: str | None) -> bool:
+        """Return whether to begin now, as all other MPCs agree."""
+        if self._commanders.claim(obstacle is None):
+            self.health.report()
+        return obstacle is None and self._commanders.agreed()
 
     def awaits(self) -> bool:
         """Whether odometry or its reference has not come yet, or who is there is not known yet."""
@@ -153,6 +163,12 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._controller.landed(self._landed)
         self._publish_ground()
 
+    def loss_in_flight(self) -> str | None:
+        """Return that commands stop, None where they do not act or the vehicle stands."""
+        if self._engaged is False or self._controller.ground_state.stands:
+            return None
+        return "no more commands, the autopilot's failsafe takes over"
+
     def cleanup(self) -> None:
         """Release the controller."""
         self._commanders.watch(None)
@@ -163,6 +179,7 @@ class MpcNode(ManagedNode[MpcConfig]):
     def reconfigure(self, config: MpcConfig) -> None:
         """Apply live parameters between two ticks."""
         self._controller.reconfigure(config)
+        self._standby.reconfigure(config)
 
     def take_reference(self, window: ReferenceWindow) -> None:
         """Take a window from another node of this process, in any thread.
@@ -244,27 +261,30 @@ class MpcNode(ManagedNode[MpcConfig]):
         """Compare vehicles, and give way to who commands already."""
         if self.health.watch is not None:
             self.health.watch.receive(data)
+        before = self._commanders.values()
         reason = self._commanders.receive(data)
+        if self._commanders.values() != before:
+            self.health.report()
         if reason and self.active:
             self.stay_inactive(reason)
         elif not self.active and self.autostarting and self._commanders.is_taken():
             self.stay_inactive(f"inactive: {self._commanders.obstacle()}, then activate this node")
+        elif not self.active and self._commanders.claims:
+            self.activate_when_ready()
 
     def _on_odometry_reset(self, message: Any) -> None:
         try:
             self._controller.reset_estimate(conversions.reset_from_message(message))
         except ValueError as error:
             self._warn(str(error))
-            return
-        self._guidance.reset_estimate()
 
     def _on_gates(self, message: Any) -> None:
         """Take where the gates are by now."""
         frame_id = self._controller.config.odometry.frame_id
-        if self._guidance.gates is not None:
+        if self._gates is not None:
             try:
                 poses = conversions.poses_from_message(message, frame_id=frame_id)
-                self._guidance.gates.move(*poses)
+                self._gates.move(*poses)
             except UserError as error:
                 self._warn(str(error))
 
@@ -274,6 +294,8 @@ class MpcNode(ManagedNode[MpcConfig]):
         now_ns = self._time.now_ns()
         if self.active:
             self._finish(self._controller.watch(now_ns=now_ns))
+        elif self._commanders.claims:  # withdraws the claim when inputs grow old
+            self.activate_when_ready()
         period = 1.0 / self._controller.config.control_rate
         if self._time.is_simulated:  # it may run faster than the timer
             return period
@@ -337,8 +359,13 @@ class MpcNode(ManagedNode[MpcConfig]):
             return
         if now is Source.MPC:
             self.get_logger().info("the MPC flies")
+            return
+        text = f"{now.name.lower()} takes over: {tick.decision.reason}"
+        # Two statements: rclpy raises where one statement logs with two severities.
+        if now in (Source.BLIND, Source.SILENT):
+            self.get_logger().error(text)
         else:
-            self.get_logger().warning(f"{now.name.lower()} takes over: {tick.decision.reason}")
+            self.get_logger().warning(text)
 
     def report(self) -> Health:
         """Return who commands."""
@@ -388,6 +415,14 @@ class MpcNode(ManagedNode[MpcConfig]):
 
     def _warn(self, text: str) -> None:
         self.warnings.warn(text)
+
+
+def _guidance(config: MpcConfig) -> Guidance | None:
+    """Return what guides the controller, None where nothing is configured to."""
+    if not config.guided_by:
+        return None
+    guidance: Guidance = optional_part("guidance", needed_by=config.guided_by)(config)
+    return guidance
 
 
 main = functools.partial(run, MpcNode)

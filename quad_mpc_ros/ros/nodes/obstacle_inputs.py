@@ -10,9 +10,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.messages import cdr
 from quad_mpc_ros.messages.diagnostics import OK, WARN
-from quad_mpc_ros.messages.obstacle_messages import read_markers, read_path, read_transforms
-from quad_mpc_ros.messages.point_cloud import read_point_cloud
+from quad_mpc_ros.messages.obstacle_messages import (
+    markers_from_message,
+    path_from_message,
+    transforms_from_message,
+)
+from quad_mpc_ros.messages.point_cloud import point_cloud_from_message
 from quad_mpc_ros.messages.topics import (
     OBSTACLE_MARKERS,
     OBSTACLES,
@@ -23,11 +28,11 @@ from quad_mpc_ros.messages.topics import (
     Topic,
 )
 from quad_mpc_ros.ros.lifecycle import ManagedNode
-from quad_mpc_ros.ros.messages import message_class, odometry_in
+from quad_mpc_ros.ros.messages import message_class, message_in, odometry_in
 
 if TYPE_CHECKING:  # a node without obstacles imports neither
-    from quad_mpc_ros.obstacles.surroundings import Surroundings
-    from quad_mpc_ros.obstacles.world import World
+    from quad_mpc_ros.extras.obstacles.surroundings import Surroundings
+    from quad_mpc_ros.extras.obstacles.world import World
 
 _SILENT = 1.0  # s without a scan, after the first
 
@@ -126,13 +131,15 @@ class ObstacleInputs:
         """Return what receives bytes and takes note of those that are of no use."""
 
         def guarded(data: bytes) -> None:
+            result = counted
             try:
                 receive(data)
-                if counted is not None:
-                    self._counts[counted] += 1
             except ValueError as error:
-                self._counts["refused"] += 1
+                result = "refused"
                 self._refusals.append(f"refused: {error}")
+            if result is not None:
+                with self._wakes:  # both threads count
+                    self._counts[result] += 1
 
         return guarded
 
@@ -149,9 +156,11 @@ class ObstacleInputs:
             self._wakes.notify()
 
     def _read_cloud(self, data: bytes) -> None:
-        self._guarded("clouds", lambda data: self._world.receive_cloud(read_point_cloud(data)))(
-            data
-        )
+        self._guarded("clouds", self._take_cloud)(data)
+
+    def _take_cloud(self, data: bytes) -> None:
+        cloud = point_cloud_from_message(message_in(OBSTACLES, data))
+        self._world.receive_cloud(cloud)
 
     def _wake(self) -> None:
         with self._wakes:
@@ -171,13 +180,14 @@ class ObstacleInputs:
             self._surroundings.renew()
 
     def _on_markers(self, data: bytes) -> None:
-        self._world.receive_markers(read_markers(data))
+        self._world.receive_markers(markers_from_message(message_in(OBSTACLE_MARKERS, data)))
 
     def _on_transforms(self, data: bytes) -> None:
-        self._world.receive_transforms(read_transforms(data))
+        self._world.receive_transforms(transforms_from_message(message_in(TF, data)))
 
     def _on_plan(self, name: str, data: bytes) -> None:
-        self._world.receive_neighbour(name, read_path(data))
+        plan = cdr.read_path(data) or path_from_message(message_in(PREDICTED_PATH, data))
+        self._world.receive_neighbour(name, plan)
 
     def _on_neighbour(self, name: str, data: bytes) -> None:
         self._world.receive_neighbour(name, odometry_in(data))

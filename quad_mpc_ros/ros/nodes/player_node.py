@@ -21,7 +21,7 @@ from quad_mpc_ros.messages.topics import CLOCK
 from quad_mpc_ros.recordings.config import PlayerConfig
 from quad_mpc_ros.recordings.qos_profile import QosProfile, parse_qos_profiles
 from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage, TopicInfo
-from quad_mpc_ros.recordings.replay.playback import Playback, Section, Timeline, in_laps
+from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline, Section, in_laps
 from quad_mpc_ros.recordings.replay.playback_threads import PlaybackThread, ReadAhead
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
@@ -68,7 +68,7 @@ class PlayerNode(ReportingNode[PlayerConfig]):
             ),
             depth=_READ_AHEAD,
         )
-        timeline = Timeline(
+        timeline = PlaybackTimeline(
             recorded_ns=self._section.start_ns,
             steady_ns=time.monotonic_ns() + round(config.delay * _S),
             rate=config.rate,
@@ -90,9 +90,13 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         if config.progress:
             self.create_timer(_PROGRESS_PERIOD, self._show_progress)
         sys.setswitchinterval(_SWITCH_INTERVAL_S)
-        if reader.unfinished:
-            self.get_logger().warning(reader.unfinished)
-        self.get_logger().info(f"playing {config.bag}: {len(self._outputs)} topics")
+        if reader.warning:
+            self.get_logger().warning(reader.warning)
+
+    def begin(self) -> None:
+        """Play."""
+        assert self._thread is not None
+        self.get_logger().info(f"playing {self.config.bag}: {len(self._outputs)} topics")
         self._thread.start()
 
     def destroy_node(self) -> None:
@@ -188,6 +192,8 @@ class PlayerNode(ReportingNode[PlayerConfig]):
 
 
 def _section(reader: BagReader, config: PlayerConfig) -> Section:
+    if reader.has_wrong_log_times:
+        raise BagError(reader.warning)
     span = reader.span
     assert span is not None  # there is a message to play
     start_ns = span.start_ns + round(config.start * _S)

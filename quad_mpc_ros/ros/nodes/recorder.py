@@ -13,12 +13,12 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from quad_mpc_ros.configuration import BagError
-from quad_mpc_ros.messages.topics import OPTIONAL
+from quad_mpc_ros.messages.topics import OPTIONAL, RECORDED
 from quad_mpc_ros.recordings.config import RecorderConfig, TopicSelection
 from quad_mpc_ros.recordings.parameters import write_parameters
 from quad_mpc_ros.recordings.writer import BagExistsError, BagWriter, Split
-from quad_mpc_ros.ros.messages import message_class
-from quad_mpc_ros.ros.nodes.bag_qos import offered
+from quad_mpc_ros.ros.messages import message_class, qos_of
+from quad_mpc_ros.ros.nodes.bag_qos import adapted, offered
 from quad_mpc_ros.ros.nodes.parameter_query import ParameterQuery
 from quad_mpc_ros.ros.nodes.published_order import PublishedOrder
 from quad_mpc_ros.ros.nodes.topic_recorder import TopicRecorder
@@ -49,6 +49,7 @@ class Recorder:
         self._writer: BagWriter | None = None
         self._type_names: dict[str, str] = {}
         self._recorded: dict[str, TopicRecorder] = {}
+        self._expected: dict[str, TopicRecorder] = {}  # without a publisher yet
         self._refused: set[str] = set()
         self._early: list[Callable[[int], None]] = []
         self._ordered = PublishedOrder()
@@ -92,15 +93,17 @@ class Recorder:
         if self._writer is None:
             self._writer = new_bag(self._config)
             write_parameters(self._writer, self._node.get_name(), self._config.flattened())
+        self._expect()
         self.poll()
         return self._writer.directory
 
     def pause(self) -> None:
         """End the subscriptions, and flush what was received to the operating system."""
-        for recording in self._recorded.values():
+        for recording in (*self._recorded.values(), *self._expected.values()):
             recording.close()
         self._lost_before = self.lost_count
         self._recorded.clear()
+        self._expected.clear()
         self._refused.clear()
         self._ordered.write_all()
         self._guarded(lambda writer: writer.flush())
@@ -138,6 +141,28 @@ class Recorder:
             candidates = {name for name, _ in self._node.get_topic_names_and_types()} - known
         return sorted(topic for topic in candidates if self._selection.includes(topic))
 
+    def _expect(self) -> None:
+        """Subscribe to topics of known types before they have a publisher.
+
+        A publisher finds a subscription within milliseconds. To be found, subscribed to and to
+        find that subscription takes it from 0.1 s to seconds.
+        """
+        for topic in RECORDED:
+            name = self._node.resolve_topic_name(topic.name)
+            if name in self._selection.names and self._selection.includes(name):
+                self._expected[name] = self._recorder_of(
+                    name, topic.type_name, adapted([qos_of(topic)])
+                )
+
+    def _recorder_of(self, topic: str, type_name: str, profile: QoSProfile) -> TopicRecorder:
+        return TopicRecorder(
+            self._node,
+            topic=topic,
+            type_name=type_name,
+            profile=profile,
+            receive=partial(self._on_message, topic),
+        )
+
     def _subscribe(self, topic: str) -> bool:
         publishers = self._node.get_publishers_info_by_topic(topic)
         if not publishers:
@@ -151,16 +176,18 @@ class Recorder:
             self._announce(topic, type_names[0], profiles)
         except (ImportError, AttributeError, ValueError, BagError) as error:
             self._refused.add(topic)
+            if topic in self._expected:
+                self._expected.pop(topic).close()
             self._node.get_logger().error(
                 f"cannot record {topic} of type {', '.join(type_names)}: {error}"
             )
             return False
-        self._recorded[topic] = TopicRecorder(
-            self._node,
-            topic=topic,
-            type_name=type_names[0],
-            publishers=profiles,
-            receive=partial(self._on_message, topic),
+        expected = self._expected.pop(topic, None)
+        if expected is not None and expected.type_name != type_names[0]:
+            expected.close()
+            expected = None
+        self._recorded[topic] = expected or self._recorder_of(
+            topic, type_names[0], adapted(profiles)
         )
         return True
 
@@ -176,6 +203,8 @@ class Recorder:
             raise BagError(f"it is recorded as {before}")
 
     def _on_message(self, topic: str, data: bytes, info: dict[str, int]) -> None:
+        if topic in self._expected and not self._subscribe(topic):
+            return  # its publisher is already gone
         write = partial(self._write, topic, data, info["source_timestamp"])
         self.message_count += 1
         clock = self._node.get_clock()

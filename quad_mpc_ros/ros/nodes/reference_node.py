@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from std_srvs.srv import Trigger
 
@@ -20,8 +20,8 @@ from quad_mpc_ros.messages import cdr, conversions, topics
 from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory, joined_trajectory
-from quad_mpc_ros.references.director import TOO_LATE, Reply
-from quad_mpc_ros.references.live import LiveReference
+from quad_mpc_ros.references.director import GROUND, TOO_LATE, Reply
+from quad_mpc_ros.references.live import LiveReference, Published
 from quad_mpc_ros.references.motion_table import MotionTable
 from quad_mpc_ros.references.point_table import PointTable
 from quad_mpc_ros.references.timeline import FlightTime, StampClock
@@ -31,8 +31,10 @@ from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import odometry_in
-from quad_mpc_ros.ros.nodes.detours import Detours
 from quad_mpc_ros.ros.spin import run
+
+if TYPE_CHECKING:  # imported for a race only
+    from quad_mpc_ros.extras.racing.detours import Detours
 
 _BODY_FRAME = "base_link"
 # A request begins after a lead, as it has to be planned first; if planning takes longer, it is
@@ -45,10 +47,10 @@ _TRIALS = 3
 _INACTIVE = Reply(accepted=False, text="the reference node is inactive: activate it first")
 
 
-class _Shown(NamedTuple):
-    """What the last window showed, its stamps' offset, and when it was published."""
+class _Sent(NamedTuple):
+    """The version of the last window, the offset of its stamps, and when it was published."""
 
-    outlook: tuple[object, ...]
+    version: object
     ahead_ns: int
     at_ns: int
 
@@ -63,7 +65,8 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     The flight follows a clock that is never set. Windows are published by a separate thread, while
     the executor plans: as soon as the reference changes, and otherwise every twentieth of a
-    window's length.
+    window's length. That thread uses the reference only by :attr:`.LiveReference.published`, and
+    whoever publishes or stops the time holds ``_publishing``.
     """
 
     _config: ReferenceConfig
@@ -86,8 +89,9 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._live.too_late = lambda start_ns: self._flight_ns() > start_ns
         self._time, self._stamps = FlightTime(), StampClock()
         self._request = ""
-        self._shown: _Shown | None = None
+        self._sent: _Sent | None = None
         self._renewal_ns = round(config.renewal_period * 1e9)
+        self.health.lockstep = config.lockstep
         self._reference = self.health.publisher(topics.REFERENCE)
         self._path = self.health.publisher(topics.REFERENCE_PATH)
         self.managed_subscription(topics.ODOMETRY, self._on_odometry, raw=True)
@@ -114,13 +118,19 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     def activate(self) -> None:
         """Begin, or continue where it stopped."""
         self._time.resume(self._now_ns())
-        self._shown = None
+        self._sent = None
         self._publish_path(self._live.course(self._flight_ns()))
 
     def deactivate(self) -> None:
         """Stop the time of the flight."""
         with self._publishing:  # a window in progress still belongs to the flight
             self._time.pause(self._now_ns())
+
+    def loss_in_flight(self) -> str | None:
+        """Return that windows stop, None while no trajectory is flown."""
+        if not self._live.started or self._live.mode(self._flight_ns()) == GROUND:
+            return None
+        return "no more reference, the MPC's failsafe takes over"
 
     def cleanup(self) -> None:
         """Release the trajectory."""
@@ -140,6 +150,8 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         )
 
     def _lead_through_gates(self) -> None:
+        from quad_mpc_ros.extras.racing.detours import Detours
+
         waits = self._config.lockstep
         self._detours = Detours(self._config, self._live, waits=waits)
         self.managed_subscription(topics.GATES, self._on_gates, expected=False)
@@ -173,24 +185,20 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     def _on_beat(self) -> None:
         with self._publishing:
-            if self.active and self._is_due(self._now_ns()):
-                self._publish(self._now_ns())
+            if self.active:
+                self._publish(self._now_ns(), if_due=True)
 
-    def _is_due(self, now_ns: int) -> bool:
+    def _is_due(self, published: Published, now_ns: int) -> bool:
         """Whether the last window is out of date, or ends too soon."""
-        outlook, ahead_ns = self._live.outlook(), self._stamps.ahead_ns
-        shown, self._shown = self._shown, _Shown(outlook, ahead_ns, now_ns)
-        if (
-            shown is None
-            or not outlook
-            or [*map(id, outlook)] != [*map(id, shown.outlook)]
-            or ahead_ns != shown.ahead_ns
-            or abs(now_ns - shown.at_ns) >= self._renewal_ns
-            or self._live.changes(self._time.at(shown.at_ns), self._time.at(now_ns))
-        ):
-            return True
-        self._shown = shown
-        return False
+        sent = self._sent
+        return (
+            sent is None
+            or published.version is None
+            or published.version is not sent.version
+            or self._stamps.ahead_ns != sent.ahead_ns
+            or abs(now_ns - sent.at_ns) >= self._renewal_ns
+            or published.changes(self._time.at(sent.at_ns), self._time.at(now_ns))
+        )
 
     def _on_engaged(self, message: Any) -> None:
         reply = self._live.engage(bool(message.data))
@@ -320,11 +328,13 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             return
         self.health.report()
 
-    def _publish(self, now_ns: int) -> None:
-        window = self._live.window(self._time.at(now_ns))
-        if window is None:
+    def _publish(self, now_ns: int, *, if_due: bool = False) -> None:
+        published = self._live.published
+        if published is None or (if_due and not self._is_due(published, now_ns)):
             return
-        window = replace(window, stamp_ns=now_ns + self._stamps.ahead_ns)
+        ahead_ns = self._stamps.ahead_ns
+        window = replace(published.window(self._time.at(now_ns)), stamp_ns=now_ns + ahead_ns)
+        self._sent = _Sent(published.version, ahead_ns, now_ns)
         if self._hand_over is not None:
             self._hand_over(window)
             if self._reference.get_subscription_count() == 0:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.duration import Duration
 from std_srvs.srv import Trigger
 
 from quad_mpc_ros.control.model.samples import CommandSample
@@ -20,6 +21,7 @@ from quad_mpc_ros.messages.topics import (
     CLOCK,
     COMMAND,
     IMU,
+    LOCKSTEP_DEPTH,
     OBSTACLE_MARKERS,
     OBSTACLES,
     ODOMETRY,
@@ -33,14 +35,17 @@ from quad_mpc_ros.ros.spin import run, stop
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant, Powered
 from quad_mpc_ros.simulation.sensors import OdometryStream, SentOdometry
-from quad_mpc_ros.simulation.surroundings import Surroundings
+from quad_mpc_ros.simulation.surroundings import NOTHING_SEEN, configured_surroundings
 from quad_mpc_ros.simulation.warm_up import warm_up
 
-# s: in lockstep an odometry without an answer is sent again; the command may just be late.
-_RESEND_PERIOD = 1.0
+# s: in lockstep an odometry without an answer is sent again when nodes have been matched since,
+# otherwise much later: on a busy machine the answer may just be slow.
+_LOOK_PERIOD, _RESEND_PERIOD = 1.0, 5.0
 # s: longest wait for nodes that exist and do not publish yet; they may be compiling.
 _STARTING = 900.0
 _LOG_PERIOD = 5.0
+# s: how long a wait for the subscribers lasts at least before it is logged, or a signal ends it.
+_CONFIRMATION_PERIOD = 1.0
 _NEEDED = {"mpc": COMMAND, "reference": REFERENCE}
 # s: how often real time is polled when odometries are delayed and leave at irregular times
 _POLL_PERIOD = 1e-3
@@ -93,16 +98,18 @@ class Lockstep:
         self._stream = OdometryStream(plant, node.config, start_stamp_ns=SIMULATION_START_NS)
         self._clock = node.health.publisher(CLOCK)
         self._awaited: SentOdometry | None = None
-        self._waiting_since = self._started = 0.0
+        self._waiting_since = self._started = self._sent = 0.0
+        self._peers: list[tuple[str, str]] = []  # when it was sent
+        self._unconfirmed = 0  # odometries, and measurements of the accelerometer in tens
 
     def start(self) -> None:
         """Send the first odometry."""
         self._started = time.monotonic()
-        self._node.every(_RESEND_PERIOD, self._resend)
+        self._node.every(_LOOK_PERIOD, self._resend)
         self._step()
 
     def receive_command(self, command: CommandSample) -> None:
-        """Step if this is the awaited command; a second one for the same odometry is not."""
+        """Step if this is the awaited command, not if it is a repetition."""
         if self._awaited is not None and command.stamp_ns == self._awaited.odometry.stamp_ns:
             self._plant.apply(command)
             self._step()
@@ -110,8 +117,14 @@ class Lockstep:
     def _step(self) -> None:
         self._awaited = self._stream.step()
         if self._awaited is None:
+            self._node.await_subscribers()
             self._node.finish()
             return
+        if self._unconfirmed >= LOCKSTEP_DEPTH:
+            if not self._node.await_subscribers():
+                return
+            self._unconfirmed = 0
+        self._unconfirmed += 1 + len(self._awaited.imu) // LOCKSTEP_DEPTH
         self._waiting_since = time.monotonic()
         self._send(self._awaited)
 
@@ -119,7 +132,7 @@ class Lockstep:
         """Repeat what may have been lost, and fail after the timeout."""
         now = time.monotonic()
         waited = now - self._waiting_since
-        if self._awaited is None or waited < _RESEND_PERIOD:
+        if self._awaited is None or waited < _LOOK_PERIOD:
             return
         starting = self._node.starting()
         if starting and now - self._started < _STARTING:
@@ -135,13 +148,15 @@ class Lockstep:
                 f"and reference running, both with lockstep: true?"
             )
             return
-        self._send(self._awaited)
+        if self._peers != self._node.health.peers() or now - self._sent >= _RESEND_PERIOD:
+            self._send(self._awaited)
 
     def _send(self, sent: SentOdometry) -> None:
         """Publish the time of sending, the stamp and the delay, and the odometry.
 
         A repetition is the same message: noise is drawn once.
         """
+        self._sent, self._peers = time.monotonic(), self._node.health.peers()
         clock = new_message(CLOCK.type_name)
         conversions.fill_time(clock.clock, SIMULATION_START_NS + sent.time_ns)
         self._clock.publish(clock)
@@ -153,6 +168,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
 
     def __init__(self) -> None:
         super().__init__("simulator", SimulatorConfig)
+        self.health.lockstep = self.config.lockstep
         self._odometry = self.health.publisher(ODOMETRY)
         self._odometries = self._commands = 0
         self._fault: str | None = None
@@ -165,7 +181,11 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         powered = isinstance(plant, Powered) and plant.battery_voltage is not None
         self._battery = self.health.publisher(BATTERY) if powered else None
         self._imu = self.health.publisher(IMU) if self.config.imu_rate > 0.0 else None
-        self._surroundings = Surroundings(self.config.obstacles, radius=self.config.radius)
+        self._surroundings = configured_surroundings(
+            self.config.obstacles, radius=self.config.radius
+        )
+        if self._surroundings is not None:
+            self._surroundings.check_start(plant.odometry(0).p_WB)
         self._clouds = self._markers = None
         if self.config.obstacles.sensor == "rays":
             self._clouds = self.health.publisher(OBSTACLES)
@@ -175,6 +195,9 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         self._pacing = pacing(self, plant)
         self.health.subscription(COMMAND, self._on_command)
         self.create_service(Trigger, "~/start", self._on_start)
+
+    def begin(self) -> None:
+        """Start the clock, unless a service will."""
         if self.config.autostart:
             self._start()
 
@@ -203,18 +226,43 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         if measured_ns <= self._newest_ns:  # sent again
             return
         self._newest_ns = measured_ns
-        seen = self._surroundings.look(sent.truth, measured_ns)
+        seen, collision = NOTHING_SEEN, None
+        if self._surroundings is not None:
+            seen = self._surroundings.look(sent.truth, measured_ns)
+            collision = self._surroundings.collision(sent.truth, measured_ns)
         if seen.cloud is not None and self._clouds is not None:
             self._clouds.publish(written_point_cloud(seen.cloud))
         if seen.markers and self._markers is not None:
             message = new_message(OBSTACLE_MARKERS.type_name)
             message.markers = [filled_marker(each, new=new_message) for each in seen.markers]
             self._markers.publish(message)
-        collision = self._surroundings.collision(sent.truth, measured_ns)
         if collision is not None:
             self._collided = True
             self.get_logger().error(f"crashed: {collision.text}")
             self.finish()
+
+    def await_subscribers(self) -> bool:
+        """Wait until reliable subscribers, the recorder among them, have every odometry.
+
+        They then also have what other nodes published before: shared memory has one queue of 512
+        messages for a process, which discards what exceeds them. Return false if the flight ends.
+        """
+        timeout, started = self.config.lockstep_timeout, time.monotonic()
+        period = Duration(seconds=min(_CONFIRMATION_PERIOD, timeout))
+        while not self._odometry.wait_for_all_acked(period):
+            if not self.context.ok():
+                return False
+            if time.monotonic() - started > timeout:
+                self.fail(
+                    f"a subscriber of {self._odometry.topic_name} has stopped receiving for "
+                    f"{timeout:g} s (lockstep_timeout): is the recorder stopped?"
+                )
+                return False
+            self.get_logger().info(
+                f"waiting for a subscriber of {self._odometry.topic_name} that is behind",
+                throttle_duration_sec=_LOG_PERIOD,
+            )
+        return True
 
     def starting(self) -> str:
         """Return which nodes of the vehicle exist and do not publish yet."""

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
+from quad_mpc_ros.messages.topics import LOCKSTEP_DEPTH
 from quad_mpc_ros.ros.messages import message_class
 from quad_mpc_ros.ros.nodes.bag_qos import adapted
 
@@ -21,8 +23,8 @@ Receiver = Callable[[bytes, dict[str, int]], None]
 class TopicRecorder:
     """A subscription with the strictest quality of service that every publisher serves.
 
-    When a publisher with a weaker one joins, a weaker subscription takes over. For a while both
-    receive, so that nothing is lost, and duplicates are dropped.
+    When the publishers change, another subscription takes over if they serve more or less. For a
+    while both receive, so that nothing is lost, and duplicates are dropped.
 
     Publishers number their messages. Missing numbers are messages lost in transit, as buffers
     overflow in a process that is starved of the processor. They are counted while there is one
@@ -35,27 +37,33 @@ class TopicRecorder:
         *,
         topic: str,
         type_name: str,
-        publishers: Sequence[QoSProfile],
+        profile: QoSProfile,
         receive: Receiver,
     ) -> None:
         self._node = node
         self._topic = topic
-        self._type_name = type_name
+        self.type_name = type_name
         self._receive = receive
         self._leaving: Subscription | None = None
         self._leaves_at_s = 0.0
         self._seen: set[tuple[int, bytes]] = set()
+        self._newest_seen: deque[tuple[int, bytes]] = deque(maxlen=LOCKSTEP_DEPTH)
         self._reported: set[str] = set()
         self._closed = False
         self._newest: int | None = None
         self.lost_count = 0
         """How many messages were lost in transit."""
-        self._profile = adapted(publishers)
+        self._profile = profile
+        self._followed = 0
         self._subscription = self._subscribe()
 
     @property
     def publisher_count(self) -> int:
-        """Return the number of matched publishers."""
+        """Return the number of matched publishers, 0 until it has adapted to all of them."""
+        return self._matched if self._matched <= self._followed else 0
+
+    @property
+    def _matched(self) -> int:
         return int(self._subscription.get_publisher_count())
 
     def close(self) -> None:
@@ -74,20 +82,24 @@ class TopicRecorder:
             self._node.destroy_subscription(self._leaving)
             self._leaving = None
             self._seen.clear()
-        if self._node.count_publishers(self._topic) > self.publisher_count:
-            self._ask_for_less(now_s)
+        there, matched = self._node.count_publishers(self._topic), self._matched
+        if there != self._followed or there > matched:
+            self._adapt(now_s)
 
-    def _ask_for_less(self, now_s: float) -> None:
-        profiles = [self._profile]
-        for info in self._node.get_publishers_info_by_topic(self._topic):
-            if info.topic_type == self._type_name:
+    def _adapt(self, now_s: float) -> None:
+        publishers = self._node.get_publishers_info_by_topic(self._topic)
+        self._followed = len(publishers)
+        profiles = []
+        for info in publishers:
+            if info.topic_type == self.type_name:
                 profiles.append(info.qos_profile)
             else:
                 self._report(info.topic_type)
         served = adapted(profiles)
-        if served == self._profile:
-            return  # they have not found each other yet
+        if not profiles or served == self._profile:
+            return
         self._profile = served
+        self._seen = set(self._newest_seen)  # a latched topic delivers them again
         self._leaving, self._leaves_at_s = self._subscription, now_s + _HANDOVER_S
         self._subscription = self._subscribe()
 
@@ -96,12 +108,12 @@ class TopicRecorder:
             self._reported.add(type_name)
             self._node.get_logger().error(
                 f"cannot record {self._topic} of type {type_name}: it is recorded as "
-                f"{self._type_name}"
+                f"{self.type_name}"
             )
 
     def _subscribe(self) -> Subscription:
         return self._node.create_subscription(
-            message_class(self._type_name),
+            message_class(self.type_name),
             self._topic,
             self._on_message,
             self._profile,
@@ -113,11 +125,12 @@ class TopicRecorder:
     def _on_message(self, data: bytes, info: dict[str, int]) -> None:
         if self._closed:
             return
+        key = (info["source_timestamp"], data)
         if self._leaving is not None:
-            key = (info["source_timestamp"], data)
             if key in self._seen:
                 return
             self._seen.add(key)
+        self._newest_seen.append(key)
         self._count_lost(info.get("publication_sequence_number"))
         self._receive(data, info)
 

@@ -9,11 +9,13 @@ from typing import Any
 
 from rclpy.publisher import Publisher
 
+from quad_mpc_ros.configuration import files, optional_part
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import conversions, markers
-from quad_mpc_ros.messages.corridor import HalfSpaces, read_corridor
+from quad_mpc_ros.messages.corridor import HalfSpaces, corridor_from_message
 from quad_mpc_ros.messages.diagnostics import OK, WARN
+from quad_mpc_ros.messages.free_region import corridor_edges
 from quad_mpc_ros.messages.markers import Trail, VisualisationConfig
 from quad_mpc_ros.messages.topics import (
     COMMAND,
@@ -23,14 +25,12 @@ from quad_mpc_ros.messages.topics import (
     PREDICTED_PATH,
     TF,
 )
-from quad_mpc_ros.obstacles.files import scene_of_file
-from quad_mpc_ros.obstacles.free_region import corridor_edges
-from quad_mpc_ros.obstacles.markers import shape_marker
-from quad_mpc_ros.references.gates import read_course
+from quad_mpc_ros.references.course import Course
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.spin import run
+from quad_mpc_ros.simulation.scene import Scene
 
 
 class VisualisationNode(ReportingNode[VisualisationConfig]):
@@ -46,8 +46,8 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         self._plan: Any = None
         self._heard = False
         self._corridor: HalfSpaces | None = None
-        self._scene = scene_of_file(self.config.obstacles_file)
-        course = read_course(self.config.gates) if self.config.gates else None
+        self._scene = _scene(self.config)
+        course = _course(self.config)
         self._gates = [] if course is None else [gate.corners() for gate in course.once().values()]
 
         self._markers = self.health.publisher(MARKERS)
@@ -55,7 +55,7 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         self.health.subscription(ODOMETRY, self._on_odometry)
         self.health.subscription(COMMAND, self._on_command)
         self.health.subscription(PREDICTED_PATH, self._on_plan)
-        self.health.subscription(CORRIDOR, self._on_corridor, raw=True, expected=False)
+        self.health.subscription(CORRIDOR, self._on_corridor, expected=False)
         create_steady_timer(self, period, self._show)
 
     def _transform_publisher(self) -> Publisher | None:
@@ -82,9 +82,9 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
     def _on_plan(self, message: Any) -> None:
         self._plan = message
 
-    def _on_corridor(self, data: bytes) -> None:
+    def _on_corridor(self, message: Any) -> None:
         with contextlib.suppress(ValueError):  # the mpc writes no others
-            self._corridor = read_corridor(data)
+            self._corridor = corridor_from_message(message)
 
     def _show(self) -> None:
         if self._odometry is None or not self._heard:
@@ -119,15 +119,8 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
             if self._corridor is not None and len(p_WB):
                 found = corridor_edges(self._corridor, p_WB)
                 drawn.append(markers.corridor_marker(odometry, found, new=new))
-        drawn += [
-            markers.filled_marker(
-                shape_marker(
-                    shape, number, stamp_ns=odometry.stamp_ns, frame_id=odometry.frame_id
-                ),
-                new=new,
-            )
-            for number, shape in enumerate(self._scene.shapes)
-        ]
+        if self._scene is not None:
+            drawn += _scene_markers(self._scene, odometry)
         # Each is shown once: viewers drop what is not renewed.
         self._command = self._plan = self._corridor = None
         return drawn
@@ -137,6 +130,36 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         if self._odometry is None:
             return Health(level=WARN, text="waiting for odometry")
         return Health(level=OK, text="showing")
+
+
+def _scene(config: VisualisationConfig) -> Scene | None:
+    """Return the obstacles of the configured file, None without one."""
+    if not config.obstacles_file:
+        return None
+    read = optional_part("read_scene", needed_by=f"{config.owner}.obstacles_file")
+    scene: Scene = read(files.expanded(config.obstacles_file))
+    return scene
+
+
+def _course(config: VisualisationConfig) -> Course | None:
+    """Return the course of the configured file, None without one."""
+    if not config.gates:
+        return None
+    read = optional_part("read_course", needed_by=f"{config.owner}.gates")
+    course: Course = read(config.gates)
+    return course
+
+
+def _scene_markers(scene: Scene, odometry: OdometrySample) -> list[Any]:
+    from quad_mpc_ros.extras.obstacles.markers import shape_marker  # for obstacles only
+
+    stamp_ns, frame_id = odometry.stamp_ns, odometry.frame_id
+    return [
+        markers.filled_marker(
+            shape_marker(shape, number, stamp_ns=stamp_ns, frame_id=frame_id), new=new_message
+        )
+        for number, shape in enumerate(scene.shapes)
+    ]
 
 
 main = functools.partial(run, VisualisationNode)

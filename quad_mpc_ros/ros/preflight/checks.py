@@ -27,7 +27,9 @@ from quad_mpc_ros.ros.preflight.odometry import (
 )
 from quad_mpc_ros.ros.preflight.own import (
     FREE_KEY,
+    LANDED_KEY,
     REFUSED_KEY,
+    STACK_FAULT_KEY,
     disk_findings,
     lag_findings,
     throttle_findings,
@@ -135,11 +137,12 @@ def file(facts: Facts) -> list[Finding]:
     """Do the nodes have what the files of the command line state?"""
     if not facts.stated:
         return []
-    found = []
+    found, compared = [], []
     for name, stated in facts.stated.items():
         node = facts.nodes.get(name)
         if node is None or node.config is None:
             continue
+        compared.append(name)
         held = node.config.flattened()
         wanted = type(node.config).build({**held, **stated}).flattened()
         for parameter in stated:
@@ -153,7 +156,9 @@ def file(facts: Facts) -> list[Finding]:
                     f"start {name} with the file",
                 )
             )
-    return found or [ok("every node has what the file states")]
+    if not compared:
+        return [unknown("no node runs whose parameters could be compared with the file")]
+    return found or [ok(f"{', '.join(compared)} as the file states")]
 
 
 def throttle(facts: Facts) -> list[Finding]:
@@ -223,6 +228,26 @@ def _unheard(facts: Facts) -> list[Finding]:
     ]
 
 
+def stack(facts: Facts) -> list[Finding]:
+    """Does the flight stack report, and does the vehicle stand on the ground?"""
+    reported = {name: node for name, node in facts.bridges.items() if node.values}
+    if not reported:
+        return [unknown(f"{name} has not reported its health") for name in facts.bridges]
+    found = []
+    for name, node in reported.items():
+        fault = node.values.get(STACK_FAULT_KEY, "")
+        if fault:
+            found.append(error(f"{name}: {fault}", "see the page of the stack in docs/stacks"))
+        elif node.values.get(LANDED_KEY) == "false":
+            found.append(
+                warning(
+                    f"{name} reports that the vehicle is flying",
+                    "land it: several checks need a vehicle at rest on the ground",
+                )
+            )
+    return found or [ok(f"{', '.join(reported)}: the stack reports its state")]
+
+
 def battery(facts: Facts) -> list[Finding]:
     """Is the battery charged, and near the voltage of the thrust map?"""
     state = facts.battery
@@ -283,14 +308,12 @@ def lags(facts: Facts) -> list[Finding]:
 
 
 def code(facts: Facts) -> list[Finding]:
-    """Is the machine code kept, so that a node that is restarted flies at once?"""
+    """Is the machine code compiled, so that a node that is restarted flies at once?"""
     if facts.compiled is None:
         return []
     if facts.compiled:
         return [ok("compiled")]
-    return [
-        warning("not all machine code is kept on this computer", "run quad_mpc compile, on each")
-    ]
+    return [warning("no compiled machine code on this computer", "run quad_mpc compile, on each")]
 
 
 def realtime(facts: Facts) -> list[Finding]:
@@ -320,6 +343,7 @@ CHECKS: dict[str, Check] = {
     "rate": rate_findings,
     "clock": clock_findings,
     "motion": motion_findings,
+    "stack": stack,
     "battery": battery,
     "recorder": recorder,
     "disk": disk,

@@ -101,7 +101,7 @@ class Facts:
             why.
         stated: What files given on the command line state, by node and parameter.
         free: Bytes free on this computer's disk, by folder.
-        compiled: Whether all machine code is kept on this computer; None where that is unknown.
+        compiled: Whether this computer has compiled machine code; None where that is unknown.
     """
 
     nodes: Mapping[str, NodeFacts] = dataclasses.field(default_factory=dict)

@@ -13,7 +13,9 @@ import numpy as np
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import so3
-from quad_mpc_ros.control.safety.odometry_gate import OdometryGate
+from quad_mpc_ros.control.model.state import with_body_twist
+from quad_mpc_ros.control.safety.consistency import motion_contradiction
+from quad_mpc_ros.control.safety.odometry_gate import STANDS, OdometryGate
 from quad_mpc_ros.control.safety.twist_frame import TwistFrameCheck
 from quad_mpc_ros.control.safety.validation import is_frame
 from quad_mpc_ros.messages.topics import CLOCK
@@ -21,7 +23,7 @@ from quad_mpc_ros.ros.preflight.facts import SIMULATOR_NODE, Arrival, Facts
 from quad_mpc_ros.ros.preflight.finding import Finding, error, ok, unknown, warning
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
-_ENOUGH = 10  # odometries to judge by
+_ENOUGH, _LONG_ENOUGH = 10, 1.0  # odometries, or seconds of them, to judge by
 _RATE_SHARE = 0.95  # of the control rate
 _JITTER_SHARE = 0.3  # of a period
 _CLOCK_OFF = 0.1  # s: what a bridge takes as the age of a command (command_timeout)
@@ -77,7 +79,9 @@ def rate_findings(facts: Facts) -> list[Finding]:
         ]
     steps = [1e-9 * (b.odometry.stamp_ns - a.odometry.stamp_ns) for a, b in pairwise(arrivals)]
     duration = sum(steps)
-    if len(arrivals) < _ENOUGH or duration <= 0.0 or mpc is None:
+    if duration <= 0.0:
+        return [error(STANDS, "set header.stamp to the time of each measurement")]
+    if mpc is None or (len(arrivals) < _ENOUGH and duration < _LONG_ENOUGH):
         return [unknown(f"{len(arrivals)} odometries came, too few to judge their rate")]
     rate, found = len(steps) / duration, []
     if rate < _RATE_SHARE * mpc.control_rate:
@@ -159,8 +163,10 @@ def motion_findings(facts: Facts) -> list[Finding]:
     p_WB = np.array([each.odometry.p_WB for each in arrivals])
     if float(np.abs(p_WB - p_WB.mean(axis=0)).max()) < _STILL:
         return _at_rest(mpc, arrivals) or [ok("at rest, level, its twist tells so")]
+    samples = [each.odometry for each in arrivals]
+    turned = mpc.odometry.twist_frame == "world"
     check = TwistFrameCheck(twist_frame=mpc.odometry.twist_frame)
-    suspects = [frame for each in arrivals if (frame := check.suspect(each.odometry))]
+    suspects = [frame for each in samples if (frame := check.suspect(each))]
     if suspects:
         return [
             error(
@@ -169,7 +175,11 @@ def motion_findings(facts: Facts) -> list[Finding]:
                 f"set it to {suspects[0]}, or mend the source",
             )
         ]
-    return [unknown("it moves: the odometry at rest could not be looked at")]
+    samples = [with_body_twist(each) if turned else each for each in samples]
+    contradiction = motion_contradiction(samples, mpc)
+    if contradiction is not None:
+        return [error(contradiction, "correct the source of the odometry")]
+    return [ok("the vehicle moves; position, velocity, attitude and body rates agree")]
 
 
 def _refused(mpc: MpcConfig, arrivals: Sequence[Arrival]) -> list[Finding]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from quad_mpc_ros.control.config import EnvelopeParameters, FenceParameters, MpcConfig
+from quad_mpc_ros.control.config import EnvelopeParameters, MpcConfig
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.flight_limits import FlightLimits
@@ -102,7 +102,7 @@ def rates_findings(facts: Facts) -> list[Finding]:
             warning(
                 f"the reference needs a {need.name} of {need.worst:.3g} rad/s, mpc.omega_max is "
                 f"{bound:.3g}",
-                "slow it down: reference.time_scaling, advanced.trajectory_omega_max",
+                "slow it down: reference.time_scaling: auto",
             )
             for need, bound in rates_beyond(facts.course.verdict, mpc.omega_max)
         ]
@@ -114,7 +114,7 @@ def fence_findings(facts: Facts) -> list[Finding]:
     mpc = facts.mpc
     if mpc is None:
         return [_UNKNOWN]
-    if mpc.fence == FenceParameters() and mpc.envelope == EnvelopeParameters():
+    if not mpc.fence.has_walls and mpc.envelope == EnvelopeParameters():
         if facts.bridges:
             return [warning("no fence is set", "set fence.minimum and fence.maximum of mpc")]
         return [ok("none is set")]
@@ -169,7 +169,7 @@ def _gravest(limits: FlightLimits, samples: Sequence[OdometrySample]) -> Breach 
 
 def _is_near(mpc: MpcConfig, limits: FlightLimits, samples: Sequence[OdometrySample]) -> bool:
     """Whether a way, and not only where the vehicle stands, is near a wall."""
-    if mpc.fence == FenceParameters() or len(samples) < 2:
+    if not mpc.fence.has_walls or len(samples) < 2:
         return False
     return any(
         float(np.abs(limits.inside(sample.p_WB) - sample.p_WB).max()) > _NEAR for sample in samples

@@ -19,6 +19,7 @@ import numpy as np
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3
 from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.simulation.actuators import thrust_at
 from quad_mpc_ros.simulation.rotors import filters
 from quad_mpc_ros.simulation.rotors.mixer import Share, mixed
 from quad_mpc_ros.simulation.rotors.parameters import RotorsPlantParameters
@@ -153,9 +154,8 @@ def speeds(
     out: Array,
 ) -> tuple[float, float]:
     """Write the speeds (n,) [rad/s] for a throttle and a torque [N m]; return :func:`mixed`'s."""
-    a, b, c = kernels.vector(loop.thrust_curve)
     shares = mixed(
-        (a * throttle + b) * throttle + c,
+        thrust_at(throttle, kernels.vector(loop.thrust_curve)),
         torque=torque,
         mix=mix,
         limits=(loop.least, loop.greatest),

@@ -14,17 +14,19 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from quad_mpc_ros.analysis.figures import obstacles, space, style, write_comparison, write_figures
+from quad_mpc_ros.analysis.figures import obstacles, space, style, write_figures
 from quad_mpc_ros.analysis.figures.panels import (
     Curve,
     attitude_panels,
     clearance_panels,
+    error_panels,
     input_panels,
+    position_panels,
     velocity_panels,
 )
-from quad_mpc_ros.obstacles.scene import Scene
-from quad_mpc_ros.obstacles.shapes import Box, Cylinder, Shape, Sphere
 from quad_mpc_ros.recordings.flight import Flight
+from quad_mpc_ros.simulation.scene import Scene
+from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
 
 FlightMaker = Callable[..., Flight]
 
@@ -47,6 +49,21 @@ def circling(make_flight: FlightMaker, build: SimpleNamespace) -> Flight:
         reference=build.reference(corners),
         commands=build.commands(stamp_ns, w_WB_B=rates),
     )
+
+
+def test_no_line_is_drawn_where_odometry_is_missing(circling: Flight, tmp_path: Path) -> None:
+    later = circling.stamp_ns + np.where(np.arange(300) < 150, 0, 6_400_000_000)
+    flight = replace(circling, stamp_ns=later, publish_time_ns=later)
+    ((begin, end),) = flight.gaps
+    assert end - begin == pytest.approx(6.42)
+    for panel in [*position_panels(flight), *velocity_panels(flight), *error_panels(flight)]:
+        for curve in panel.curves:
+            for drawn in (curve, curve.thinned(40)):
+                (place,) = np.flatnonzero(np.isnan(drawn.values))
+                assert drawn.time[place - 1] <= begin < drawn.time[place] < end
+                assert drawn.time[place + 1] >= end
+    for path in write_figures(flight, tmp_path):
+        assert fraction_of(path, "#FFFFFF") > 0.2
 
 
 def fraction_of(path: Path, colour: str) -> float:
@@ -79,7 +96,6 @@ def test_draws_flights_with_missing_data(
     assert [path.stem for path in paths] == ["position", "attitude", "velocity", "path"]
     assert all(path.stat().st_size > 5000 for path in paths)
     assert len(write_figures(make_flight(2), tmp_path / "hover")) == 5
-    write_comparison({"hover": make_flight(2), "bare": bare}, tmp_path / "two.png")
 
 
 def test_obstacles_are_drawn_with_the_distance_to_them(circling: Flight, tmp_path: Path) -> None:
@@ -111,18 +127,6 @@ def test_faces_of_an_obstacle_enclose_its_volume(shape: Shape, volume: float) ->
     enclosed = np.abs(np.einsum("ni,ni->n", a, np.cross(b, c))).sum() / 6.0
     assert 0.85 * volume < enclosed <= volume + 1e-9
     assert np.abs(shape.distance(corners)).max() < 1e-9
-
-
-def test_a_comparison_is_as_wide_as_its_flights(circling: Flight, tmp_path: Path) -> None:
-    one = write_comparison({"one": circling}, tmp_path / "one.png")
-    two = write_comparison({"left": circling, "right": circling}, tmp_path / "two.png")
-    assert imread(two).shape[1] == 2 * imread(one).shape[1]
-    left, right = np.split(imread(two)[..., :3], 2, axis=1)
-    blue = [
-        np.mean(np.all(np.abs(half - style.rgb(style.FLOWN)) < 0.02, axis=-1))
-        for half in (left, right)
-    ]
-    assert min(blue) > 1e-3
 
 
 class TestAttitude:

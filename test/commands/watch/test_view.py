@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,9 +12,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from quad_mpc_ros.commands.watch.panel import pictured, trail_lines
-from quad_mpc_ros.commands.watch.vehicle import Arrival, Vehicle, Vehicles
-from quad_mpc_ros.commands.watch.view import Mark, VehicleView, viewed
+from quad_mpc_ros.commands.watch.screen import drawn as table
+from quad_mpc_ros.commands.watch.vehicle import Vehicle, Vehicles
+from quad_mpc_ros.commands.watch.view import Entry, Mark, VehicleView, viewed
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import cdr
@@ -25,6 +26,7 @@ from quad_mpc_ros.messages.topics import (
     STATS,
     Topic,
 )
+from quad_mpc_ros.ros.messages import message_in
 
 STAMP = 1_700_000_000 * 10**9
 FIGURES = TickStats(
@@ -61,7 +63,7 @@ def figures(**changes: Any) -> Any:
 
 
 def tell(vehicle: Vehicle, topic: Topic, message: Any, *, at: float) -> None:
-    vehicle.take(topic, Arrival(seconds=at, data=b"", decode=lambda: message))
+    vehicle.topics[topic.name].take(lambda: message, seconds=at)
 
 
 def place(vehicle: Vehicle, x: float, *, at: float) -> None:
@@ -73,7 +75,7 @@ def place(vehicle: Vehicle, x: float, *, at: float) -> None:
         w_WB_B=np.zeros(3),
     )
     data = cdr.written_odometry(odometry)
-    vehicle.take(ODOMETRY, Arrival(seconds=at, data=data, decode=no_decoding))
+    vehicle.topics[ODOMETRY.name].take(partial(message_in, ODOMETRY, data), seconds=at)
 
 
 def reference_at(vehicle: Vehicle, x: float, *, at: float) -> None:
@@ -88,7 +90,7 @@ def reference_at(vehicle: Vehicle, x: float, *, at: float) -> None:
         w_WB_W=0.0 * held,
     )
     data = cdr.written_reference(window, child_frame_id="base_link")
-    vehicle.take(REFERENCE, Arrival(seconds=at, data=data, decode=no_decoding))
+    vehicle.topics[REFERENCE.name].take(partial(message_in, REFERENCE, data), seconds=at)
 
 
 def health_of(name: str, level: int | bytes, text: str, **values: str) -> Any:
@@ -104,17 +106,15 @@ def seen(vehicle: Vehicle, now: float) -> VehicleView:
 
 def drawn(views: list[VehicleView], *, width: int = 120, colour: bool = False) -> str:
     console = Console(file=io.StringIO(), width=width, force_terminal=colour or None)
-    console.print(pictured(views, title="now"))
+    console.print(table(views, title="now"))
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
 
 
 def test_what_never_came_is_missing() -> None:
     view = seen(Vehicle("uav1"), 3.0)
-    assert view.rung.mark is Mark.MISSING
-    groups = (view.flight, view.motion, view.learned, view.timing, view.counters)
-    assert {entry.mark for group in groups for entry in group} == {Mark.MISSING}
-    assert view.nodes == view.log == ()
+    assert {entry.mark for entry in view.entries.values()} == {Mark.MISSING}
+    assert view.log == ()
     assert "no mpc/stats yet" in drawn([view])
 
 
@@ -123,34 +123,34 @@ def test_a_flight_is_shown_with_its_error_and_rates() -> None:
     for k in range(200):
         place(vehicle, 0.01 * k, at=0.02 * k)
         tell(vehicle, STATS, figures(commands=k), at=0.02 * k)
-        vehicle.take(COMMAND, Arrival(seconds=0.02 * k, data=b"", decode=no_decoding))
+        vehicle.topics[COMMAND.name].take(no_decoding, seconds=0.02 * k)
         if k % 50 == 49:
             reference_at(vehicle, 2.0, at=0.02 * k)
             vehicle.look(0.02 * k)
     view = viewed(vehicle, 3.99)
-    assert view.rung.text == "mpc"
-    assert view.rung.mark is Mark.GOOD
-    assert view.entry("error").text == "0.010 m (most 1.510)"
-    assert view.entry("position").text == "1.99 0.00 1.00 m"
-    assert view.entry("odom").text == "50 Hz, 0.01 s ago"
-    assert view.entry("reference").text.startswith("-")  # of no node; its rate is below
-    assert "1 Hz" in next(e.text for e in view.timing if e.label == "reference")
-    assert view.entry("command").text.startswith("50 Hz")
-    assert view.entry("commands sent").text == "199"
+    assert view.entries["commands"].text == "mpc"
+    assert view.entries["commands"].mark is Mark.GOOD
+    assert view.entries["error"].text == "0.010 m"
+    assert view.entries["position"].text == "1.99 0.00 1.00 m"
+    assert view.entries["odom"].text == "50 Hz, 0.01 s ago"
+    assert view.entries["mode"].text == "-"  # no reference node reports
+    assert "1 Hz" in view.entries["reference"].text
+    assert view.entries["command"].text.startswith("50 Hz")
+    assert view.entries["commands sent"].text == "199"
 
 
 def test_what_is_old_says_how_old_it_is() -> None:
     vehicle = Vehicle("")
     place(vehicle, 0.0, at=0.0)
     tell(vehicle, STATS, figures(), at=0.0)
-    assert seen(vehicle, 0.9).rung.mark is Mark.GOOD
+    assert seen(vehicle, 0.9).entries["commands"].mark is Mark.GOOD
     view = seen(vehicle, 7.4)
-    assert view.rung.text == "mpc (old: 7 s)"
-    assert view.rung.mark is Mark.OLD
-    assert view.entry("position").text.endswith("(old: 7 s)")
-    assert view.entry("odom").mark is Mark.OLD
-    assert view.entry("odom").text == "0 Hz, 7.40 s ago"
-    assert view.entry("thrust scale").mark is Mark.OLD
+    assert view.entries["commands"].text == "mpc (old: 7 s)"
+    assert view.entries["commands"].mark is Mark.OLD
+    assert view.entries["position"].text.endswith("(old: 7 s)")
+    assert view.entries["odom"].mark is Mark.OLD
+    assert view.entries["odom"].text == "0 Hz, 7.40 s ago"
+    assert view.entries["thrust scale"].mark is Mark.OLD
 
 
 @pytest.mark.parametrize(
@@ -166,8 +166,8 @@ def test_a_rung_below_the_mpc_is_marked_with_its_reason(
 ) -> None:
     vehicle = Vehicle("")
     tell(vehicle, STATS, figures(source=source, reason=reason), at=0.0)
-    rung = seen(vehicle, 0.0).rung
-    assert (rung.text, rung.mark) == (f"{source}: {reason}", mark)
+    entry = seen(vehicle, 0.0).entries["commands"]
+    assert (entry.text, entry.mark) == (f"{source}: {reason}", mark)
 
 
 def test_a_counter_that_rises_is_marked_until_it_has_stood_still() -> None:
@@ -175,18 +175,8 @@ def test_a_counter_that_rises_is_marked_until_it_has_stood_still() -> None:
     marks = []
     for k in range(30):
         tell(vehicle, STATS, figures(fallbacks=3 + (k >= 10)), at=float(k))
-        marks.append(seen(vehicle, float(k)).entry("fallbacks").mark)
+        marks.append(seen(vehicle, float(k)).entries["fallbacks"].mark)
     assert marks == [Mark.PLAIN] * 10 + [Mark.WARN] * 10 + [Mark.PLAIN] * 10
-
-
-def test_learned_values_come_with_what_they_were_lately() -> None:
-    vehicle = Vehicle("")
-    for k, scale in enumerate((0.9, 1.2, 1.1)):
-        tell(vehicle, STATS, figures(thrust_scale=scale, disturbance_x=-1e-9), at=float(k))
-        vehicle.look(float(k))
-    view = viewed(vehicle, 2.0)
-    assert view.entry("thrust scale").text == "1.100 [0.900, 1.200]"
-    assert view.entry("disturbance x").text == "0.00 [0.00, 0.00] m/s²"
 
 
 def test_a_vehicle_that_does_not_act_and_a_refusal_are_marked() -> None:
@@ -201,14 +191,12 @@ def test_a_vehicle_that_does_not_act_and_a_refusal_are_marked() -> None:
     vehicles.take_diagnostics(health_of("/uav2/mpc", 1, "late"), seconds=0.0)  # not watched
     vehicles.take_diagnostics(health_of("/uav1/mpc", 2, "hover"), seconds=0.0)  # as in a bag
     view = seen(vehicle, 0.5)
-    assert (view.entry("engaged").text, view.entry("engaged").mark) == ("no", Mark.WARN)
-    assert view.entry("reference").text == "hold"
-    assert view.entry("request").mark is Mark.WARN
-    assert [(node.text, node.mark) for node in view.nodes] == [
-        ("ERROR hover", Mark.BAD),
-        ("OK flying", Mark.GOOD),
-    ]
-    assert seen(vehicle, 9.0).nodes[0].mark is Mark.OLD
+    assert (view.entries["engaged"].text, view.entries["engaged"].mark) == ("no", Mark.WARN)
+    assert view.entries["mode"].text == "hold"
+    assert view.entries["request"].mark is Mark.WARN
+    assert view.entries["node mpc"] == Entry("ERROR hover", Mark.BAD)
+    assert view.entries["node reference"] == Entry("OK flying", Mark.GOOD)
+    assert seen(vehicle, 9.0).entries["node mpc"].mark is Mark.OLD
 
 
 def test_lines_of_the_log_are_those_of_the_vehicles_nodes() -> None:
@@ -223,9 +211,7 @@ def test_lines_of_the_log_are_those_of_the_vehicles_nodes() -> None:
     ):
         vehicles.take_log(SimpleNamespace(name=name, level=level, msg=text))
     view = seen(vehicle, 0.0)
-    assert [(line.label, line.text, line.mark) for line in view.log] == [
-        ("mpc", "[late]", Mark.WARN)
-    ]
+    assert view.log == (("mpc", Entry("[late]", Mark.WARN)),)
     assert "[late]" in drawn([view])  # brackets are no markup
 
 
@@ -234,24 +220,20 @@ def test_messages_that_cannot_be_read_count_as_missing() -> None:
     tell(vehicle, STATS, SimpleNamespace(status=[]), at=0.0)
     place(vehicle, float("nan"), at=0.0)
     view = seen(vehicle, 0.0)
-    assert view.rung.mark is Mark.MISSING
-    assert view.entry("position").mark is Mark.MISSING
+    assert view.entries["commands"].mark is Mark.MISSING
+    assert view.entries["position"].mark is Mark.MISSING
 
 
-def test_several_vehicles_are_rows_and_one_is_a_panel() -> None:
+def test_each_vehicle_has_a_column() -> None:
     vehicles = Vehicles(None)
     for name, source in (("uav1", "mpc"), ("uav2", "hover")):
         vehicle = vehicles.of(name)
         assert vehicle is not None
         tell(vehicle, STATS, figures(source=source), at=0.0)
         vehicle.look(0.0)
-    views = [viewed(vehicle, 0.0) for vehicle in vehicles]
-    lines = drawn(views, width=160).splitlines()
-    (one,) = (line for line in lines if "uav1" in line)
-    (other,) = (line for line in lines if "uav2" in line)
-    assert "mpc" in one
-    assert "hover" in other
-    assert "disturbance x" in drawn(views[:1])
+    lines = drawn([viewed(vehicle, 0.0) for vehicle in vehicles]).splitlines()
+    assert ["vehicle", "uav1", "uav2"] in [line.split() for line in lines]
+    assert ["commands", "mpc", "hover"] in [line.split() for line in lines]
 
 
 def test_only_the_named_vehicles_are_watched() -> None:
@@ -261,39 +243,17 @@ def test_only_the_named_vehicles_are_watched() -> None:
 
 
 @pytest.mark.parametrize("width", [40, 80, 120, 200])
-def test_the_panel_fits_any_width_and_keeps_every_entry(width: int) -> None:
+def test_the_table_fits_any_width_and_keeps_every_entry(width: int) -> None:
     vehicle = Vehicle("uav1")
     tell(vehicle, STATS, figures(), at=0.0)
     view = seen(vehicle, 0.0)
     lines = drawn([view], width=width).splitlines()
     assert max(map(len, lines)) <= width
     text = " ".join(lines)
-    for group in (view.flight, view.motion, view.learned, view.timing, view.counters):
-        for entry in group:
-            assert entry.label in text
+    assert all(label in text for label in view.entries)
 
 
 def test_colours_are_for_terminals_only() -> None:
     view = seen(Vehicle("uav1"), 0.0)
     assert "\x1b[" not in drawn([view])
     assert "\x1b[" in drawn([view], colour=True)
-
-
-def test_a_trail_is_drawn_to_scale_with_its_end_marked() -> None:
-    square = np.array([[0.0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1], [0, 0, 1]])
-    lines = trail_lines(square, width=20, height=10)  # as many dots either way
-    inked = [[cell != "\u2800" for cell in line] for line in lines]
-    assert len(lines) == 10
-    assert {len(line) for line in lines} == {20}
-    assert all(inked[0])
-    assert all(inked[-1])
-    assert all(row[0] and row[-1] for row in inked)
-    assert not any(any(row[1:-1]) for row in inked[1:-1])
-    assert lines[-1][0] == "●"
-    flat = trail_lines(np.array([[0.0, 0, 0], [5.0, 0, 0]]), width=20, height=10)
-    assert sum(any(cell != "\u2800" for cell in line) for line in flat) == 1
-
-
-def test_a_trail_of_nothing_or_of_one_place() -> None:
-    assert set("".join(trail_lines(np.zeros((0, 3)), width=4, height=2))) == {"\u2800"}
-    assert "●" in "".join(trail_lines(np.ones((1, 3)), width=4, height=2))

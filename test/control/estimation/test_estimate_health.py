@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -10,14 +12,19 @@ from quad_mpc_ros.control.estimation.estimate_health import EstimateHealth
 MS = 1_000_000
 
 
-def resets(*, seconds: float, refused: float = 0.0, at_bounds: bool = False) -> list[float]:
-    """Return when the estimate is reset [s], if a share of the odometries is refused."""
+def resets(
+    *, seconds: float, refused: float = 0.0, at_bounds: bool = False, later: float = math.inf
+) -> list[float]:
+    """Return when the estimate is reset [s], if a share of the odometries is refused.
+
+    ``later`` [s] all of them are.
+    """
     health, random, times = EstimateHealth(), np.random.default_rng(0), []
     for k in range(round(50 * seconds)):
         if health.fails(
             20 * MS * k,
             duration=0.02,
-            refused=bool(random.random() < refused),
+            refused=bool(random.random() < refused) or 0.02 * k > later,
             at_bounds=at_bounds,
         ):
             times.append(0.02 * k)
@@ -39,3 +46,10 @@ def test_resets_once_after_seconds_at_bounds() -> None:
     first, second = resets(seconds=40.0, at_bounds=True)
     assert first == pytest.approx(3.0, abs=0.1)
     assert second == pytest.approx(first + 30.0, abs=0.1)
+
+
+def test_waits_half_a_minute_after_a_reset_whatever_the_reason_for_the_next() -> None:
+    rejecting = resets(seconds=40.0, refused=1.0)
+    assert np.diff(rejecting) == pytest.approx([30.0], abs=0.1)
+    mixed = resets(seconds=40.0, at_bounds=True, later=5.0)
+    assert np.diff(mixed) == pytest.approx([30.0], abs=0.1)

@@ -37,7 +37,7 @@ def test_steps_are_followed_with_a_tenth_of_a_second() -> None:
     for _ in range(10):
         motion.follow(moved, thrust=1.0, duration=0.02, anew=False, flies=False)
     followed = 1.0 - math.exp(-0.2 / 0.1)
-    assert motion.height == pytest.approx(4.0 * followed)
+    assert motion.now.height == pytest.approx(4.0 * followed)
     assert motion.now.way == pytest.approx(5.0 * followed)
     assert motion.now.lift == pytest.approx(1.0 - math.exp(-0.2 / 0.3))
     for _ in range(100):

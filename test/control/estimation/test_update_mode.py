@@ -1,12 +1,9 @@
-"""The update modes: the table in the module's docstring, row by row, for all that can happen."""
+"""What an odometry may change, by what happened since the odometry before."""
 
 from __future__ import annotations
 
-import itertools
-
 import pytest
 
-from quad_mpc_ros.control.estimation import update_mode as module
 from quad_mpc_ros.control.estimation.update_mode import (
     LONGEST_GAP_NS,
     Conditions,
@@ -14,29 +11,31 @@ from quad_mpc_ros.control.estimation.update_mode import (
     update_mode,
 )
 
-TABLE = [
-    [cell.strip() for cell in line.strip("|").split("|")]
-    for line in (module.__doc__ or "").splitlines()
-    if line.startswith("| ") and "mode" not in line
-]
+FREE_FLIGHT = Conditions(acts=True, flies=True, may_touch=False)
+NEAR_GROUND = FREE_FLIGHT._replace(may_touch=True)
 
 
-def row_for(facts: tuple[bool, ...]) -> str:
-    """Return the mode of the first row that holds."""
-    for *cells, mode in TABLE:
-        if all(
-            not cell or (cell == "yes") == fact for cell, fact in zip(cells, facts, strict=True)
-        ):
-            return mode
-    raise AssertionError(f"no row holds for {facts}")
+def mode(conditions: Conditions, *, saturated: bool = False, gaps: float = 0.5) -> UpdateMode:
+    """Return the mode after a pause of so many times the longest gap."""
+    return UpdateMode(update_mode(conditions, saturated, gaps * 1e-9 * LONGEST_GAP_NS))
 
 
-@pytest.mark.parametrize("facts", itertools.product((False, True), repeat=5))
-def test_table_holds(facts: tuple[bool, ...]) -> None:
-    acts, flies, pauses, long, passed = facts
-    expected = row_for(facts)
-    paused_for = 1e-9 * LONGEST_GAP_NS * (1.5 if long else 0.5)
-    for may_touch, saturated in ((True, False), (False, True), (True, True)):
-        conditions = Conditions(acts, flies, may_touch and pauses)
-        mode = update_mode(conditions, saturated and pauses, paused_for, passed)
-        assert UpdateMode(mode).text == expected
+def test_learns_in_free_flight() -> None:
+    assert mode(FREE_FLIGHT) is UpdateMode.LEARN
+    assert mode(FREE_FLIGHT, gaps=1.5) is UpdateMode.LEARN
+
+
+@pytest.mark.parametrize("lacking", ["acts", "flies"])
+def test_holds_without_acting_commands_or_flight(lacking: str) -> None:
+    assert mode(FREE_FLIGHT._replace(**{lacking: False})) is UpdateMode.HOLD
+
+
+@pytest.mark.parametrize(
+    ("conditions", "saturated"),
+    [(NEAR_GROUND, False), (FREE_FLIGHT, True), (NEAR_GROUND, True)],
+)
+def test_learns_nothing_near_the_ground_or_saturated_and_holds_after_long(
+    conditions: Conditions, saturated: bool
+) -> None:
+    assert mode(conditions, saturated=saturated) is UpdateMode.VELOCITY_ONLY
+    assert mode(conditions, saturated=saturated, gaps=1.5) is UpdateMode.HOLD

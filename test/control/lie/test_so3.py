@@ -72,13 +72,10 @@ def exact_exp(phi: Array) -> Array:
 
 @thorough
 @given(components, components, components, axes)
-def test_hat_is_the_cross_product_and_vee_undoes_it(
-    x: float, y: float, z: float, b: Array
-) -> None:
+def test_hat_is_the_cross_product(x: float, y: float, z: float, b: Array) -> None:
     a = np.array([x, y, z])
     assert_allclose(so3.hat(a) @ b, np.cross(a, b), rtol=0.0, atol=1e-15)
     assert_array_equal(so3.hat(a), -so3.hat(a).T)
-    assert_array_equal(so3.vee(so3.hat(a)), a)
 
 
 @settings(deadline=None, max_examples=60)
@@ -140,7 +137,7 @@ def test_log_undoes_exp_below_pi(phi: Array) -> None:
 @given(rotations)
 def test_log_is_the_shortest_way_round(R: Array) -> None:
     phi = so3.log(R)
-    assert np.linalg.norm(phi) <= math.pi + 4e-16
+    assert np.linalg.norm(phi) <= math.pi + 9e-16  # two units in the last place
     expected = Rotation.from_matrix(R).as_rotvec()
     if np.linalg.norm(expected) < math.pi - 1e-8:
         assert_allclose(phi, expected, rtol=0.0, atol=1e-14)
@@ -251,7 +248,6 @@ def test_every_branch_is_as_accurate_as_the_next() -> None:
 
 BATCHED: dict[str, tuple[Callable[[Array], Array], int]] = {
     "hat": (so3.hat, 1),
-    "vee": (so3.vee, 2),
     "exp": (so3.exp, 1),
     "log": (so3.log, 2),
     "rotation_from_quaternion_xyzw": (so3.rotation_from_quaternion_xyzw, 1),

@@ -235,14 +235,3 @@ def test_without_drag_the_motion_is_ballistic() -> None:
     states = rolled_out(x, np.zeros((10, 4)), model)
     fallen = x.p_WB + 0.5 * x.v_WB_W + np.array([0.0, 0.0, -0.5 * 9.81 * 0.25])
     np.testing.assert_allclose(states[-1].p_WB, fallen, atol=1e-12)
-
-
-def test_lines_that_contributing_changes_are_there() -> None:
-    """The diff that adds a parameter of the model."""
-    section = (ROOT / "CONTRIBUTING.md").read_text().split("## Add a parameter of the model")[1]
-    diff = section.split("```diff\n")[1].split("\n```")[0]
-    for change in diff.split("--- a/")[1:]:
-        path, *lines = change.splitlines()
-        source = (ROOT / path).read_text().splitlines()
-        expected = {line[1:] for line in lines if line.startswith((" ", "-"))}
-        assert expected <= set(source), path

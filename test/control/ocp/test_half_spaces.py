@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from fixtures.exact_qp import exactly_solved
+from fixtures.exact_qp import exactly_solved, slacks_of
+from fixtures.planner import Planner
 from fixtures.presets import agile
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -13,14 +14,16 @@ from quad_mpc_ros.control.config import MpcConfig, SolverParameters
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.corridor import Corridor
-from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
-from quad_mpc_ros.control.mpc import Mpc, MpcStep
-from quad_mpc_ros.control.ocp.half_spaces import HalfSpaces, half_space_penalty
+from quad_mpc_ros.control.model.target import TargetStage
+from quad_mpc_ros.control.mpc import MpcStep
 from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP
+from quad_mpc_ros.control.ocp.limits import Limits, limits_cost
 from quad_mpc_ros.control.ocp.manifold import ManifoldProblem
+from quad_mpc_ros.control.ocp.plan import PlannedTrajectory
 from quad_mpc_ros.control.ocp.qp_solver import QpSolver
+from quad_mpc_ros.control.ocp.settings import Settings
 
 ROWS = {"obstacles.half_spaces": 8}
 START_NS = 10**9
@@ -48,7 +51,9 @@ def wall(config: MpcConfig, n: Array, b: float, *, stamp_ns: int = START_NS) -> 
     return Corridor(stamp_ns=stamp_ns, step=config.horizon_step, normals=normals, offsets=offsets)
 
 
-def converged(mpc: Mpc, seen: OdometrySample, goal: Array, corridor: Corridor | None) -> MpcStep:
+def converged(
+    mpc: Planner, seen: OdometrySample, goal: Array, corridor: Corridor | None
+) -> MpcStep:
     """Return the step after many iterations about the same state."""
     window = ReferenceWindow.hover(goal, stamp_ns=seen.stamp_ns)
     for _ in range(25):
@@ -87,7 +92,7 @@ def test_solution_equals_that_of_another_solver(seed: int) -> None:
     problem = ManifoldProblem(config)
     window = ReferenceWindow.hover(2.0 * unit(rng), stamp_ns=START_NS)
     problem.begin(DelayCompensation(config).predict(seen), window, corridor)
-    qp = HorizonQP(problem.pattern(within=True))
+    qp = HorizonQP(problem.pattern(constrained=True))
     stages = problem.linearise()
     qp.update(stages)
     solution = QpSolver(qp, SolverParameters(tolerance=1e-9, max_iterations=100_000)).solve()
@@ -95,7 +100,7 @@ def test_solution_equals_that_of_another_solver(seed: int) -> None:
     assert solution.solved
     assert_allclose(solution.states, states, atol=1e-4)
     assert_allclose(solution.inputs, inputs, atol=1e-3)
-    assert_allclose(qp.slacks(solution.z), slacks, atol=1e-4)
+    assert_allclose(slacks_of(qp.pattern, solution.z), slacks, atol=1e-4)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -106,8 +111,8 @@ def test_plan_keeps_to_its_side_of_a_plane_where_it_can(seed: int) -> None:
     n /= np.linalg.norm(n)
     config = MpcConfig().updated(ROWS)
     seen = odometry(p_WB=np.zeros(3), v_WB_W=0.3 * rng.normal(size=3))
-    plan = converged(Mpc(config), seen, 2.0 * n, wall(config, n, 0.4)).plan
-    free = converged(Mpc(config), seen, 2.0 * n, None).plan
+    plan = converged(Planner(config), seen, 2.0 * n, wall(config, n, 0.4)).plan
+    free = converged(Planner(config), seen, 2.0 * n, None).plan
     assert plan is not None and free is not None
     assert (free.p_WB @ n).max() > 0.6, "without the plane the plan goes beyond"
     assert (plan.p_WB @ n).max() == pytest.approx(0.4, abs=0.01)
@@ -118,7 +123,7 @@ def test_brakes_before_a_plane_as_late_as_limits_allow() -> None:
     config = MpcConfig().updated({**ROWS, "limits.tilt_max": 0.8})
     n = np.array([1.0, 0.0, 0.0])
     seen = odometry(p_WB=np.zeros(3), v_WB_W=3.0 * n)
-    plan = converged(Mpc(config), seen, 4.0 * n, wall(config, n, 1.8)).plan
+    plan = converged(Planner(config), seen, 4.0 * n, wall(config, n, 1.8)).plan
     assert plan is not None
     assert (plan.p_WB @ n).max() < 1.82
 
@@ -127,7 +132,7 @@ def test_start_beyond_a_plane_is_led_back_and_solved() -> None:
     config = MpcConfig().updated(ROWS)
     n = np.array([0.0, 1.0, 0.0])
     seen = odometry(p_WB=np.array([0.0, 1.0, 0.0]), v_WB_W=np.zeros(3))
-    step = converged(Mpc(config), seen, np.array([0.0, 1.0, 0.0]), wall(config, n, 0.5))
+    step = converged(Planner(config), seen, np.array([0.0, 1.0, 0.0]), wall(config, n, 0.5))
     assert step.plan is not None
     assert step.plan.p_WB[-1, 1] < 0.55
     assert np.diff(step.plan.p_WB[:, 1]).max() < 0.05
@@ -135,7 +140,7 @@ def test_start_beyond_a_plane_is_led_back_and_solved() -> None:
 
 def test_commands_without_corridor_are_the_same_bits() -> None:
     """With room for half-spaces, as long as no corridor is given."""
-    plain, ready = Mpc(MpcConfig()), Mpc(MpcConfig().updated(ROWS))
+    plain, ready = Planner(MpcConfig()), Planner(MpcConfig().updated(ROWS))
     rng = np.random.default_rng(0)
     for tick in range(20):
         stamp_ns = START_NS + tick * PERIOD_NS
@@ -148,26 +153,29 @@ def test_commands_without_corridor_are_the_same_bits() -> None:
 
 def test_half_spaces_hold_at_their_times() -> None:
     """Those of a corridor that began earlier are taken so much later, the last one held."""
-    room = HalfSpaces.zeros(4, 3, row=0, slack=0)
+    limits = Limits.zeros(Settings.zeros()[()], 4, half_spaces=3)
     normals = np.zeros((5, 1, 3))
     normals[..., 0] = 1.0
     offsets = np.arange(5.0)[:, None]
     corridor = Corridor(stamp_ns=0, step=0.1, normals=normals, offsets=offsets)
-    room.take(corridor, stamp_ns=200_000_000, step=0.1)
-    assert_array_equal(room.offsets[:, 0], [2.0, 3.0, 4.0, 4.0])
-    assert room.offsets[:, 1:].min() >= 1e9
+    limits.set_corridor(corridor, stamp_ns=200_000_000, step=0.1)
+    assert_array_equal(limits.offsets[:, 0], [2.0, 3.0, 4.0, 4.0])
+    assert limits.offsets[:, 1:].min() >= 1e9
 
 
 def test_penalty_pays_for_the_plane_that_is_broken_most() -> None:
-    room = HalfSpaces.zeros(1, 3, row=0, slack=0)
-    room.price[:] = 10.0
-    room.normals[0, :2] = np.eye(3)[:2]
-    room.offsets[0, :2] = 1.0, 2.0
+    limits = Limits.zeros(Settings.zeros()[()], 1, half_spaces=3)
+    limits.weights[:] = 10.0
+    limits.bounds["tilt"] = limits.bounds["speed"] = limits.bounds["throttle_max"] = 1e9
+    limits.bounds["rate_change_max"] = 1e9
+    limits.bounds["rate_change_min"] = limits.bounds["throttle_min"] = -1e9
+    limits.normals[0, :2] = np.eye(3)[:2]
+    limits.offsets[0, :2] = 1.0, 2.0
+    plan, target = PlannedTrajectory.zeros(1), TargetStage.zeros(1)
 
     def cost(x: float, y: float) -> float:
-        states = StateRecord.zeros(2)
-        states["p_WB"] = x, y, 0.0
-        return half_space_penalty(room, states)
+        plan.states["p_WB"] = x, y, 0.0
+        return limits_cost(limits, target, plan)
 
     assert cost(1.0, 2.0) == 0.0
     assert cost(1.0 + 1e-6, 0.0) == pytest.approx(2e-5, rel=1e-3)
@@ -186,7 +194,7 @@ def a_random_case(seed: int) -> int:
     if rng.random() < 0.3:
         changes["limits.tilt_max"] = 0.0
     config = (agile() if rng.random() < 0.5 else MpcConfig()).updated(changes)
-    mpc, most = Mpc(config), 0
+    mpc, most = Planner(config), 0
     p_WB, v_WB_W = np.zeros(3), rng.uniform(0.0, 10.0) * unit(rng)
     R_WB = so3.exp(rng.uniform(0.0, 1.5) * unit(rng))
     goal = rng.choice([0.5, 5.0, 40.0]) * unit(rng)

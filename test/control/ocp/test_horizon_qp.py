@@ -13,9 +13,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quad_mpc_ros.control.config import MpcConfig, SolverParameters
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.mpc import Mpc
-from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP
+from quad_mpc_ros.control.ocp.horizon_qp import HorizonPattern, HorizonQP, HorizonStages
 from quad_mpc_ros.control.ocp.qp_solver import QpSolver
-from quad_mpc_ros.control.ocp.stages import HorizonPattern, HorizonStages
 
 EXACT = SolverParameters(tolerance=1e-10, max_iterations=20000)
 
@@ -39,7 +38,6 @@ def a_horizon(steps: int, seed: int, nx: int = 4, nu: int = 2) -> HorizonStages:
         x0=rng.normal(size=nx),
         A=0.4 * rng.normal(size=(steps, nx, nx)),
         B=rng.normal(size=(steps, nx, nu)),
-        c=rng.normal(size=(steps, nx)),
         H=factors @ factors.transpose(0, 2, 1) + np.eye(nx),
         g=rng.normal(size=(steps, nx)),
         R=rng.uniform(0.1, 1.0, size=(steps, nu)),
@@ -57,7 +55,7 @@ def exactly_solved(horizon: HorizonStages) -> tuple[Array, Array]:
     free, forced = horizon.x0, np.zeros((nx, steps * nu))
     states = []
     for i in range(steps):
-        free = horizon.A[i] @ free + horizon.c[i]
+        free = horizon.A[i] @ free
         forced = horizon.A[i] @ forced
         forced[:, i * nu : (i + 1) * nu] += horizon.B[i]
         H += forced.T @ horizon.H[i] @ forced

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
-from fixtures.exact_qp import exactly_solved
+from fixtures.exact_qp import exactly_solved, slacks_of
+from fixtures.planner import Planner
 from fixtures.presets import agile
 from fixtures.stages import changed
 from numpy.testing import assert_allclose, assert_array_equal
@@ -16,19 +18,23 @@ from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.config import MpcConfig, SolverParameters
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.prediction import PredictedState, Prediction
 from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord, roll_forward, roll_out
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
-from quad_mpc_ros.control.mpc import Mpc
-from quad_mpc_ros.control.ocp.half_spaces import HalfSpaces
-from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP
-from quad_mpc_ros.control.ocp.limits import Allowed, allow, penalty
+from quad_mpc_ros.control.model.target import TargetStage
+from quad_mpc_ros.control.ocp.horizon_qp import (
+    NO_LIMITS,
+    HorizonPattern,
+    HorizonQP,
+    HorizonStages,
+    LimitPattern,
+)
+from quad_mpc_ros.control.ocp.limits import Limits, StageBounds, compute_bounds, limits_cost
 from quad_mpc_ros.control.ocp.manifold import ManifoldProblem
-from quad_mpc_ros.control.ocp.problem import PredictedState
+from quad_mpc_ros.control.ocp.plan import PlannedTrajectory
 from quad_mpc_ros.control.ocp.qp_solver import QpSolution, QpSolver
 from quad_mpc_ros.control.ocp.settings import settings_of
-from quad_mpc_ros.control.ocp.stages import HorizonPattern, HorizonStages, LimitPattern
-from quad_mpc_ros.control.ocp.target import TargetStage
 
 EXACT = SolverParameters(tolerance=1e-10, max_iterations=50000)
 LIMITS = {
@@ -142,15 +148,32 @@ def test_each_rate_may_change_as_the_reference_does_and_no_more_than_the_slew_be
     axis: int,
 ) -> None:
     """The others, of which the reference asks for nothing, may change by the slew alone."""
-    target, allowed = TargetStage.zeros(4), Allowed.zeros(4)
+    target, bounds = TargetStage.zeros(4), StageBounds.zeros(4)
     target["R_WB"], ramp = np.eye(3), np.array([0.0, 7.0, 5.0, 9.0])
     target["mean_input"][:, 1 + axis] = ramp
     settings = settings_of(agile().updated(LIMITS))
-    allow(settings[()], np.zeros(4), 0.02, target, allowed)
+    prediction = Prediction.zeros()
+    prediction["since_sent"] = 0.02
+    compute_bounds(settings[()], prediction[()], target, False, bounds)
     slew, asked = 60.0 * 0.05, np.zeros((3, 3))
     asked[:, axis] = np.diff(ramp)
-    assert_allclose(allowed["rate_change_max"][1:], np.maximum(asked, 0.0) + slew)
-    assert_allclose(allowed["rate_change_min"][1:], np.minimum(asked, 0.0) - slew)
+    assert_allclose(bounds["rate_change_max"][1:], np.maximum(asked, 0.0) + slew)
+    assert_allclose(bounds["rate_change_min"][1:], np.minimum(asked, 0.0) - slew)
+
+
+@pytest.mark.parametrize("rate_slew", [0.0, 60.0])
+def test_no_bound_is_computed_from_the_infinite_time_before_the_first_command(
+    rate_slew: float,
+) -> None:
+    target, bounds = (each.zeros(2).view(np.recarray) for each in (TargetStage, StageBounds))
+    target["R_WB"] = np.eye(3)
+    settings = settings_of(agile().updated({**LIMITS, "advanced.limits.rate_slew": rate_slew}))
+    prediction = Prediction.zeros()
+    prediction["since_sent"] = math.inf
+    interpreted: Any = vars(compute_bounds)["py_func"]
+    with np.errstate(invalid="raise"):  # compiled code computes a NaN in silence
+        interpreted(settings.view(np.recarray)[()], prediction[()], target, False, bounds)
+    assert bounds["rate_change_max"][0].min() == 1e9
 
 
 def test_rates_are_unlimited_before_first_command() -> None:
@@ -237,7 +260,7 @@ def a_soft_horizon(
             slack_size=np.array([0.5, 2.0]),
         ),
     )
-    stages = HorizonStages.zeros(n, nx, nu, rows=nr, slacks=ns)
+    stages = HorizonStages.zeros(n, nx, nu, nr=nr, ns=ns)
     factors = rng.normal(size=(n, nx, nx))
     stages.x0[:] = 0.3 * rng.normal(size=nx)
     stages.A[:], stages.B[:] = 0.4 * rng.normal(size=(n, nx, nx)), rng.normal(size=(n, nx, nu))
@@ -267,7 +290,7 @@ def test_sparse_solution_equals_that_of_another_solver(seed: int, price: float) 
     inputs, states, slacks = exactly_solved(pattern, stages)
     assert_allclose(solution.inputs, inputs, atol=1e-5)
     assert_allclose(solution.states, states, atol=1e-5)
-    assert_allclose(qp.slacks(solution.z), slacks, atol=1e-5)
+    assert_allclose(slacks_of(pattern, solution.z), slacks, atol=1e-5)
     assert slacks.max() > 0.01 or price > 1.0, "what is cheap is bought"
 
 
@@ -281,7 +304,7 @@ def test_limits_that_can_be_kept_are_kept_exactly(seed: int) -> None:
     hard, _, _ = exactly_solved(pattern, stages, eased=False)
     unlimited, _, _ = exactly_solved(pattern, changed(stages, offsets=1e6))
     assert np.abs(hard - unlimited).max() > 1e-3, "a limit holds"
-    assert qp.slacks(solution.z).max() < 1e-7
+    assert slacks_of(pattern, solution.z).max() < 1e-7
     assert_allclose(solution.inputs, hard, atol=1e-5)
 
 
@@ -302,7 +325,7 @@ def test_step_that_is_less_accurate_is_taken_with_soft_rows_alone() -> None:
     soft = out_of_iterations(pattern, stages)
     assert soft.solved
     assert soft.primal_residual < 0.1
-    hard = dataclasses.replace(pattern, limits=None)
+    hard = dataclasses.replace(pattern, limits=NO_LIMITS)
     zeros = HorizonStages.zeros(5, 4, 2)
     same = {name: getattr(stages, name) for name in ("x0", "A", "B", "H", "g", "R", "r")}
     bounds = {"lower": stages.lower, "upper": stages.upper}
@@ -311,7 +334,7 @@ def test_step_that_is_less_accurate_is_taken_with_soft_rows_alone() -> None:
 
 def test_rejects_soft_rows_of_other_sizes() -> None:
     pattern, stages = a_soft_horizon(0, price=1.0, room=1.0)
-    qp = HorizonQP(dataclasses.replace(pattern, limits=None))
+    qp = HorizonQP(dataclasses.replace(pattern, limits=NO_LIMITS))
     with pytest.raises(ValueError, match=r"stages: \(5, 4, 2, 6, 2\), expected \(5, 4, 2, 0, 0\)"):
         qp.update(stages)
 
@@ -319,22 +342,24 @@ def test_rejects_soft_rows_of_other_sizes() -> None:
 # --- the merit of the line search
 
 
-def test_penalty_equals_price_of_true_excess() -> None:
-    allowed = Allowed.zeros(1)
-    allowed["tilt"], allowed["speed"] = 0.5, 4.0
-    allowed["throttle_min"], allowed["throttle_max"] = 0.1, 0.9
-    allowed["rate_change_min"], allowed["rate_change_max"] = -1.0, 1.0
-    prices, none = np.array([10.0, 20.0, 30.0, 40.0]), HalfSpaces.zeros(1, 0, row=-1, slack=-1)
+def test_penalty_equals_weight_of_true_excess() -> None:
+    limits = Limits.zeros(settings_of(agile().updated(LIMITS))[()], 1)
+    bounds = limits.bounds
+    bounds["tilt"], bounds["speed"] = 0.5, 4.0
+    bounds["throttle_min"], bounds["throttle_max"] = 0.1, 0.9
+    bounds["rate_change_min"], bounds["rate_change_max"] = -1.0, 1.0
+    limits.weights[:4] = 10.0, 20.0, 30.0, 40.0
+    plan, target = PlannedTrajectory.zeros(1), TargetStage.zeros(1)
 
     def cost(angle: float, speed: float, throttle: float, rate: float) -> float:
-        states = StateRecord.zeros(2)
-        states["R_WB"] = so3.exp(np.array([0.6 * angle, -0.8 * angle, 0.0]))
-        states["v_WB_W"] = 0.0, speed, 0.0
-        return penalty(states, np.array([[throttle, 0.2, rate, 0.1]]), allowed, prices, none)
+        plan.states["R_WB"] = so3.exp(np.array([0.6 * angle, -0.8 * angle, 0.0]))
+        plan.states["v_WB_W"] = 0.0, speed, 0.0
+        plan.deviation[:] = throttle, 0.2, rate, 0.1
+        return limits_cost(limits, target, plan)
 
     assert cost(0.5, 4.0, 0.9, 1.0) == pytest.approx(0.0, abs=1e-12)
-    # Twice the price, as the cost is twice that of the QP, and with an excess a little more.
-    for beyond, price in (
+    # Twice the weight, as the cost is twice that of the QP, and with an excess a little more.
+    for beyond, weight in (
         (lambda d: cost(0.5 + d, 3.0, 0.5, 0.0), 10.0),
         (lambda d: cost(0.2, 4.0 + d, 0.5, 0.0), 20.0),
         (lambda d: cost(0.2, 3.0, 0.9 + d, 0.0), 30.0),
@@ -342,8 +367,8 @@ def test_penalty_equals_price_of_true_excess() -> None:
         (lambda d: cost(0.2, 3.0, 0.5, 1.0 + d), 40.0),
         (lambda d: cost(0.2, 3.0, 0.5, -1.0 - d), 40.0),
     ):
-        assert beyond(1e-6) == pytest.approx(2e-6 * price, rel=1e-3)
-        assert 2.0 * 0.1 * price < beyond(0.1) < 3.0 * 0.1 * price
+        assert beyond(1e-6) == pytest.approx(2e-6 * weight, rel=1e-3)
+        assert 2.0 * 0.1 * weight < beyond(0.1) < 3.0 * 0.1 * weight
 
 
 # --- any state, any limits
@@ -371,7 +396,7 @@ def a_random_case(seed: int) -> list[QpSolution]:
     goal = np.array([0.0, 0.0, 50.0])
     p_WB = goal + rng.choice([0.5, 5.0, 40.0]) * rng.random() * unit(rng)
     v_WB_W = rng.uniform(0.0, 10.0) * unit(rng)
-    mpc, stamp_ns, solutions = Mpc(weights.updated(chosen)), 10**9, []
+    mpc, stamp_ns, solutions = Planner(weights.updated(chosen)), 10**9, []
     u = Input(throttle=rng.uniform(0.0, 1.0), w_WB_B=rng.uniform(-5.0, 5.0, size=3))
     mpc.sent(u, stamp_ns=stamp_ns - PERIOD_NS)
     for _ in range(3):

@@ -111,7 +111,7 @@ def test_recovers_from_any_attitude_at_10_m_per_s_5_m_away(seed: int) -> None:
     for k in range(120):
         stamp_ns = 10**9 + round(k * PERIOD * 1e9)
         controller.receive_reference(_held(goal, stamp_ns), now_ns=stamp_ns)
-        tick = controller.receive_odometry(_odometry(x, stamp_ns), now_ns=stamp_ns)
+        tick = controller.receive_odometry(_odometry(x, u, stamp_ns), now_ns=stamp_ns)
         assert tick is not None
         if tick.command is not None:
             u = Input(throttle=tick.command.throttle, w_WB_B=tick.command.w_WB_B)
@@ -153,7 +153,7 @@ def _held(p_WB: np.ndarray, stamp_ns: int) -> ReferenceWindow:
     )
 
 
-def _odometry(x: State, stamp_ns: int) -> OdometrySample:
+def _odometry(x: State, u: Input, stamp_ns: int) -> OdometrySample:
     return odometry_from_state(
-        x, w_WB_B=np.zeros(3), stamp_ns=stamp_ns, frame_id="odom", child_frame_id="base_link"
+        x, w_WB_B=u.w_WB_B, stamp_ns=stamp_ns, frame_id="odom", child_frame_id="base_link"
     )

@@ -9,16 +9,16 @@ from fixtures.presets import agile
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.parameters import parameters_of
+from quad_mpc_ros.control.model.prediction import PredictedState
 from quad_mpc_ros.control.model.reference_window import packed
 from quad_mpc_ros.control.model.rollout import StateRecord, roll_out
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.mpc import Mpc
+from quad_mpc_ros.control.ocp.horizon_qp import HorizonStages
 from quad_mpc_ros.control.ocp.manifold import ManifoldProblem
-from quad_mpc_ros.control.ocp.problem import PredictedState
+from quad_mpc_ros.control.ocp.plan import PlannedTrajectory, apply_bounds
+from quad_mpc_ros.control.ocp.problem import tracking_cost
 from quad_mpc_ros.control.ocp.progress import SIZE, SPEED_INPUT, follow_path, progress_cost
-from quad_mpc_ros.control.ocp.stages import HorizonStages
-from quad_mpc_ros.control.ocp.tracking_cost import tracking_cost
-from quad_mpc_ros.control.ocp.trajectory import PlannedTrajectory, apply_bounds
 
 CONTOURING = agile(
     formulation="contouring", rate_time_constant=0.03, thrust_time_constant=0.03, R=(0.1,) * 4
@@ -72,7 +72,7 @@ def test_gradient_of_the_cost_in_inputs_and_speeds(seed: int) -> None:
     problem = ManifoldProblem(CONTOURING)
     problem.begin(state, window)
     stages = problem.linearise()
-    work, settings = problem._here.workspace, problem._settings[()]
+    work, settings = problem._problem.work, problem._settings[()]
     model = state.prediction[()].parameters
 
     def cost(change: Array) -> float:
@@ -80,7 +80,7 @@ def test_gradient_of_the_cost_in_inputs_and_speeds(seed: int) -> None:
         tried.deviation[:] = work.nominal.deviation + change[:, :SPEED_INPUT]
         speeds = work.progress.nominal + change[:, SPEED_INPUT]
         target = work.target.copy()
-        apply_bounds(target, tried, u_min=settings.u_min, u_max=settings.u_max)
+        apply_bounds(settings, target, tried)
         roll_out(model, settings.step, tried.inputs, state.prediction[()].state, tried.states)
         follow_path(0, packed(window), settings.step, speeds, work.progress, target)
         errors = np.zeros((len(change), 9))
@@ -104,8 +104,8 @@ def test_quadratic_cost_is_that_of_gauss_and_newton() -> None:
     window = parabola(3)
     problem = ManifoldProblem(CONTOURING)
     problem.begin(off_the_way(CONTOURING, window, 3), window)
-    stages, path = problem.linearise(), problem._here.workspace.progress.path
-    speeds = problem._here.workspace.progress.nominal
+    stages, path = problem.linearise(), problem._problem.work.progress.path
+    speeds = problem._problem.work.progress.nominal
     for i, H in enumerate(stages.H):
         weight = CONTOURING.terminal_weight if i == len(stages.H) - 1 else 1.0
         v, a = path["v_WB_W"][i], path["a_WB_W"][i]

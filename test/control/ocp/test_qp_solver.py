@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
+
 import numpy as np
+import osqp
 import pytest
 from fixtures.stages import NAMES, changed
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quad_mpc_ros.control.config import SolverParameters
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP
+from quad_mpc_ros.control.ocp.horizon_qp import HorizonPattern, HorizonQP, HorizonStages
 from quad_mpc_ros.control.ocp.qp_solver import QpSolver
-from quad_mpc_ros.control.ocp.stages import HorizonPattern, HorizonStages
 
 
 @pytest.fixture(scope="module")
@@ -158,3 +162,47 @@ def test_two_solvers_agree_bit_for_bit(qp: HorizonQP, stages: list[HorizonStages
         first, second = one.solve(), other.solve()
         assert first.iterations == second.iterations
         assert_array_equal(first.z, second.z)
+
+
+def test_solves_as_osqp_does(
+    flown_pattern: HorizonPattern, flown_problems: list[HorizonStages]
+) -> None:
+    """With the settings that were found for these problems, over a few ticks of a flight."""
+    stages = flown_problems[100:106]
+    qp = HorizonQP(flown_pattern)
+    qp.update(stages[0])
+    solver = QpSolver(qp, SolverParameters())
+    solver.solve()
+    reference = osqp.OSQP()
+    reference.setup(
+        P=qp.P, q=qp.q, A=qp.A, l=qp.lower, u=qp.upper, verbose=False,
+        eps_abs=1e-3, eps_rel=1e-3, max_iter=400, scaling=1,
+        check_termination=5, rho=0.3, alpha=1.4,
+        adaptive_rho=1, adaptive_rho_interval=10,
+    )  # fmt: skip
+    expected = reference.solve(raise_error=False)
+    for horizon in stages[1:]:
+        qp.update(horizon)
+        found = solver.solve()
+        reference.update(q=qp.q, l=qp.lower, u=qp.upper, Px=qp.P.data, Ax=qp.A.data)
+        reference.warm_start(x=expected.x, y=expected.y)
+        expected = reference.solve(raise_error=False)
+        assert_array_equal(found.z, expected.x)
+        assert found.iterations == expected.info.iter
+        assert found.primal_residual == expected.info.prim_res
+        assert found.dual_residual == expected.info.dual_res
+        assert found.status == expected.info.status
+
+
+def test_ctrl_c_while_osqp_solves_is_not_lost(qp: HorizonQP, stages: list[HorizonStages]) -> None:
+    qp.update(stages[0])
+    endless = QpSolver(qp, SolverParameters(tolerance=1e-99, max_iterations=10**8))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    ctrl_c = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    try:
+        ctrl_c.start()
+        with pytest.raises(KeyboardInterrupt):
+            endless.solve()
+    finally:
+        ctrl_c.join()
+        signal.signal(signal.SIGINT, before)

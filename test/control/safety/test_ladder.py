@@ -279,6 +279,20 @@ def test_stopped_is_stopped_for_good(ladder: ModuleType) -> None:
     assert flight.decide(200_000) == (SILENT, "far out")
 
 
+def test_descends_for_the_blind_time_then_falls_silent_until_the_contradiction_ends(
+    ladder: ModuleType,
+) -> None:
+    flight = Flight(ladder)
+    wrong = ("DESCEND", "odometry and commands disagree")
+    flight.decide(0)
+    assert flight.decide(20, breach=wrong) == (BLIND, wrong[1])
+    assert flight.decide(40, breach=wrong, fault=FAILED) == (BLIND, wrong[1])  # not the plan
+    assert flight.decide(60, breach=wrong, standing=True) == (IDLE, wrong[1])
+    assert flight.decide(500, breach=wrong, odometry=40) == (BLIND, wrong[1])
+    flight.follow([(1020, BLIND), (1021, SILENT), (90_000, SILENT)], breach=wrong)
+    assert flight.decide(90_020) == (MPC, "")
+
+
 def test_the_plan_is_held_from_when_it_was_last_good(ladder: ModuleType) -> None:
     """Also when a limit kept it from being flown."""
     flight = Flight(ladder)
@@ -297,7 +311,12 @@ def test_rungs_and_actions_are_ordered_by_their_distance_from_normal(ladder: Mod
         SILENT,
         WAITING,
     ]
-    assert [action.name for action in sorted(ladder.Action)] == ["WARN", "HOVER", "STOP"]
+    assert [action.name for action in sorted(ladder.Action)] == [
+        "WARN",
+        "HOVER",
+        "DESCEND",
+        "STOP",
+    ]
 
 
 def test_timeouts_are_those_of_the_configuration(ladder: ModuleType) -> None:
@@ -322,7 +341,9 @@ _MOMENT = st.fixed_dictionaries(
         "foreseen": st.booleans(),
         "reference_age": st.integers(0, 600),
         "fault": st.sampled_from(["", FAILED]),
-        "breach": st.sampled_from([None, ("WARN", "high"), ("HOVER", "out"), ("STOP", "far")]),
+        "breach": st.sampled_from(
+            [None, ("WARN", "high"), ("HOVER", "out"), ("DESCEND", "wrong"), ("STOP", "far")]
+        ),
         "standing": st.booleans(),
     }
 )
@@ -349,12 +370,16 @@ def test_invariants_hold_in_random_scenarios(moments: list[dict[str, Any]]) -> N
         known = sighted or (foreseen and moment["odometry_age"] <= 400)
         well = known and moment["reference_age"] <= 500 and not moment["fault"]
         flown = flown or well
-        action = moment["breach"][0] if moment["breach"] and sighted and flown else ""
+        action = moment["breach"][0] if moment["breach"] and flown else ""
+        if not sighted and action != "DESCEND":
+            action = ""
         stopped = stopped or action == "STOP"
         assert (rung == WAITING) == (not flown)
         assert not (stopped and rung != SILENT)
-        assert (rung == MPC) == (well and not stopped and action != "HOVER")
+        descends = action == "DESCEND"
+        assert (rung == MPC) == (well and not stopped and not descends and action != "HOVER")
         assert rung not in (HOVER, MPC) or sighted or (rung == MPC and known)
-        assert rung != BLIND or not sighted
+        assert rung != BLIND or not sighted or descends
+        assert not descends or rung in (BLIND, IDLE, SILENT)
         assert rung != IDLE or moment["standing"]
         assert reason or (rung == MPC and action != "WARN")

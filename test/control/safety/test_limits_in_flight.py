@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -160,22 +161,20 @@ def test_on_the_ground_it_idles_when_the_reference_is_lost_and_in_the_air_it_hov
 def test_a_late_plan_is_dropped_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     config = MpcConfig()
     loop = Loop(config)
-    loop.controller = Controller(config, deadline=0.5 / 50.0)
-    original, late = Mpc.step, [False]
+    loop.controller = Controller(config, deadline=10.0)
+    original, late = Mpc.solve, [False]
 
-    def step(
-        mpc: Mpc, odometry: OdometrySample, window: ReferenceWindow, _: None, **late_ns: int
-    ) -> MpcStep:
-        outcome = original(mpc, odometry, window, **late_ns)
-        return outcome._replace(step_time=0.0101 if late[0] else 0.0099)
+    def solve(mpc: Mpc, *arguments: Any, **named: Any) -> MpcStep:
+        outcome = original(mpc, *arguments, **named)
+        return outcome._replace(step_time=10.1 if late[0] else 9.9)
 
-    monkeypatch.setattr(Mpc, "step", step)
+    monkeypatch.setattr(Mpc, "solve", solve)
     assert loop.last(1.0)[0] == "mpc"
     late[0] = True
     ticks = [tick for _, tick in loop.fly(0.1)]
     assert [tick.stats.source for tick in ticks] == ["plan"] * 5
     assert [tick.stats.deadline_misses for tick in ticks] == [1, 2, 3, 4, 5]
-    assert {tick.stats.reason for tick in ticks} == {"late: the plan took 10.1 ms"}
+    assert {tick.stats.reason for tick in ticks} == {"late: the plan took 10100.0 ms"}
     assert all(tick.plan is None for tick in ticks)
     late[0] = False
     assert loop.last(0.02)[0] == "mpc"
@@ -196,10 +195,10 @@ def test_an_error_in_the_control_step_is_a_failed_solve(monkeypatch: pytest.Monk
     loop = Loop(MpcConfig())
     assert loop.last(1.0)[0] == "mpc"
     with monkeypatch.context() as patch:
-        patch.setattr(Mpc, "step", lambda *_, **__: 1 / 0)
+        patch.setattr(Mpc, "solve", lambda *_, **__: 1 / 0)
         *_, (_, tick) = loop.fly(0.1)
         assert tick.stats.source == "plan"
-        assert "error in the control step: ZeroDivisionError" in tick.stats.reason
+        assert "error in the MPC: ZeroDivisionError" in tick.stats.reason
         assert loop.last(0.5)[0] == "hover"
     assert loop.last(1.0) == ("mpc", pytest.approx(0.0, abs=0.02))
 
@@ -216,7 +215,7 @@ def test_bounds_that_change_in_flight_hold_for_the_plan_that_is_held(
     tight = dataclasses.replace(config, omega_max=(0.5, 0.5, 0.5), throttle_max=0.35)
     loop.controller.reconfigure(tight)
     with monkeypatch.context() as patch:
-        patch.setattr(Mpc, "step", lambda *_, **__: 1 / 0)
+        patch.setattr(Mpc, "solve", lambda *_, **__: 1 / 0)
         for _, tick in loop.fly(0.2, to=(4.0, 0.0, 4.0)):
             assert tick.stats.source == "plan"
             assert tick.command is not None

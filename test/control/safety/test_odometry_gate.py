@@ -122,7 +122,7 @@ def test_rejects_unordered_stamps(source: Source) -> None:
 def test_repeated_stamp_is_not_new(source: Source) -> None:
     source.send_all(regularly(0, 1000))
     for at in regularly(1000, 3000):
-        assert source.send(at, stamped=980) == "odometry repeats its stamp"
+        assert source.send(at, stamped=980) == "odometry stamps do not advance"
     assert source.send(3000) is None
 
 

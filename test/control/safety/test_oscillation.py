@@ -12,7 +12,7 @@ from fixtures.presets import agile, ideal
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros import load_config, simulate, summarise
-from quad_mpc_ros.control.config import OscillationParameters
+from quad_mpc_ros.control.config import ConsistencyParameters, OscillationParameters
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.ladder import Action
 from quad_mpc_ros.control.safety.oscillation import OscillationMonitor
@@ -121,7 +121,10 @@ def flown_late(action: str) -> list[LoopStep]:
     start = {"initial_position": (0.4, -0.3, 2.2), "initial_throttle": 0.3}
     return [
         *fly(
-            mpc=agile(oscillation=OscillationParameters(action=action)),
+            mpc=agile(
+                oscillation=OscillationParameters(action=action),
+                consistency=ConsistencyParameters(action="warn"),
+            ),
             simulator=ideal(**LATE, **start, duration=10.0),
             reference=ReferenceConfig(trajectory="hover", height=2.0),
         )
@@ -167,3 +170,14 @@ def test_around_pillars_that_stand_in_the_way_it_is_the_mpc_that_flies() -> None
     assert set(flight.stats["source"]) == {"mpc"}
     assert "around" in set(flight.stats["avoidance"])
     assert summarise(flight)["clearance_min_m"] > 0.0
+
+
+def test_among_pillars_no_solve_fails_or_takes_more_than_300_iterations() -> None:
+    pillars = EXAMPLES / "pillars.yaml"
+    files = [f"{node}.obstacles.file={pillars}" for node in ("simulator", "mpc")]
+    flight = simulate(
+        *load_config(assignments=[*files, "mpc.obstacles.half_spaces=8"]), duration=10.0
+    )
+    found = summarise(flight)
+    assert found["solver_failures"] == 0
+    assert found["iterations"]["max"] <= 300

@@ -11,7 +11,7 @@ import pytest
 from fixtures.recorded_flights import reference_track
 from scipy.spatial.transform import Rotation
 
-from quad_mpc_ros.recordings.evaluation.crash import MotionLog, crash_of
+from quad_mpc_ros.recordings.evaluation.crash import Motion, crash_of
 from quad_mpc_ros.recordings.evaluation.metrics import summarise
 from quad_mpc_ros.recordings.flight import Flight
 
@@ -55,33 +55,21 @@ def test_noise_on_the_ground_after_a_landing_is_no_hard_landing(make_flight: Fli
 
 
 @pytest.mark.parametrize("missing", [0, 1, 3])
-def test_a_swing_towards_a_jump_is_none_where_odometry_is_missing(missing: int) -> None:
-    log = MotionLog()
-    start, goal = np.array([0.0, 0.0, 2.0]), np.array([1.0, 0.0, 2.0])
-    level, over = rolled(np.array([0.0, 2.0]))
-    for number in range(100):
-        if 50 <= number < 50 + missing:
-            continue
-        swings = 55 <= number < 60
-        reference = start if number < 50 else goal
-        log.add(0.02 * number, (start, over if swings else level), (reference, level))
-    assert log.crash() is None
+def test_a_swing_towards_a_jump_is_no_crash_where_odometry_is_missing(missing: int) -> None:
+    flown = np.array([k for k in range(100) if not 50 <= k < 50 + missing])
+    reference = np.tile([0.0, 0.0, 2.0], (len(flown), 1))
+    reference[flown >= 50, 0] = 1.0
+    swings = (flown >= 55) & (flown < 60)
+    motion = Motion(
+        time=0.02 * flown,
+        p_WB=np.tile([0.0, 0.0, 2.0], (len(flown), 1)),
+        tilt=np.where(swings, 2.0, 0.0),
+        p_WB_reference=reference,
+        tilt_reference=np.zeros(len(flown)),
+    )
+    assert motion.crash() is None
 
 
 def test_without_a_reference_it_is_not_known(make_flight: FlightMaker) -> None:
     summary = summarise(make_flight(100, reference=None))
     assert summary["crashed"] is None
-
-
-def test_a_flight_that_is_watched_while_it_crashes() -> None:
-    log = MotionLog()
-    assert log.crash() is None
-    level, over = rolled(np.array([0.0, 2.5]))
-    above = np.array([0.0, 0.0, 9.0])
-    for number, q_WB_xyzw in enumerate((level, level, over)):
-        log.add(0.05 * number, (above, q_WB_xyzw), (above, level))
-    crash = log.crash()
-    assert crash is not None
-    assert (crash.kind, crash.time) == ("upside_down", pytest.approx(0.1))
-    log.clear()
-    assert log.crash() is None

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.obstacles.scene import Scene
-from quad_mpc_ros.obstacles.shapes import Box, Cylinder, Sphere
 from quad_mpc_ros.recordings.evaluation.metrics import summarise, with_neighbours
 from quad_mpc_ros.recordings.evaluation.verdict import verdict_on
 from quad_mpc_ros.recordings.flight import Flight
+from quad_mpc_ros.simulation.scene import Scene
+from quad_mpc_ros.simulation.shapes import Box, Cylinder, Sphere
 
 FlightMaker = Callable[..., Flight]
 
@@ -39,11 +39,12 @@ KEYS = {
     "realtime_factor",
     "config",
     "odometries",
-    "unanswered_odometries",
+    *("unanswered_odometries", "odometry_gaps_s", "rejected_odometries"),
     "duration_s",
     *("crashed", "crash", "crash_time_s", "gates", "lap_time_s"),
+    *("missed", "beyond_limits"),
     *("clearance_min_m", "collided", "collision", "behind_max_s"),
-    *("commanding", "margins", "estimated", "estimate_resets", "rejected_inputs"),
+    *("commanding", "margins", "estimated", "estimate_resets", "rejected_inputs", "stage_errors"),
 }
 
 
@@ -67,6 +68,39 @@ def test_a_perfect_flight(make_flight: FlightMaker) -> None:
     for name in ("solver_failures", "fallbacks", "deadline_misses", "unanswered_odometries"):
         assert summary[name] == 0
     assert summary["rate_saturation_fraction"] == 0.0
+
+
+class TestGaps:
+    """A flight of 10 s at 50 Hz that has no odometry from 4.00 to 5.02 s."""
+
+    @staticmethod
+    def flight(make_flight: FlightMaker) -> Flight:
+        times = np.delete(np.arange(501), range(201, 251))
+        stamp_ns = 10**18 + 20_000_000 * times
+        p_WB = np.column_stack((0.02 * times, np.zeros((len(times), 2))))
+        return make_flight(len(times), stamp_ns=stamp_ns, publish_time_ns=stamp_ns, p_WB=p_WB)
+
+    def test_gaps_are_found_and_named(self, make_flight: FlightMaker) -> None:
+        flight = self.flight(make_flight)
+        ((begin, end),) = flight.gaps
+        assert (begin, end) == pytest.approx((4.0, 5.02))
+        summary = summarise(flight)
+        assert summary["odometry_gaps_s"] == [[begin, end]]
+        said = "Odometry is missing for 1.02 s, longest from 4.00 to 5.02 s, and the errors are"
+        assert any(sentence.startswith(said) for sentence in verdict_on(summary).wrong)
+
+    def test_an_even_flight_has_none(self, make_flight: FlightMaker) -> None:
+        assert make_flight(300).gaps == []
+        assert summarise(make_flight(300))["odometry_gaps_s"] == []
+
+    def test_values_are_broken_in_the_middle_of_a_gap(self, make_flight: FlightMaker) -> None:
+        flight = self.flight(make_flight)
+        time, p_WB = flight.broken(flight.time, flight.p_WB)
+        (place,) = np.flatnonzero(np.isnan(p_WB[:, 0]))
+        assert time[place] == pytest.approx(4.51)
+        assert len(time) == len(p_WB) == len(flight.time) + 1
+        thinned = flight.time[::7]
+        assert np.isnan(flight.broken(thinned, flight.p_WB[::7])[1]).any(axis=1).sum() == 1
 
 
 class TestObstacles:
@@ -354,6 +388,7 @@ def test_missing_data_is_null(make_flight: FlightMaker, build: SimpleNamespace) 
         "margins": {
             "lockstep": False,
             "control_period_ms": 20.0,
+            "odom_period_ms": 20.0,
             "odom_timeout_ms": 100.0,
             **dict.fromkeys(("odom_age_ms", "reference_age_ms"), dict.fromkeys(P50_P99_MAX)),
             "tilt_max_rad": 0.0,
@@ -361,8 +396,13 @@ def test_missing_data_is_null(make_flight: FlightMaker, build: SimpleNamespace) 
             "fence_margin_m": None,
         },
         "estimated": {},
+        "missed": [],
+        "beyond_limits": [],
         "estimate_resets": 0,
         "rejected_inputs": 0,
+        "stage_errors": 0,
+        "odometry_gaps_s": [],
+        "rejected_odometries": {},
     }
 
 

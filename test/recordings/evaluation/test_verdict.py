@@ -39,6 +39,7 @@ def test_a_good_flight(good: Summary) -> None:
     ("changes", "wrong", "advice"),
     [
         ({"solver_failures": 3}, "without a solution: 3", ""),
+        ({"stage_errors": 2}, "inside the controller: 2", "with the bag"),
         ({"deadline_misses": 2}, "period late: 2", "docs/performance.md"),
         ({"rate_saturation_fraction": 0.2}, "20% of the commands", "Raise R"),
         ({"rejected_inputs": 4}, "unusable: 4", "docs/diagnostics.md"),
@@ -52,7 +53,7 @@ def test_each_failure_is_said_with_what_to_do(
     verdict = verdict_on(good | changes)
     assert any(wrong in each for each in verdict.wrong)
     assert any(advice in each for each in verdict.advice)
-    assert verdict.good == (not {"solver_failures", "crashed"} & changes.keys())
+    assert verdict.good == (not {"solver_failures", "stage_errors", "crashed"} & changes.keys())
 
 
 def test_a_model_that_is_off_is_to_be_identified(good: Summary) -> None:
@@ -89,7 +90,7 @@ def test_what_is_nearly_nothing_has_no_sign(
 
 def test_the_fence_and_tilt_that_were_used(make_flight: FlightMaker) -> None:
     flight = make_flight(50)
-    fence = dataclasses.replace(flight.mpc.fence, maximum=(1e6, 0.4, 1e6))
+    fence = dataclasses.replace(flight.mpc.fence, maximum=(1e7, 0.4, 1e7))
     fenced = dataclasses.replace(flight, mpc=dataclasses.replace(flight.mpc, fence=fence))
     assert summarise(fenced)["margins"]["fence_margin_m"] == pytest.approx(0.4)
     assert summarise(flight)["margins"]["fence_margin_m"] is None
@@ -116,6 +117,79 @@ def test_what_to_do_goes_by_the_reason_of_the_failsafe(
     assert any(advice in each for each in verdict.advice)
 
 
+@pytest.mark.parametrize("rate", [2, 4, 5, 10, 30])
+def test_reports_odometry_that_is_slower_than_the_control(good: Summary, rate: int) -> None:
+    slow = {"margins": {**good["margins"], "odom_period_ms": 1e3 / rate}}
+    assert (
+        f"Odometry came {rate}.0 times a second, control_rate is 50"
+        in verdict_on(good | slow).line
+    )
+
+
 def test_in_lockstep_nothing_is_late(good: Summary) -> None:
     waited = {"deadline_misses": 3, "margins": {**good["margins"], "lockstep": True}}
     assert verdict_on(good | waited).wrong == []
+
+
+def test_counts_the_odometries_that_were_not_answered(good: Summary) -> None:
+    verdict = verdict_on(good | {"commands": 980, "unanswered_odometries": 20})
+    assert verdict.line.startswith("The MPC gave 980 of the 1000 commands that were due.")
+    assert "Odometries without a command: 20." in verdict.line
+
+
+HOLD = np.tile([2.0, 0.0, 2.0], (200, 1))  # a goal held for 4 s
+
+
+@pytest.mark.parametrize(("error", "reached"), [(0.1, True), (0.4, False)])
+def test_a_goal_that_is_not_reached_is_no_success(
+    make_flight: FlightMaker, build: SimpleNamespace, error: float, reached: bool
+) -> None:
+    flight = make_flight(200, p_WB=HOLD - [error, 0.0, 0.0], reference=build.reference(HOLD))
+    stopped = {"avoidance": "stopped", "avoidance_reason": "no way through"}
+    ticks = [build.tick(int(stamp), **stopped) for stamp in flight.stamp_ns]
+    verdict = verdict_on(summarise(dataclasses.replace(flight, stats=build.stats(ticks))))
+    assert verdict.good is reached
+    if not reached:
+        missed = "Missed the waypoint (2.00, 0.00, 2.00) m by 0.40 m: no way through."
+        assert missed in verdict.line
+        assert missed in verdict.wrong
+
+
+def test_a_flight_too_short_to_reach_a_goal_is_not_judged_by_it(
+    make_flight: FlightMaker, build: SimpleNamespace
+) -> None:
+    flight = make_flight(50, p_WB=HOLD[:50] - 1.0, reference=build.reference(HOLD[:50]))
+    assert summarise(flight)["missed"] == []
+
+
+@pytest.mark.parametrize("passed", [1, 2])
+def test_a_missed_gate_is_no_success(
+    make_flight: FlightMaker, build: SimpleNamespace, passed: int
+) -> None:
+    """Along x through gates at 1 m and 3 m, to the end of the course or only half of the way."""
+    gates = "{gates: [" + ", ".join(
+        f"{{position: [{x}, 0, 2], yaw: 0, width: 1, height: 1}}" for x in (1.0, 3.0)
+    )
+    course = f"{gates}], start: [0, 0, 2]}}"
+    p_WB = np.linspace([0.0, 0.0, 2.0], [2.0 * passed, 0.0, 2.0], 100)
+    flight = make_flight(100, p_WB=p_WB, reference=build.reference(p_WB))
+    flight = dataclasses.replace(flight, parameters={"reference": {"gates": course}})
+    verdict = verdict_on(summarise(flight))
+    assert verdict.good is (passed == 2)
+    if passed == 1:
+        assert verdict.wrong[0] == "Passed 1 of 2 gates, the first missed is gate 2."
+
+
+def test_advice_after_a_crash_names_the_limit_that_the_reference_exceeds(
+    make_flight: FlightMaker, build: SimpleNamespace
+) -> None:
+    flight = make_flight(100)
+    reference = build.reference(flight.p_WB)
+    w_WB_B = np.zeros((100, 3))
+    w_WB_B[40, 1] = -12.0
+    slow = dataclasses.replace(flight.mpc, omega_max=(5.0, 5.0, 3.0))
+    fast = dataclasses.replace(reference, w_WB_B=w_WB_B)
+    flight = dataclasses.replace(flight, mpc=slow, reference=fast)
+    crash = {"crashed": True, "crash": "away", "crash_time_s": 1.0}
+    advice = verdict_on(summarise(flight) | crash).advice
+    assert "pitch rate of 12 rad/s at 0.80 s, mpc.omega_max is 5 rad/s" in advice[0]

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
-from quad_mpc_ros.recordings.replay.playback import Playback, Section, Timeline, in_laps
+from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline, Section, in_laps
 from quad_mpc_ros.recordings.replay.playback_threads import ReadAhead
 from quad_mpc_ros.recordings.writer import BagWriter
 
@@ -50,7 +50,7 @@ class Player:
         self.published: list[tuple[int, int]] = []
         self.clock: list[tuple[int, int]] = []
         self.section = Section(start_ns=start_ns, end_ns=RECORDED[-1], loop=loop)
-        self.timeline = Timeline(
+        self.timeline = PlaybackTimeline(
             recorded_ns=start_ns, steady_ns=STEADY_START + 500 * MS, rate=rate, paused=paused
         )
         self.playback = Playback(
@@ -179,7 +179,7 @@ def test_loop_of_one_message_takes_time() -> None:
 def test_played_time_is_steady_time_without_pauses(
     rate: float, pauses: list[tuple[int, int]]
 ) -> None:
-    timeline = Timeline(recorded_ns=0, steady_ns=0, rate=rate, paused=False)
+    timeline = PlaybackTimeline(recorded_ns=0, steady_ns=0, rate=rate, paused=False)
     now_ns = running_ns = 0
     for run_ns, pause_ns in pauses:
         running_ns += run_ns

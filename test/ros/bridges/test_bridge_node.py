@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import signal
+import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -13,7 +15,9 @@ from typing import Any
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from fixtures import mavlink
 from fixtures.bridges import BRIDGES, HOVER
+from fixtures.processes import PATIENCE
 from fixtures.setup_py import executable
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
@@ -22,6 +26,7 @@ from rclpy.qos import qos_profile_sensor_data
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
+from quad_mpc_ros.extras.bridges.rosflight import RosflightBridge
 from quad_mpc_ros.messages.topics import (
     COMMAND,
     DIAGNOSTICS,
@@ -36,9 +41,9 @@ from quad_mpc_ros.messages.topics import (
 from quad_mpc_ros.ros.bridges import node as node_module
 from quad_mpc_ros.ros.bridges.bridge import Bridge
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.bridges.mavlink import MavlinkBridge
 from quad_mpc_ros.ros.bridges.node import run_bridge
 from quad_mpc_ros.ros.bridges.rates import RatesBridge
-from quad_mpc_ros.ros.bridges.rosflight import RosflightBridge
 from quad_mpc_ros.ros.health import HealthReporter
 from quad_mpc_ros.ros.messages import qos_of
 from quad_mpc_ros.ros.vehicle_watch import VEHICLE_KEY, vehicle_text
@@ -57,7 +62,7 @@ def start(bridge: str, *arguments: str, log: Path) -> subprocess.Popen[bytes]:
 def end(process: subprocess.Popen[bytes]) -> int:
     process.send_signal(signal.SIGINT)
     try:
-        return process.wait(10)
+        return process.wait(PATIENCE)
     except subprocess.TimeoutExpired:
         process.kill()
         return process.wait()
@@ -95,7 +100,7 @@ class Peer:
         self.engage = self.node.create_client(SetBool, "rates_bridge/engage")
         self._asked: Any = None
 
-    def spin(self, until: Callable[[], object], timeout: float = 15.0) -> bool:
+    def spin(self, until: Callable[[], object], timeout: float = PATIENCE) -> bool:
         deadline = time.monotonic() + timeout
         while not until():
             if time.monotonic() > deadline:
@@ -246,6 +251,78 @@ def test_refuses_handover_with_a_thrust_map_that_cannot_carry_the_vehicle(
     assert "[WARN]" in (tmp_path / "log").read_text()
 
 
+class RefusingPx4:
+    """PX4 over UDP, disarmed on the ground, which refuses to arm and says why."""
+
+    def __init__(self, port: int) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._bridge = ("127.0.0.1", port)
+        self._speaker = mavlink.Speaker()
+
+    def live(self) -> None:
+        """Report the state and answer what came."""
+        state = {"autopilot": mavlink.PX4, "mode": mavlink.POSITION, "armed": False}
+        self._send(self._speaker.told(time.monotonic_ns(), land=mavlink.ON_GROUND, **state))
+        with contextlib.suppress(BlockingIOError):
+            while data := self._socket.recv(65536):
+                for request in mavlink.requests(data):
+                    if request.command == 400 and request.parameters[0] == 1.0:
+                        self._send(self._speaker.say("command_ack", 400, 1))
+                        text = b"Arming denied: no valid position\t"
+                        self._send(self._speaker.say("statustext", 2, text))
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def _send(self, data: bytes) -> None:
+        self._socket.sendto(data, self._bridge)
+
+
+def test_the_service_arm_answers_what_the_stack_did(peer: Peer, tmp_path: Path) -> None:
+    """Not whether it was asked: PX4 refuses, and gives its reason in a text of its own."""
+    pytest.importorskip("pymavlink")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    px4 = RefusingPx4(port)
+    arm = peer.node.create_client(SetBool, "mavlink_bridge/arm")
+    process = start("mavlink", "-p", f"device:=udpin:127.0.0.1:{port}", log=tmp_path / "log")
+    try:
+        # The state has arrived as soon as odometry is published.
+        assert peer.spin(lambda: [px4.live(), peer.odometries and arm.service_is_ready()][-1])
+        for wanted, text in (
+            (True, "temporarily rejected: Arming denied: no valid position"),
+            (False, "disarmed"),
+        ):
+            asked = arm.call_async(SetBool.Request(data=wanted))
+            assert peer.spin(lambda asked=asked: [px4.live(), asked.done()][-1])
+            assert asked.result().success is not wanted
+            assert asked.result().message.endswith(text)
+    finally:
+        px4.close()
+        code = end(process)
+    assert code == 0
+    assert "the autopilot says: Arming denied: no valid position" in (tmp_path / "log").read_text()
+
+
+def test_the_health_of_a_bridge_names_the_missing_heartbeat(peer: Peer) -> None:
+    """Also while no command comes, which used to be all that it said: preflight reads it."""
+    pytest.importorskip("pymavlink")
+    node = node_module.BridgeNode(MavlinkBridge)
+    try:
+        health = node.report()
+        expected = "no heartbeat of PX4 or ArduPilot within 1.5 s on udpin:127.0.0.1:14540"
+        assert dict(health.values)["stack_fault"] == expected
+        assert health.text == f"{expected}; silent: no commands from the mpc"
+    finally:
+        node.destroy_node()
+
+
+ON_REQUEST = ("/fmu/in/vehicle_command", "/drone0/alert_event")
+"""Topics on which a stack is asked to arm, disarm or change its mode."""
+
+
 class StandIn:
     """In place of a publisher to a stack whose messages are not installed: when was it used?"""
 
@@ -313,7 +390,7 @@ def test_silent_without_commands_while_state_continues(
             peer.command.publish(command)
             peer.spin(lambda: False, timeout=0.005)
             node._serve(node._bridge.engage, SetBool.Request(data=True), SetBool.Response())
-            return all(len(times) >= 5 for times in used.values() if times is not asked(used))
+            return all(len(times) >= 5 for name, times in used.items() if name not in ON_REQUEST)
 
         assert peer.spin(command_comes)
         assert peer.spin(lambda: engaged and engaged[-1])
@@ -329,11 +406,6 @@ def test_silent_without_commands_while_state_continues(
     finally:
         peer.executor.remove_node(node)
         node.destroy_node()
-
-
-def asked(used: dict[str, list[float]]) -> list[float]:
-    """Return the use of the topic on which PX4 is only asked to arm and to change its mode."""
-    return used.get("/fmu/in/vehicle_command", [])
 
 
 def test_messages_of_another_release_are_refused_in_one_line(

@@ -15,10 +15,10 @@ from fixtures.betaflight import set_raw_rc
 from fixtures.bridges import BRIDGES, engage
 
 from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.extras.bridges.crazyflie.line import CrazyflieLink
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
-    CrazyflieLink,
     Outgoing,
     OutgoingBytes,
     Response,

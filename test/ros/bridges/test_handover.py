@@ -58,7 +58,7 @@ def test_follows_the_documented_transitions() -> None:
 @pytest.mark.parametrize(
     ("stack", "reason"),
     [
-        (Stack(armed=True), "somebody else switched the mode"),
+        (Stack(armed=True, left="PX4 switched to hold"), "PX4 switched to hold"),
         (Stack(takes_setpoints=True), "disarming"),
         (Stack(fault="nothing is heard"), "nothing is heard"),
     ],
@@ -68,6 +68,13 @@ def test_takeover_releases_for_good(stack: Stack, reason: str) -> None:
     assert handover.state is State.RELEASED
     assert reason in handover.reason
     assert advanced(handover, *[READY] * 1000).state is State.RELEASED
+
+
+def test_names_the_missing_commands_when_the_stack_leaves_the_mode_after_a_gap() -> None:
+    handover = engaged()
+    stack = Stack(armed=True, left="PX4 switched to hold in a failsafe")
+    handover.advance(stack, obstacle="", now_ns=round(0.25 * SECOND))
+    assert "no fresh command came for 0.25 s, and PX4 switched to hold" in handover.reason
 
 
 @pytest.mark.parametrize("away", [0.6, -0.6, 100.0])

@@ -426,7 +426,8 @@ def test_reports_px4_refusals(new: New) -> None:
     ack = new("px4_msgs/msg/VehicleCommandAck")
     ack.command, ack.result = 400, 1
     tell(bridge, "/fmu/out/vehicle_command_ack_v1", ack, T0)
-    assert bridge.take_warnings() == ["PX4 answered command 400 with result 1"]
+    (warning,) = bridge.take_warnings()
+    assert "PX4 refuses to arm or disarm (temporarily rejected)" in warning
 
 
 def test_commands_take_the_newest_battery_into_account(new: New) -> None:

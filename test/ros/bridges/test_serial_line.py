@@ -18,9 +18,9 @@ from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
+from quad_mpc_ros.extras.bridges.betaflight import BetaflightBridge
 from quad_mpc_ros.ros.bridges import line as line_module
 from quad_mpc_ros.ros.bridges import node as node_module
-from quad_mpc_ros.ros.bridges.betaflight import BetaflightBridge
 from quad_mpc_ros.ros.bridges.bridge import Line
 from quad_mpc_ros.ros.bridges.serial_line import SerialLine
 

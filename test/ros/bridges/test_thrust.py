@@ -73,12 +73,27 @@ def test_follows_sag_slowly_and_ignores_invalid_voltage() -> None:
     thrust.receive_voltage(16.0, now_ns=0)
     thrust.receive_voltage(12.0, now_ns=SECOND // 50)
     assert 0.98 < thrust.battery_scale < 1.0
-    for nonsense in (0.0, -1.0, float("nan"), float("inf")):
+    for nonsense in (0.0, -1.0, float("nan"), float("inf"), 65.535, 15_600.0, 1.0):
         before = thrust.battery_scale
         thrust.receive_voltage(nonsense, now_ns=SECOND)
         assert thrust.battery_scale == before
-    thrust.receive_voltage(1.0, now_ns=1000 * SECOND)
+    thrust.receive_voltage(10.0, now_ns=1000 * SECOND)
     assert thrust.battery_scale == 0.5
+
+
+@pytest.mark.parametrize("nominal", [3.7, 14.8, 48.0])  # 65.535 V is 1.37 times the last
+def test_unknown_voltage_is_ignored_silently_and_an_implausible_one_is_reported_once(
+    nominal: float,
+) -> None:
+    thrust = made(battery_voltage=nominal)
+    assert thrust.receive_voltage(65.535, now_ns=0) == ""
+    assert thrust.receive_voltage(float("nan"), now_ns=0) == ""
+    said = thrust.receive_voltage(1000.0 * nominal, now_ns=0)
+    assert f"given {1000.0 * nominal:g} V" in said and f"battery_voltage {nominal:g} V" in said
+    assert thrust.receive_voltage(1000.0 * nominal, now_ns=SECOND) == ""
+    assert thrust.battery_scale == 1.0
+    assert thrust.receive_voltage(0.9 * nominal, now_ns=SECOND) == ""
+    assert thrust.battery_scale == pytest.approx(0.81)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from fixtures.processes import end
+from fixtures.processes import PATIENCE, end
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import SetParametersAtomically
@@ -62,7 +62,7 @@ class Peer:
         self.node.destroy_node()
         rclpy.shutdown()
 
-    def wait(self, condition: Callable[[], object], timeout: float = 15.0) -> bool:
+    def wait(self, condition: Callable[[], object], timeout: float = PATIENCE) -> bool:
         """Spin until something is true; return whether it became so in time."""
         deadline = time.monotonic() + timeout
         while not condition():
@@ -124,11 +124,12 @@ def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
 
 
 class Feed:
-    """Odometry at rest and its reference two metres above, 50 times a second, when switched on."""
+    """Odometry at rest at its reference, 50 times a second, when switched on."""
 
     def __init__(self, peer: Peer) -> None:
         self.odometry = self.reference = True
         self.yaw = 0.0  # of the reference
+        self.height = 2.0  # of the odometry: at the reference, where a hovering vehicle rests
         self._peer = peer
         self._odometry = peer.node.create_publisher(Odometry, "odom", qos_profile_sensor_data)
         self._reference = peer.node.create_publisher(MultiDOFJointTrajectory, "reference", 10)
@@ -145,7 +146,7 @@ class Feed:
                 odometry,
                 OdometrySample(
                     stamp_ns=stamp_ns,
-                    p_WB=np.zeros(3),
+                    p_WB=np.array([0.0, 0.0, self.height]),
                     q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
                     v_WB_B=np.zeros(3),
                     w_WB_B=np.zeros(3),

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
-import os
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from fixtures.courses import COURSE
-from fixtures.lockstep import flown_whole
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
@@ -24,7 +21,7 @@ CONTROL_TOPICS = ("/odom", "/reference", "/command", "/mpc/stats", "/mpc/predict
 
 
 def _fly(out: Path, *arguments: str) -> Path:
-    assert flown_whole(out, "--config", "paper", *arguments) == 0
+    assert main(["fly", "--lockstep", "--config", "paper", *arguments, "--out", str(out)]) == 0
     return out
 
 
@@ -40,15 +37,15 @@ def lockstep(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def real_time(tmp_path_factory: pytest.TempPathFactory, another_domain: Callable[[], str]) -> Path:
-    # The clock on the wall waits for nobody: where other work starves the nodes for longer than a
-    # timeout, the failsafe commands, and rightly. What is tested is a flight without that.
-    for _ in range(3):
-        os.environ["ROS_DOMAIN_ID"] = another_domain()
-        out = tmp_path_factory.mktemp("real_time") / "run"
-        if main(["fly", "--config", "paper", "--duration", "8", "--out", str(out)]) == 0:
-            return out
-    raise AssertionError("no flight of three without a failsafe")
+def real_time(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    # Ten odometries a second, and timeouts longer than other work can starve a node: then a
+    # failsafe would be a fault.
+    out = tmp_path_factory.mktemp("real_time") / "run"
+    rates = ("simulator.odom_rate=10", "mpc.control_rate=10", "mpc.advanced.deadline=1")
+    timeouts = ("mpc.odom_timeout=2", "mpc.reference_timeout=2")
+    given = [f"--set={assignment}" for assignment in (*rates, *timeouts)]
+    assert main(["fly", "--duration", "8", *given, "--out", str(out)]) == 0
+    return out
 
 
 def test_lockstep_flights_are_repeatable_bit_for_bit(lockstep: Path, tmp_path: Path) -> None:
@@ -69,14 +66,10 @@ def test_in_one_process_mpc_and_reference_fly_the_same(lockstep: Path, tmp_path:
     together = tmp_path / "together"
     given = ["--lockstep", "--together", "--config", "paper"]
     assert main(["fly", *given, "--out", str(together)]) == 0
-    found, expected = _commands(together), _commands(lockstep)
-    # A recorder that is starved may miss some; each follows from all that came before it.
-    assert set(found) <= set(expected)
-    assert len(found) > 0.8 * len(expected)
-    assert found[-1] == expected[-1]
+    assert _commands(together) == _commands(lockstep)
     with AnyReader([together / "bag"]) as reader:  # which others hear as before
-        connections = [c for c in reader.connections if c.topic == "/reference"]
-        assert sum(1 for _ in reader.messages(connections)) > 0.8 * len(expected)
+        counts = {each.topic: each.msgcount for each in reader.connections}
+    assert counts["/reference"] == 500
 
 
 @pytest.mark.parametrize("formulation", ["manifold", "contouring"])
@@ -91,7 +84,7 @@ def test_a_planned_race_is_the_same_in_lockstep_and_simulated(
     given = [*vehicle, "--gates", str(course), "--set", f"reference.file={plan}"]
     given += ["--set", f"mpc.formulation={formulation}", "--duration", "3.5"]
     flown, simulated = tmp_path / "flown", tmp_path / "simulated"
-    assert flown_whole(flown, *given) == 0
+    assert main(["fly", "--lockstep", *given, "--out", str(flown)]) == 0
     assert main(["simulate", *given, "--out", str(simulated)]) == 0
     assert len(_commands(flown)) > 100
     assert _commands(flown) == _commands(simulated)
@@ -169,10 +162,10 @@ def test_bag_carries_the_parameters_of_every_node(lockstep: Path) -> None:
 
 
 def test_real_time_flight_answers_the_odometry(real_time: Path) -> None:
-    """A machine that stalls may lose a tick in a hundred; a wiring fault loses them all."""
+    """A machine that stalls may lose a tick or two; a wiring fault loses them all."""
     summary = json.loads((real_time / "summary.json").read_text())
-    assert summary["odometries"] == 400
-    assert summary["unanswered_odometries"] <= 4
+    assert summary["odometries"] == 80
+    assert summary["unanswered_odometries"] <= 2
     assert summary["fallbacks"] == 0
     assert max(summary["waypoint_error_m"]) <= 0.1
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from fixtures.processes import PATIENCE
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
@@ -23,7 +24,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
-from std_msgs.msg import Int32
+from std_msgs.msg import Bool, Int32
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -117,6 +118,26 @@ def test_mpc_commands_only_while_it_is_active(
     assert "Traceback" not in log
 
 
+@pytest.mark.parametrize("acts", [True, False])
+def test_warns_of_a_deactivation_in_flight(
+    acts: bool, start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
+) -> None:
+    """Where commands do not act, nothing is lost."""
+    publishers = [
+        peer.node.create_publisher(Bool, name, LATCHED) for name in ("engaged", "landed")
+    ]
+    for publisher, value in zip(publishers, (acts, False), strict=True):
+        publisher.publish(Bool(data=value))
+    start("mpc")
+    mpc, log = managed("mpc"), tmp_path / "mpc.log"
+    assert mpc.tells("active")
+    peer.deliver(*publishers)
+    assert mpc.to("deactivate")
+    assert mpc.tells("inactive")
+    warned = r"\[WARN\] .*inactive by request in flight: no more commands"
+    assert bool(re.search(warned, log.read_text())) is acts
+
+
 def test_mpc_starts_by_itself_when_odometry_and_reference_are_there(
     start: Start, peer: Any, feed: Any, heard: Heard, managed: Any
 ) -> None:
@@ -172,6 +193,7 @@ def test_parameters_may_be_set_until_configured(
     assert "clean up the node first" in refusal
     assert mpc.set(horizon_steps=7, mass=0.3, throttle_min=0.1) == "", "what is the same is fine"
     assert mpc.set(**{"limits.speed_max": 4.0}) == "", "on since it was configured"
+    assert mpc.set(massa=2.0) == "mpc has no parameter 'massa' (did you mean mass?)"
     refusal = mpc.set(**{"advanced.limits.rate_slew": 60.0})
     assert refusal.startswith(
         "mpc.advanced.limits.rate_slew: given 60.0, expected 0.0 as long as the node is "
@@ -188,6 +210,7 @@ def test_parameters_may_be_set_until_configured(
     assert process.poll() is None
     log = (tmp_path / "mpc.log").read_text()
     assert "configure refused: mpc.throttle_max: given 0.29" in log
+    assert "changed: limits.speed_max 5.0 to 4.0" in log
     assert "Traceback" not in log
 
 
@@ -217,7 +240,7 @@ def test_a_shutdown_from_every_state_ends_the_process(
             assert peer.wait(lambda node=node, step=step: node.to(step)), step
     for name, node in nodes.items():
         assert node.to("shutdown")
-        assert processes[name].wait(5) == 0
+        assert processes[name].wait(PATIENCE) == 0
         assert "Traceback" not in (tmp_path / f"{name}.log").read_text()
     assert (tmp_path / "bag" / "metadata.yaml").exists() == ("activate" in steps)
 

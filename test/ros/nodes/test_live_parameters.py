@@ -57,10 +57,10 @@ def test_every_command_shows_a_whole_transaction(
     peer.node.create_subscription(
         DiagnosticArray, "mpc/stats", lambda m: stats.append(stats_from_message(m)), 10
     )
-    feed.yaw = 2.0
+    feed.yaw, feed.height = 2.0, 0.0  # two metres below the reference, whatever the throttle
     at_once = ("rate_time_constant:=0.0", "thrust_time_constant:=0.0", "input_delay:=0.0")
     hard = ("Q:=[10,10,10,1,1,1,1,1,1]", "R:=[0.0,0.001,0.001,0.001]", "limits.tilt_max:=0.0")
-    given = ("estimate_disturbance:=false", *at_once, *hard)
+    given = ("estimate_disturbance:=false", "consistency.action:=warn", *at_once, *hard)
     start("mpc", *(word for each in given for word in ("-p", each)))
     mpc = managed("mpc")
     assert mpc.set(**TRANSACTIONS[0]) == ""

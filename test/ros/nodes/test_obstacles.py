@@ -9,18 +9,19 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from fixtures.processes import PATIENCE
 from geometry_msgs.msg import Pose, PoseArray
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
+from quad_mpc_ros.extras.obstacles.markers import shape_marker
 from quad_mpc_ros.messages import diagnostics
 from quad_mpc_ros.messages.markers import filled_marker
 from quad_mpc_ros.messages.point_cloud import PointCloud, written_point_cloud
-from quad_mpc_ros.obstacles.markers import shape_marker
-from quad_mpc_ros.obstacles.shapes import Sphere
 from quad_mpc_ros.ros.messages import new_message
+from quad_mpc_ros.simulation.shapes import Sphere
 
 Start = Callable[..., Any]
 ON = ("-p", "obstacles.half_spaces:=4")
@@ -63,7 +64,7 @@ class Surveyor:
             send()
             return math.isclose(self.clearance, clearance, abs_tol=0.06)
 
-        return bool(self._peer.wait(near, timeout=60.0))
+        return bool(self._peer.wait(near))
 
 
 def test_a_cloud_and_a_marker_of_another_process_are_known(
@@ -71,6 +72,7 @@ def test_a_cloud_and_a_marker_of_another_process_are_known(
 ) -> None:
     """The vehicle has a radius of 0.2 m; a ball of 0.5 m is nearer than the points."""
     surveyor, mpc = Surveyor(peer), managed("mpc")
+    feed.height = 0.0
     start("mpc", *ON)
     assert mpc.tells("active")
     assert surveyor.sees(1.8, lambda: surveyor.send_points([[0.0, 2.0, 0.0], [3.0, 0.0, 0.0]]))
@@ -99,7 +101,7 @@ def test_broken_late_and_foreign_clouds_are_refused_and_the_mpc_flies_on(
             send()
             return reason in log.read_text()
 
-        assert peer.wait(told, timeout=60.0), reason
+        assert peer.wait(told), reason
     assert peer.wait(lambda: int(mpc.health.get("obstacles.refused", 0)) >= len(bad))
     assert "Traceback" not in log.read_text()
     surveyor.stats.clear()
@@ -124,7 +126,7 @@ def test_gates_that_move_are_taken_and_what_are_none_refused(
             gates.publish(message)
             return reason in log.read_text()
 
-        assert peer.wait(told, timeout=60.0), reason
+        assert peer.wait(told), reason
     assert "Traceback" not in log.read_text()
 
 
@@ -175,6 +177,6 @@ def test_a_file_that_is_wrong_keeps_the_node_from_starting(start: Start, tmp_pat
     file = tmp_path / "obstacles.yaml"
     file.write_text("obstacles: [{shape: cube}]")
     process = start("mpc", *ON, "-p", f"obstacles.file:={file}")
-    assert process.wait(60) == 2
+    assert process.wait(PATIENCE) == 2
     log = (tmp_path / "mpc.log").read_text()
     assert "obstacle 1: shape: given 'cube'" in log and "Traceback" not in log

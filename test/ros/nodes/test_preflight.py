@@ -13,7 +13,6 @@ import pytest
 from fixtures.processes import end
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.configuration.kept_code import KeptCode
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 
@@ -73,10 +72,7 @@ def test_tells_a_fit_vehicle_from_an_unfit_one(
     intruder: None,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    # Other tests call functions with types of their own, which changes what is kept of them.
-    monkeypatch.setattr(KeptCode, "is_complete", lambda kept: True)
     file = tmp_path / "vehicle.yaml"
     file.write_text(VEHICLE)
     # As before a take-off: it stands on the ground.

@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from fixtures.processes import PATIENCE
 from fixtures.scripts import script_module
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
@@ -37,7 +38,7 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 def end(process: subprocess.Popen[bytes], number: int = signal.SIGINT) -> int:
     process.send_signal(number)
-    return process.wait(10)
+    return process.wait(PATIENCE)
 
 
 def numbers(bag: Path, topic: str) -> list[int]:
@@ -109,7 +110,7 @@ def test_further_signals_while_it_ends_leave_a_whole_bag(
         if recorder.poll() is None:
             recorder.send_signal(signal.SIGINT)
             time.sleep(apart)
-    assert recorder.wait(10) == 0
+    assert recorder.wait(PATIENCE) == 0
     assert (bag / "metadata.yaml").is_file()
     with AnyReader([bag]) as reader:
         assert reader.message_count > 0
@@ -255,7 +256,7 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
         publisher.publish(Header(frame_id=f"{sent:0200}"))
         sent += 1
         peer.spin(0.005)
-    assert recorder.wait(10) == 1
+    assert recorder.wait(PATIENCE) == 1
     log = (tmp_path / "recorder.log").read_text()
     assert "recording ended" in log
     assert "bag_0.mcap: cannot write: File too large" in log

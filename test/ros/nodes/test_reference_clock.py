@@ -48,6 +48,7 @@ class Flown:
             publish(message)
 
         publisher.publish = kept
+        self.node.begin()
         self.peer = rclpy.create_node("peer")
         self.odometry = self.peer.create_publisher(Odometry, "odom", qos_profile_sensor_data)
         self.executor = SingleThreadedExecutor()

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fixtures.lockstep import flown_whole
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
 from rosbags.highlevel import AnyReader
@@ -50,7 +49,7 @@ def test_lockstep_and_simulate_agree_with_every_effect(tmp_path: Path) -> None:
     swinging = "--set=mpc.advanced.oscillation.action=warn"
     options = ["--config", "paper_rigid_body", "--duration", "4", swinging, *_assignments()]
     flown, simulated = tmp_path / "flown", tmp_path / "simulated"
-    over_dds = flown_whole(flown, *options)
+    over_dds = main(["fly", "--lockstep", *options, "--out", str(flown)])
     # And turns over in the end, which both have to say.
     assert over_dds == main(["simulate", *options, "--out", str(simulated)]) == 1
     for topic in ("/odom", "/command"):

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from fixtures.processes import PATIENCE
 from fixtures.setup_py import write_metadata
 from geometry_msgs.msg import TwistStamped
 from lifecycle_msgs.msg import Transition
@@ -51,7 +52,7 @@ def test_windows_reach_the_mpc_without_dds(start: Start, peer: Any, feed: Any) -
 
     start("stack", "-p", "reference:trajectory:=hover")
 
-    assert peer.wait(lambda: len(commands) > 50, timeout=90.0)  # the first one compiles
+    assert peer.wait(lambda: len(commands) > 50)  # the first one compiles
     assert peer.wait(lambda: "engaged" in peers_of(told, "/mpc"))
     assert "peers.odom" in peers_of(told, "/mpc")
     assert "peers.reference" not in peers_of(told, "/mpc")
@@ -66,7 +67,7 @@ def test_windows_are_published_as_well(start: Start, peer: Any, feed: Any) -> No
 
     start("stack", "-r", "__ns:=/")
 
-    assert peer.wait(lambda: len(windows) > 3, timeout=90.0)
+    assert peer.wait(lambda: len(windows) > 3)
 
 
 def test_planning_does_not_delay_the_mpc(start: Start, peer: Any, feed: Any) -> None:
@@ -96,11 +97,11 @@ def test_the_shutdown_of_one_node_ends_all(node: str, start: Start, peer: Any) -
 
     assert peer.call(client, request).success
 
-    assert process.wait(15) == 0
+    assert process.wait(PATIENCE) == 0
 
 
 def test_a_wrong_parameter_is_one_line(start: Start, tmp_path: Path) -> None:
-    assert start("stack", "-p", "reference:side:=-1.0").wait(60) == 2
+    assert start("stack", "-p", "reference:side:=-1.0").wait(PATIENCE) == 2
     log = (tmp_path / "stack.log").read_text()
     assert "error: reference.side: given -1.0, expected a number > 0" in log
     assert "Traceback" not in log
@@ -112,12 +113,12 @@ def test_a_bridge_is_a_node_of_the_same_process(start: Start, peer: Any) -> None
     peer.node.create_subscription(DiagnosticArray, "/diagnostics", told.append, 10)
     start("stack", before=("--bridge", "rates"))
     for node in ("/mpc", "/reference", "/rates_bridge"):
-        assert peer.wait(lambda node=node: peers_of(told, node), timeout=90.0), node
+        assert peer.wait(lambda node=node: peers_of(told, node)), node
 
 
 @pytest.mark.usefixtures("registered")
 def test_an_unknown_bridge_is_one_line(start: Start, tmp_path: Path) -> None:
-    assert start("stack", before=("--bridge", "kite")).wait(60) == 2
+    assert start("stack", before=("--bridge", "kite")).wait(PATIENCE) == 2
     log = (tmp_path / "stack.log").read_text()
     assert "error: --bridge: given 'kite', expected one of" in log
     assert "rates_bridge" in log

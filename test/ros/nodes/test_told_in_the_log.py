@@ -8,9 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TransformStamped, Twist
 from nav_msgs.msg import Odometry
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from std_msgs.msg import Bool
 from trajectory_msgs.msg import MultiDOFJointTrajectory
+from visualization_msgs.msg import MarkerArray
 
 from quad_mpc_ros.ros.repeated_warnings import RepeatedWarnings
 
@@ -47,6 +51,27 @@ def test_says_at_once_and_again_that_odometry_is_in_a_wrong_frame(
     assert time.monotonic() - first > 4.0
 
 
+def test_logs_each_failsafe_level_and_flies_on_when_the_inputs_return(
+    start: Start, peer: Any, feed: Any, tmp_path: Path
+) -> None:
+    process, log = start("mpc"), tmp_path / "mpc.log"
+
+    def logged(text: str, times: int = 1) -> bool:
+        return bool(peer.wait(lambda: log.read_text().count(text) >= times))
+
+    assert logged("the MPC flies")
+    feed.odometry = False
+    assert logged("blind takes over: odometry is")
+    assert logged("silent takes over: odometry is")
+    feed.odometry = True
+    assert logged("the MPC flies", times=2)
+    feed.reference = False
+    assert logged("hover takes over: reference is")
+    feed.reference = True
+    assert logged("the MPC flies", times=3)
+    assert process.poll() is None
+
+
 class Clock:
     """Seconds as the test says."""
 
@@ -79,3 +104,49 @@ def test_warns_of_each_kind_at_once_and_every_five_seconds(
         if tick == 5:
             warnings.warn("position jumped by 30.0 m")
     assert [text[:8] for text in texts] == ["odometry", "position", "odometry", "odometry"]
+
+
+MISMATCHED: dict[str, dict[str, tuple[type[Any], QoSProfile, str]]] = {
+    "reference": {
+        "cmd_vel": (Twist, QoSProfile(depth=1), "publishes geometry_msgs/msg/Twist, expected"),
+        "engaged": (Bool, QoSProfile(depth=1), "volatile publisher"),
+        "landed": (Bool, QoSProfile(depth=1), "volatile publisher"),
+        "odom_reset": (TransformStamped, qos_profile_sensor_data, "best effort publisher"),
+    },
+    "mpc": {
+        "engaged": (Bool, QoSProfile(depth=1), "volatile publisher"),
+        "obstacle_markers": (MarkerArray, qos_profile_sensor_data, "best effort publisher"),
+        "obstacles": (MarkerArray, QoSProfile(depth=1), "publishes visualization_msgs"),
+    },
+}
+
+
+@pytest.mark.parametrize("node", MISMATCHED)
+def test_reports_publishers_that_do_not_match_an_optional_input(
+    node: str, start: Start, peer: Any, tmp_path: Path
+) -> None:
+    """Once in the log, and in the health as long as they are there."""
+    health: dict[str, str] = {}
+
+    def on_diagnostics(message: DiagnosticArray) -> None:
+        health.update({status.name: status.message for status in message.status})
+
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)
+    publishers = [
+        peer.node.create_publisher(kind, topic, qos)
+        for topic, (kind, qos, _) in MISMATCHED[node].items()
+    ]
+    start(node, "-p", "obstacles.half_spaces:=8" if node == "mpc" else "mode:=on_request")
+
+    def reports(text: str) -> bool:
+        return all(
+            f"{topic}: " in text and why in text for topic, (_, _, why) in MISMATCHED[node].items()
+        )
+
+    log = tmp_path / f"{node}.log"
+    assert peer.wait(lambda: reports(log.read_text()), timeout=60.0), log.read_text()
+    assert peer.wait(lambda: reports(health.get(f"/{node}", ""))), health
+    for publisher in publishers:
+        peer.node.destroy_publisher(publisher)
+    assert peer.wait(lambda: "test_peer" not in health[f"/{node}"]), health
+    assert log.read_text().count("no message passes") == len(publishers)

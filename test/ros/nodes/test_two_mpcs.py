@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
 import signal
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
+from fixtures.processes import PATIENCE
 from geometry_msgs.msg import TwistStamped
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import qos_profile_sensor_data
 
 from quad_mpc_ros.messages import cdr
 from quad_mpc_ros.messages.diagnostics import OK
-from quad_mpc_ros.ros.commanders import Commanders
+from quad_mpc_ros.ros.commanders import DISCOVERING, Commanders
 
 Start = Callable[..., Any]
 
@@ -33,11 +37,16 @@ class Commands:
     def _receive(self, command: TwistStamped) -> None:
         self._answers[command.header.stamp.sec, command.header.stamp.nanosec] += 1
 
-    def most(self, seconds: float) -> int:
-        """Return the most commands for one odometry within a time; 0 if none comes."""
+    def most(self, odometries: int = 15) -> int:
+        """Return the most commands for one odometry, once so many have been answered."""
         self._answers.clear()
-        self._peer.spin(seconds)
-        return max(self._answers.values(), default=0)
+        assert self._peer.wait(lambda: len(self._answers) > odometries)
+        return max(self._answers.values())
+
+    def come(self, seconds: float) -> bool:
+        """Return whether a command comes within a time."""
+        self._answers.clear()
+        return bool(self._peer.wait(lambda: self._answers, timeout=seconds))
 
 
 @pytest.mark.parametrize("in_a_row", [True, False], ids=["one after another", "at once"])
@@ -55,7 +64,7 @@ def test_of_two_mpcs_one_commands(
             assert nodes[name].tells("active")
     if not in_a_row:
         assert all(nodes[name].tells("inactive", "no odometry yet") for name in names)
-        peer.spin(1.0)  # now all know each other
+        assert peer.wait(lambda: all(knows(nodes[name].health) for name in names))
         feed.odometry = True
 
     def told(name: str) -> bool:
@@ -68,19 +77,24 @@ def test_of_two_mpcs_one_commands(
     assert flies == "first" or not in_a_row
     assert not told(flies)
     assert nodes[waits].tells("inactive") and nodes[flies].tells("active")
-    assert commands.most(0.5) == 1
+    assert commands.most() == 1
     warning = f"2 publishers on /command, expected one: also /{waits}"
     assert nodes[flies].tells("active", warning)
     assert warning in logs[flies].read_text()
     assert not nodes[waits].to("activate")
-    assert commands.most(0.3) == 1
+    assert commands.most() == 1
 
     processes[flies].send_signal(signal.SIGINT)
-    assert processes[flies].wait(20) == 0
+    assert processes[flies].wait(PATIENCE) == 0
     assert peer.wait(lambda: nodes[waits].health["text"] == "inactive")
-    assert commands.most(0.3) == 0, "takes over by itself"
+    assert not commands.come(0.3), "takes over by itself"
     assert nodes[waits].to("activate")
-    assert commands.most(0.5) == 1
+    assert commands.most() == 1
+
+
+def knows(health: dict[str, str]) -> bool:
+    """Whether an MPC has found the other nodes, by what it reports."""
+    return health[DISCOVERING] == "false"
 
 
 def health_of(name: str, values: list[tuple[str, str]]) -> bytes:
@@ -143,6 +157,61 @@ def test_of_two_that_began_exactly_one_stops(peer: Any, monkeypatch: pytest.Monk
         stops = bool(answers[0]), bool(answers[1])
         assert sorted(stops) == [False, True]
         assert moments == (1, 1) or stops == (moments[0] > moments[1], moments[1] > moments[0])
+
+
+class Claimants:
+    """Two MPCs that start by themselves, and what is on its way from each to the other."""
+
+    def __init__(self, node: Node, publishers: Sequence[Publisher]) -> None:
+        self.both = Commanders(node), Commanders(node)
+        self.active = [False, False]
+        self._sent: tuple[list[bytes], list[bytes]] = [], []
+        for each, publisher in enumerate(publishers):
+            self.both[each].watch(publisher, waits=False)
+        for each in (0, 1):
+            self._report(each)
+            self.deliver(each)
+
+    def claim(self, each: int) -> None:
+        if self.both[each].obstacle() is None and self.both[each].claim(True):
+            self._report(each)
+
+    def deliver(self, sender: int) -> bool:
+        """Let the oldest message of one come to the other; return whether there was one."""
+        if not self._sent[sender]:
+            return False
+        receiver = self.both[1 - sender]
+        before = receiver.values()
+        receiver.receive(self._sent[sender].pop(0))
+        if receiver.values() != before:
+            self._report(1 - sender)
+        if receiver.claims and receiver.obstacle() is None and receiver.agreed():
+            receiver.begin()
+            self.active[1 - sender] = True
+            self._report(1 - sender)
+        return True
+
+    def _report(self, each: int) -> None:
+        self._sent[each].append(health_of(f"/mpc{each}", self.both[each].values()))
+
+
+def test_of_two_that_start_by_themselves_one_begins_in_every_order_of_messages(peer: Any) -> None:
+    publishers = [
+        peer.node.create_publisher(TwistStamped, "command", qos_profile_sensor_data)
+        for _ in range(2)
+    ]
+    assert peer.wait(lambda: peer.node.count_publishers("command") == 2)
+    for first, between, *senders in itertools.product((0, 1), range(6), *[(0, 1)] * 5):
+        two = Claimants(peer.node, publishers)
+        two.claim(first)
+        for sender in senders[:between]:
+            two.deliver(sender)
+        two.claim(1 - first)
+        for sender in senders[between:]:
+            two.deliver(sender)
+        while two.deliver(0) or two.deliver(1):
+            pass
+        assert sum(two.active) == 1, (first, between, senders)
 
 
 def test_one_that_has_commanded_for_long_stops_for_nobody(

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.processes import PATIENCE
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
@@ -138,6 +139,6 @@ def test_a_bad_parameter_is_one_line_and_exit_code_2(
     argument: str, start: Start, tmp_path: Path
 ) -> None:
     process = start("visualisation", "-p", argument)
-    assert process.wait(10) == 2
+    assert process.wait(PATIENCE) == 2
     (line,) = (tmp_path / "visualisation.log").read_text().strip().splitlines()
     assert line.startswith(f"error: visualisation.{argument.partition(':')[0]}: given")

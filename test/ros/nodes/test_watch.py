@@ -5,11 +5,13 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from fixtures.pseudo_terminal import PseudoTerminal
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 WATCH = [sys.executable, "-m", "quad_mpc_ros.cli", "watch"]
@@ -20,13 +22,7 @@ def watched(*options: str) -> str:
     return done.stdout.decode()
 
 
-def rows(shown: str, vehicle: str) -> list[str]:
-    return [line for line in shown.splitlines() if f" {vehicle} " in line]
-
-
-def test_two_vehicles_in_a_table_and_one_on_a_panel(
-    start: Start, peer: Any, tmp_path: Path
-) -> None:
+def test_vehicles_are_columns_of_a_table(start: Start, peer: Any, tmp_path: Path) -> None:
     ticks: dict[str, list[DiagnosticArray]] = {"uav1": [], "uav2": []}
     for name, heard in ticks.items():
         peer.node.create_subscription(DiagnosticArray, f"{name}/mpc/stats", heard.append, 10)
@@ -34,33 +30,55 @@ def test_two_vehicles_in_a_table_and_one_on_a_panel(
             start(node, "-r", f"__ns:=/{name}")
     assert peer.wait(lambda: all(len(heard) > 50 for heard in ticks.values()), timeout=100.0)
 
-    # Without a terminal a picture each interval, until interrupted.
+    # Without a terminal a table each interval, until interrupted.
     shown = tmp_path / "shown.txt"
     with shown.open("wb") as output:
         process = subprocess.Popen(
             [*WATCH, "--interval", "0.5"], stdout=output, stderr=subprocess.PIPE
         )
 
-    def pictures() -> list[str]:
-        return shown.read_text().split(" vehicle ")[1:]
+    def tables() -> list[list[list[str]]]:
+        """Return the words of the lines of each table."""
+        texts = shown.read_text().split("vehicle ")[1:]
+        return [[line.split() for line in text.splitlines()] for text in texts]
 
-    def flies(picture: str) -> bool:
-        return all(" mpc " in "".join(rows(picture, name)) for name in ticks)
-
-    assert peer.wait(lambda: len(pictures()) > 3 and flies(pictures()[-2]), timeout=60.0)
+    both = [["uav1", "uav2"], ["commands", "mpc", "mpc"]]
+    assert peer.wait(lambda: len(tables()) > 3 and all(line in tables()[-2] for line in both)), (
+        shown.read_text()
+    )
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=20)
     assert process.returncode == 0
     assert errors == b""
-    assert all(len(rows(pictures()[-1], name)) == 1 for name in ticks)
 
-    # Of one by name a panel, once.
-    panel = watched("--once", "--namespace", "uav1")
-    assert "uav2" not in panel
-    assert "commands  mpc" in panel
-    assert "tracking" in panel  # of the reference
-    assert "OK running" in panel, panel  # of the simulator
-    assert " Hz, 0." in panel
+    # One vehicle by name, once.
+    table = watched("--once", "--namespace", "uav1")
+    assert "uav2" not in table
+    assert ["commands", "mpc"] in [line.split() for line in table.splitlines()]
+    assert "tracking" in table  # of the reference
+    assert "OK running" in table, table  # of the simulator
+    assert " Hz, 0." in table
+
+
+def test_a_terminal_is_drawn_over_and_ctrl_c_restores_it() -> None:
+    terminal = PseudoTerminal(WATCH)
+    try:
+        wait_for(lambda: "\x1b[?1049h" in terminal.shown and "nobody" in terminal.shown)
+        terminal.type("\x03")
+        assert terminal.process.wait(20) == 0, terminal.shown
+        wait_for(lambda: "\x1b[?1049l" in terminal.shown)  # the screen as it was
+        assert "\x1b[?25h" in terminal.shown  # and the cursor
+        assert "Traceback" not in terminal.shown
+    finally:
+        terminal.process.kill()
+        terminal.close()
+
+
+def wait_for(condition: Callable[[], Any]) -> None:
+    deadline = time.monotonic() + 30.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
 
 
 def test_where_nobody_flies_it_says_so() -> None:

@@ -24,6 +24,9 @@ ARDUPILOT_MODES = {
     "BRAKE": 17,
     "GUIDED_NOGPS": 20,
 }
+_PX4_MODES = {1: "MANUAL", 2: "ALTCTL", 3: "POSCTL", 4: "AUTO", 5: "ACRO", 6: "OFFBOARD"}
+_PX4_MODES |= {7: "STABILIZED", 10: "TERMINATION"}
+_PX4_AUTO_MODES = {1: "READY", 2: "TAKEOFF", 3: "LOITER", 4: "MISSION", 5: "RTL", 6: "LAND"}
 _LONGEST_HELD = 1.0  # s: of the last rates and thrust, before it is told that this is long
 _MANY_TIMES = 1.3  # between two throttles at hover, which then are not of the same vehicle
 
@@ -75,10 +78,18 @@ class Autopilot(ABC):
     def takes_setpoints(self, custom_mode: int) -> bool:
         """Whether it flies setpoints in a mode."""
 
+    @abstractmethod
+    def mode_name(self, custom_mode: int) -> str:
+        """Return the name of a mode."""
+
     @property
     @abstractmethod
     def settings(self) -> tuple[str, ...]:
         """The parameters of the vehicle that matter."""
+
+    def needs_ground_station(self, settings: Mapping[str, float]) -> bool:
+        """Whether it sends texts only where a ground station announces itself."""
+        return False
 
     @abstractmethod
     def fault(self, settings: Mapping[str, float]) -> str:
@@ -121,10 +132,20 @@ class Px4(Autopilot):
         """In offboard mode."""
         return custom_mode >> 16 & 0xFF == self._OFFBOARD
 
+    def mode_name(self, custom_mode: int) -> str:
+        """Return main and sub mode, like AUTO.LOITER."""
+        main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24
+        name = _PX4_MODES.get(main, f"mode {main}")
+        return f"{name}.{_PX4_AUTO_MODES.get(sub, sub)}" if main == self._AUTO else name
+
     @property
     def settings(self) -> tuple[str, ...]:
-        """The hover throttle, and how long it flies on without setpoints."""
-        return "MPC_THR_HOVER", "COM_OF_LOSS_T"
+        """Hover throttle, time without setpoints, and what the loss of a ground station does."""
+        return "MPC_THR_HOVER", "COM_OF_LOSS_T", "NAV_DLL_ACT"
+
+    def needs_ground_station(self, settings: Mapping[str, float]) -> bool:
+        """Unless PX4 acts on the loss of one: a bridge must not stand in for it."""
+        return settings.get("NAV_DLL_ACT") == 0.0
 
     def fault(self, settings: Mapping[str, float]) -> str:
         """Return nothing: offboard rates and throttle are taken as they are."""
@@ -142,6 +163,12 @@ class Px4(Autopilot):
         held = settings.get("COM_OF_LOSS_T", 0.0)
         if held > _LONGEST_HELD:
             said.append(_held_for("COM_OF_LOSS_T", held))
+        if settings.get("NAV_DLL_ACT", 0.0) != 0.0:
+            said.append(
+                f"NAV_DLL_ACT is {settings['NAV_DLL_ACT']:g}, so this bridge does not announce "
+                "itself as a ground station, and PX4 does not send its texts here: see there for "
+                "the reason if PX4 refuses to arm"
+            )
         return said
 
     def echo(self, message: Any) -> Echo:
@@ -181,6 +208,11 @@ class ArduPilot(Autopilot):
     def takes_setpoints(self, custom_mode: int) -> bool:
         """In either guided mode."""
         return custom_mode in (ARDUPILOT_MODES["GUIDED"], ARDUPILOT_MODES["GUIDED_NOGPS"])
+
+    def mode_name(self, custom_mode: int) -> str:
+        """Return the name, of a mode that is used here, or the number."""
+        names = {number: name for name, number in ARDUPILOT_MODES.items()}
+        return names.get(custom_mode, f"mode {custom_mode}")
 
     @property
     def settings(self) -> tuple[str, ...]:

@@ -3,6 +3,8 @@
 Over the line go, whoever flies, a heartbeat as an onboard computer, questions for the vehicle's
 time and parameters, and requests for the messages that are needed. Setpoints go only in answer to
 commands.
+
+How old each value of the autopilot can be is measured in ``docs/stacks/mavlink.md``.
 """
 
 from __future__ import annotations
@@ -16,14 +18,16 @@ from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.ros.bridges.ardupilot import cosine_of_tilt
 from quad_mpc_ros.ros.bridges.bridge import (
+    FORCED,
     Bridge,
     LatestStatus,
     Line,
     Outgoing,
     OutgoingBytes,
     Response,
+    command_result,
 )
-from quad_mpc_ros.ros.bridges.handover import Stack, State
+from quad_mpc_ros.ros.bridges.handover import Stack, State, is_old
 from quad_mpc_ros.ros.bridges.mavlink import codec
 from quad_mpc_ros.ros.bridges.mavlink.autopilots import AUTOPILOTS, Autopilot
 from quad_mpc_ros.ros.bridges.mavlink.codec import Codec
@@ -34,11 +38,12 @@ _SECOND = 1_000_000_000
 _LINE_PERIOD = 0.002  # s: what comes waits for half of it
 _HEARTBEAT_NS, _TIME_NS = _SECOND, _SECOND // 10
 _STATE_NS = _SECOND // 2  # without state for so long it is asked for again
-_HEARTBEAT_TIMEOUT, _LAND_TIMEOUT, _ODOMETRY_TIMEOUT = 3.0, 2.5, 1.0  # s
-_RATES = {codec.HEARTBEAT: 10.0, codec.EXTENDED_SYS_STATE: 5.0, codec.SYS_STATUS: 2.0}
-_RATES[codec.ATTITUDE_TARGET] = 20.0
+# PX4 takes no interval for HEARTBEAT, so each is requested. CURRENT_MODE comes with each change.
+_REQUEST_NS = _SECOND // 10
+_HEARTBEAT_TIMEOUT, _LAND_TIMEOUT, _ODOMETRY_TIMEOUT = 1.5, 2.5, 1.0  # s
+_RATES = {codec.EXTENDED_SYS_STATE: 5.0, codec.SYS_STATUS: 2.0, codec.ATTITUDE_TARGET: 20.0}
+_RATES[codec.CURRENT_MODE] = 50.0
 _ARMED = 128  # of base_mode
-_IN_THE_AIR_TOO = 21196.0  # the second parameter of a disarming that is not refused
 _FAILING = (5, 6, 8)  # MAV_STATE: critical, emergency, terminating
 _ON_GROUND, _IN_AIR = 1, 2
 _ACCEPTED, _IN_PROGRESS = 0, 5
@@ -76,6 +81,7 @@ class MavlinkBridge(Bridge):
         self._component = codec.AUTOPILOT_COMPONENT
         self._time, self._others = VehicleTime(), OtherCommanders()
         self._heartbeat = LatestStatus(timeout=_HEARTBEAT_TIMEOUT)
+        self._mode = self._intended_mode = 0
         self._land = LatestStatus(timeout=_LAND_TIMEOUT)
         self._attitude = LatestStatus(timeout=_ODOMETRY_TIMEOUT)
         self._own_odometry = LatestStatus(timeout=_ODOMETRY_TIMEOUT)
@@ -88,6 +94,7 @@ class MavlinkBridge(Bridge):
         self._done_ns: dict[str, int] = {}
         self._answers: dict[str, Callable[[Any, int], None]] = {
             "HEARTBEAT": self._on_heartbeat,
+            "CURRENT_MODE": self._on_current_mode,
             "ODOMETRY": self._on_odometry,
             "ATTITUDE_QUATERNION": self._attitude.receive,
             "LOCAL_POSITION_NED": self._on_position,
@@ -130,13 +137,18 @@ class MavlinkBridge(Bridge):
                 f"{self._config.device}"
             )
             return Stack(fault=fault)
-        if not self._settings.are_settled:
-            return Stack(fault=f"{autopilot.name} has not told its parameters yet")
-        fault = autopilot.fault(self._settings.values) or self._others.fault(now_ns=now_ns)
+        fault = f"{autopilot.name} has not sent its parameters yet"
+        if self._settings.are_settled:
+            fault = autopilot.fault(self._settings.values) or self._others.fault(now_ns=now_ns)
+        in_failsafe = heartbeat.system_status in _FAILING or autopilot.takes_setpoints(
+            self._intended_mode
+        )
+        cause = "in a failsafe" if in_failsafe else "for a pilot or a ground station"
         return Stack(
             fault=fault,
-            takes_setpoints=autopilot.takes_setpoints(int(heartbeat.custom_mode)),
+            takes_setpoints=autopilot.takes_setpoints(self._mode),
             armed=bool(heartbeat.base_mode & _ARMED),
+            left=f"{autopilot.name} switched to {autopilot.mode_name(self._mode)} {cause}",
         )
 
     def _obstacle(self, now_ns: int) -> str:
@@ -148,7 +160,7 @@ class MavlinkBridge(Bridge):
     def _arm(self, wanted: bool) -> Response:
         if wanted:
             return self._asked("arming", codec.COMPONENT_ARM_DISARM, 1.0)
-        return self._asked("disarming", codec.COMPONENT_ARM_DISARM, 0.0, _IN_THE_AIR_TOO)
+        return self._asked("disarming", codec.COMPONENT_ARM_DISARM, 0.0, FORCED)
 
     def _switch(self) -> list[Outgoing]:
         if self._autopilot is None:
@@ -215,10 +227,22 @@ class MavlinkBridge(Bridge):
             self._settings = Settings(self._autopilot.settings)
             self.streams, self.warm_up = self._autopilot.streams, self._autopilot.warm_up
         self._heartbeat.receive(message, now_ns)
+        self._see_mode(int(message.custom_mode), now_ns)
         failing = message.system_status in _FAILING
         if failing and not self._was_failing:
             self._warnings.append(f"{self._autopilot.name} reports a failsafe")
         self._was_failing = failing
+
+    def _on_current_mode(self, message: Any, now_ns: int) -> None:
+        """Take the mode, which changed or whose vehicle armed: the heartbeat says which."""
+        self._intended_mode = int(message.intended_custom_mode)
+        self._see_mode(int(message.custom_mode), now_ns)
+        self._done_ns.pop("request", None)
+
+    def _see_mode(self, mode: int, now_ns: int) -> None:
+        assert self._autopilot is not None
+        self._mode = mode
+        self._others.judge(takes_setpoints=self._autopilot.takes_setpoints(mode), now_ns=now_ns)
 
     def _on_odometry(self, message: Any, now_ns: int) -> None:
         if self._config.odometry_topic:
@@ -253,9 +277,7 @@ class MavlinkBridge(Bridge):
             self._odometries.append((passed, self.announced_reset))
 
     def _on_sys_status(self, message: Any, now_ns: int) -> None:
-        voltage = codec.voltage_of(message)
-        if voltage is not None:
-            self.thrust.receive_voltage(voltage, now_ns=now_ns)
+        self._receive_voltage(1e-3 * int(message.voltage_battery), now_ns)
 
     def _on_parameter(self, message: Any, now_ns: int) -> None:
         autopilot = self._autopilot
@@ -272,6 +294,8 @@ class MavlinkBridge(Bridge):
         flies = land is not None and land.landed_state == _IN_AIR
         if self._autopilot is not None and flies and self._handover.state is State.ENGAGED:
             self._others.target(self._autopilot.echo(message), now_ns=now_ns)
+            if self._others.suspected:
+                self._done_ns.pop("request", None)
 
     def _on_time(self, message: Any, now_ns: int) -> None:
         if message.tc1 > 0:
@@ -280,9 +304,16 @@ class MavlinkBridge(Bridge):
             )
 
     def _on_ack(self, message: Any, now_ns: int) -> None:
-        what = _COMMANDS.get(int(message.command))
-        if what is not None and message.result not in (_ACCEPTED, _IN_PROGRESS):
-            self._warnings.append(f"the autopilot refuses {what}: MAV_RESULT {message.result}")
+        number = int(message.command)
+        what = _COMMANDS.get(number)
+        if what is None or message.result in (_ACCEPTED, _IN_PROGRESS):
+            return
+        result = command_result(int(message.result))
+        if number == codec.COMPONENT_ARM_DISARM and self._arming is not None:
+            what = "arming" if self._arming[0] else "disarming"
+            self._refuse_arming(f"the autopilot refuses {what}: {result}")
+        else:
+            self._warnings.append(f"the autopilot refuses {what}: {result}")
 
     def _on_text(self, message: Any, now_ns: int) -> None:
         """Tell a text; a long one comes in pieces, under a number that is not 0."""
@@ -292,15 +323,23 @@ class MavlinkBridge(Bridge):
         self._text += text
         goes_on = message.id != 0 and len(text) == _LONGEST_TEXT
         if message.severity <= _WORTH_TELLING and not goes_on:
-            self._warnings.append(f"the autopilot says: {self._text[:_LONGEST_WARNING]}")
+            whole = self._text[:_LONGEST_WARNING].strip()  # PX4 ends those of its events in a tab
+            self._warnings.append(f"the autopilot says: {whole}")
+            if self._arming is not None and self.arming_outcome(now_ns=now_ns) is None:
+                self._reasons.append(whole)
 
     def _due(self, now_ns: int) -> list[Any]:
         """Return the messages that are due whoever flies."""
         due = []
         if self._is_due("heartbeat", _HEARTBEAT_NS, now_ns):
             due.append(codec.heartbeat())
+            autopilot = self._autopilot
+            if autopilot is not None and autopilot.needs_ground_station(self._settings.values):
+                due.append(codec.heartbeat(ground_station=True))
         if self._autopilot is None:
             return due
+        if self._is_due("request", _REQUEST_NS, now_ns):
+            due.append(self._command(codec.REQUEST_MESSAGE, float(codec.HEARTBEAT)))
         if self._is_due("time", _TIME_NS, now_ns):
             self._time.asked(now_ns=now_ns)
             due.append(codec.timesync(sent_ns=now_ns))
@@ -350,8 +389,7 @@ class MavlinkBridge(Bridge):
         """Whether the land detector is not heard, or no state though it is to come from here."""
         if self._land.value(now_ns=now_ns) is None:
             return True
-        state_ns = self._done_ns.get("state")
-        late = state_ns is None or abs(now_ns - state_ns) > _STATE_NS
+        late = is_old(self._done_ns.get("state"), now_ns, _STATE_NS)
         return late and not self._config.odometry_topic
 
     def _command(self, command: int, *parameters: float) -> Any:

@@ -20,24 +20,24 @@ from quad_mpc_ros.ros.bridges.frames import (
     q_enu_flu_xyzw_from_ned_frd_wxyz,
 )
 
-AUTOPILOT_COMPONENT, ONBOARD_COMPUTER = 1, 191
+AUTOPILOT_COMPONENT, GROUND_STATION, ONBOARD_COMPUTER = 1, 190, 191
 IGNORE_ATTITUDE = 128  # and no bit of a rate or of the thrust
 ODOMETRY, ATTITUDE_QUATERNION, LOCAL_POSITION_NED, ATTITUDE_TARGET = 331, 31, 32, 83
-HEARTBEAT, SYS_STATUS, EXTENDED_SYS_STATE = 0, 1, 245
-DO_SET_MODE, COMPONENT_ARM_DISARM, SET_MESSAGE_INTERVAL = 176, 400, 511
+HEARTBEAT, SYS_STATUS, EXTENDED_SYS_STATE, CURRENT_MODE = 0, 1, 245, 436
+DO_SET_MODE, COMPONENT_ARM_DISARM = 176, 400
+SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 511, 512
 
 _LOCAL_NED, _LOCAL_FRD, _BODY_FRD = 1, 20, 12
 _BODY_FRAMES = (8, _BODY_FRD)  # 8 is the deprecated BODY_NED
 _LONGEST_APART_NS = 50_000_000  # of a position and an attitude that are one state
 _MICROSECOND, _MILLISECOND = 1_000, 1_000_000
-_UNKNOWN_VOLTAGE = 0xFFFF
 _REAL_32 = 9
 
 
 @functools.cache
 def dialect() -> Any:
-    """Return pymavlink's module of the messages that all autopilots have."""
-    return importlib.import_module("pymavlink.dialects.v20.common")
+    """Return pymavlink's module of common messages with those in development (CURRENT_MODE)."""
+    return importlib.import_module("pymavlink.dialects.v20.development")
 
 
 class Codec:
@@ -56,7 +56,9 @@ class Codec:
         return [message for message in found or () if message.get_msgId() in known]
 
     def packed(self, message: Any) -> bytes:
-        """Return the bytes of a message."""
+        """Return the bytes of a message; a ground station's heartbeat has its own component."""
+        is_station = getattr(message, "type", None) == dialect().MAV_TYPE_GCS
+        self._mavlink.srcComponent = GROUND_STATION if is_station else ONBOARD_COMPUTER
         return bytes(message.pack(self._mavlink))
 
 
@@ -114,12 +116,6 @@ def odometry_from_position_and_attitude(position: Any, attitude: Any) -> Odometr
     )
 
 
-def voltage_of(message: Any) -> float | None:
-    """Return the battery's voltage [V] in a ``SYS_STATUS``; None where it is unknown."""
-    millivolts = int(message.voltage_battery)
-    return None if millivolts == _UNKNOWN_VOLTAGE else 1e-3 * millivolts
-
-
 def parameter_of(message: Any, *, by_bytes: bool) -> tuple[str, float]:
     """Return name and value in a ``PARAM_VALUE``.
 
@@ -159,11 +155,11 @@ def command_long(command: int, *parameters: float, system: int, component: int) 
     return dialect().MAVLink_command_long_message(system, component, command, 0, *seven)
 
 
-def heartbeat() -> Any:
-    """Return the ``HEARTBEAT`` of an onboard computer, which is active."""
+def heartbeat(*, ground_station: bool = False) -> Any:
+    """Return the ``HEARTBEAT`` of an active onboard computer, or of a ground station."""
     mavlink = dialect()
     return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+        mavlink.MAV_TYPE_GCS if ground_station else mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
         mavlink.MAV_AUTOPILOT_INVALID,
         0,
         0,

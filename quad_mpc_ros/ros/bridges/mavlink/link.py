@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 
-from quad_mpc_ros.control.safety.clock_offset import ClockOffset
 from quad_mpc_ros.ros.bridges.mavlink.autopilots import Echo
 
 _SECOND = 1_000_000_000
@@ -18,35 +17,31 @@ _FORGOTTEN_NS = 2 * _SECOND
 
 
 class VehicleTime:
-    """The vehicle's clock on ours, by TIMESYNC: it was read in the middle of a round trip."""
+    """The vehicle's clock on ours, by TIMESYNC.
+
+    The vehicle read its clock between question and answer. So every answer, also one that took
+    long, bounds the offset from both sides, whatever the drift of a simulation's clock.
+    """
 
     def __init__(self) -> None:
-        self._offset: ClockOffset | None = None
-        self._asked: deque[int] = deque(maxlen=_QUESTIONS)
-        self._least_ns = 0.0
-
-    @property
-    def behind_ns(self) -> int:
+        self.behind_ns = 0
         """By how much it is behind ours; 0 while that is unknown."""
-        return 0 if self._offset is None else self._offset.behind_ns
+        self._is_known = False
+        self._asked: deque[int] = deque(maxlen=_QUESTIONS)
 
     def asked(self, *, now_ns: int) -> None:
         """Note that it is asked now."""
         self._asked.append(now_ns)
 
     def answered(self, *, sent_ns: int, vehicle_ns: int, now_ns: int) -> None:
-        """Take an answer, unless it is none to us, or came by a long way."""
+        """Take an answer, unless it answers no question of ours."""
         if sent_ns not in self._asked or not 0 <= now_ns - sent_ns <= _SECOND:
             return
-        trip_ns, middle_ns = now_ns - sent_ns, (now_ns + sent_ns) // 2
-        offset = self._offset
-        if offset is None or abs(offset.age_ns(vehicle_ns, now_ns=middle_ns)) > _SECOND:
-            self._offset, self._least_ns = ClockOffset(until_last=True), trip_ns
-            self._offset.set(middle_ns - vehicle_ns, stamp_ns=vehicle_ns, now_ns=middle_ns)
-            return
-        self._least_ns = min(1.02 * self._least_ns + 1e4, trip_ns)  # the way may become longer
-        if trip_ns <= 1.5 * self._least_ns:
-            offset.follow(vehicle_ns, now_ns=middle_ns)
+        least_ns, most_ns = sent_ns - vehicle_ns, now_ns - vehicle_ns
+        middle_ns = (least_ns + most_ns) // 2
+        if not self._is_known or abs(self.behind_ns - middle_ns) > _SECOND:
+            self.behind_ns, self._is_known = middle_ns, True
+        self.behind_ns = min(max(self.behind_ns, least_ns), most_ns)
 
 
 class Settings:
@@ -87,12 +82,18 @@ class Settings:
 
 
 class OtherCommanders:
-    """Whether the vehicle follows setpoints that were not sent here."""
+    """Whether the vehicle follows setpoints that were not sent here.
+
+    An autopilot that has left the mode follows its own setpoints, and reports them before it
+    reports the mode. So strange targets are a suspicion until a later report of the mode.
+    """
 
     def __init__(self) -> None:
         self._sent: deque[tuple[int, Echo]] = deque()
         self._strange: deque[int] = deque(maxlen=_STRANGE)  # when
         self._found: tuple[int, str] | None = None
+        self.suspected = False
+        """Whether a report of the mode is needed to decide."""
 
     def sent(self, setpoint: Echo, *, now_ns: int) -> None:
         """Note a setpoint of ours."""
@@ -110,7 +111,16 @@ class OtherCommanders:
         self._strange.append(now_ns)
         often = len(self._strange) == _STRANGE
         if often and abs(now_ns - self._strange[0]) <= _FORGOTTEN_NS:
+            self.suspected = True
+
+    def judge(self, *, takes_setpoints: bool, now_ns: int) -> None:
+        """Decide about a suspicion by the mode, which is reported now."""
+        if not self.suspected:
+            return
+        if takes_setpoints:
             self.found("it follows setpoints that were not sent here", now_ns=now_ns)
+        self.suspected = False
+        self._strange.clear()
 
     def found(self, why: str, *, now_ns: int) -> None:
         """Note that somebody else commands."""

@@ -1,0 +1,164 @@
+"""Odometry stamped on arrival: how much later than measured, by how far the vehicle moved.
+
+Between two odometries the vehicle moves by the velocity times the time between the measurements,
+so with the mean velocity v of both, the interval dt of the stamps and the lateness l of each stamp
+
+    y = dt - v . dp / |v|^2 = l - l_before + noise,   of variance r / |v|^2.
+
+True stamps give y = 0 whatever the intervals are. Stamps of arrival are recognised by y along the
+track that varies far more than the deviation across it, by intervals that vary as much, and by
+odometry that is, by its stamps, always equally old. Then l is filtered: without y it is a
+deviation from the mean lateness, of variance s^2 = var(y) / 2, and
+
+    K = s^2 / (s^2 + P + r / |v|^2),   l <- K (l + y - mean(y)),   P <- K (P + r / |v|^2).
+
+The earliest arrival of the last seconds is taken to have come without delay. A delay that all
+arrivals share does not show: it looks like delay of the vehicle's inputs, and belongs into
+``input_delay``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.stage import Stage
+
+_FORGETTING = 2.0  # s
+_SLOWEST = 0.3  # m/s: slower, positions do not show the time
+_LEAST_JITTER = 0.003  # s, of stamps that are corrected
+_ALONG = 9.0  # variance along the track over that across it
+_ENOUGH = 20.0  # odometries
+_LONGEST_GAP = 0.5  # s
+_MEMORY = 10.0  # s, of the earliest arrival
+# Intervals that differ by less are equal [s]; after so many, stamps are those of measurements.
+_REGULAR, _ENOUGH_REGULAR = 0.001, 100
+_STEP_NS = 1_000_000  # between corrected stamps, at least
+
+_Measured = tuple[Array, Array, Array]  # position (3,), attitude (4,), velocity in the body (3,)
+
+
+class _Before(NamedTuple):
+    """The odometry before, and its interval [s] to the one before that."""
+
+    odometry: OdometrySample
+    corrected_ns: int
+    interval: float
+
+
+class _Sums:
+    """Decaying sums: of y by the square of the speed, of all else by odometry."""
+
+    def __init__(self) -> None:
+        self._sums = np.zeros(9)
+        self._first_age_ns: int | None = None
+
+    def add(self, y: float, across: float, square: float, interval: float, age_ns: int) -> None:
+        """Take y [s], the squares of the deviation across the track [m^2] and of the speed.
+
+        And the interval of the stamps [s] and the age by the stamp, with any offset of clocks.
+        """
+        if self._first_age_ns is None:
+            self._first_age_ns = age_ns
+        age = 1e-9 * (age_ns - self._first_age_ns)
+        ages, ys = (age, age**2), (square * y, square * y**2)
+        self._sums *= math.exp(-interval / _FORGETTING)
+        self._sums += (1.0, interval, interval**2, *ages, across, square, *ys)
+
+    def lateness(self) -> tuple[float, float, float] | None:
+        """Return mean of y, variance of l and r; None if the stamps are not those of arrivals."""
+        count, interval, intervals, age, ages, across, square, y, ys = self._sums.tolist()
+        if count < _ENOUGH:
+            return None
+        mean = y / square
+        variance, noise = ys / square - mean**2, across / square
+        irregular = intervals / count - (interval / count) ** 2
+        aging = ages / count - (age / count) ** 2
+        if (
+            variance < max(_ALONG * noise, _LEAST_JITTER**2)
+            or irregular < 0.3 * variance
+            or aging > 0.1 * variance
+        ):
+            return None
+        return mean, 0.5 * (variance - noise), across / count
+
+
+class ArrivalStamps(Stage):
+    """Corrects stamps of arrival; true stamps stay as they are."""
+
+    def __init__(self) -> None:
+        self._before: _Before | None = None
+        self._begin()
+
+    def _begin(self) -> None:
+        self._sums = _Sums()
+        self._l = self._P = self._earliest = 0.0
+        self._regular = 0  # intervals in a row that equal the one before
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Compare no position with one of the coordinates before."""
+        self._before = None
+
+    def corrected(self, odometry: OdometrySample, *, now_ns: int) -> OdometrySample:
+        """Return an odometry that arrives now, twist in the body frame, stamped as measured."""
+        stamp_ns, before = odometry.stamp_ns, self._before
+        interval = 0.0 if before is None else 1e-9 * (stamp_ns - before.odometry.stamp_ns)
+        self._before = _Before(odometry, stamp_ns, interval)
+        if before is None or not 0.0 < interval < _LONGEST_GAP:
+            self._begin()
+            return odometry
+        even = -_REGULAR < interval - before.interval < _REGULAR
+        self._regular = self._regular + 1 if even else 0
+        if self._regular == _ENOUGH_REGULAR:
+            self._begin()
+        if self._regular >= _ENOUGH_REGULAR:
+            return odometry
+        late_ns = self._late_ns(before.odometry, odometry, interval, now_ns)
+        if late_ns == 0:
+            return odometry
+        corrected_ns = max(stamp_ns - late_ns, before.corrected_ns + _STEP_NS)
+        self._before = _Before(odometry, min(corrected_ns, stamp_ns), interval)
+        return dataclasses.replace(odometry, stamp_ns=self._before.corrected_ns)
+
+    def _late_ns(
+        self, before: OdometrySample, after: OdometrySample, interval: float, now_ns: int
+    ) -> int:
+        """Return by how much the stamp is late; 0 for a true one."""
+        y, across, square = _deviation(
+            (before.p_WB, before.q_WB_xyzw, before.v_WB_B),
+            (after.p_WB, after.q_WB_xyzw, after.v_WB_B),
+            interval,
+        )
+        if square > _SLOWEST**2 and -_LONGEST_GAP < y < _LONGEST_GAP:
+            self._sums.add(y, across, square, interval, now_ns - after.stamp_ns)
+        found = self._sums.lateness()
+        if found is None:
+            self._l = self._P = self._earliest = 0.0
+            return 0
+        mean, variance, r = found
+        uncertain = self._P + r / max(square, 1e-12)
+        K = variance / (variance + uncertain)
+        self._l, self._P = K * (self._l + y - mean), K * uncertain
+        # In hover K is near zero: the estimate of the mean lateness stays.
+        self._earliest = min(self._earliest * math.exp(-K * interval / _MEMORY), self._l)
+        return round(1e9 * (self._l - self._earliest))
+
+
+@compiled
+def _deviation(before: _Measured, after: _Measured, interval: float) -> tuple[float, float, float]:
+    """Return y [s], and the squares of the deviation across the track [m^2] and of the speed."""
+    (p_before, q_before, v_before), (p_after, q_after, v_after) = before, after
+    moved_W = kernels.minus(kernels.vector(p_after), kernels.vector(p_before))
+    v_W = kernels.in_world(q_before, v_before)
+    mean_W = kernels.scaled(0.5, kernels.plus(v_W, kernels.in_world(q_after, v_after)))
+    square = kernels.dot(mean_W, mean_W)
+    y = interval - kernels.dot(mean_W, moved_W) / max(square, 1e-12)
+    off_W = kernels.minus(moved_W, kernels.scaled(interval, mean_W))
+    return y, 0.5 * max(kernels.dot(off_W, off_W) - square * (y * y), 0.0), square

@@ -1,0 +1,105 @@
+"""The stage that guides: which window is flown in place of the reference, and within what."""
+
+from __future__ import annotations
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.delayed_reference import DelayedReference
+from quad_mpc_ros.control.estimate_stage import Estimate
+from quad_mpc_ros.control.guide import FAILED, Avoidance, Guide, Guided
+from quad_mpc_ros.control.model.corridor import Corridor
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.ocp.plan import Plan
+from quad_mpc_ros.control.stage import Due, Failure, Stage
+from quad_mpc_ros.control.stage_log import StageLog
+
+
+class GuideStage(Stage):
+    """The reference as late as the vehicle is, led around obstacles.
+
+    Attributes:
+        guide: What leads around obstacles, None for nothing.
+        guided: Its last answer, None before the first and without a guide.
+        window: What is flown in place of the reference, None if that is flown itself.
+        corridor: Where the vehicle may be, None for anywhere.
+    """
+
+    def __init__(self, config: MpcConfig, guide: Guide | None, log: StageLog) -> None:
+        self._log = log
+        self.guide = guide
+        self.guided: Guided | None = None
+        self.window: ReferenceWindow | None = None
+        self.corridor: Corridor | None = None
+        self._plan: Plan | None = None
+        self._delayed = DelayedReference(config)
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """This stage, the delayed reference and the guide."""
+        guide = () if self.guide is None else self.guide.stages
+        return self, self._delayed, *guide
+
+    @property
+    def behind(self) -> float:
+        """How far the vehicle is behind the reference's clock [s]."""
+        return self._delayed.behind
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Move plan, windows and corridors."""
+        if self._plan is not None:
+            axes = reset.vectors(self._plan.R_WB.swapaxes(1, 2)).swapaxes(1, 2)
+            self._plan = self._plan._replace(p_WB=reset.points(self._plan.p_WB), R_WB=axes)
+        if self.guided is not None:
+            window, corridor, avoidance = self.guided
+            self.guided = Guided(reset.window(window), _moved(corridor, reset), avoidance)
+        if self.window is not None:
+            self.window = reset.window(self.window)
+        self.corridor = _moved(self.corridor, reset)
+
+    def step(
+        self, due: Due, estimate: Estimate | Failure, reference: ReferenceWindow | Failure
+    ) -> Guided | Failure:
+        """Return what to fly from an estimate on.
+
+        Without odometry it is what was flown last. A reference that cannot be delayed, or that
+        the guide fails to lead around obstacles, is flown as it is.
+        """
+        if isinstance(reference, Failure):
+            return reference
+        if isinstance(estimate, Failure):
+            return estimate
+        guided = self._led(due.odometry, self._late(reference, due.sent_ns))
+        self.window = None if guided.window is reference else guided.window
+        self.corridor = guided.corridor
+        return guided
+
+    def _late(self, reference: ReferenceWindow, sent_ns: int) -> ReferenceWindow:
+        try:
+            return self._delayed.at(reference, sent_ns)
+        except Exception as error:
+            self._log.stage_error("delayed reference", error)
+            self._delayed = self._delayed.renewed()
+            return reference
+
+    def _led(self, odometry: OdometrySample | None, window: ReferenceWindow) -> Guided:
+        if odometry is None:
+            last = self.guided
+            return Guided(window) if last is None or last.avoidance.state == FAILED else last
+        if self.guide is None:
+            return Guided(window)
+        try:
+            self.guided = self.guide.guide(odometry, window, self._plan)
+        except Exception as error:
+            failure = self._log.stage_error("guide", error)
+            self.guided = Guided(window, None, Avoidance(FAILED, failure.reason))
+        return self.guided
+
+    def record(self, plan: Plan | None, *, sent_ns: int) -> None:
+        """Take the plan that is flown, None if there is none."""
+        self._plan = plan
+        if plan is not None:
+            self._delayed.take(plan, stamp_ns=sent_ns)
+
+
+def _moved(corridor: Corridor | None, reset: EstimateReset) -> Corridor | None:
+    return None if corridor is None else reset.corridor(corridor)

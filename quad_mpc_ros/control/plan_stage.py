@@ -1,0 +1,70 @@
+"""The stage that plans: the MPC, and which of its plans can be flown."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimate_stage import Estimate
+from quad_mpc_ros.control.guide import Guided
+from quad_mpc_ros.control.lie.kernels import infinity_norm
+from quad_mpc_ros.control.mpc import Mpc, MpcStep
+from quad_mpc_ros.control.ocp.plan import Plan
+from quad_mpc_ros.control.stage import Failure, Stage
+from quad_mpc_ros.control.stage_log import StageLog
+
+
+class Planned(NamedTuple):
+    """What the MPC made of an estimate; ``step`` is None if it did not run.
+
+    Attributes:
+        step: The step of the MPC, also of a plan that cannot be flown.
+        failure: Why there is no plan to fly, None if there is one.
+    """
+
+    step: MpcStep | None
+    failure: Failure | None
+
+    @property
+    def plan(self) -> Plan | None:
+        """The plan to fly."""
+        return None if self.step is None or self.failure is not None else self.step.plan
+
+
+class PlanStage(Stage):
+    """Plans from an estimate along what is guided."""
+
+    def __init__(self, config: MpcConfig, *, deadline: float, log: StageLog) -> None:
+        """``deadline`` [s] is how long a step may take for a plan that is flown."""
+        self._log, self._deadline = log, deadline
+        self._mpc = Mpc(config, deadline=deadline)
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """This stage and the MPC."""
+        return self, *self._mpc.stages
+
+    def step(self, estimate: Estimate | Failure, guided: Guided | Failure) -> Planned:
+        """Return the plan, or why there is none."""
+        if isinstance(guided, Failure):
+            return Planned(None, guided)
+        if isinstance(estimate, Failure):
+            return Planned(None, estimate)
+        state, used = estimate
+        try:
+            step = self._mpc.solve(state, guided.window, guided.corridor, used=used)
+        except Exception as error:  # whatever it is, something has to fly the vehicle
+            self._mpc.restart()
+            return Planned(None, self._log.solver_failure(f"error in the MPC: {error!r}"))
+        return Planned(step, self._failure_of(step))
+
+    def _failure_of(self, step: MpcStep) -> Failure | None:
+        """Return why the plan of a step cannot be flown, None if it can."""
+        if step.plan is None:
+            return self._log.solver_failure(f"solver: {step.solution.status}")
+        if not infinity_norm(step.plan.inputs.ravel()) < math.inf:  # NaN compares with nothing
+            return self._log.solver_failure("the plan is not finite")
+        if step.step_time > self._deadline:
+            return self._log.deadline_miss(f"late: the plan took {1e3 * step.step_time:.1f} ms")
+        return None

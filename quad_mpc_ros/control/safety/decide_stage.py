@@ -1,0 +1,157 @@
+"""The stage that decides who commands: limits, contradictions and the safety ladder."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
+from quad_mpc_ros.control.estimation.ground_state import GroundState
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.prediction import PredictedState
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.state import Input
+from quad_mpc_ros.control.ocp.plan import Plan
+from quad_mpc_ros.control.plan_stage import Planned
+from quad_mpc_ros.control.safety import ladder
+from quad_mpc_ros.control.safety.consistency import ConsistencyMonitor
+from quad_mpc_ros.control.safety.flight_limits import FlightLimits
+from quad_mpc_ros.control.safety.input_monitor import InputMonitor
+from quad_mpc_ros.control.safety.ladder import Action, Breach, Decision, LadderState, Source
+from quad_mpc_ros.control.safety.oscillation import OscillationMonitor
+from quad_mpc_ros.control.stage import Due, Stage
+from quad_mpc_ros.control.stage_log import StageLog
+
+_CRASHED = (
+    "crashed: it lies upside down, or does not rise with thrust; put it upright, then deactivate "
+    "and activate the MPC, or disengage and engage"
+)
+
+
+class Decided(NamedTuple):
+    """Who commands, and the plan that may be flown.
+
+    Attributes:
+        decision: The source of the command and the reason for it.
+        plan: The new plan, None if there is none that may be flown.
+        blind_ns: How long nothing but dead reckoning has flown [ns], None while it does not.
+    """
+
+    decision: Decision
+    plan: Plan | None
+    blind_ns: int | None
+
+
+class DecideStage(Stage):
+    """Owns the monitors of the flight and the state of the ladder."""
+
+    def __init__(
+        self, config: MpcConfig, inputs: InputMonitor, ground: GroundDetector, log: StageLog
+    ) -> None:
+        self._inputs, self._ground, self._log = inputs, ground, log
+        self.limits = FlightLimits(config)
+        self._oscillation = OscillationMonitor(config)
+        self.consistency = ConsistencyMonitor(config, ground)
+        self._ladder = LadderState()
+        self._source = Source.WAITING
+        self.reconfigure(config)
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """This stage and the monitors that it asks."""
+        return self, self.limits, self._oscillation, self.consistency
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over changed timeouts."""
+        self._timeouts = ladder.timeouts_of(config)
+
+    def may_foresee(self, *, now_ns: int) -> bool:
+        """Whether the MPC may plan from where a vehicle without odometry should be.
+
+        For a while, in flight, and only as long as nothing else has had to command.
+        """
+        seen_ns = self._inputs.odometry_ns or 0
+        return (
+            self._source is Source.MPC
+            and not self._lies_or_stands
+            and 0 <= now_ns - seen_ns <= self._timeouts.gap
+        )
+
+    def step(
+        self, due: Due, planned: Planned, *, flown: ReferenceWindow | None, acting: Input | None
+    ) -> Decided:
+        """Return who commands.
+
+        Args:
+            due: What is answered.
+            planned: The plan, or why there is none.
+            flown: The window flown in place of the reference, None for the reference itself.
+            acting: The command in force, None before the first.
+        """
+        fault = "" if planned.failure is None else planned.failure.reason
+        if due.odometry is not None:
+            breach = self._breach(due.odometry, flown, acting, now_ns=due.now_ns)
+        else:
+            breach = self.consistency.breach
+            if not fault and planned.step is not None:
+                fault = self.foreseen_fault(planned.step.state)
+        plan = None if fault else planned.plan
+        crashed = self._ground.state is GroundState.CRASHED
+        decision, self._ladder = ladder.decide(
+            ladder.Inputs(
+                now_ns=due.now_ns,
+                odometry_ns=self._inputs.odometry_ns,
+                reference_ns=self._inputs.reference_seen_ns(due.now_ns),
+                plan_fault=_CRASHED if crashed else fault,
+                breach=breach,
+                standing=self._lies_or_stands,
+                foreseen=due.odometry is None and plan is not None,
+                jumped=self._inputs.jumps.fault,
+            ),
+            self._ladder,
+            self._timeouts,
+        )
+        self._source = decision.source
+        since_ns = self._ladder.blind_since_ns
+        return Decided(decision, plan, None if since_ns is None else due.now_ns - since_ns)
+
+    @property
+    def _lies_or_stands(self) -> bool:
+        return self._ground.state.stands or self._ground.state is GroundState.CRASHED
+
+    def _breach(
+        self,
+        odometry: OdometrySample,
+        flown: ReferenceWindow | None,
+        acting: Input | None,
+        *,
+        now_ns: int,
+    ) -> Breach | None:
+        """Return the gravest limit that is broken, None if none is."""
+        window = self._inputs.reference
+        reference = None if window is None else window.pose_at(odometry.stamp_ns)
+        followed = reference if flown is None else flown.pose_at(odometry.stamp_ns)
+        p_reference = None if reference is None else reference[0]
+        known = self.consistency.breach
+        breaches = (
+            self.limits.check(odometry, p_reference=p_reference, now_ns=now_ns),
+            self._oscillation.check(odometry, followed, now_ns=now_ns),
+            self.consistency.check(odometry, self._inputs.reported or odometry, acting),
+        )
+        found = self.consistency.breach
+        if found is not None and known is None:
+            self._log.warn(found.reason)
+        return max(filter(None, breaches), key=lambda each: each.action, default=None)
+
+    def foreseen_fault(self, state: PredictedState) -> str:
+        """Return which limit a vehicle without odometry is about to break, empty if none."""
+        x = state.x
+        ahead = OdometrySample(
+            stamp_ns=state.stamp_ns,
+            p_WB=x.p_WB,
+            q_WB_xyzw=so3.quaternion_xyzw_from_rotation(x.R_WB),
+            v_WB_B=x.v_WB_B,
+            w_WB_B=state.w_WB_B,
+        )
+        breach = self.limits.foreseen(ahead)
+        return breach.reason if breach is not None and breach.action > Action.WARN else ""

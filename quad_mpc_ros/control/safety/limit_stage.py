@@ -1,0 +1,213 @@
+"""The stage that limits: the command of whoever commands, within every limit."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
+from quad_mpc_ros.control.estimation.ground_state import AllowedCommand, GroundState
+from quad_mpc_ros.control.model.corridor import Corridor
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.model.state import Input, state_from_odometry
+from quad_mpc_ros.control.ocp.plan import Plan
+from quad_mpc_ros.control.safety.command_limits import clamped, rate_limited
+from quad_mpc_ros.control.safety.consistency import ConsistencyMonitor
+from quad_mpc_ros.control.safety.decide_stage import Decided
+from quad_mpc_ros.control.safety.fallbacks import (
+    BlindFallback,
+    HoverFallback,
+    Learned,
+    idle,
+    levelling,
+    stop_within,
+)
+from quad_mpc_ros.control.safety.flight_limits import FlightLimits
+from quad_mpc_ros.control.safety.input_monitor import InputMonitor
+from quad_mpc_ros.control.safety.ladder import Source
+from quad_mpc_ros.control.stage import Due, Stage
+from quad_mpc_ros.control.stage_log import StageLog
+
+# They turn for where the vehicle is to be; the others, if at all, to make it level.
+_STEERING = (Source.MPC, Source.PLAN, Source.HOVER)
+
+# Of the weight, until it has left the ground: enough for a vehicle with half of the modelled
+# thrust, and slow enough to stop a take-off when odometry and commands disagree.
+_MOST_LIFT = 2.2
+# The estimate is kept once a second, so that the oldest is from before a contradiction was found.
+_KEPT_EVERY_NS, _KEPT_ESTIMATES = 1_000_000_000, 3
+
+
+class _HeldPlan(NamedTuple):
+    plan: Plan
+    planned_ns: int
+
+
+class _Sent(NamedTuple):
+    command: Input
+    sent_ns: int
+
+
+class LimitStage(Stage):
+    """Owns the plan that is held, the fallbacks, and the command in force."""
+
+    def __init__(
+        self,
+        config: MpcConfig,
+        inputs: InputMonitor,
+        ground: GroundDetector,
+        *,
+        limits: FlightLimits,
+        consistency: ConsistencyMonitor,
+        log: StageLog,
+    ) -> None:
+        self._config, self._inputs = config, inputs
+        self._ground, self._log = ground, log
+        self._limits, self._consistency = limits, consistency
+        vehicle = config.vehicle()
+        weight = vehicle.mass * vehicle.gravity
+        self._throttle_near_ground = vehicle.nearest_throttle(_MOST_LIFT * weight)
+        self._hover = HoverFallback(config)
+        self._blind = BlindFallback(config)
+        self._plan: _HeldPlan | None = None
+        self._sent: _Sent | None = None
+        self._kept: deque[Learned] = deque(maxlen=_KEPT_ESTIMATES)
+        self._kept_ns: int | None = None
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """This stage and the fallbacks."""
+        return self, self._hover, self._blind
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over changed limits; what is known stays."""
+        self._config = config
+
+    @property
+    def acting(self) -> Input | None:
+        """The command in force, None before the first."""
+        return None if self._sent is None else self._sent.command
+
+    def replace(self, u: Input, *, now_ns: int) -> None:
+        """Take a command that is in force in place of the last one."""
+        self._sent = _Sent(u, now_ns)
+
+    def step(
+        self,
+        due: Due,
+        decided: Decided,
+        *,
+        corridor: Corridor | None,
+        learned: Callable[[], Learned],
+    ) -> Input | None:
+        """Return the command within every limit, which is then in force; None for nothing.
+
+        Args:
+            due: What is answered.
+            decided: Who commands, and the plan that may be flown.
+            corridor: Where the vehicle may be, None for anywhere.
+            learned: Returns what the fallbacks use of the estimate.
+        """
+        self._follow(due)
+        if decided.plan is not None:
+            self._plan = _HeldPlan(decided.plan, due.now_ns)
+        wanted = self._wanted(due, decided, corridor, learned)
+        if wanted is None:
+            return None
+        source = decided.decision.source
+        allowed = self._ground.allowed
+        if self._ground.state is GroundState.UNKNOWN and source is not Source.MPC:
+            allowed = AllowedCommand.ALL  # it may be in the air, and may not be seen to fall
+        u = self._limited(self._allowed(wanted, allowed, source), due.now_ns)
+        self._sent = _Sent(u, due.now_ns)
+        self._log.command(by_fallback=source is not Source.MPC)
+        return u
+
+    def _follow(self, due: Due) -> None:
+        """Let dead reckoning follow a vehicle without odometry."""
+        newest = self._inputs.odometry
+        if due.odometry is not None:
+            self._blind.release()
+        elif newest is not None and self._sent is not None:
+            self._blind.dead_reckon(
+                state_from_odometry(newest).R_WB,
+                self._sent.command.w_WB_B,
+                duration=(due.now_ns - self._sent.sent_ns) * 1e-9,
+            )
+
+    def _wanted(
+        self,
+        due: Due,
+        decided: Decided,
+        corridor: Corridor | None,
+        learned: Callable[[], Learned],
+    ) -> Input | None:
+        """Return the command of who commands, before any limit."""
+        source, newest = decided.decision.source, self._inputs.odometry
+        if source is not Source.HOVER:
+            self._hover.release()
+        match source:
+            case Source.MPC | Source.PLAN if self._plan is not None:
+                self._keep(learned, due.now_ns)
+                elapsed = (due.now_ns - self._plan.planned_ns) * 1e-9
+                return self._plan.plan.command_over(elapsed, due.duration)
+            case Source.HOVER if newest is not None:
+                x = state_from_odometry(newest)
+                p_hold = self._limits.inside(x.p_WB)
+                if corridor is not None:
+                    p_hold = stop_within(corridor, p_hold, v_WB_W=x.v_WB_W)
+                return self._hover.command(
+                    x, p_hold=p_hold, learned=learned(), duration=due.duration
+                )
+            case Source.IDLE:
+                return idle(self._config)
+            case Source.BLIND if newest is not None and decided.blind_ns is not None:
+                elapsed = decided.blind_ns * 1e-9
+                if self._consistency.breach is not None:
+                    return self._descend(newest, elapsed=elapsed)
+                R_WB = state_from_odometry(newest).R_WB
+                return self._blind.command(R_WB, elapsed=elapsed, learned=learned())
+            case _:
+                return None
+
+    def _descend(self, odometry: OdometrySample, *, elapsed: float) -> Input:
+        """Return the command that descends although odometry and commands disagree."""
+        at = self._consistency.reckoned(odometry)
+        if at is None:
+            return idle(self._config)
+        return self._blind.command(
+            np.eye(3) if at.R_WB is None else at.R_WB,
+            v_WB_W=at.v_WB_W,
+            elapsed=elapsed,
+            learned=self._kept[0] if self._kept else Learned(),
+        )
+
+    def _keep(self, learned: Callable[[], Learned], now_ns: int) -> None:
+        """Keep the estimate for a descent, once a second."""
+        if self._kept_ns is None or not -_KEPT_EVERY_NS < now_ns - self._kept_ns < _KEPT_EVERY_NS:
+            self._kept_ns = now_ns
+            self._kept.append(learned())
+
+    def _allowed(self, wanted: Input, allowed: AllowedCommand, source: Source) -> Input:
+        """Return what may go to the motors of the command that a source wants."""
+        newest = self._inputs.odometry
+        match allowed:
+            case AllowedCommand.IDLE:
+                return idle(self._config)
+            case AllowedCommand.LEVEL if newest is not None and source in _STEERING:
+                turn = levelling(state_from_odometry(newest).R_WB)
+                throttle = min(wanted.throttle, self._throttle_near_ground)
+                return Input(throttle=throttle, w_WB_B=turn)
+            case _:
+                return wanted
+
+    def _limited(self, wanted: Input, now_ns: int) -> Input:
+        """Return a command within its own bounds and, after the one in force, its rates."""
+        if self._sent is not None:
+            elapsed = max(now_ns - self._sent.sent_ns, 0) * 1e-9
+            wanted = rate_limited(wanted, self._sent.command, self._config.slew, duration=elapsed)
+        return clamped(wanted, self._config)

@@ -1,0 +1,456 @@
+"""Unannounced jumps of the odometry: attitude, velocity or position that the rest contradicts.
+
+From one odometry to the next the attitude should turn by the mean of both body rates, the velocity
+change by no more than forces can make of it, and the position by the mean of both velocities. A
+difference beyond
+
+    s + 4 e + m + d t
+
+is a jump and is rejected: s is the largest jump that is flown at once, e the root mean square of
+the differences so far (the noise), m the motion that is possible between the two odometries, d how
+fast an integrated velocity drifts and t for how long positions have been rejected. Only the
+quantity that jumped is replaced: the attitude by the one that the rates lead to, the velocity by
+the one without its jump, the position by the integrated velocity. The MPC flies on with the rest.
+
+A jump is over when the quantity is back. A jump of position or heading that lasts for three
+seconds is accepted: estimators do correct themselves. For 30 s after that a jump back is accepted
+at once, and another jump after nine seconds, so that an estimate that jumps back and forth is not
+followed. A jump of velocity is accepted as soon as the positions agree with it. A jump of roll or
+pitch is never accepted: a vehicle that hovers at the former tilt does not hover at another.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3, Vector4
+from quad_mpc_ros.control.lie import Array, formulas, kernels
+from quad_mpc_ros.control.lie.kernels import Quaternion, Vector
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.stage import Stage
+
+_NOISES = 4.0
+_ACCELERATION = 20.0  # m/s^2, of what moves the position
+_LARGEST_ACCELERATION = 40.0  # m/s^2, of what changes the velocity
+_ANGULAR_ACCELERATION = 200.0  # rad/s^2
+_DRIFT = 0.2  # m/s
+# s; another jump within the memory of one that was accepted has to last so many times as long
+_LASTS, _AGAIN, _MEMORY = 3.0, 3.0, 30.0
+# Of the noise: it is learned from so long at first, with everything accepted, then over so long.
+_LEARNING, _FORGETTING = 1.0, 2.0  # s
+_EVIDENCE = 0.2  # s, over which positions tell which of two velocities is right
+# Of attitude, velocity and position: jumps up to this are flown at once, and the largest
+# difference that counts as noise.
+_SMALL_TURN, _MOST_TURN = 0.2, 0.2  # rad
+_SMALL_CHANGE, _MOST_CHANGE = 2.0, 3.0  # m/s
+_SMALL_STEP, _MOST_STEP = 0.75, 3.0  # m
+
+# What becomes of a value: it is used, rejected for a new or for a known jump, or used again since
+# it is back or has lasted.
+_USED, _JUMPED, _REJECTED, _BACK, _LASTED = range(5)
+_ALL_USED = (_USED, _USED, _USED)
+
+
+class Tracked(Record):
+    """The odometry that is used, and its position as reported."""
+
+    p_WB: Vector3
+    q_WB_xyzw: Vector4
+    v_WB_W: Vector3
+    w_WB_B: Vector3
+    reported_W: Vector3
+
+
+class Jumps(Record):
+    """By how much a quantity that may jump is off: a quaternion, or a vector and 0."""
+
+    rejected: int  # whether it is, by ``offset`` since ``since_ns``
+    rejected_ns: int  # since when it has been off, by whatever
+    since_ns: int
+    offset: Vector4
+    accepted: int  # whether a jump has been, the last one at ``accepted_ns``
+    accepted_ns: int
+    returns: int  # whether ``back``, the jump that undoes it, is accepted at once
+    back: Vector4
+    count: int  # of the differences
+    square: float  # of the differences, averaged
+    size: float  # of the last jump, for the log
+    lasted: float  # s, the same
+
+
+class PositionErrors(Record):
+    """How far [m] two velocities are off that the reported positions may agree with."""
+
+    first_W: Vector3
+    second_W: Vector3
+
+
+class Tracking(Record):
+    """All that is remembered of odometries."""
+
+    now: Tracked
+    before: Tracked
+    attitude: Jumps
+    velocity: Jumps
+    position: Jumps
+    of_attitude: PositionErrors  # of the velocity as in the world or as in the body
+    of_velocity: PositionErrors  # of the velocity without its jump or with it
+    turn: float  # rad, of the heading that was accepted last
+
+
+class _Quantity(NamedTuple):
+    """How a log line puts a jump."""
+
+    name: str
+    text: Callable[[float], str]
+    contradicted: str
+
+
+_ATTITUDE = _Quantity(
+    "attitude",
+    lambda size: f"{math.degrees(size):.0f} degrees",
+    "which neither body rates nor odom_reset explain: flown on by the body rates",
+)
+_VELOCITY = _Quantity(
+    "velocity",
+    lambda size: f"{size:.1f} m/s",
+    "which the positions do not confirm: flown on without the jump",
+)
+_POSITION = _Quantity(
+    "position",
+    lambda size: f"{size:.1f} m",
+    "which neither velocity nor odom_reset explains: flown on by the velocity",
+)
+_QUANTITIES = (_POSITION, _ATTITUDE, _VELOCITY)  # the gravest first
+
+
+class OdometryJumps(Stage):
+    """Follows odometries with their twist in the body frame and replaces what jumped."""
+
+    def __init__(self) -> None:
+        self._notes: list[str] = []
+        self._resets: list[EstimateReset] = []
+        self._engaged = True
+        self._begin()
+
+    def _begin(self) -> None:
+        self._tracking = Tracking.zeros()
+        self._stamp_ns: int | None = None
+        self._used: OdometrySample | None = None
+        self._began_ns = 0
+        self._faults = dict.fromkeys(_QUANTITIES, "")
+        self.fault = ""
+        """Why the last odometry was changed, empty if it was not."""
+
+    def engage(self, engaged: bool) -> None:
+        """Set whether commands act: while they do not, every odometry is used as it is."""
+        self._engaged = engaged
+
+    def take_notes(self) -> list[str]:
+        """Return which jumps were accepted since the last call, for the log."""
+        notes, self._notes = self._notes, []
+        return notes
+
+    def take_resets(self) -> list[EstimateReset]:
+        """Return the turns of the heading that were accepted since the last call.
+
+        The vehicle did not turn: what is known in the world's directions turns instead.
+        """
+        resets, self._resets = self._resets, []
+        return resets
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Take an announced step of the estimate: the tracked odometry moves along."""
+        quantities = [self._tracking[quantity.name] for quantity in _QUANTITIES]
+        rejects = any(jumps["rejected"] for jumps in quantities)
+        if self._stamp_ns is None or not (rejects or self._stamp_ns < reset.stamp_ns):
+            return  # the odometry in the new coordinates has come already
+        now = self._tracking["now"]
+        for position in (now["p_WB"], now["reported_W"]):
+            position[:] = reset.points(position)
+        now["v_WB_W"][:] = reset.vectors(now["v_WB_W"])
+        turn = (0.0, 0.0, math.sin(0.5 * reset.turn), math.cos(0.5 * reset.turn))
+        now["q_WB_xyzw"][:] = formulas.product(turn, now["q_WB_xyzw"].tolist())
+        for jumps in quantities:
+            jumps["rejected"] = jumps["returns"] = False
+
+    def checked(self, odometry: OdometrySample) -> OdometrySample:
+        """Return an odometry in which what jumped is replaced; ``fault`` says what and why."""
+        before_ns, stamp_ns = self._stamp_ns, odometry.stamp_ns
+        if before_ns == stamp_ns:
+            return self._used or odometry  # sent again
+        if before_ns is None or stamp_ns < before_ns or not self._engaged:
+            self._begin()
+            before_ns = self._began_ns = stamp_ns
+        self._stamp_ns, self._used, self.fault = stamp_ns, None, ""
+        outcomes = _follow(
+            buffer=self._tracking,
+            p_WB=odometry.p_WB,
+            q_WB_xyzw=odometry.q_WB_xyzw,
+            v_WB_B=odometry.v_WB_B,
+            w_WB_B=odometry.w_WB_B,
+            stamps_ns=(before_ns, stamp_ns),
+            learning=1e-9 * (stamp_ns - self._began_ns) < _LEARNING,
+        )
+        if outcomes == _ALL_USED:
+            return odometry
+        self._report(outcomes)
+        if outcomes[_QUANTITIES.index(_ATTITUDE)] in (_BACK, _LASTED):
+            self._accept_heading(odometry)
+        if self.fault:
+            self._used = self._replaced(odometry)
+        return self._used or odometry
+
+    def _report(self, outcomes: tuple[int, int, int]) -> None:
+        """Say what jumped, and note what is accepted."""
+        for quantity, outcome in zip(_QUANTITIES, outcomes, strict=True):
+            jumps, name = self._tracking[quantity.name], quantity.name
+            text, lasted = quantity.text(float(jumps["size"])), float(jumps["lasted"])
+            if outcome == _JUMPED:
+                self._faults[quantity] = f"{name} jumped by {text}, {quantity.contradicted}"
+            elif outcome != _REJECTED:
+                self._faults[quantity] = ""
+            if outcome == _BACK:
+                self._notes.append(f"{name} is back by {text}: accepted")
+            elif outcome == _LASTED:
+                self._notes.append(f"{name} {text} aside has lasted for {lasted:.1f} s: accepted")
+        self.fault = next(filter(None, self._faults.values()), "")
+
+    def _accept_heading(self, odometry: OdometrySample) -> None:
+        turn, stamp_ns = float(self._tracking["turn"]), odometry.stamp_ns
+        about = EstimateReset(stamp_ns=stamp_ns, turn=turn, step_W=np.zeros(3))
+        step_W = odometry.p_WB - about.points(odometry.p_WB)
+        self._resets.append(dataclasses.replace(about, step_W=step_W, frame_id=odometry.frame_id))
+
+    def _replaced(self, odometry: OdometrySample) -> OdometrySample:
+        """Return an odometry with the position, attitude and velocity that are used."""
+        now = self._tracking["now"].copy()
+        R_WB = np.reshape(formulas.rotation(now["q_WB_xyzw"].tolist()), (3, 3))
+        return dataclasses.replace(
+            odometry,
+            p_WB=now["p_WB"],
+            q_WB_xyzw=now["q_WB_xyzw"],
+            v_WB_B=R_WB.T @ now["v_WB_W"],
+        )
+
+
+class Step(NamedTuple):
+    """From one odometry to the next, ``duration`` [s] later; while ``learning`` all is used."""
+
+    stamp_ns: int
+    duration: float
+    learning: bool
+
+
+@compiled
+def _follow(
+    buffer: RecordArray[Tracking],
+    p_WB: Array,
+    q_WB_xyzw: Array,
+    v_WB_B: Array,
+    w_WB_B: Array,
+    stamps_ns: tuple[int, int],
+    learning: bool,
+) -> tuple[int, int, int]:
+    """Follow an odometry, and return what becomes of its position, attitude and velocity.
+
+    Where there is none before, both stamps are the same.
+    """
+    tracking, (before_ns, stamp_ns) = buffer[()], stamps_ns
+    tracking.before = tracking.now
+    now = tracking.now
+    kernels.store_vector(kernels.vector(p_WB), now.p_WB)
+    kernels.store_vector(kernels.vector(p_WB), now.reported_W)
+    kernels.store_vector(kernels.vector(w_WB_B), now.w_WB_B)
+    kernels.store_quaternion(kernels.quaternion_in(q_WB_xyzw), now.q_WB_xyzw)
+    kernels.store_vector(kernels.in_world(q_WB_xyzw, v_WB_B), now.v_WB_W)
+    if before_ns == stamp_ns:
+        return _ALL_USED
+    step = Step(stamp_ns, 1e-9 * (stamp_ns - before_ns), learning)
+    attitude = _judge_attitude(tracking, kernels.vector(v_WB_B), step)
+    velocity = _judge_velocity(tracking, step)
+    return _judge_position(tracking, step), attitude, velocity
+
+
+@compiled
+def _judge_attitude(tracking: Tracking, v_WB_B: Vector, step: Step) -> int:
+    """Judge the attitude, and replace it if it jumped."""
+    before, now, jumps = tracking.before, tracking.now, tracking.attitude
+    w_before, w_now = kernels.vector(before.w_WB_B), kernels.vector(now.w_WB_B)
+    # Rates that follow commands without a lag may have changed at once, at any time.
+    changed = 0.5 * kernels.distance(before.w_WB_B, now.w_WB_B)
+    turn = kernels.quaternion_exp(
+        kernels.scaled(0.5 * step.duration, kernels.plus(w_before, w_now))
+    )
+    expected = kernels.product(kernels.quaternion_in(before.q_WB_xyzw), turn)
+    q_WB, was_rejected = kernels.quaternion_in(now.q_WB_xyzw), jumps.rejected
+    offset = kernels.product(q_WB, kernels.conjugate(expected))
+    _, _, z, w = offset
+    tilts = 2.0 * math.acos(min(math.hypot(z, w), 1.0)) > _SMALL_TURN
+    motion = (0.5 * _ANGULAR_ACCELERATION * step.duration + changed) * step.duration
+    outcome = _judge(
+        jumps,
+        offset,
+        sizes=(kernels.angle(offset), _turn(offset, jumps.offset), _turn(offset, jumps.back)),
+        possible=_SMALL_TURN + motion,
+        drift=0.0,
+        most=_MOST_TURN,
+        lasting=math.inf if tilts else _LASTS,
+        step=step,
+    )
+    if not jumps.rejected:
+        tracking.turn = kernels.heading(offset)
+        return outcome
+    q_WB = kernels.product(kernels.conjugate(kernels.quaternion_in(jumps.offset)), q_WB)
+    kernels.store_quaternion(q_WB, now.q_WB_xyzw)
+    # The velocity was measured in the body, or in the world and turned by the attitude.
+    v_before, in_world_W = kernels.vector(before.v_WB_W), kernels.vector(now.v_WB_W)
+    in_body_W, errors = kernels.apply(kernels.rotation(q_WB), v_WB_B), tracking.of_attitude
+    if not was_rejected:
+        # As if each had been off for as long by what it changed at the jump.
+        for k in range(3):
+            errors.first_W[k] = _EVIDENCE * (v_before[k] - in_world_W[k])
+            errors.second_W[k] = _EVIDENCE * (v_before[k] - in_body_W[k])
+    if _prefers_second(errors, tracking, in_world_W, in_body_W, step.duration):
+        kernels.store_vector(in_body_W, now.v_WB_W)
+    return outcome
+
+
+@compiled
+def _judge_velocity(tracking: Tracking, step: Step) -> int:
+    """Judge the velocity, and replace it if it jumped."""
+    now, jumps, errors = tracking.now, tracking.velocity, tracking.of_velocity
+    v_WB_W, agrees = kernels.vector(now.v_WB_W), False
+    if jumps.rejected:
+        without_W = kernels.minus(v_WB_W, kernels.vector(jumps.offset))
+        agrees = _prefers_second(errors, tracking, without_W, v_WB_W, step.duration)
+    else:
+        errors.first_W[:], errors.second_W[:] = 0.0, 0.0
+    change_W = kernels.minus(v_WB_W, kernels.vector(tracking.before.v_WB_W))
+    outcome = _judge(
+        jumps,
+        (change_W[0], change_W[1], change_W[2], 0.0),
+        sizes=_distances(change_W, jumps),
+        possible=_SMALL_CHANGE + _LARGEST_ACCELERATION * step.duration,
+        drift=0.0,
+        most=_MOST_CHANGE,
+        lasting=_EVIDENCE if agrees else math.inf,
+        step=step,
+    )
+    if jumps.rejected:
+        v_WB_W = kernels.minus(v_WB_W, kernels.vector(jumps.offset))
+        kernels.store_vector(v_WB_W, now.v_WB_W)
+    return outcome
+
+
+@compiled
+def _judge_position(tracking: Tracking, step: Step) -> int:
+    """Judge the position, and replace it if it jumped."""
+    before, now, jumps = tracking.before, tracking.now, tracking.position
+    v_WB_W, duration = kernels.vector(now.v_WB_W), step.duration
+    twice_W = kernels.plus(kernels.vector(before.v_WB_W), v_WB_W)
+    moved_W = kernels.scaled(0.5 * duration, twice_W)
+    expected_W = kernels.plus(kernels.vector(before.p_WB), moved_W)
+    off_W = kernels.minus(kernels.vector(now.p_WB), expected_W)
+    motion = (kernels.norm(v_WB_W) + 0.5 * _ACCELERATION * duration) * duration
+    outcome = _judge(
+        jumps,
+        (off_W[0], off_W[1], off_W[2], 0.0),
+        sizes=_distances(off_W, jumps),
+        possible=_SMALL_STEP + motion,
+        drift=_DRIFT,
+        most=_MOST_STEP,
+        lasting=_LASTS,
+        step=step,
+    )
+    if jumps.rejected:
+        kernels.store_vector(expected_W, now.p_WB)
+    return outcome
+
+
+@compiled
+def _judge(
+    jumps: Jumps,
+    offset: Quaternion,
+    sizes: Vector,
+    possible: float,
+    drift: float,
+    most: float,
+    lasting: float,
+    step: Step,
+) -> int:
+    """Take the difference between a value and the expected one; return what becomes of it.
+
+    ``sizes`` are that of the difference, and of how far it is from the rejected jump and from the
+    one back. ``possible`` is s + m, ``most`` of it counts as noise. A jump that has been
+    ``lasting`` [s] is accepted.
+    """
+    (size, from_rejected, from_back), stamp_ns = sizes, step.stamp_ns
+    rejected = 1e-9 * (stamp_ns - jumps.rejected_ns) if jumps.rejected else 0.0
+    within = possible + _NOISES * math.sqrt(jumps.square) + drift * rejected
+    if size <= within or step.learning:
+        jumps.count += 1
+        share = max(1.0 / jumps.count, min(step.duration / _FORGETTING, 0.2))
+        noise = min(size, most)
+        jumps.square += share * (noise * noise - jumps.square)
+        jumps.rejected = 0
+        return _USED
+    jumps.size = size
+    since_accepted = 1e-9 * (stamp_ns - jumps.accepted_ns)
+    recent = jumps.accepted and since_accepted < _MEMORY
+    if recent and jumps.returns and from_back <= within + drift * since_accepted:
+        _accept(jumps, stamp_ns)
+        return _BACK
+    outcome = _REJECTED
+    if not jumps.rejected:
+        jumps.rejected_ns = stamp_ns
+    if not jumps.rejected or from_rejected > within:
+        outcome = _JUMPED
+        jumps.rejected, jumps.since_ns = 1, stamp_ns
+        kernels.store_quaternion(offset, jumps.offset)
+    jumps.lasted = 1e-9 * (stamp_ns - jumps.since_ns)
+    if jumps.lasted < (_AGAIN * lasting if recent else lasting):
+        return outcome
+    _accept(jumps, stamp_ns)
+    jumps.returns = 1
+    kernels.store_quaternion(kernels.conjugate(offset), jumps.back)  # -offset of a vector
+    return _LASTED
+
+
+@compiled
+def _accept(jumps: Jumps, stamp_ns: int) -> None:
+    jumps.rejected, jumps.returns, jumps.accepted, jumps.accepted_ns = 0, 0, 1, stamp_ns
+
+
+@compiled
+def _prefers_second(
+    errors: PositionErrors, tracking: Tracking, first_W: Vector, second_W: Vector, duration: float
+) -> bool:
+    """Whether the reported positions agree better with the second of two velocities."""
+    now, before = tracking.now, tracking.before
+    kept = math.exp(-duration / _EVIDENCE)
+    for k in range(3):
+        moved = now.reported_W[k] - before.reported_W[k]
+        errors.first_W[k] = kept * errors.first_W[k] + moved - duration * first_W[k]
+        errors.second_W[k] = kept * errors.second_W[k] + moved - duration * second_W[k]
+    return kernels.length(errors.second_W) < kernels.length(errors.first_W)
+
+
+@compiled
+def _turn(offset: Quaternion, other: Array) -> float:
+    return kernels.angle(kernels.product(offset, kernels.conjugate(kernels.quaternion_in(other))))
+
+
+@compiled
+def _distances(offset: Vector, jumps: Jumps) -> Vector:
+    """Return the length of an offset, and how far it is from the rejected one and the one back."""
+    from_rejected = kernels.minus(offset, kernels.vector(jumps.offset))
+    from_back = kernels.minus(offset, kernels.vector(jumps.back))
+    return kernels.norm(offset), kernels.norm(from_rejected), kernels.norm(from_back)

@@ -1,0 +1,60 @@
+"""Stages of the control step, and the events that the controller hands to all of them.
+
+The control step is validate, estimate, guide, plan, decide, limit, record: one stage each. Stages
+own the flight state, partly through others that they list in :attr:`Stage.stages`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import OdometrySample
+
+
+class Due(NamedTuple):
+    """A control step that is due, and what it answers.
+
+    Attributes:
+        odometry: The vehicle, twist in the body frame; None in a step without odometry.
+        stamp_ns: Stamp of the command.
+        sent_ns: When the command is sent, on the clock of the odometry's stamps.
+        now_ns: The same, on the clock of the arrivals.
+        duration: How long the command is expected to act [s].
+    """
+
+    odometry: OdometrySample | None
+    stamp_ns: int
+    sent_ns: int
+    now_ns: int
+    duration: float
+
+
+class Failure(NamedTuple):
+    """Why a stage gave no result."""
+
+    stage: str
+    reason: str
+
+
+class Stage:
+    """An owner of flight state.
+
+    A stage overrides the events that concern its state. It does not forward them: the controller
+    calls every stage in :attr:`stages`.
+    """
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """This stage and all stages that it owns."""
+        return (self,)
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Apply changed live parameters; the flight state stays."""
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Move the flight state to the coordinates after a reset of the odometry's estimator."""
+
+    def engage(self, engaged: bool) -> None:
+        """Take that commands act on the vehicle from now on, or that they no longer do."""

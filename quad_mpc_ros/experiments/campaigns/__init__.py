@@ -1,1 +1,0 @@
-"""Many flights of the closed loop that differ in some parameters, and tuning by them."""

@@ -1,0 +1,5 @@
+"""Betaflight: sticks over a serial line, by MSP or as a CRSF receiver; telemetry back."""
+
+from quad_mpc_ros.extras.bridges.betaflight.bridge import BetaflightBridge
+
+__all__ = ["BetaflightBridge"]

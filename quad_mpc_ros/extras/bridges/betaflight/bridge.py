@@ -1,0 +1,213 @@
+"""The rules: who has the sticks, how it arms, and what happens when commands stop.
+
+The line always carries sticks: those of the MPC, neutral ones, or, for a vehicle that the MPC no
+longer flies, those that bring it down level, stop and disarm it. Betaflight 4.5 and 2025.12 hold
+the last sticks of MSP indefinitely, so nothing else would bring it down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from quad_mpc_ros.control.model.samples import CommandSample
+from quad_mpc_ros.extras.bridges.betaflight.config import BetaflightConfig
+from quad_mpc_ros.extras.bridges.betaflight.lines import (
+    ANGLE,
+    ARM,
+    FAILSAFE,
+    HORIZON,
+    MSP_OVERRIDE,
+    CrsfProtocol,
+    LineProtocol,
+    MspProtocol,
+    Telemetry,
+)
+from quad_mpc_ros.extras.bridges.betaflight.rates import Curve, Stick
+from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.ros.bridges.bridge import (
+    Bridge,
+    Line,
+    Outgoing,
+    OutgoingBytes,
+    Response,
+)
+from quad_mpc_ros.ros.bridges.handover import Stack, State, is_old
+
+_SECOND = 1_000_000_000
+_REPEAT_NS = 50_000_000  # sticks at least so often; Betaflight counts 150 ms as a loss
+_TELEMETRY_NS = _SECOND // 2
+_ARMING_NS = 2 * _SECOND
+_LOW, _MIDDLE, _HIGH = 1000.0, 1500.0, 2000.0
+_ROLL, _PITCH, _THROTTLE, _YAW = range(4)
+
+# Blocks that pass by themselves while nothing arms: the switch after a refusal.
+_PASSING = frozenset(("ARM_SWITCH",))
+
+_Rates = tuple[float, float, float]
+
+
+class BetaflightBridge(Bridge):
+    """Sticks out, telemetry in, over a serial line; odometry from an estimator beside it."""
+
+    name = "betaflight_bridge"
+    speaks = "Betaflight: MSP or CRSF over a serial port"
+    packages = ("nav_msgs", "serial")
+    how_to_get = "pip install 'quad_mpc_ros[serial]'"
+    Config = BetaflightConfig
+
+    def __init__(self, config: BetaflightConfig, new: NewMessage) -> None:
+        self.patient = config.receiver == "pilot"
+        super().__init__(config, new)
+        self.line = Line(device=config.device, baud=config.baud)
+        self.publications = ()
+        self.subscriptions = [
+            self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)
+        ]
+        self._telemetry = Telemetry()
+        self._protocol: LineProtocol = MspProtocol(self._telemetry)
+        if config.transport == "crsf":
+            self._protocol = CrsfProtocol(self._telemetry)
+            self._telemetry.curves = config.rates.curves
+        self._curves: tuple[Curve, ...] = ()
+        self._sticks: tuple[Stick, ...] = ()
+        self._arming_ns: int | None = None
+        self._lost_ns: int | None = None
+        self._flies = False
+        self._flown: tuple[CommandSample, int] | None = None
+        self._sent_ns: int | None = None
+
+    def exchange(self, received: bytes, *, now_ns: int) -> bytes:
+        """Receive telemetry, request more, and repeat the sticks when due."""
+        self._protocol.receive(received, now_ns=now_ns)
+        self._warnings += self._telemetry.faults
+        self._telemetry.faults.clear()
+        self._receive_voltage(self._telemetry.voltage, now_ns)
+        self._advance(now_ns)
+        self._follow_arming(now_ns)
+        requests = self._protocol.requests(now_ns=now_ns)
+        if self._sent_ns is not None and abs(now_ns - self._sent_ns) < _REPEAT_NS:
+            return requests
+        return requests + self._frame(now_ns)
+
+    def _stack(self, now_ns: int) -> Stack:
+        telemetry = self._telemetry
+        if is_old(telemetry.state_ns, now_ns, _TELEMETRY_NS):
+            return Stack(fault=f"no telemetry within 0.5 s on {self._config.device}")
+        if not telemetry.curves:
+            return Stack(fault="the flight controller has not reported its rates yet")
+        if FAILSAFE in telemetry.modes:
+            return Stack(fault="Betaflight is in failsafe")
+        if telemetry.modes & {ANGLE, HORIZON}:
+            return Stack(fault="Betaflight levels by itself (ANGLE, HORIZON): fly acro")
+        if (kind := telemetry.curves[0].kind) not in ("ACTUAL", "BETAFLIGHT", "QUICK"):
+            return Stack(fault=f"rates of type {kind}: set ACTUAL, BETAFLIGHT or QUICK")
+        taken = self._config.receiver == "bridge" or MSP_OVERRIDE in telemetry.modes
+        return Stack(takes_setpoints=taken, armed=ARM in telemetry.modes)
+
+    def _switch_back(self, now_ns: int) -> Response:
+        if self._config.receiver == "pilot":
+            text = "released: switch MSP OVERRIDE off; until then it comes down level and stops"
+        else:
+            text = "released: it comes down level, stops and is disarmed"
+        return Response(accepted=True, text=text)
+
+    def _arm(self, wanted: bool) -> Response:
+        if self._config.receiver == "pilot":
+            return Response(accepted=False, text="the pilot arms, by the transmitter")
+        if not wanted:
+            self._arming_ns = None
+            self._flies = False
+            return Response(accepted=True, text="disarming")
+        blocks = [block for block in self._telemetry.blocks if block not in _PASSING]
+        if blocks:
+            return Response(accepted=False, text=f"Betaflight does not arm: {', '.join(blocks)}")
+        return Response(accepted=True, text="arming")
+
+    def arm(self, wanted: bool, *, now_ns: int) -> Response:
+        """Arm or disarm, where the bridge is the receiver."""
+        response = super().arm(wanted, now_ns=now_ns)
+        if wanted and response.accepted:
+            self._arming_ns = now_ns
+        return response
+
+    def _messages(self, command: CommandSample, now_ns: int) -> Sequence[Outgoing]:
+        self._flown = command, now_ns
+        return [OutgoingBytes(data=self._frame(now_ns))]
+
+    def _follow_arming(self, now_ns: int) -> None:
+        """Give up arming after a while, and do not arm again after a disarming."""
+        if is_old(self._telemetry.state_ns, now_ns, _TELEMETRY_NS):
+            return
+        armed = ARM in self._telemetry.modes
+        if self._flies and (not armed or not self._stack(now_ns).takes_setpoints):
+            self._flies, self._arming_ns, self._lost_ns = False, None, None
+        if self._arming_ns is not None and not armed and now_ns - self._arming_ns > _ARMING_NS:
+            why = ", ".join(self._telemetry.blocks) or "no reason given"
+            self._refuse_arming(f"Betaflight has not armed: {why}")
+            self._arming_ns = None
+        self._flies = self._flies or self._handover.state is State.ENGAGED
+
+    def _frame(self, now_ns: int) -> bytes:
+        """Return the frame of the sticks as they must be now."""
+        self._sent_ns = now_ns
+        throttle, rates = self._wanted(now_ns)
+        pulses = [_LOW] * 8 if self._config.receiver == "pilot" else [_LOW] * 16
+        for channel, pulse in zip((_ROLL, _PITCH, _YAW), self._pulses(rates), strict=True):
+            pulses[channel] = pulse
+        pulses[_THROTTLE] = self._throttle_pulse(throttle)
+        if self._config.receiver == "bridge" and self._arming_ns is not None:
+            pulses[self._config.arm_channel - 1] = _HIGH
+        return self._protocol.sticks(pulses)
+
+    def _wanted(self, now_ns: int) -> tuple[float | None, _Rates]:
+        """Return the throttle of the MPC's model, or None, and body rates [rad/s]."""
+        still = 0.0, 0.0, 0.0
+        if self._handover.state is State.ENGAGED and self._flown is not None:
+            command, flown_ns = self._flown
+            if abs(now_ns - flown_ns) <= round(self._config.lost.after * _SECOND):
+                self._lost_ns = None
+                wx, wy, wz = command.w_WB_B.tolist()
+                return command.throttle, (wx, wy, wz)
+        if not self._flies:
+            return None, still
+        if self.landed(now_ns=now_ns):
+            self._arming_ns = None
+            return None, still
+        if self._lost_ns is None:
+            self._lost_ns = now_ns
+            self._warnings.append("commands lost: it comes down level, then its motors stop")
+        if now_ns - self._lost_ns > round(self._config.lost.duration * _SECOND):
+            self._arming_ns = None
+            return None, still
+        return self._sinking(), self._levelling(now_ns)
+
+    def _sinking(self) -> float:
+        vehicle = self._config.vehicle()
+        thrust = self._config.lost.thrust * vehicle.mass * vehicle.gravity
+        return float(min(max(vehicle.nearest_throttle(thrust), 0.0), 1.0))
+
+    def _levelling(self, now_ns: int) -> _Rates:
+        if is_old(self._telemetry.attitude_ns, now_ns, _TELEMETRY_NS):
+            return 0.0, 0.0, 0.0
+        gain = self._config.lost.level_gain
+        return -gain * self._telemetry.roll, -gain * self._telemetry.pitch, 0.0
+
+    def _pulses(self, rates: _Rates) -> Sequence[float]:
+        """Return the pulses of roll, pitch and yaw; the stick to the right turns clockwise."""
+        if self._curves != self._telemetry.curves:
+            self._curves = self._telemetry.curves
+            known = all(each.kind in ("ACTUAL", "BETAFLIGHT", "QUICK") for each in self._curves)
+            self._sticks = tuple(map(Stick, self._curves)) if known else ()
+        if not self._sticks:
+            return _MIDDLE, _MIDDLE, _MIDDLE
+        wx, wy, wz = rates
+        asked = wx, wy, -wz
+        return [stick.pulse(rate) for stick, rate in zip(self._sticks, asked, strict=True)]
+
+    def _throttle_pulse(self, throttle: float | None) -> float:
+        """Return the pulse for a throttle of the MPC's model, by the thrust map."""
+        if throttle is None:
+            return _LOW
+        idle, low = self._config.motor_idle, float(self._config.min_check)
+        share = (self.thrust.stack_throttle(throttle) - idle) / (1.0 - idle)
+        return low + (_HIGH - low) * min(max(share, 0.0), 1.0)

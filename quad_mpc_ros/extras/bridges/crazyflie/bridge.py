@@ -1,0 +1,217 @@
+"""The rules: how it is unlocked and armed, and what happens when commands stop.
+
+The firmware takes rates of the setpoint of old, keeps the thrust locked until it has seen a
+setpoint of nothing, levels after half a second without setpoints, and after two seconds in flight
+stops its motors and **locks itself until it is restarted**. So when the MPC's commands stop, the
+bridge asks the firmware to land by itself, which it can as long as odometry comes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.extras.bridges import crtp
+from quad_mpc_ros.extras.bridges.crazyflie.config import CrazyflieConfig
+from quad_mpc_ros.extras.bridges.crazyflie.line import CrazyflieLink
+from quad_mpc_ros.extras.bridges.crazyflie.session import Session
+from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.ros.bridges.bridge import (
+    Bridge,
+    Outgoing,
+    OutgoingBytes,
+    Response,
+    Subscription,
+)
+from quad_mpc_ros.ros.bridges.handover import Stack, is_old
+
+_SECOND = 1_000_000_000
+_LOCKS_AFTER_NS = 2 * _SECOND
+_TELEMETRY_NS = _SECOND
+_ODOMETRY_NS = _SECOND // 5
+# The radio may lose one.
+_UNLOCKING_SETPOINTS = 3
+_LAST_SETPOINT = 0.1  # s until the firmware's own commander takes over
+_LEAST_SHARE = 0.25  # nose 60 degrees up or down: the heading turns with anything
+_NOTHING = crtp.rate_setpoint(roll=0.0, pitch=0.0, heading=0.0, throttle=0.0)
+_STAYING, _LEAST_LANDING = 1.0, 1.0  # s
+
+
+class CrazyflieBridge(Bridge):
+    """Rates and thrust out by CRTP, telemetry in; odometry from an estimator beside it."""
+
+    name = "crazyflie_bridge"
+    speaks = "Crazyflie: CRTP over radio, USB or UDP"
+    packages = ("nav_msgs", "cflib")
+    how_to_get = "pip install 'quad_mpc_ros[crazyflie]'"
+    Config = CrazyflieConfig
+
+    def __init__(self, config: CrazyflieConfig, new: NewMessage) -> None:
+        super().__init__(config, new)
+        self.line = CrazyflieLink(uri=config.uri)
+        self.publications = ()
+        self.subscriptions = [self._external_subscription()]
+        self._reader = crtp.Reader()
+        self._session = Session()
+        self._unlocking = 0
+        self._sent_ns: int | None = None
+        self._odometry: tuple[OdometrySample, int] | None = None
+        self._pose_ns: int | None = None
+        self._ground_height = 0.0
+        self._is_left = True  # to the firmware's own commander, or to nobody
+
+    def exchange(self, received: bytes, *, now_ns: int) -> bytes:
+        """Take packets, ask for what is missing, and pass on where the vehicle is."""
+        for packet in self._reader.read(received):
+            self._session.receive(packet, now_ns=now_ns)
+        telemetry = self._session.telemetry
+        self._warnings += telemetry.faults
+        telemetry.faults.clear()
+        self._receive_voltage(telemetry.voltage, now_ns)
+        self._advance(now_ns)
+        packets = [
+            *self._session.requests(now_ns=now_ns),
+            *self._external(now_ns),
+            *self._landing(now_ns),
+        ]
+        return b"".join(packet.framed() for packet in packets)
+
+    def landed(self, *, now_ns: int) -> bool | None:
+        """Return whether the supervisor reports that it does not fly."""
+        telemetry = self._session.telemetry
+        if is_old(telemetry.heard_ns, now_ns, _TELEMETRY_NS):
+            return None
+        return not telemetry.info & crtp.IS_FLYING
+
+    def _stack(self, now_ns: int) -> Stack:
+        telemetry = self._session.telemetry
+        if is_old(telemetry.heard_ns, now_ns, _TELEMETRY_NS):
+            return Stack(fault=f"no telemetry within 1 s from {self._config.uri}")
+        if not telemetry.takes_rates:
+            return Stack(fault="the Crazyflie has not confirmed its modes of rates yet")
+        if telemetry.info & crtp.IS_TUMBLED:
+            return Stack(fault="the Crazyflie is upside down")
+        if telemetry.info & crtp.IS_LOCKED:
+            return Stack(fault="the Crazyflie is locked: restart it")
+        armed = bool(telemetry.info & crtp.IS_ARMED)
+        return Stack(takes_setpoints=True, armed=armed and self._is_unlocked)
+
+    @property
+    def _is_unlocked(self) -> bool:
+        return self._sent_ns is not None and self._unlocking == 0
+
+    def _arm(self, wanted: bool) -> Response:
+        """Arm or disarm; firmware without arming stops by a setpoint of nothing."""
+        if wanted:
+            return Response(
+                accepted=True, text="asked for arming", messages=[_sent(crtp.arm(True))]
+            )
+        self._is_left = True
+        messages = [_sent(crtp.arm(False)), _sent(_NOTHING)]
+        return Response(accepted=True, text="asked for disarming", messages=messages)
+
+    def _reports_armed(self, wanted: bool, now_ns: int) -> bool | None:
+        telemetry = self._session.telemetry
+        if is_old(telemetry.heard_ns, now_ns, _TELEMETRY_NS):
+            return None
+        return crtp.is_armed(telemetry.info, wanted=wanted)
+
+    def _switch_back(self, now_ns: int) -> Response:
+        """Let the firmware's own commander hold it: silence alone would stop the motors."""
+        if self._is_left:
+            return Response(accepted=True, text="released")
+        self._is_left = True
+        stop = crtp.stop_setpoints(remain_valid=_LAST_SETPOINT)
+        packets = (
+            [_NOTHING, stop]
+            if self.landed(now_ns=now_ns)
+            else [stop, crtp.stay(duration=_STAYING)]
+        )
+        text = "asked to hold position by itself"
+        return Response(accepted=True, text=text, messages=[_sent(each) for each in packets])
+
+    def _see_ground(self, odometry: OdometrySample, now_ns: int) -> None:
+        """Remember the height of the ground; the supervisor reports whether it stands."""
+        if self.landed(now_ns=now_ns):
+            self._ground_height = float(odometry.p_WB[2])
+
+    def _messages(self, command: CommandSample, now_ns: int) -> Sequence[Outgoing]:
+        if is_old(self._sent_ns, now_ns, _LOCKS_AFTER_NS):
+            self._unlocking = _UNLOCKING_SETPOINTS
+        self._sent_ns, self._is_left = now_ns, False
+        if self._unlocking > 0 or not self._stack(now_ns).armed:
+            self._unlocking = max(self._unlocking - 1, 0)
+            return [_sent(_NOTHING)]
+        setpoint = crtp.rate_setpoint(
+            roll=float(command.w_WB_B[0]),
+            pitch=float(command.w_WB_B[1]),
+            heading=self._heading_rate(command),
+            throttle=self.thrust.stack_throttle(command.throttle),
+        )
+        return [_sent(setpoint)]
+
+    def _heading_rate(self, command: CommandSample) -> float:
+        """Return how fast the commanded body rates turn the heading [rad/s].
+
+        The firmware turns a heading that it then holds: a body rate of 0 about z would not be
+        followed by a vehicle that leans and turns about y.
+        """
+        if self._odometry is None:
+            return float(command.w_WB_B[2])
+        up_B = so3.rotation_from_quaternion_xyzw(self._odometry[0].q_WB_xyzw)[2]
+        share = max(1.0 - float(up_B[0]) ** 2, _LEAST_SHARE)
+        return float(up_B[1:] @ command.w_WB_B[1:]) / share
+
+    def _external_subscription(self) -> Subscription:
+        """Return the subscription to odometry, the newest of which is also kept."""
+        ours = self._odometry_subscription(
+            self._config.odometry_topic, twist_frame=self._config.twist_frame
+        )
+
+        def receive(message: object, now_ns: int) -> OdometrySample | None:
+            odometry = ours.receive(message, now_ns)
+            if odometry is not None:
+                self._odometry = odometry, now_ns
+            return odometry
+
+        return Subscription(topic=ours.topic, receive=receive)
+
+    def _external(self, now_ns: int) -> list[crtp.Packet]:
+        """Return the newest pose for the estimator on board, when it is due."""
+        period_ns = round(_SECOND / self._config.external_rate)
+        if self._config.external == "none" or not self._is_seen(now_ns):
+            return []
+        assert self._odometry is not None
+        odometry, seen_ns = self._odometry
+        if self._pose_ns is not None and abs(seen_ns - self._pose_ns) < period_ns:
+            return []
+        self._pose_ns = seen_ns
+        if self._config.external == "position":
+            return [crtp.external_position(odometry.p_WB)]
+        return [crtp.external_pose(odometry.p_WB, odometry.q_WB_xyzw)]
+
+    def _landing(self, now_ns: int) -> list[crtp.Packet]:
+        """Return the request to land, once after the MPC's commands have stopped in flight."""
+        lost_ns = round(self._config.lost.after * _SECOND)
+        if self._is_left or not is_old(self._sent_ns, now_ns, lost_ns):
+            return []
+        self._is_left = True
+        if self.landed(now_ns=now_ns) is not False or not self._is_seen(now_ns):
+            return []
+        assert self._odometry is not None
+        above = float(self._odometry[0].p_WB[2]) - self._ground_height
+        duration = max(above / self._config.lost.descent, _LEAST_LANDING)
+        self._warnings.append("commands lost: the firmware is asked to land by itself")
+        return [
+            crtp.stop_setpoints(remain_valid=_LAST_SETPOINT),
+            crtp.land(height=self._ground_height, duration=duration),
+        ]
+
+    def _is_seen(self, now_ns: int) -> bool:
+        seen = self._odometry
+        return seen is not None and not is_old(seen[1], now_ns, _ODOMETRY_NS)
+
+
+def _sent(packet: crtp.Packet) -> OutgoingBytes:
+    return OutgoingBytes(data=packet.framed())

@@ -1,0 +1,146 @@
+"""What the bridge asks of the firmware before it flies, and what the firmware then reports.
+
+The setpoint of old is one of rates only where three parameters say so: they are set by name, and
+again after a restart. What is logged is asked for by number, so the names of the variables are
+read one after the other until those that count are found.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from quad_mpc_ros.extras.bridges import crtp
+
+_RATE_MODES = tuple(f"flightmode.stabMode{axis}" for axis in ("Roll", "Pitch", "Yaw"))
+_STATE, _VOLTAGE = "supervisor.info", "pm.vbat"
+_WANTED = (_STATE, _VOLTAGE)
+_BLOCK = 1
+_LOG_PERIOD = 0.1  # s
+_AGAIN_NS = 200_000_000
+_AT_ONCE = 4  # questions underway: more than the firmware's queues hold would be lost
+_SILENT_NS = 1_000_000_000  # then it has been restarted, or is out of reach
+
+
+@dataclass(kw_only=True)
+class Telemetry:
+    """What the firmware has reported; ``info`` are bits of the supervisor."""
+
+    heard_ns: int | None = None
+    info: int = 0
+    voltage: float = 0.0
+    takes_rates: bool = False
+    faults: list[str] = field(default_factory=list)
+
+
+@dataclass(kw_only=True)
+class _Progress:
+    """How far the preparation is: modes not set yet, variables found, those asked for and when."""
+
+    unset: set[str] = field(default_factory=lambda: set(_RATE_MODES))
+    count: int | None = None
+    variables: dict[str, crtp.LogVariable] = field(default_factory=dict)
+    block: tuple[crtp.LogVariable, ...] = ()
+    seen: set[int] = field(default_factory=set)
+    asked_ns: dict[int, int] = field(default_factory=dict)
+    due_ns: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def is_searched(self) -> bool:
+        """Whether nothing more is to be found."""
+        found = all(name in self.variables for name in _WANTED)
+        return found or (self.count is not None and len(self.seen) >= self.count)
+
+    def questions(self, now_ns: int) -> Iterator[crtp.Packet]:
+        """Ask for the names that are unknown, a few at a time."""
+        late = [n for n, asked_ns in self.asked_ns.items() if abs(now_ns - asked_ns) > _AGAIN_NS]
+        new = (n for n in range(self.count or 0) if n not in self.seen and n not in self.asked_ns)
+        room = max(_AT_ONCE - len(self.asked_ns), 0)
+        for number in (*late, *itertools.islice(new, room)):
+            self.asked_ns[number] = now_ns
+            yield crtp.log_variable_request(number)
+
+
+class Session:
+    """Prepares a Crazyflie, and anew when it has been silent."""
+
+    def __init__(self) -> None:
+        self.telemetry = Telemetry()
+        self._progress = _Progress()
+
+    def receive(self, packet: crtp.Packet, *, now_ns: int) -> None:
+        """Take a packet from the firmware."""
+        progress = self._progress
+        for name in _RATE_MODES:
+            error = crtp.parameter_answer(packet, name)
+            if error is not None:
+                self._on_parameter(name, error)
+        count = crtp.log_count(packet)
+        if count is not None:
+            progress.count = count
+        variable = crtp.log_variable(packet)
+        if variable is not None and variable.number < (progress.count or 0):
+            progress.asked_ns.pop(variable.number, None)
+            progress.seen.add(variable.number)
+            if variable.name in _WANTED:
+                progress.variables[variable.name] = variable
+        values = crtp.logged(packet, _BLOCK, progress.block)
+        if values:
+            telemetry = self.telemetry
+            telemetry.heard_ns = now_ns
+            telemetry.info = int(values.get(_STATE, 0.0))
+            telemetry.voltage = values.get(_VOLTAGE, 0.0)
+
+    def requests(self, *, now_ns: int) -> Iterator[crtp.Packet]:
+        """Yield what is to be asked now."""
+        self._begin_after_silence(now_ns)
+        progress = self._progress
+        if progress.unset and self._due("modes", now_ns):
+            for name in _RATE_MODES:
+                if name in progress.unset:
+                    yield crtp.set_parameter(name, 0)
+        if progress.count is None:
+            if self._due("count", now_ns):
+                yield crtp.log_reset()
+                yield crtp.log_count_request()
+        elif not progress.is_searched:
+            yield from progress.questions(now_ns)
+        elif not self._is_heard(now_ns) and self._due("block", now_ns):
+            yield from self._start_of_log()
+
+    def _begin(self) -> None:
+        self.telemetry.takes_rates = False
+        self._progress = _Progress()
+
+    def _begin_after_silence(self, now_ns: int) -> None:
+        heard_ns = self.telemetry.heard_ns
+        if heard_ns is not None and abs(now_ns - heard_ns) > _SILENT_NS:
+            self.telemetry.heard_ns = None
+            self._begin()
+
+    def _is_heard(self, now_ns: int) -> bool:
+        heard_ns = self.telemetry.heard_ns
+        return heard_ns is not None and abs(now_ns - heard_ns) < _SILENT_NS // 2
+
+    def _on_parameter(self, name: str, error: int) -> None:
+        if error:
+            self.telemetry.faults.append(f"the Crazyflie refuses to set {name}: error {error}")
+        else:
+            self._progress.unset.discard(name)
+            self.telemetry.takes_rates = not self._progress.unset
+
+    def _start_of_log(self) -> Iterator[crtp.Packet]:
+        if _STATE not in self._progress.variables:
+            self.telemetry.faults.append(f"the firmware has no log variable {_STATE}: update it")
+            return
+        self._progress.block = tuple(self._progress.variables.values())
+        yield crtp.log_block(_BLOCK, self._progress.block)
+        yield crtp.log_start(_BLOCK, period=_LOG_PERIOD)
+
+    def _due(self, what: str, now_ns: int) -> bool:
+        before_ns = self._progress.due_ns.get(what)
+        if before_ns is not None and abs(now_ns - before_ns) < _AGAIN_NS:
+            return False
+        self._progress.due_ns[what] = now_ns
+        return True

@@ -1,0 +1,219 @@
+"""Crazyswarm2 (geometry_msgs, nav_msgs).
+
+The firmware keeps the thrust locked until a setpoint of thrust 0 has come, levels after half a
+second without setpoints and cuts the motors after two, unless their end was announced. It takes
+rates only with ``flightmode.stabModeRoll`` and ``stabModePitch`` set to 0, by the user.
+
+``cmd_vel_legacy`` carries the four numbers of the Crazyflie's oldest setpoint. The server negates
+linear.x to its pitch, which cflib negates once more, and the firmware counts pitch nose-up and, in
+this setpoint alone, yaw clockwise: https://imrclab.github.io/crazyswarm2 and
+https://www.bitcraze.io/documentation/repository/crazyflie-firmware/master (commanders).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.configuration import ConfigurationError, parameter
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.control.model.state import with_body_twist
+from quad_mpc_ros.extras.bridges import crtp
+from quad_mpc_ros.messages.conversions import NewMessage, nanoseconds, odometry_from_message
+from quad_mpc_ros.ros.bridges.bridge import (
+    Bridge,
+    LatestStatus,
+    OutgoingMessage,
+    Response,
+    Subscription,
+)
+from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.bridges.handover import Stack
+from quad_mpc_ros.ros.bridges.odometry import PoseDifferentiator
+
+_LOCKS_AFTER_NS = 2_000_000_000
+# The radio may lose one.
+_UNLOCKING_SETPOINTS = 3
+_STATUS_TIMEOUT = 10.0  # s: the server logs it once a second or less
+_LAST_SETPOINT_MILLISECONDS = 100  # until the firmware's own commander takes over
+
+
+def odometry_from_odom(message: Any) -> OdometrySample:
+    """Return the values of the server's ``odom``: linear velocity in the world, no body rates.
+
+    Raises ``ValueError`` for a quaternion without a rotation.
+    """
+    odometry = dataclasses.replace(odometry_from_message(message), w_WB_B=np.zeros(3))
+    return with_body_twist(odometry)
+
+
+def odometry_from_pose(message: Any) -> OdometrySample:
+    """Return the values of the server's ``pose``, a ``PoseStamped``, at rest."""
+    p, q = message.pose.position, message.pose.orientation
+    return OdometrySample(
+        stamp_ns=nanoseconds(message.header.stamp),
+        p_WB=np.array((p.x, p.y, p.z)),
+        q_WB_xyzw=np.array((q.x, q.y, q.z, q.w)),
+        v_WB_B=np.zeros(3),
+        w_WB_B=np.zeros(3),
+    )
+
+
+def fill_setpoint(
+    message: Any, command: CommandSample, *, throttle: float, backend: str = "cpp"
+) -> None:
+    """Write body rates [deg/s] and throttle [PWM] into the ``Twist`` of ``cmd_vel_legacy``."""
+    p, q, r = (math.degrees(rate) for rate in command.w_WB_B.tolist())
+    message.linear.x, message.linear.y = -q if backend == "cflib" else q, p
+    message.linear.z = min(throttle * crtp.PWM_FULL, float(crtp.PWM_LARGEST))
+    message.angular.z = -r
+
+
+def fill_unlock(message: Any) -> None:
+    """Write the setpoint of nothing, which unlocks the thrust."""
+    message.linear.x = message.linear.y = message.linear.z = message.angular.z = 0.0
+
+
+_STATES = {
+    "odom": ("nav_msgs/msg/Odometry", odometry_from_odom),
+    "pose": ("geometry_msgs/msg/PoseStamped", odometry_from_pose),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Crazyswarm2Config(BridgeConfig):
+    """Parameters of the Crazyswarm2 bridge."""
+
+    owner = "crazyswarm2_bridge"
+
+    crazyflie: str = parameter("/cf231", doc="Name of the Crazyflie, as a namespace.")
+    state: str = parameter(
+        "odom",
+        doc="Where the state comes from: odom, without body rates, or pose, without any.",
+        choices=tuple(_STATES),
+    )
+    backend: str = parameter(
+        "cpp",
+        doc="The server's backend: cflib takes the pitch rate with the other sign, and its odom "
+        "has the pitch with the wrong one, so that state must be pose.",
+        choices=("cpp", "cflib"),
+    )
+
+    def check(self) -> None:
+        """Refuse the odometry of cflib."""
+        super().check()
+        if (self.backend, self.state) == ("cflib", "odom"):
+            raise ConfigurationError(f"{self.owner}.state", self.state, "pose with cflib")
+
+
+class Crazyswarm2Bridge(Bridge):
+    """Legacy setpoints with rates in degrees and thrust in PWM out, odom or pose in."""
+
+    name = "crazyswarm2_bridge"
+    speaks = "Crazyswarm2: cmd_vel_legacy (Twist)"
+    packages = ("crazyflie_interfaces",)
+    how_to_get = (
+        "install Crazyswarm2 (https://imrclab.github.io/crazyswarm2/installation.html), or build "
+        "crazyflie_interfaces of https://github.com/IMRCLab/crazyswarm2 with colcon"
+    )
+    Config = Crazyswarm2Config
+
+    def __init__(self, config: Crazyswarm2Config, new: NewMessage) -> None:
+        super().__init__(config, new, namespace=config.crazyflie)
+        self._setpoint = self._topic("cmd_vel_legacy", "geometry_msgs/msg/Twist", reliable=True)
+        self.publications = (self._setpoint,)
+        self._arm_service = self._service("arm", "crazyflie_interfaces/srv/Arm")
+        self._stop = self._service(
+            "notify_setpoints_stop", "crazyflie_interfaces/srv/NotifySetpointsStop"
+        )
+        self._go_to = self._service("go_to", "crazyflie_interfaces/srv/GoTo")
+        self.services = self._arm_service, self._stop, self._go_to
+        # A best-effort subscription matches whatever the server publishes.
+        type_name, self._odometry_of = _STATES[config.state]
+        state = self._topic(config.state, type_name)
+        status = self._topic("status", "crazyflie_interfaces/msg/Status")
+        self.subscriptions = (
+            Subscription(topic=state, receive=self._on_state),
+            Subscription(topic=status, receive=self._on_status),
+        )
+        self._differentiator = PoseDifferentiator(velocity_too=config.state == "pose")
+        self._status = LatestStatus(timeout=_STATUS_TIMEOUT)
+        self._unlocking = 0
+        self._sent_ns: int | None = None
+
+    def landed(self, *, now_ns: int) -> bool | None:
+        """Return whether the supervisor reports that it does not fly."""
+        status = self._status.value(now_ns=now_ns)
+        return None if status is None else not status.supervisor_info & crtp.IS_FLYING
+
+    def _stack(self, now_ns: int) -> Stack:
+        """Return whether it can fly and, where its status arrives, is armed."""
+        status = self._status.value(now_ns=now_ns)
+        if status is None:
+            return Stack(takes_setpoints=True, armed=self._unlocked)
+        if status.supervisor_info & crtp.IS_TUMBLED:
+            return Stack(fault="the Crazyflie is upside down")
+        if status.supervisor_info & crtp.IS_LOCKED:
+            return Stack(fault="the Crazyflie is locked: restart it")
+        armed = bool(status.supervisor_info & crtp.IS_ARMED)
+        return Stack(takes_setpoints=True, armed=armed and self._unlocked)
+
+    @property
+    def _unlocked(self) -> bool:
+        return self._sent_ns is not None and self._unlocking == 0
+
+    def _arm(self, wanted: bool) -> Response:
+        call = self._call(self._arm_service, arm=wanted)
+        if wanted:
+            return Response(accepted=True, text="asked for arming", calls=[call])
+        nothing = self._new(self._setpoint.type_name)  # stops firmware without arming
+        fill_unlock(nothing)
+        messages = [OutgoingMessage(topic=self._setpoint, message=nothing)]
+        return Response(accepted=True, text="asked for disarming", messages=messages, calls=[call])
+
+    def _reports_armed(self, wanted: bool, now_ns: int) -> bool | None:
+        status = self._status.value(now_ns=now_ns)
+        return None if status is None else crtp.is_armed(status.supervisor_info, wanted=wanted)
+
+    def _switch_back(self, now_ns: int) -> Response:
+        """Let the firmware's own commander hold it: silence alone would cut the motors."""
+        if self._sent_ns is None or now_ns - self._sent_ns >= _LOCKS_AFTER_NS:
+            return Response(accepted=True, text="released")
+        stop = self._call(
+            self._stop, group_mask=0, remain_valid_millisecs=_LAST_SETPOINT_MILLISECONDS
+        )
+        stay = self._call(self._go_to, group_mask=0, relative=True, yaw=0.0)
+        stay.request.duration.sec = 1
+        calls = [stop] if self.landed(now_ns=now_ns) else [stop, stay]
+        return Response(accepted=True, text="asked to hold position by itself", calls=calls)
+
+    def _see_ground(self, odometry: OdometrySample, now_ns: int) -> None:
+        """The supervisor reports it."""
+
+    def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
+        if self._sent_ns is None or now_ns - self._sent_ns >= _LOCKS_AFTER_NS:
+            self._unlocking = _UNLOCKING_SETPOINTS
+        self._sent_ns = now_ns
+        message = self._new(self._setpoint.type_name)
+        if self._unlocking > 0 or not self._stack(now_ns).armed:
+            self._unlocking = max(self._unlocking - 1, 0)
+            fill_unlock(message)
+        else:
+            throttle = self.thrust.stack_throttle(command.throttle)
+            fill_setpoint(message, command, throttle=throttle, backend=self._config.backend)
+        return [OutgoingMessage(topic=self._setpoint, message=message)]
+
+    def _on_state(self, message: Any, now_ns: int) -> OdometrySample | None:
+        odometry = self._converted(
+            self._config.state,
+            lambda: self._differentiator.completed(self._odometry_of(message)),
+        )
+        return self._passed_on(odometry, now_ns=now_ns)
+
+    def _on_status(self, message: Any, now_ns: int) -> None:
+        self._status.receive(message, now_ns)
+        self._receive_voltage(float(message.battery_voltage), now_ns)

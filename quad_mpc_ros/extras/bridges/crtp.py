@@ -1,0 +1,233 @@
+"""Packets of the Crazy RealTime Protocol, which a Crazyflie speaks over radio, USB and UDP.
+
+A packet is a byte with port and channel, and up to 30 bytes of data, little endian. Here positions
+and attitudes are in ENU and FLU and body rates in rad/s; only the setpoint of old counts degrees,
+pitch nose-up and yaw clockwise. In a stream of bytes each packet comes after its length.
+
+Numbers and layouts after the firmware, https://github.com/bitcraze/crazyflie-firmware
+(src/modules/src/crtp_*.c, log.c, param_task.c, platformservice.c, supervisor.c).
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from quad_mpc_ros.control.lie import Array
+
+PWM_FULL = 65535.0
+PWM_LARGEST = 60000  # what the setpoint of old is cut at
+
+# Bits of the log variable supervisor.info.
+IS_ARMED, ARMS_ITSELF = 2, 4
+IS_FLYING = 16
+IS_TUMBLED = 32
+IS_LOCKED = 64
+
+PARAMETERS, SETPOINT, LOG, LOCALIZATION, SETPOINT_GENERIC, HIGH_LEVEL, PLATFORM = (
+    *(2, 3, 5, 6, 7, 8),
+    13,
+)
+_LOG_CONTENTS, _LOG_CONTROL, _LOG_DATA = range(3)
+_LOCALIZATION_POSITION, _LOCALIZATION_OTHER = range(2)
+_SETPOINT_META, _PARAMETERS_OTHER, _PLATFORM_COMMAND = 1, 3, 0
+_GET_ITEM, _GET_INFO = 2, 3
+_START_BLOCK, _RESET, _CREATE_BLOCK = 3, 5, 6
+_EXTERNAL_POSE = 8
+_GO_TO, _LAND = 4, 8
+_ARM = 1
+_BYTE = 8  # the type of a parameter of one byte
+
+_MOST_DATA = 30
+_RESERVED = 0x0C  # these two bits are set in what is sent
+# Format of a log variable by its type, from 1 on; the last is a half-precision float.
+_FORMATS = ("B", "H", "I", "b", "h", "i", "f", "e")
+
+
+def is_armed(info: int, *, wanted: bool) -> bool:
+    """Return whether a vehicle with this supervisor.info did what was requested of arming.
+
+    One that arms itself does so again at once: it counts as disarmed if it does not fly.
+    """
+    return bool(info & (IS_FLYING if info & ARMS_ITSELF and not wanted else IS_ARMED))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Packet:
+    """A packet."""
+
+    port: int
+    channel: int
+    data: bytes = b""
+
+    def __post_init__(self) -> None:
+        """Refuse what does not fit."""
+        if len(self.data) > _MOST_DATA:
+            raise ValueError(f"a packet has {len(self.data)} bytes of data, expected 30 or less")
+
+    @property
+    def header(self) -> int:
+        """The first byte."""
+        return self.port << 4 | _RESERVED | self.channel
+
+    def framed(self) -> bytes:
+        """Return it as in a stream: length, header, data."""
+        return bytes((1 + len(self.data), self.header)) + self.data
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogVariable:
+    """A variable that can be logged: its ``name`` is like ``pm.vbat``, ``kind`` its type."""
+
+    number: int
+    kind: int
+    name: str
+
+
+class Reader:
+    """Takes a stream apart into its packets."""
+
+    def __init__(self) -> None:
+        self._held = b""
+
+    def read(self, data: bytes) -> Iterator[Packet]:
+        """Take received bytes; yield every complete packet."""
+        self._held += data
+        while self._held and len(self._held) > self._held[0]:
+            size = self._held[0]
+            whole, self._held = self._held[1 : 1 + size], self._held[1 + size :]
+            if 1 <= size <= 1 + _MOST_DATA:
+                yield Packet(port=whole[0] >> 4, channel=whole[0] & 3, data=whole[1:])
+
+
+def rate_setpoint(*, roll: float, pitch: float, heading: float, throttle: float) -> Packet:
+    """Return the setpoint of old: rates about body x and y (FLU), of the heading, and throttle.
+
+    Rates are in rad/s, the heading's counter-clockwise, the throttle in [0, 1]. It is one of rates
+    only where ``flightmode.stabModeRoll`` and its likes are 0. One of nothing unlocks the thrust.
+    """
+    degrees = math.degrees(roll), -math.degrees(pitch), -math.degrees(heading)
+    pwm = min(round(throttle * PWM_FULL), PWM_LARGEST)
+    return Packet(port=SETPOINT, channel=0, data=struct.pack("<fffH", *degrees, pwm))
+
+
+def external_pose(p_WB: Array, q_WB_xyzw: Array) -> Packet:
+    """Return a measured pose for the estimator on board: (3,) [m], (4,)."""
+    data = struct.pack("<B7f", _EXTERNAL_POSE, *p_WB.tolist(), *q_WB_xyzw.tolist())
+    return Packet(port=LOCALIZATION, channel=_LOCALIZATION_OTHER, data=data)
+
+
+def external_position(p_WB: Array) -> Packet:
+    """Return a measured position (3,) [m] for the estimator on board."""
+    data = struct.pack("<3f", *p_WB.tolist())
+    return Packet(port=LOCALIZATION, channel=_LOCALIZATION_POSITION, data=data)
+
+
+def stop_setpoints(*, remain_valid: float) -> Packet:
+    """Return the end of setpoints: the last is valid for so long [s], or until another flies."""
+    data = struct.pack("<BI", 0, round(1e3 * remain_valid))
+    return Packet(port=SETPOINT_GENERIC, channel=_SETPOINT_META, data=data)
+
+
+def stay(*, duration: float) -> Packet:
+    """Return the request to the firmware to hold position and heading by itself, at once."""
+    data = struct.pack("<BBB5f", _GO_TO, 0, True, 0.0, 0.0, 0.0, 0.0, duration)
+    return Packet(port=HIGH_LEVEL, channel=0, data=data)
+
+
+def land(*, height: float, duration: float) -> Packet:
+    """Return the request to sink by itself to a height [m, world] within a duration [s]."""
+    data = struct.pack("<BBff?f", _LAND, 0, height, 0.0, True, duration)
+    return Packet(port=HIGH_LEVEL, channel=0, data=data)
+
+
+def arm(wanted: bool) -> Packet:
+    """Return the request to arm or disarm."""
+    return Packet(port=PLATFORM, channel=_PLATFORM_COMMAND, data=bytes((_ARM, wanted)))
+
+
+def set_parameter(name: str, value: int) -> Packet:
+    """Return the request to set a parameter of one byte, named like ``flightmode.althold``."""
+    data = bytes((0, *_text(name), _BYTE, value))
+    return Packet(port=PARAMETERS, channel=_PARAMETERS_OTHER, data=data)
+
+
+def parameter_answer(packet: Packet, name: str) -> int | None:
+    """Return the error number with which setting a parameter was answered, 0 for none."""
+    if (packet.port, packet.channel) != (PARAMETERS, _PARAMETERS_OTHER):
+        return None
+    head = bytes((0, *_text(name)))
+    fits = packet.data.startswith(head) and len(packet.data) > len(head)
+    return packet.data[len(head)] if fits else None
+
+
+def log_reset() -> Packet:
+    """Return the request to forget what is logged."""
+    return Packet(port=LOG, channel=_LOG_CONTROL, data=bytes((_RESET,)))
+
+
+def log_count_request() -> Packet:
+    """Return the question of how many variables can be logged."""
+    return Packet(port=LOG, channel=_LOG_CONTENTS, data=bytes((_GET_INFO,)))
+
+
+def log_count(packet: Packet) -> int | None:
+    """Return how many variables can be logged, if the packet says so."""
+    is_it = (packet.port, packet.channel, packet.data[:1]) == (
+        *(LOG, _LOG_CONTENTS),
+        bytes((_GET_INFO,)),
+    )
+    return int.from_bytes(packet.data[1:3], "little") if is_it and len(packet.data) >= 3 else None
+
+
+def log_variable_request(number: int) -> Packet:
+    """Return the question of what a variable is called."""
+    return Packet(port=LOG, channel=_LOG_CONTENTS, data=struct.pack("<BH", _GET_ITEM, number))
+
+
+def log_variable(packet: Packet) -> LogVariable | None:
+    """Return the variable that a packet describes, if it does."""
+    data = packet.data
+    if (packet.port, packet.channel) != (LOG, _LOG_CONTENTS) or data[:1] != bytes((_GET_ITEM,)):
+        return None
+    names = data[4:].split(b"\0")
+    if len(names) < 3:  # each ends with a zero
+        return None
+    number = int.from_bytes(data[1:3], "little")
+    name = ".".join(part.decode("ascii", "replace") for part in names[:2])
+    return LogVariable(number=number, kind=data[3] & 0xF, name=name)
+
+
+def log_block(block: int, variables: Sequence[LogVariable]) -> Packet:
+    """Return the request to make a block of variables."""
+    asked = b"".join(struct.pack("<BH", each.kind, each.number) for each in variables)
+    return Packet(port=LOG, channel=_LOG_CONTROL, data=bytes((_CREATE_BLOCK, block)) + asked)
+
+
+def log_start(block: int, *, period: float) -> Packet:
+    """Return the request to send a block at a period [s], in hundredths of a second."""
+    data = bytes((_START_BLOCK, block, round(1e2 * period)))
+    return Packet(port=LOG, channel=_LOG_CONTROL, data=data)
+
+
+def logged(
+    packet: Packet, block: int, variables: Sequence[LogVariable]
+) -> dict[str, float] | None:
+    """Return the values of a block by name, if the packet has them."""
+    data = packet.data
+    if (packet.port, packet.channel) != (LOG, _LOG_DATA) or data[:1] != bytes((block,)):
+        return None
+    if not all(1 <= each.kind <= len(_FORMATS) for each in variables):
+        return None
+    layout = "<" + "".join(_FORMATS[each.kind - 1] for each in variables)
+    values = data[4:]  # after the number of the block and a time in three bytes
+    if len(values) != struct.calcsize(layout):
+        return None
+    names = [each.name for each in variables]
+    return dict(zip(names, map(float, struct.unpack(layout, values)), strict=True))
+
+
+def _text(name: str) -> bytes:
+    return b"".join(part.encode("ascii") + b"\0" for part in name.split("."))

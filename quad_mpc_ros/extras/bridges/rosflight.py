@@ -1,0 +1,305 @@
+"""ROSflight 2 (rosflight_msgs, roscopter_msgs), NED and FRD.
+
+The safety pilot arms and hands over by switches of the RC transmitter; no topic can. Once engaged,
+fresh commands are sent, and the firmware decides whether to act on them: it does so whenever a
+frame of the receiver comes, and only then; it falls back to RC when no command has arrived for
+100 ms, and takes them again when they return. ``offboard`` of its status means that commands
+arrive, not that it follows them: that is what ``rc_override`` says.
+
+Fields and constants after https://github.com/rosflight/rosflight_ros_pkgs (rosflight_msgs) and
+https://github.com/rosflight/roscopter (roscopter_msgs/msg/State).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.configuration import parameter
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.messages.conversions import NewMessage, fill_time, nanoseconds
+from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.ros.bridges.bridge import (
+    Bridge,
+    LatestStatus,
+    OutgoingMessage,
+    Response,
+    ServiceCall,
+    Subscription,
+)
+from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.bridges.frames import (
+    enu_from_ned,
+    flu_from_frd,
+    q_enu_flu_xyzw_from_ned_frd_wxyz,
+)
+from quad_mpc_ros.ros.bridges.handover import Stack, State, is_old
+
+MODE_ROLLRATE_PITCHRATE_YAWRATE_THROTTLE = 1
+IGNORE_NONE = 0
+_VALUES = 10
+_THROTTLE, _RATES = 2, slice(3, 6)  # u = Fx, Fy, Fz, Qx, Qy, Qz, …; Fz is the throttle
+
+_STATUS_TIMEOUT = 2.0  # s
+_RC_TIMEOUT = 0.5  # s
+_RC_FRAMES = 20  # of which the rate is taken
+_RC_SLOW = 100.0  # Hz
+_CAPPED_NS = 500_000_000
+
+# What is asked of the firmware when it is engaged.
+_SCALE, _LOWER_THROTTLE = "RC_MAX_THR", "TAKE_MIN_THR"
+_RATE_INTEGRALS = ("PID_ROLL_RATE_I", "PID_PITCH_RATE_I")
+_ASKED = (_SCALE, _LOWER_THROTTLE, *_RATE_INTEGRALS)
+_SAME_SCALE = 0.005
+
+# Bits of the status: who overrides, where the lowest throttle wins, and what prevents arming.
+OVERRIDE_T = 0x20
+ERRORS = {
+    0x01: "no mixer (PRIMARY_MIXER)",
+    0x02: "no IMU",
+    0x04: "RC lost",
+    0x08: "unhealthy estimator",
+    0x10: "time runs backwards",
+    0x20: "IMU not calibrated (calibrate_imu)",
+    0x80: "FAILSAFE_THR is not within 0 and 1",
+}
+
+
+def odometry_from_state(message: Any) -> OdometrySample:
+    """Return the values of a ``roscopter_msgs/State``: NED position, body velocity, FRD.
+
+    Raises ``ValueError`` for a quaternion without a rotation.
+    """
+    q = message.quat
+    return OdometrySample(
+        stamp_ns=nanoseconds(message.header.stamp),
+        p_WB=enu_from_ned((message.p_n, message.p_e, message.p_d)),
+        q_WB_xyzw=q_enu_flu_xyzw_from_ned_frd_wxyz((q.w, q.x, q.y, q.z)),
+        v_WB_B=flu_from_frd((message.v_x, message.v_y, message.v_z)),
+        w_WB_B=flu_from_frd((message.p, message.q, message.r)),
+    )
+
+
+def odometry_from_sim_state(message: Any) -> OdometrySample:
+    """Return the values of a ``rosflight_msgs/SimState``, the simulator's truth in NED, FRD.
+
+    Raises ``ValueError`` for a quaternion without a rotation.
+    """
+    p, q = message.pose.position, message.pose.orientation
+    v, w = message.twist.linear, message.twist.angular
+    return OdometrySample(
+        stamp_ns=nanoseconds(message.header.stamp),
+        p_WB=enu_from_ned((p.x, p.y, p.z)),
+        q_WB_xyzw=q_enu_flu_xyzw_from_ned_frd_wxyz((q.w, q.x, q.y, q.z)),
+        v_WB_B=flu_from_frd((v.x, v.y, v.z)),
+        w_WB_B=flu_from_frd((w.x, w.y, w.z)),
+    )
+
+
+def fill_command(message: Any, command: CommandSample, *, throttle: float, now_ns: int) -> None:
+    """Write throttle [0, 1] and body rates [rad/s, FRD] into a ``rosflight_msgs/Command``."""
+    fill_time(message.header.stamp, now_ns)
+    message.mode = MODE_ROLLRATE_PITCHRATE_YAWRATE_THROTTLE
+    message.ignore = IGNORE_NONE
+    rates_frd = flu_from_frd(command.w_WB_B)
+    if hasattr(message, "u"):
+        u = np.zeros(_VALUES, dtype=np.float32)
+        u[_THROTTLE] = throttle
+        u[_RATES] = rates_frd
+        message.u = u
+    else:  # the first releases of ROSflight 2, and its documentation
+        message.qx, message.qy, message.qz = rates_frd.tolist()
+        message.fx, message.fy, message.fz = 0.0, 0.0, throttle
+
+
+_STATES = {
+    "estimator": ("roscopter_msgs/msg/State", odometry_from_state),
+    "truth": ("rosflight_msgs/msg/SimState", odometry_from_sim_state),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RosflightConfig(BridgeConfig):
+    """Parameters of the ROSflight bridge."""
+
+    owner = "rosflight_bridge"
+
+    mpc_command_topic: str = parameter(
+        "mpc/command",
+        doc="Topic of the MPC's commands, to be remapped for the mpc node as well: in the root "
+        "namespace /command is ROSflight's, of another type.",
+        advanced=True,
+    )
+    state: str = parameter(
+        "estimator",
+        doc="Where the state comes from: ROScopter's estimator, or the simulator's truth.",
+        choices=tuple(_STATES),
+    )
+    estimator_topic: str = parameter("/estimated_state", doc="Topic of the estimator.")
+    truth_topic: str = parameter("/sim/truth_state", doc="Topic of the simulator's truth.")
+    command_topic: str = parameter("/command", doc="Topic that rosflight_io listens to.")
+    rc_topic: str = parameter("/rc_raw", doc="Topic of rosflight_io's RC frames.")
+    parameter_service: str = parameter(
+        "/param_get", doc="Service of rosflight_io that tells parameters of the firmware."
+    )
+    rc_max_throttle: float = parameter(
+        0.7,
+        doc="RC_MAX_THR of the firmware, which scales our throttle, too: the thrust map is that "
+        "of its motor outputs.",
+        above=0.0,
+        maximum=1.0,
+    )
+    status_topic: str = parameter("/status", doc="Topic of rosflight_io's status.")
+    battery_topic: str = parameter("/battery", doc="Topic of rosflight_io's battery status.")
+
+
+class RosflightBridge(Bridge):
+    """Offboard commands out, estimated state and status in."""
+
+    name = "rosflight_bridge"
+    speaks = "ROSflight 2: rosflight_msgs/Command"
+    packages = ("rosflight_msgs", "roscopter_msgs")
+    how_to_get = (
+        "clone https://github.com/rosflight/rosflight_ros_pkgs and "
+        "https://github.com/rosflight/roscopter into the workspace and build them with colcon"
+    )
+    Config = RosflightConfig
+    streams = True
+    patient = True
+
+    def __init__(self, config: RosflightConfig, new: NewMessage) -> None:
+        super().__init__(config, new)
+        type_name, self._odometry_of = _STATES[config.state]
+        truth = config.state == "truth"
+        self._state_topic = config.truth_topic if truth else config.estimator_topic
+        self._status = LatestStatus(timeout=_STATUS_TIMEOUT)
+        self._rc_ns: deque[int] = deque(maxlen=_RC_FRAMES)
+        self._capped_ns: int | None = None
+        self._scale_fault = ""
+        self._parameters = (config.parameter_service, "rosflight_msgs/srv/ParamGet")
+        self.services = (self._parameters,)
+        state = Topic(name=self._state_topic, type_name=type_name)
+        status = Topic(name=config.status_topic, type_name="rosflight_msgs/msg/Status")
+        rc = Topic(name=config.rc_topic, type_name="rosflight_msgs/msg/RCRaw")
+        battery = Topic(name=config.battery_topic, type_name="rosflight_msgs/msg/BatteryStatus")
+        self.subscriptions = [
+            Subscription(topic=state, receive=self._on_state),
+            Subscription(topic=status, receive=self._on_status),
+            Subscription(topic=rc, receive=self._on_rc),
+            *self._battery_subscription(battery),
+        ]
+        self._command = Topic(
+            name=config.command_topic, type_name="rosflight_msgs/msg/Command", reliable=True
+        )
+        self.publications = (self._command,)
+
+    def engage(self, wanted: bool, *, now_ns: int) -> Response:
+        """Hand the vehicle to the MPC, unless the firmware would not follow, or take it back."""
+        obstacle = self._rc_obstacle(now_ns) if wanted else ""
+        if obstacle:
+            return Response(accepted=False, text=obstacle)
+        if wanted:
+            self._scale_fault = ""  # it may have been mended; the answer tells
+        response = super().engage(wanted, now_ns=now_ns)
+        if not (wanted and response.accepted):
+            return response
+        return dataclasses.replace(response, calls=[self._question(name) for name in _ASKED])
+
+    def _question(self, name: str) -> ServiceCall:
+        """Return the call that asks for a parameter of the firmware."""
+        call = self._call(self._parameters, name=name)
+        receive = functools.partial(self._on_parameter, name)
+        return dataclasses.replace(call, receive=receive, optional=True)
+
+    def _on_parameter(self, name: str, response: Any) -> None:
+        """Judge a parameter of the firmware."""
+        if not response.exists:
+            return
+        value, ours = float(response.value), self._config.rc_max_throttle
+        if name == _SCALE and abs(value - ours) > _SAME_SCALE:
+            self._scale_fault = (
+                f"RC_MAX_THR is {value:.3g} and rc_max_throttle {ours:.3g}: thrust would be "
+                f"{value / ours:.2f} of what is asked for; set them alike"
+            )
+        if name in _RATE_INTEGRALS and value == 0.0:
+            self._warnings.append(f"{name} is 0: the vehicle turns where its weight is off centre")
+        if name == _LOWER_THROTTLE and value != 0.0:
+            self._warnings.append(
+                "TAKE_MIN_THR is 1: the pilot's throttle caps ours, so raise it fully to fly"
+            )
+
+    def _rc_obstacle(self, now_ns: int) -> str:
+        """Return why the firmware would not follow, or nothing."""
+        status = self._status.value(now_ns=now_ns)
+        if status is None or status.failsafe:
+            return ""  # the stack's fault says so
+        errors = [text for bit, text in ERRORS.items() if status.error_code & bit]
+        if errors:
+            return f"ROSflight does not arm: {', '.join(errors)}"
+        newest_ns = self._rc_ns[-1] if self._rc_ns else None
+        if newest_ns is None or is_old(newest_ns, now_ns, round(1e9 * _RC_TIMEOUT)):
+            return (
+                f"no RC frame within {_RC_TIMEOUT:g} s on {self._config.rc_topic}: ROSflight "
+                "takes a command only when one comes"
+            )
+        span_ns = newest_ns - self._rc_ns[0]
+        rate = 1e9 * (len(self._rc_ns) - 1) / span_ns if span_ns > 0 else 0.0
+        if 0.0 < rate < _RC_SLOW:
+            self._warnings.append(
+                f"RC comes at {rate:.0f} Hz, and ROSflight takes a command only then: add "
+                f"{500.0 / rate:.0f} ms to mpc.input_delay, or set the receiver to more"
+            )
+        return ""
+
+    def _arm(self, wanted: bool) -> Response:
+        return Response(accepted=False, text="ROSflight is armed by the RC transmitter only")
+
+    def _stack(self, now_ns: int) -> Stack:
+        status = self._status.value(now_ns=now_ns)
+        if status is None:
+            fault = f"no status within {_STATUS_TIMEOUT:g} s on {self._config.status_topic}"
+            return Stack(fault=fault)
+        if status.failsafe:
+            return Stack(fault="ROSflight is in failsafe")
+        if self._scale_fault:
+            return Stack(fault=self._scale_fault)
+        followed = bool(status.offboard) and not status.rc_override & ~OVERRIDE_T
+        return Stack(takes_setpoints=followed, armed=bool(status.armed))
+
+    def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
+        message = self._new(self._command.type_name)
+        fill_command(
+            message,
+            command,
+            throttle=min(
+                self.thrust.stack_throttle(command.throttle) / self._config.rc_max_throttle, 1.0
+            ),
+            now_ns=now_ns,
+        )
+        return [OutgoingMessage(topic=self._command, message=message)]
+
+    def _on_state(self, message: Any, now_ns: int) -> OdometrySample | None:
+        odometry = self._converted(self._state_topic, lambda: self._odometry_of(message))
+        return self._passed_on(odometry, now_ns=now_ns)
+
+    def _on_status(self, message: Any, now_ns: int) -> None:
+        self._status.receive(message, now_ns)
+        if not (message.armed and message.rc_override & OVERRIDE_T):
+            self._capped_ns = None
+        elif self._capped_ns is None:
+            self._capped_ns = now_ns
+        elif now_ns - self._capped_ns > _CAPPED_NS and self._handover.state is State.ENGAGED:
+            self._capped_ns = now_ns
+            self._warnings.append(
+                "the pilot's throttle is lower than ours and is used (TAKE_MIN_THR): raise it"
+            )
+
+    def _on_rc(self, message: Any, now_ns: int) -> None:
+        if self._rc_ns and now_ns < self._rc_ns[-1]:  # the clock was set
+            self._rc_ns.clear()
+        self._rc_ns.append(now_ns)

@@ -1,0 +1,282 @@
+"""Reading and writing campaign files, see ``docs/campaigns.md``."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from quad_mpc_ros.configuration import Configuration, ConfigurationError, UserError, files
+from quad_mpc_ros.extras.campaigns.campaign import (
+    SCHEMA,
+    Campaign,
+    target_of,
+    value_in,
+)
+from quad_mpc_ros.extras.campaigns.variation import SameAs, Variation, variation_of
+from quad_mpc_ros.extras.campaigns.yaml_content import (
+    check_keys,
+    content_text,
+    errors_of,
+    integer,
+    read_content,
+)
+from quad_mpc_ros.recordings.config import RecorderConfig
+from quad_mpc_ros.simulation.config import SimulatorConfig
+
+_DEFAULT_DURATION = 10.0  # s
+_STARTS = ("auto", "ground", "reference")
+_MOST_FLIGHTS = 10_000_000
+# What a run without ROS is, and what the loop sets itself.
+_LOCKSTEP = {node: {"lockstep": True} for node in SCHEMA}
+# A parameter file may speak of the recorder, which no campaign has.
+_FILE_SCHEMA: files.Schema = {**SCHEMA, "recorder": RecorderConfig}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Overrides:
+    """What a command line says over a campaign file; None for nothing."""
+
+    config: Sequence[str] = ()
+    assignments: Sequence[str] = ()
+    flights: int | None = None
+    seed: int | None = None
+
+
+def located_campaign(given: Path) -> Path:
+    """Return the file at a path, or the shipped one of that name. Raises :class:`UserError`."""
+    if files.is_file(given):
+        return given
+    shipped = files.shipped_campaigns()
+    if str(given) in shipped:
+        return shipped[str(given)]
+    raise UserError(f"{given}: no such file, nor one that is shipped ({', '.join(shipped)})")
+
+
+def read_campaign(path: Path, overrides: Overrides | None = None) -> Campaign:
+    """Return the campaign that a file describes.
+
+    Raises :class:`UserError` for a file that cannot be read or describes none.
+    """
+    content = read_content(path, "campaign")
+    return campaign_from(content, overrides, where=str(path))
+
+
+def campaign_from(
+    content: Mapping[Any, Any], overrides: Overrides | None = None, *, where: str = "campaign"
+) -> Campaign:
+    """Return the campaign that the content of a file describes; ``where`` begins its errors.
+
+    Raises :class:`UserError`.
+    """
+    with errors_of(where):
+        return _Reader(content, overrides or Overrides()).campaign()
+
+
+def campaign_text(campaign: Campaign) -> str:
+    """Return a file that describes a campaign wholly: it names no other file."""
+    content: dict[str, Any] = {"grid": True} if campaign.grid else {"flights": campaign.flights}
+    content |= {
+        "seed": campaign.seed,
+        "config": [],
+        "set": {
+            f"{node}.{name}": list(value) if isinstance(value, tuple) else value
+            for node, values in campaign.given.items()
+            for name, value in values.items()
+            # What varies is not set: a file that says both is refused.
+            if name != "lockstep" and f"{node}.{name}" not in campaign.vary
+        },
+        "settle_time": campaign.settle_time,
+        "start": campaign.start,
+        "vary": {name: variation.described() for name, variation in campaign.vary.items()},
+    }
+    return content_text(content)
+
+
+def identity_text(campaign: Campaign) -> str:
+    """Return what may not change during a campaign: all but the number of its flights."""
+    return campaign_text(campaign if campaign.grid else dataclasses.replace(campaign, flights=1))
+
+
+def read_variations(
+    key: str, given: Mapping[Any, Any], base: Mapping[str, Configuration]
+) -> dict[str, Variation]:
+    """Return what stands below a key: how parameters of ``base`` vary, by their names.
+
+    Raises :class:`UserError` for unknown names, a vector that varies as a whole and by
+    elements, and values that a parameter does not allow.
+    """
+    vary = {str(name): variation_of(f"{key}: {name}", each) for name, each in given.items()}
+    for name, variation in vary.items():
+        target = target_of(name, base)
+        whole = f"{target.node}.{target.parameter}"
+        if target.element is not None and whole in vary:
+            raise UserError(f"{key}: {name}: {whole} varies, too: leave one out")
+        for value in variation.extremes():
+            target.validated(value)
+        if isinstance(variation, SameAs):
+            _check_followed(name, variation, vary, base, key=key)
+    return vary
+
+
+class _Reader:
+    """Makes a campaign of the keys of a file."""
+
+    _KEYS = (
+        *("flights", "grid", "seed", "config", "set", "reference", "duration", "settle_time"),
+        *("start", "vary"),
+    )
+
+    def __init__(self, content: Mapping[Any, Any], overrides: Overrides) -> None:
+        check_keys(content, self._KEYS)
+        self._content = content
+        self._overrides = overrides
+
+    def campaign(self) -> Campaign:
+        """Return the campaign, every value of it allowed."""
+        given = self._given()
+        base = {node: kind.build(given[node]) for node, kind in SCHEMA.items()}
+        simulator = base["simulator"]
+        assert isinstance(simulator, SimulatorConfig)
+        vary = self._vary(base)
+        grid = self._one_of("grid", (True, False), False)
+        campaign = Campaign(
+            flights=self._flights(vary, grid=grid),
+            seed=self._seed(),
+            given=given,
+            vary=vary,
+            grid=grid,
+            settle_time=self._settle_time(simulator.duration),
+            start=self._one_of("start", _STARTS, "auto"),
+        )
+        campaign.configured(campaign.drawn(0))  # can they be used together?
+        return campaign
+
+    def _given(self) -> dict[str, dict[str, Any]]:
+        """Return the parameters that files and the keys ``set``, … say, later over earlier."""
+        given = files.collected(self._texts("config", ["default"]), [], schema=_FILE_SCHEMA)
+        for node, values in self._set().items():
+            given[node].update(values)
+        given = files.collected(
+            self._overrides.config,
+            self._overrides.assignments,
+            schema=_FILE_SCHEMA,
+            base=given,
+        )
+        if not given["simulator"].get("duration"):
+            given["simulator"]["duration"] = _DEFAULT_DURATION
+        for node, values in _LOCKSTEP.items():
+            given[node].update(values)
+        return {node: given[node] for node in SCHEMA}
+
+    def _set(self) -> dict[str, dict[str, Any]]:
+        """Return what the file sets by itself, by node."""
+        found: dict[str, dict[str, Any]] = {node: {} for node in SCHEMA}
+        for name, value in self._mapping("set").items():
+            node, dot, parameter = str(name).partition(".")
+            if not dot or node not in found:
+                expected = ", ".join(f"{each}.PARAMETER" for each in found)
+                raise UserError(f"set: {name}: expected one of {expected}")
+            found[node][parameter] = value
+        for key, node, parameter in _SHORT:
+            if key not in self._content:
+                continue
+            if parameter in found[node]:
+                raise UserError(f"{key}: set: {node}.{parameter} says so too: leave one out")
+            found[node][parameter] = self._content[key]
+        return found
+
+    def _vary(self, base: Mapping[str, Configuration]) -> dict[str, Variation]:
+        given = self._mapping("vary")
+        for name in map(str, given):
+            self._refuse_set(name)
+        return read_variations("vary", given, base)
+
+    def _refuse_set(self, name: str) -> None:
+        """Refuse what varies and is set, too."""
+        assigned = [each.partition("=")[0].strip() for each in self._overrides.assignments]
+        if name in self._mapping("set") or name in assigned:
+            raise UserError(f"vary: {name}: it is set, too: leave one out")
+        for key, node, parameter in _SHORT:
+            if key in self._content and name == f"{node}.{parameter}":
+                raise UserError(f"vary: {name}: {key} is given, too: leave one out")
+
+    def _flights(self, vary: Mapping[str, Variation], *, grid: bool) -> int:
+        given = self._content.get("flights")
+        if not grid:
+            wanted, name = self._overrides.flights, "--flights"
+            if wanted is None:
+                wanted, name = given, "flights"
+            return integer(name, wanted, least=1, most=_MOST_FLIGHTS)
+        if given is not None or self._overrides.flights is not None:
+            raise UserError("flights: a grid has as many as there are combinations: leave one out")
+        counts = [len(each.listed()) for each in vary.values() if each.listed()]
+        if not counts:
+            raise UserError("grid: expected a choice or a linspace in vary")
+        return integer("grid: flights", math.prod(counts), least=1, most=_MOST_FLIGHTS)
+
+    def _seed(self) -> int:
+        wanted, name = self._overrides.seed, "--seed"
+        if wanted is None:
+            wanted, name = self._content.get("seed", 0), "seed"
+        return integer(name, wanted, least=0, most=2**63 - 1)
+
+    def _settle_time(self, duration: float) -> float:
+        given = self._content.get("settle_time", 0.5 * duration)
+        if isinstance(given, bool) or not isinstance(given, int | float):
+            raise ConfigurationError("settle_time", given, "a number")
+        if not 0.0 <= given < duration:
+            raise ConfigurationError(
+                "settle_time", given, f"a number >= 0 and below the duration, {duration:g} s"
+            )
+        return float(given)
+
+    def _one_of(self, key: str, choices: Sequence[Any], default: Any) -> Any:
+        given = self._content.get(key, default)
+        if not any(given is choice or given == choice for choice in choices):
+            listed = ", ".join(str(choice).lower() for choice in choices)
+            raise ConfigurationError(key, given, f"one of {listed}")
+        return given
+
+    def _texts(self, key: str, default: list[str]) -> list[str]:
+        given = self._content.get(key, default)
+        listed = [given] if isinstance(given, str) else given
+        if not isinstance(listed, list) or not all(isinstance(each, str) for each in listed):
+            raise ConfigurationError(key, given, "a list of parameter files or presets")
+        return listed
+
+    def _mapping(self, key: str) -> dict[Any, Any]:
+        given = self._content.get(key)
+        if given is not None and not isinstance(given, dict):
+            raise ConfigurationError(key, given, "parameters, node.parameter: …")
+        return given or {}
+
+
+_SHORT = (("reference", "reference", "trajectory"), ("duration", "simulator", "duration"))
+"""Keys of the file that are short for one parameter each."""
+
+
+def _check_followed(
+    name: str,
+    variation: SameAs,
+    vary: Mapping[str, Variation],
+    base: Mapping[str, Configuration],
+    *,
+    key: str,
+) -> None:
+    """Refuse to follow an unknown name, a cycle, and values that are not allowed."""
+    target, source = target_of(name, base), target_of(variation.name, base)
+    followed: Variation | None = vary.get(variation.name)
+    seen = {name, variation.name}
+    while isinstance(followed, SameAs):
+        if followed.name in seen:
+            raise UserError(f"{key}: {name}: it follows itself")
+        seen.add(followed.name)
+        followed = vary.get(followed.name)
+    direct = vary.get(variation.name)
+    ends = [value_in(source, base)] if direct is None else direct.extremes()
+    for value in ends:
+        target.validated(variation.of(value))

@@ -1,0 +1,127 @@
+"""One flight of a campaign, from its number to its row of the table."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from quad_mpc_ros.configuration import files
+from quad_mpc_ros.extras.campaigns.campaign import SCHEMA, Campaign, FlightPlan
+from quad_mpc_ros.extras.campaigns.outcome import FIGURES, TruthLog
+from quad_mpc_ros.extras.campaigns.table import NUMBER, VERDICT, Row
+from quad_mpc_ros.recordings.evaluation.crash import crash_figures
+from quad_mpc_ros.recordings.evaluation.metrics import Summary, summarise
+from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, FlightLog
+from quad_mpc_ros.simulation.closed_loop import fly
+
+_SUMMARY = (
+    "duration_s",
+    "odometries",
+    "commands",
+    "unanswered_odometries",
+    "position_rmse_m",
+    "position_max_m",
+    "attitude_rmse_rad",
+    "solver_failures",
+    "fallbacks",
+    "deadline_misses",
+    "estimate_resets",
+    "rejected_inputs",
+    "rate_saturation_fraction",
+    "clearance_min_m",
+    "collided",
+    "lap_time_s",
+    "behind_max_s",
+)
+_ITERATIONS = ("p50", "p99", "max")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlownFlight:
+    """The result of a flight: its row, and the parameter file that makes it again."""
+
+    row: Row
+    parameter_file: str
+
+
+def column_names(campaign: Campaign) -> list[str]:
+    """Return the columns of a campaign's table, in order."""
+    iterations = [f"iterations.{name}" for name in _ITERATIONS]
+    figures = [*_SUMMARY, *iterations, "waypoint_error_max_m", *FIGURES]
+    return [NUMBER, *campaign.columns, *VERDICT, *figures]
+
+
+def fly_batch(campaign: Campaign, numbers: Sequence[int]) -> list[FlownFlight]:
+    """Fly some flights of a campaign, in a worker, one after the other."""
+    return [fly_one(campaign, number) for number in numbers]
+
+
+def fly_one(campaign: Campaign, number: int) -> FlownFlight:
+    """Fly one flight of a campaign. Whatever it raises is in its row."""
+    row: dict[str, Any] = {NUMBER: number, "crashed": False}
+    parameter_file = ""
+    try:
+        drawn = campaign.drawn(number)
+        row.update(campaign.cells(drawn))
+        parameter_file = _parameter_file(campaign.configured(drawn))
+        plan = campaign.plan(number)
+        parameter_file = _parameter_file(plan.config)
+        row.update(_figures(plan, settle_time=campaign.settle_time))
+    except Exception as error:  # one flight is not the end of a campaign
+        row["error"] = " ".join(f"{type(error).__name__}: {error}".split())
+    return FlownFlight(row=row, parameter_file=parameter_file)
+
+
+def lost_flight(campaign: Campaign, number: int, reason: str) -> FlownFlight:
+    """Return the row of a flight that no worker survived."""
+    drawn = campaign.drawn(number)
+    row = {NUMBER: number, "crashed": False, "error": reason, **campaign.cells(drawn)}
+    return FlownFlight(row=row, parameter_file="")
+
+
+def _figures(plan: FlightPlan, *, settle_time: float) -> dict[str, Any]:
+    """Fly, and return verdict and figures."""
+    mpc, simulator, reference = plan.config
+    truth_log, flight_log = TruthLog(), FlightLog(mpc)
+    for step in fly(mpc=mpc, simulator=simulator, reference=reference, trajectory=plan.trajectory):
+        truth_log.take(step)
+        flight_log.take(step)
+    truth = truth_log.truth()
+    figures = {
+        **_scalars(summarise(flight_log.flight(plan.config))),
+        **truth.figures(settle_time=settle_time),
+    }
+    finite = {
+        name: value if value is not None and math.isfinite(value) else None
+        for name, value in figures.items()
+    }
+    return {**crash_figures(truth.crash()), **finite}
+
+
+def _scalars(summary: Summary) -> dict[str, Any]:
+    """Return the scalars of a summary. Times by the clock on the wall are never the same twice."""
+    return {
+        **{name: summary[name] for name in _SUMMARY},
+        **{f"iterations.{name}": summary["iterations"][name] for name in _ITERATIONS},
+        "waypoint_error_max_m": max(summary["waypoint_error_m"], default=None),
+    }
+
+
+def _parameter_file(config: FlightConfig) -> str:
+    """Return all parameters as a ROS parameter file, a line each."""
+    lines: list[str] = []
+    for node, each in zip(SCHEMA, config, strict=True):
+        lines += [f"{node}:", "  ros__parameters:"]
+        lines += [
+            f"    {name}: {_value_text(value)}"
+            for name, value in each.flattened().items()
+            if value != ()  # ROS cannot tell its type
+        ]
+    return "\n".join([*lines, ""])
+
+
+# The same values in flight after flight: writing them anew would cost more than all else here.
+_value_text = functools.lru_cache(maxsize=4096, typed=True)(files.value_text)

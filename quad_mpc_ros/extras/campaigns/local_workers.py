@@ -1,0 +1,156 @@
+"""Worker processes of this machine."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections import deque
+from collections.abc import Iterator, Sequence
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from queue import SimpleQueue
+from typing import NamedTuple
+
+from quad_mpc_ros.extras.campaigns.campaign import Campaign
+from quad_mpc_ros.extras.campaigns.flight import FlownFlight, fly_batch, lost_flight
+
+_MOST_DEATHS = 2
+# Libraries of linear algebra: more threads than one only wait for each other here.
+_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+class _Task(NamedTuple):
+    numbers: Sequence[int]
+    deaths: int = 0
+
+
+class _Worker(NamedTuple):
+    """A process, and this end of the pipe to it; it ends when the pipe is closed."""
+
+    process: BaseProcess
+    line: Connection
+
+
+class LocalWorkers:
+    """Processes that each fly a batch at a time. The use is that of :class:`.engine.Engine`.
+
+    Each has its own pipe and shares nothing with others, so that the batch of one that died is
+    known.
+    """
+
+    def __init__(self, workers: int | None = None) -> None:
+        """Take the number of processes, by default one for each processor we may use."""
+        self.workers = workers or len(os.sched_getaffinity(0))
+        self._idle: list[_Worker] = []
+        self._flying: dict[Connection, tuple[_Task, _Worker]] = {}
+
+    def fly(
+        self, campaign: Campaign, batches: Sequence[Sequence[int]]
+    ) -> Iterator[list[FlownFlight]]:
+        """Fly batches of numbers and yield each as it is done."""
+        waiting = deque(map(_Task, batches))
+        try:
+            while waiting or self._flying:
+                while waiting and len(self._flying) < self.workers:
+                    self._hand_out(campaign, waiting.popleft())
+                for line in wait(list(self._flying)):
+                    assert isinstance(line, Connection)
+                    task, worker = self._flying.pop(line)
+                    try:
+                        flown = line.recv()
+                    except (EOFError, OSError):
+                        _end(worker)
+                        waiting.extendleft(_again(task))
+                        flown = _given_up(campaign, task)
+                    else:
+                        self._idle.append(worker)
+                    if isinstance(flown, Exception):
+                        raise flown
+                    if flown:
+                        yield flown
+        finally:
+            self._give_up()
+
+    def __enter__(self) -> LocalWorkers:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        for worker in self._idle:
+            _end(worker)
+        self._idle.clear()
+
+    def _hand_out(self, campaign: Campaign, task: _Task) -> None:
+        worker = self._idle.pop() if self._idle else _new_worker()
+        self._flying[worker.line] = task, worker
+        with contextlib.suppress(OSError):  # it died: so says the end of its line
+            worker.line.send((campaign, task.numbers))
+
+    def _give_up(self) -> None:
+        """End the workers that still fly."""
+        for _, worker in self._flying.values():
+            _end(worker)
+        self._flying.clear()
+
+
+def _again(task: _Task) -> list[_Task]:
+    """Return the tasks after a worker died: one flight each, to find the one that kills it."""
+    if len(task.numbers) > 1:
+        return [_Task([number]) for number in task.numbers]
+    deaths = task.deaths + 1
+    return [_Task(task.numbers, deaths)] if deaths < _MOST_DEATHS else []
+
+
+def _given_up(campaign: Campaign, task: _Task) -> list[FlownFlight]:
+    """Return the flight that no worker survived, once it is known."""
+    if _again(task):
+        return []
+    reason = f"WorkerDied: the worker process died in this flight, {_MOST_DEATHS} times"
+    return [lost_flight(campaign, number, reason) for number in task.numbers]
+
+
+def _new_worker() -> _Worker:
+    for name in _ONE_THREAD:
+        os.environ.setdefault(name, "1")
+    context = multiprocessing.get_context("spawn")
+    line, its_end = context.Pipe()
+    process = context.Process(target=_work, args=(its_end,), daemon=True)
+    # Else the first worker starts it, which unblocks SIGINT.
+    resource_tracker.ensure_running()
+    # Ctrl-C is for the parent, with which the worker ends; blocked before its first line runs.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    its_end.close()  # only the worker holds it now
+    return _Worker(process, line)
+
+
+def _end(worker: _Worker) -> None:
+    worker.process.kill()
+    worker.process.join()
+    worker.process.close()
+    worker.line.close()
+
+
+def _work(line: Connection) -> None:
+    """Fly, in a worker process, what comes through the pipe, until its other end is closed."""
+    tasks: SimpleQueue[tuple[Campaign, Sequence[int]]] = SimpleQueue()
+
+    def listen() -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                tasks.put(line.recv())
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    threading.Thread(target=listen, daemon=True).start()
+    while True:
+        campaign, numbers = tasks.get()
+        try:
+            line.send(fly_batch(campaign, numbers))
+        except Exception as error:  # for the parent
+            line.send(error)

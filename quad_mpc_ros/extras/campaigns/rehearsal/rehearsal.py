@@ -1,0 +1,200 @@
+"""Flying disturbed vehicles that differ from the guess more and more, until one is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from quad_mpc_ros.configuration import files
+from quad_mpc_ros.extras.campaigns.campaign import Campaign
+from quad_mpc_ros.extras.campaigns.campaign_file import Overrides, campaign_from
+from quad_mpc_ros.extras.campaigns.engine import Engine, batched
+from quad_mpc_ros.extras.campaigns.flight import FlownFlight
+from quad_mpc_ros.extras.campaigns.rehearsal.directions import Direction, directions_of
+from quad_mpc_ros.recordings.evaluation.crash import crash_text
+from quad_mpc_ros.simulation.config import SimulatorConfig
+
+VEHICLES = 6
+_HALVINGS = 5
+_BACK_ERROR = 0.5  # m at most over the last seconds of a vehicle that came back
+_BACK_TILT = 0.26  # rad; tilted further in hover it oscillates
+_DURATION, _SETTLE_TIME = 8.0, 5.5  # s
+
+DISTURBED: dict[str, Any] = {
+    "flights": VEHICLES,
+    "seed": 1,
+    "settle_time": _SETTLE_TIME,
+    "start": "reference",
+    "set": {
+        "simulator.position_noise": 0.003,
+        "simulator.attitude_noise": 0.003,
+        "simulator.velocity_noise": 0.02,
+        "simulator.rate_noise": 0.02,
+        "simulator.gust_intensity": 0.5,
+    },
+    "vary": {
+        # About the hover at 2 m: off by a metre or so, pushed, tilted.
+        "simulator.initial_position": {"uniform": [[-1.0, -1.0, 1.5], [1.0, 1.0, 2.5]]},
+        "simulator.initial_velocity": {"uniform": [[-1.0, -1.0, -0.5], [1.0, 1.0, 0.5]]},
+        "simulator.initial_attitude": {"attitude": [0.26, 0.0]},
+        "simulator.seed": {"integers": [0, 1000000]},
+    },
+}
+"""The disturbed vehicles, the same in every direction: a campaign of hovers."""
+
+_ASSIGNED = (
+    "reference.trajectory=hover",
+    "reference.mode=at_once",
+    "reference.height=2.0",
+    f"simulator.duration={_DURATION}",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flown:
+    """One disturbed vehicle: how far off it was in the end [m], and why it was lost, if it was.
+
+    ``parameter_file`` flies it again.
+    """
+
+    number: int
+    error: float | None
+    lost: str
+    parameter_file: str = field(repr=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """All disturbed vehicles that differ from the guess by so much."""
+
+    by: float
+    flown: Sequence[Flown]
+
+    @property
+    def lost(self) -> list[Flown]:
+        """Those that did not come back."""
+        return [each for each in self.flown if each.lost]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limit:
+    """How far one direction holds: all points that were flown, in order of their difference.
+
+    ``margin`` is the largest difference up to which every vehicle came back, ``bounded`` whether
+    one was lost beyond it; else it is as far as was searched.
+    """
+
+    direction: Direction
+    points: Sequence[Point]
+    margin: float
+    bounded: bool
+
+    @property
+    def text(self) -> str:
+        """The margin with its unit."""
+        shown = self.direction.text(self.margin)
+        return shown if self.bounded else f"{shown} or more"
+
+    @property
+    def first_lost(self) -> Flown | None:
+        """A vehicle that was lost just beyond the margin."""
+        return next((point.lost[0] for point in self.points if point.lost), None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rehearsal:
+    """What was flown: the vehicles as guessed, and the limits; without where those were lost."""
+
+    guess: Point
+    limits: Sequence[Limit]
+
+
+Observer = Callable[[str], None]
+"""Called with what is flown next."""
+
+
+def rehearse(
+    config: Sequence[str], assignments: Sequence[str], engine: Engine, observe: Observer
+) -> Rehearsal:
+    """Fly the guess and, where it holds, search the limit of each direction by bisection.
+
+    ``config`` are parameter files and presets, ``assignments`` are ``node.parameter=value``. The
+    same arguments give the same rehearsal, on any number of workers. Raises :class:`UserError`.
+    """
+
+    def fly(*changes: str) -> list[Flown]:
+        campaign = disturbed_campaign(config, [*assignments, *changes])
+        return _flown(campaign, engine)
+
+    observe("as guessed")
+    simulator = disturbed_campaign(config, assignments).base["simulator"]
+    assert isinstance(simulator, SimulatorConfig)
+    guess = Point(by=0.0, flown=fly())
+    limits: list[Limit] = []
+    directions = [] if guess.lost else directions_of(simulator)
+    for number, direction in enumerate(directions, start=1):
+
+        def flown_by(by: float, direction: Direction = direction, number: int = number) -> Point:
+            place = f"{number} of {len(directions)}"
+            observe(f"{place}: {direction.name} by {direction.text(by)}")
+            value = direction.changed(getattr(simulator, direction.parameter), by)
+            change = f"simulator.{direction.parameter}={files.value_text(value)}"
+            return Point(by=by, flown=fly(change))
+
+        limits.append(limit_of(direction, guess, flown_by))
+    return Rehearsal(guess=guess, limits=limits)
+
+
+def limit_of(direction: Direction, guess: Point, fly: Callable[[float], Point]) -> Limit:
+    """Return the limit of a direction by bisection between the guess and the most."""
+    farthest = fly(direction.most)
+    points = [guess, farthest]
+    held, lost = (0.0, direction.most) if farthest.lost else (direction.most, direction.most)
+    for _ in range(_HALVINGS if farthest.lost else 0):
+        point = fly(0.5 * (held + lost))
+        points.append(point)
+        held, lost = (held, point.by) if point.lost else (point.by, lost)
+    return Limit(
+        direction=direction,
+        points=sorted(points, key=lambda point: point.by),
+        margin=held,
+        bounded=bool(farthest.lost),
+    )
+
+
+def disturbed_campaign(config: Sequence[str], assignments: Sequence[str]) -> Campaign:
+    """Return the disturbed vehicles as a campaign. Raises :class:`UserError`."""
+    overrides = Overrides(config=config, assignments=[*_ASSIGNED, *assignments])
+    return campaign_from(DISTURBED, overrides, where="rehearse")
+
+
+def _flown(campaign: Campaign, engine: Engine) -> list[Flown]:
+    batches = batched(range(campaign.flights), workers=engine.workers)
+    flown = [each for batch in engine.fly(campaign, batches) for each in batch]
+    return sorted((_judged(each) for each in flown), key=lambda each: each.number)
+
+
+def _judged(flight: FlownFlight) -> Flown:
+    row = flight.row
+    return Flown(
+        number=int(row["flight"]),
+        error=row.get("settled_error_max_m"),
+        lost=_why_lost(row),
+        parameter_file=flight.parameter_file,
+    )
+
+
+def _why_lost(row: Any) -> str:
+    """Return why a vehicle counts as lost, empty if it came back."""
+    if row.get("error"):
+        return str(row["error"])
+    if row["crashed"]:
+        return crash_text(row["crash"], row["crash_time_s"])
+    if row["fallbacks"]:
+        return f"the failsafe took over, for {row['fallbacks']} commands"
+    if row["settled_error_max_m"] > _BACK_ERROR:
+        return f"it was still {row['settled_error_max_m']:.1f} m off after {_SETTLE_TIME:g} s"
+    if row["settled_tilt_max_rad"] > _BACK_TILT:
+        return f"it still swayed by {row['settled_tilt_max_rad']:.2f} rad after {_SETTLE_TIME:g} s"
+    return ""

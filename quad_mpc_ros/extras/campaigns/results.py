@@ -1,0 +1,66 @@
+"""How a campaign went, as text for a terminal."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from quad_mpc_ros.configuration.text_tables import text_table
+from quad_mpc_ros.extras.campaigns.campaign import Campaign, number_text
+from quad_mpc_ros.extras.campaigns.table import CSV_NAME, NUMBER, PARQUET_NAME, Row
+from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
+
+_SHOWN = (
+    "settled_error_mean_m",
+    "settled_error_max_m",
+    "position_rmse_m",
+    "tilt_max_rad",
+    "settled_tilt_max_rad",
+    "speed_max_m_s",
+    "rates_rms_rad_s",
+)
+
+
+def results_text(folder: Path, campaign: Campaign, rows: Sequence[Row]) -> str:
+    """Return what became of the flights, the figures of those that did not crash, the files."""
+    kinds = Counter(row["crash"] for row in rows if row["crashed"])
+    errors = [row for row in rows if row.get("error")]
+    flown = [row for row in rows if not row["crashed"] and not row.get("error")]
+    counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
+    lines = [
+        f"{len(rows)} flights: {kinds.total()} crashed{f' ({counts})' if counts else ''}, "
+        f"{len(errors)} ended with an error, {len(flown)} flew",
+        "",
+        *_percentiles(flown),
+        "",
+    ]
+    if errors:
+        lines.append(f"error    flight {errors[0][NUMBER]}: {errors[0]['error']}")
+    if rows and (worst := _worst(rows)) is not None:
+        name = f"{number_text(int(worst[NUMBER]), campaign.flights)}.yaml"
+        lines.append(f"worst    quad_mpc simulate --config {folder / 'flights' / name}")
+    lines.append(f"table    {folder / CSV_NAME}")
+    if (folder / PARQUET_NAME).exists():
+        lines.append(f"         {folder / PARQUET_NAME}")
+    return "\n".join(lines)
+
+
+def _percentiles(flown: Sequence[Row]) -> list[str]:
+    """Return percentiles of some figures."""
+    table = [["of those that flew", "p50", "p95", "p99", "max"]]
+    for name in _SHOWN:
+        values = [float(row[name]) for row in flown if row.get(name) is not None]
+        if values:
+            shown = percentiles(values, 50, 95, 99)
+            table.append([name, *(f"{value:.3g}" for value in shown.values())])
+    return text_table(table, align="lrrrr")
+
+
+def _worst(rows: Sequence[Row]) -> Row | None:
+    """Return the flight that crashed first, or else erred most."""
+    crashed = [row for row in rows if row["crashed"]]
+    if crashed:
+        return min(crashed, key=lambda row: float(row["crash_time_s"]))
+    settled = [row for row in rows if row.get("settled_error_max_m") is not None]
+    return max(settled, key=lambda row: float(row["settled_error_max_m"]), default=None)

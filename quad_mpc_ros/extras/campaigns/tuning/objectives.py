@@ -1,0 +1,171 @@
+"""What a study makes small: statistics of figures over the flights of a campaign.
+
+A flight is lost if it crashed or ended with an error. It counts as much as ``lost`` says, and no
+flight counts more, so that a flight that is lost never improves an objective: neither beside the
+same flight flown, however badly, nor by the figure of its short life. A figure that is missing
+counts as a lost flight.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.configuration import ConfigurationError, UserError
+from quad_mpc_ros.extras.campaigns.campaign import Campaign
+from quad_mpc_ros.extras.campaigns.flight import column_names
+from quad_mpc_ros.extras.campaigns.table import VERDICT, Row
+from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
+
+CRASHED = "crashed"
+
+STATISTICS: Mapping[str, Callable[[Sequence[float]], float]] = {
+    "mean": lambda values: float(np.mean(values)),
+    "median": lambda values: _percentile(values, 50),
+    "p95": lambda values: _percentile(values, 95),
+    "p99": lambda values: _percentile(values, 99),
+    "max": lambda values: float(np.max(values)),
+}
+
+_LOST_BY_UNIT = {"_m": 5.0, "_rad": math.pi, "_fraction": 1.0}
+"""What a lost flight counts where nothing is said. Farther than 5 m away is a crash."""
+
+_TOLERANCE = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class Objective:
+    """One number of a trial; least is best.
+
+    Attributes:
+        campaign: The name of the campaign.
+        figure: A figure of its table, or ``crashed``: 1 for a lost flight, 0 for any other.
+        of: Which of :data:`STATISTICS`, over all flights.
+        lost: What a lost flight counts, and the most that any counts.
+        tolerance: Which share above the least is as good as the least when one is chosen.
+    """
+
+    campaign: str
+    figure: str
+    of: str
+    lost: float
+    tolerance: float
+
+    @property
+    def name(self) -> str:
+        """The name of its column."""
+        return f"{self.campaign}.{self.figure}.{self.of}"
+
+    def value(self, rows: Sequence[Row]) -> float:
+        """Return its value of some flights; of none, that of flights that are all lost."""
+        return STATISTICS[self.of]([self._counted(row) for row in rows] or [self.lost])
+
+    def described(self) -> dict[str, Any]:
+        """Return what a file says of it."""
+        keys = ("campaign", "figure", "of", "lost", "tolerance")
+        return {key: getattr(self, key) for key in keys}
+
+    def _counted(self, row: Row) -> float:
+        if is_lost(row):
+            return self.lost
+        if self.figure == CRASHED:
+            return 0.0
+        value = row.get(self.figure)
+        return self.lost if value is None else min(float(value), self.lost)
+
+
+def is_lost(row: Row) -> bool:
+    """Whether a flight crashed or ended with an error."""
+    return bool(row[CRASHED]) or bool(row.get("error"))
+
+
+def check_measured(objectives: Sequence[Objective], rows: Mapping[str, Sequence[Row]]) -> None:
+    """Refuse a figure that none of a campaign's flights has, of those that were not lost.
+
+    Raises :class:`UserError`.
+    """
+    for objective in objectives:
+        flown = [row for row in rows.get(objective.campaign, ()) if not is_lost(row)]
+        if objective.figure == CRASHED or not flown:
+            continue
+        if all(row.get(objective.figure) is None for row in flown):
+            raise UserError(
+                f"objectives: {objective.figure}: no flight of {objective.campaign} has it: "
+                "name another figure"
+            )
+
+
+def read_objectives(given: Any, campaigns: Mapping[str, Campaign]) -> tuple[Objective, ...]:
+    """Return the objectives that a file lists. Raises :class:`UserError`."""
+    if not isinstance(given, list) or not given:
+        raise ConfigurationError("objectives", given, "a list: - {campaign: …, figure: …, of: …}")
+    found = tuple(
+        _objective(f"objectives: {place}", each, campaigns)
+        for place, each in enumerate(given, start=1)
+    )
+    names = [objective.name for objective in found]
+    for name in names:
+        if names.count(name) > 1:
+            raise UserError(f"objectives: {name} is there twice: leave one out")
+    return found
+
+
+def _objective(where: str, given: Any, campaigns: Mapping[str, Campaign]) -> Objective:
+    keys = {"campaign", "figure", "of", "lost", "tolerance"}
+    if not isinstance(given, Mapping) or not {"campaign", "figure"} <= set(given) <= keys:
+        expected = "{campaign: NAME, figure: NAME, of: STATISTIC, lost: NUMBER, tolerance: SHARE}"
+        raise ConfigurationError(where, given, expected)
+    campaign, figure, of = map(str, (given["campaign"], given["figure"], given.get("of", "mean")))
+    if campaign not in campaigns:
+        raise ConfigurationError(f"{where}: campaign", campaign, f"one of {_listed(campaigns)}")
+    figures = _figures(campaigns[campaign])
+    if figure not in figures:
+        raise ConfigurationError(f"{where}: figure", figure, f"one of {_listed(figures)}")
+    if of not in STATISTICS:
+        raise ConfigurationError(f"{where}: of", of, f"one of {_listed(STATISTICS)}")
+    return Objective(
+        campaign=campaign,
+        figure=figure,
+        of=of,
+        lost=_lost(where, figure, given),
+        tolerance=_number(f"{where}: tolerance", given.get("tolerance", _TOLERANCE)),
+    )
+
+
+def _lost(where: str, figure: str, given: Mapping[Any, Any]) -> float:
+    if figure == CRASHED:
+        if given.get("lost", 1.0) != 1.0:
+            raise ConfigurationError(f"{where}: lost", given["lost"], "1 for crashed")
+        return 1.0
+    if "lost" in given:
+        return _number(f"{where}: lost", given["lost"])
+    for unit, value in _LOST_BY_UNIT.items():
+        if figure.endswith(unit):
+            return value
+    raise UserError(f"{where}: lost: expected a number: what a lost flight counts as {figure}")
+
+
+def _figures(campaign: Campaign) -> tuple[str, ...]:
+    names = column_names(campaign)
+    return (CRASHED, *names[names.index(VERDICT[-1]) + 1 :])
+
+
+def _number(name: str, given: Any) -> float:
+    if isinstance(given, bool) or not isinstance(given, int | float) or not math.isfinite(given):
+        raise ConfigurationError(name, given, "a number >= 0")
+    if given < 0.0:
+        raise ConfigurationError(name, given, "a number >= 0")
+    return float(given)
+
+
+def _percentile(values: Sequence[float], percent: int) -> float:
+    found = percentiles(values, percent)[f"p{percent}"]
+    return math.nan if found is None else found
+
+
+def _listed(names: Any) -> str:
+    return ", ".join(map(str, names))

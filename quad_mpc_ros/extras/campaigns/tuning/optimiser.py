@@ -1,0 +1,155 @@
+"""Optuna: what it proposes, and the file in which it keeps what was tried.
+
+``study.db`` holds finished trials only, each written at once. What is proposed depends on the
+seed, the number of the trial and the trials before, so that a killed study continues as if it had
+not been.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import importlib
+import warnings
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros import __version__
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.extras.campaigns.tuning.search_space import labels
+from quad_mpc_ros.extras.campaigns.tuning.trial import REFUSED, Trial
+from quad_mpc_ros.extras.campaigns.tuning.tune_file import Tuning, identity_text
+from quad_mpc_ros.extras.campaigns.variation import (
+    Choice,
+    Integers,
+    LogUniform,
+    Uniform,
+    Variation,
+)
+
+NAME = "study.db"
+
+_HOW = "quad_mpc tune needs Optuna: pip install 'quad_mpc_ros[campaign]'"
+_IDENTITY, _TRIAL = "identity", "trial"  # attributes in the file
+
+
+class Optimiser:
+    """Proposes points of the search space and keeps the trials in a folder."""
+
+    def __init__(self, folder: Path, tuning: Tuning) -> None:
+        """Begin the file of a folder, or continue it.
+
+        Raises :class:`UserError` where Optuna is not installed, and for the file of another study
+        or of another version.
+        """
+        self._optuna = optuna_module()
+        self._optuna.logging.set_verbosity(self._optuna.logging.WARNING)
+        self._tuning = tuning
+        dimensions = tuning.space().dimensions
+        self._distributions = {name: self._distribution(each) for name, each in dimensions.items()}
+        directions = ["minimize"] * len(tuning.objectives)
+        self._file = self._optuna.create_study(
+            storage=f"sqlite:///{(folder / NAME).absolute()}",
+            study_name="tune",
+            directions=directions,
+            load_if_exists=True,
+        )
+        self._check(folder)
+        # Optuna proposes from memory: the file is never without all of a trial.
+        self._memory = self._optuna.create_study(directions=directions)
+        self._memory.add_trials(self._finished())
+
+    def trials(self) -> list[Trial]:
+        """Return the trials that the file has, in order."""
+        kept = [trial.user_attrs[_TRIAL] for trial in self._finished()]
+        return [Trial(**{**each, "objectives": tuple(each["objectives"])}) for each in kept]
+
+    def proposed(self, number: int) -> dict[str, Any]:
+        """Return the point that a trial is to have."""
+        (seed,) = np.random.SeedSequence([self._tuning.seed, number]).generate_state(1)
+        with _unwarned():
+            self._memory.sampler = self._optuna.samplers.TPESampler(
+                seed=int(seed), multivariate=True, constant_liar=False
+            )
+        asked = self._memory.ask(fixed_distributions=self._distributions)
+        point = dict(asked.params)
+        self._memory.tell(asked, state=self._optuna.trial.TrialState.FAIL)
+        return point
+
+    def keep(self, trial: Trial, point: Mapping[str, Any] | None) -> None:
+        """Keep a finished trial; when this returns, the disk has it.
+
+        One without a point, outside of the search space, is a failed one for Optuna, whose model
+        it would spoil.
+        """
+        states = self._optuna.trial.TrialState
+        attributes = {_TRIAL: dataclasses.asdict(trial)}
+        if point is None:
+            found = self._optuna.trial.create_trial(state=states.FAIL, user_attrs=attributes)
+        else:
+            refused = trial.outcome == REFUSED
+            found = self._optuna.trial.create_trial(
+                state=states.PRUNED if refused else states.COMPLETE,
+                values=None if refused else list(trial.objectives),
+                params=dict(point),
+                distributions=self._distributions,
+                user_attrs=attributes,
+            )
+        self._file.add_trial(found)
+        self._memory.add_trial(found)
+
+    def _finished(self) -> list[Any]:
+        found = self._file.get_trials(deepcopy=False)
+        return [trial for trial in found if trial.state.is_finished()]
+
+    def _distribution(self, dimension: Variation) -> Any:
+        kinds = self._optuna.distributions
+        match dimension:
+            case Uniform(low, high):
+                return kinds.FloatDistribution(low, high)
+            case LogUniform(low, high):
+                return kinds.FloatDistribution(low, high, log=True)
+            case Integers(low, high):
+                return kinds.IntDistribution(low, high)
+            case Choice():
+                return kinds.CategoricalDistribution(labels(dimension))
+        raise AssertionError(dimension)
+
+    def _check(self, folder: Path) -> None:
+        """Say in a new file of which study it is, or refuse that of another one."""
+        digest = hashlib.sha256(identity_text(self._tuning).encode()).hexdigest()
+        found = self._file.user_attrs.get(_IDENTITY)
+        if found is None:
+            with _unwarned():
+                self._file.set_metric_names([each.name for each in self._tuning.objectives])
+            self._file.set_user_attr(_IDENTITY, {"tune": digest, "version": __version__})
+        elif found["tune"] != digest:
+            raise UserError(
+                f"{folder}: its tune.yaml has changed since its first trial, and not only in "
+                "trials and timeout: begin anew with another --out"
+            )
+        elif found["version"] != __version__:
+            raise UserError(
+                f"{folder}: begun by quad_mpc_ros {found['version']}, this is {__version__}: "
+                "flights of both do not mix; begin anew with another --out"
+            )
+
+
+def optuna_module() -> Any:
+    """Return Optuna. Raises :class:`UserError` where it is not installed."""
+    try:
+        return importlib.import_module("optuna")
+    except ImportError as error:
+        raise UserError(f"{error}. {_HOW}") from error
+
+
+@contextlib.contextmanager
+def _unwarned() -> Iterator[None]:
+    """Use what Optuna calls experimental."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield

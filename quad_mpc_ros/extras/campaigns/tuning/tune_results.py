@@ -1,0 +1,181 @@
+"""The results of a study: tables, parameter files, a picture, and a text for the terminal."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from quad_mpc_ros.configuration import UserError, files
+from quad_mpc_ros.configuration.atomic_file import write_atomically
+from quad_mpc_ros.configuration.text_tables import text_table
+from quad_mpc_ros.extras.campaigns.campaign import number_text
+from quad_mpc_ros.extras.campaigns.campaign_file import campaign_text
+from quad_mpc_ros.extras.campaigns.tuning.front_figure import write_front
+from quad_mpc_ros.extras.campaigns.tuning.optimiser import NAME as STUDY_NAME
+from quad_mpc_ros.extras.campaigns.tuning.trial import (
+    FLOWN,
+    GIVEN_UP,
+    REFUSED,
+    Trial,
+    chosen,
+    front_of,
+)
+from quad_mpc_ros.extras.campaigns.tuning.tune_file import Tuning, read_tuning, tuning_text
+
+TUNE_NAME, CAMPAIGNS_NAME = "tune.yaml", "campaigns"
+TRIALS_NAME, FRONT_NAME = "trials.csv", "front.csv"
+FIGURE_NAME, FOLDER_NAME, BEST_NAME = "front.png", "front", "best.yaml"
+HOLDS = (
+    *(TUNE_NAME, CAMPAIGNS_NAME, STUDY_NAME, TRIALS_NAME, FRONT_NAME),
+    *(FIGURE_NAME, FOLDER_NAME, BEST_NAME),
+)
+"""What the folder of a study holds, and must not hold before."""
+
+_FRESH_FLIGHTS = 200
+_MOST_SHOWN = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class Results:
+    """A study and what of it is good.
+
+    Attributes:
+        tuning: What was tuned.
+        trials: All trials.
+        front: Those that none is better than in every objective.
+        best: The one that is chosen.
+    """
+
+    tuning: Tuning
+    trials: Sequence[Trial]
+    front: Sequence[Trial]
+    best: Trial
+
+
+def begin(tuning: Tuning, folder: Path) -> None:
+    """Write a study into its empty folder. Raises ``OSError``."""
+    (folder / CAMPAIGNS_NAME).mkdir()
+    for name, campaign in tuning.campaigns.items():
+        write_atomically(folder / CAMPAIGNS_NAME / f"{name}.yaml", campaign_text(campaign))
+    write_atomically(folder / TUNE_NAME, tuning_text(tuning))
+
+
+def tuning_of(folder: Path) -> Tuning:
+    """Return the study of a folder. Raises :class:`UserError` for a folder of none."""
+    if not (folder / TUNE_NAME).is_file():
+        raise UserError(f"{folder}: not the folder of a study: it has no {TUNE_NAME}")
+    return read_tuning(folder / TUNE_NAME)
+
+
+def results_of(tuning: Tuning, trials: Sequence[Trial]) -> Results:
+    """Return what of a study's trials is good."""
+    front = front_of(trials)
+    best = chosen(front, tuning.objectives)
+    return Results(tuning=tuning, trials=trials, front=front, best=best)
+
+
+def write_results(folder: Path, results: Results) -> None:
+    """Write what a study leaves, over what it left before. Raises ``OSError``."""
+    front = folder / FOLDER_NAME
+    front.mkdir(exist_ok=True)
+    for old in front.glob("*.yaml"):
+        old.unlink()
+    for trial in results.front:
+        name = f"{number_text(trial.number, len(results.trials))}.yaml"
+        write_atomically(front / name, _parameter_file(results.tuning, trial))
+    write_atomically(folder / BEST_NAME, _parameter_file(results.tuning, results.best))
+    write_atomically(folder / TRIALS_NAME, _table(results, results.trials))
+    write_atomically(folder / FRONT_NAME, _table(results, results.front))
+    write_front(
+        folder / FIGURE_NAME,
+        trials=results.trials,
+        front=results.front,
+        best=results.best,
+        objectives=results.tuning.objectives,
+    )
+
+
+def results_text(folder: Path, results: Results) -> str:
+    """Return where the study began, the front, the chosen point, and how to check it."""
+    trials, front, best = results.trials, results.front, results.best
+    counts = ", ".join(
+        f"{sum(trial.outcome == outcome for trial in trials)} {outcome}"
+        for outcome in (FLOWN, GIVEN_UP, REFUSED)
+    )
+    names = [objective.name for objective in results.tuning.objectives]
+    rows = [["", "trial", *names], ["start", "0", *_shown(trials[0])], []]
+    rows += [
+        ["chosen" if trial is best else "", str(trial.number), *_shown(trial)]
+        for trial in front[:_MOST_SHOWN]
+    ]
+    lines = [f"{len(trials)} trials: {counts}; {len(front)} on the front", ""]
+    if trials[0].reason:
+        lines[:0] = [f"trial 0 is {trials[0].reason}"]
+    lines += text_table(rows, align="lr" + "r" * len(names))
+    if len(front) > _MOST_SHOWN:
+        lines.append(f"… and {len(front) - _MOST_SHOWN} more in {folder / FRONT_NAME}")
+    parameters = results.tuning.space().parameters(best.values)
+    lines += [
+        "",
+        *(f"{name}: {files.value_text(value)}" for name, value in parameters.items()),
+        "",
+    ]
+    lines += [
+        f"chosen   {folder / BEST_NAME}",
+        f"others   {folder / FOLDER_NAME}/NUMBER.yaml",
+        f"picture  {folder / FIGURE_NAME}",
+        f"tables   {folder / TRIALS_NAME}, {folder / FRONT_NAME}",
+        "check it on vehicles that it has not seen:",
+        f"  {_check(folder, results.tuning)}",
+    ]
+    return "\n".join(lines)
+
+
+def _check(folder: Path, tuning: Tuning) -> str:
+    name = tuning.objectives[0].campaign
+    campaign = tuning.campaigns[name]
+    more = f" --flights {_FRESH_FLIGHTS}" if campaign.vary and not campaign.grid else ""
+    return (
+        f"quad_mpc campaign {folder / CAMPAIGNS_NAME / name}.yaml --config {folder / BEST_NAME} "
+        f"--seed {campaign.seed + 1}{more} --out {folder / 'check'}"
+    )
+
+
+def _shown(trial: Trial) -> list[str]:
+    return [f"{value:.4g}" for value in trial.objectives]
+
+
+def _parameter_file(tuning: Tuning, trial: Trial) -> str:
+    """Return the searched parameters of a trial as a ROS parameter file."""
+    comments = [
+        f"# {objective.name}: {value:.6g}"
+        for objective, value in zip(tuning.objectives, trial.objectives, strict=True)
+    ]
+    parameters = tuning.space().parameters(trial.values)
+    lines = [f"    {name}: {files.value_text(value)}" for name, value in parameters.items()]
+    return "\n".join(
+        [f"# trial {trial.number}", *comments, "mpc:", "  ros__parameters:", *lines, ""]
+    )
+
+
+def _table(results: Results, trials: Sequence[Trial]) -> str:
+    """Return trials as CSV: number, outcome, what was searched, objectives, effort."""
+    space = results.tuning.space()
+    names = [objective.name for objective in results.tuning.objectives]
+    columns = list(space.cells(results.trials[0].values))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    header = ["trial", "outcome", "on_front", *columns, *names]
+    writer.writerow([*header, "flights", "lost", "seconds", "reason"])
+    for trial in trials:
+        cells = space.cells(trial.values)
+        objectives: Sequence[Any] = trial.objectives or [""] * len(names)
+        on_front = int(any(trial is each for each in results.front))
+        row = [trial.number, trial.outcome, on_front, *(cells[each] for each in columns)]
+        effort = [trial.flights, trial.lost, f"{trial.seconds:.1f}", trial.reason]
+        writer.writerow([*row, *objectives, *effort])
+    return text.getvalue()

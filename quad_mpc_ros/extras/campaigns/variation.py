@@ -1,0 +1,296 @@
+"""How a parameter varies from flight to flight: what a campaign file says below ``vary``."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from quad_mpc_ros.configuration import ConfigurationError
+from quad_mpc_ros.control.lie import Array, so3
+
+_MOST_DRAWS = 1000
+_MOST_LISTED = 1_000_000
+
+
+class Variation(ABC):
+    """The values that one parameter takes: numbers, vectors, or whatever is chosen from."""
+
+    kind: ClassVar[str]
+    """The key in a file, below which stand the fields, in order."""
+
+    @abstractmethod
+    def drawn(self, random: np.random.Generator) -> Any:
+        """Return a random value."""
+
+    def described(self) -> dict[str, Any]:
+        """Return what a file says of it."""
+        return {self.kind: list(vars(self).values())}
+
+    def extremes(self) -> list[Any]:
+        """Return values that the parameter must allow for all others to be allowed."""
+        return list(vars(self).values())
+
+    def listed(self) -> list[Any]:
+        """Return all values, in order, where they can be counted; a grid goes through them."""
+        return []
+
+
+@dataclass(frozen=True)
+class Uniform(Variation):
+    """``uniform: [low, high]``, numbers or vectors whose elements vary independently."""
+
+    kind = "uniform"
+    low: Any
+    high: Any
+
+    def drawn(self, random: np.random.Generator) -> Any:
+        low, high = np.asarray(self.low, dtype=float), np.asarray(self.high, dtype=float)
+        return _plain(low + (high - low) * random.random(low.shape))
+
+
+@dataclass(frozen=True)
+class LogUniform(Variation):
+    """``log_uniform: [low, high]``, uniform in the logarithm; all above zero."""
+
+    kind = "log_uniform"
+    low: Any
+    high: Any
+
+    def drawn(self, random: np.random.Generator) -> Any:
+        low, high = np.log(self.low), np.log(self.high)
+        # Rounding may not lead beyond what was allowed.
+        drawn = np.exp(low + (high - low) * random.random(low.shape))
+        return _plain(np.clip(drawn, self.low, self.high))
+
+
+@dataclass(frozen=True)
+class Normal(Variation):
+    """``normal: [mean, deviation]``; what the parameter does not allow is drawn again."""
+
+    kind = "normal"
+    mean: Any
+    deviation: Any
+
+    def drawn(self, random: np.random.Generator) -> Any:
+        mean = np.asarray(self.mean, dtype=float)
+        with np.errstate(over="ignore"):  # no parameter allows infinity
+            return _plain(mean + np.asarray(self.deviation) * random.standard_normal(mean.shape))
+
+    def extremes(self) -> list[Any]:
+        return [self.mean]
+
+
+@dataclass(frozen=True)
+class Integers(Variation):
+    """``integers: [low, high]``, integers, both ends among them."""
+
+    kind = "integers"
+    low: int
+    high: int
+
+    def drawn(self, random: np.random.Generator) -> Any:
+        return int(random.integers(self.low, self.high, endpoint=True))
+
+
+@dataclass(frozen=True)
+class Choice(Variation):
+    """``choice: [a, b, …]``, each as often, or ``linspace: [first, last, count]``."""
+
+    kind = "choice"
+    values: tuple[Any, ...]
+
+    def drawn(self, random: np.random.Generator) -> Any:
+        return self.values[int(random.integers(len(self.values)))]
+
+    def listed(self) -> list[Any]:
+        return list(self.values)
+
+    extremes = listed
+
+    def described(self) -> dict[str, Any]:
+        return {self.kind: [*self.values]}
+
+
+@dataclass(frozen=True)
+class Attitude(Variation):
+    """``attitude: [tilt, yaw]`` [rad]: a quaternion xyzw, tilted by up to ``tilt``, all directions
+    of the thrust within that cone alike, and turned by up to ``yaw`` either way.
+    """
+
+    kind = "attitude"
+    tilt: float
+    yaw: float
+
+    def drawn(self, random: np.random.Generator) -> Any:
+        share, direction, turn = random.random(3)
+        height = 1.0 - share * (1.0 - math.cos(self.tilt))  # uniform on the sphere's cap
+        direction *= 2.0 * math.pi
+        axis = np.array([math.cos(direction), math.sin(direction), 0.0])
+        tilted = so3.exp(math.acos(height) * axis)
+        turned = so3.exp([0.0, 0.0, (2.0 * turn - 1.0) * self.yaw])
+        return _plain(so3.quaternion_xyzw_from_rotation(tilted @ turned))
+
+    def extremes(self) -> list[Any]:
+        return [[0.0, 0.0, 0.0, 1.0]]
+
+
+@dataclass(frozen=True)
+class SameAs(Variation):
+    """``same_as: NAME``, with ``times`` and ``plus`` if wanted: the value of another parameter."""
+
+    kind = "same_as"
+    name: str
+    times: float = 1.0
+    plus: float = 0.0
+
+    def drawn(self, random: np.random.Generator) -> Any:
+        raise NotImplementedError("it follows another one, which is drawn")
+
+    def of(self, value: Any) -> Any:
+        """Return the value where the other one has ``value``."""
+        if self.times == 1.0 and self.plus == 0.0:
+            return value
+        return _plain(self.times * np.asarray(value, dtype=float) + self.plus)
+
+    def described(self) -> dict[str, Any]:
+        return {self.kind: self.name, "times": self.times, "plus": self.plus}
+
+    def extremes(self) -> list[Any]:
+        return []
+
+
+def variation_of(name: str, given: Any) -> Variation:
+    """Return the variation that a file says of a parameter.
+
+    Raises :class:`ConfigurationError` for one that is none.
+    """
+    if isinstance(given, Mapping) and "same_as" in given:
+        return _same_as(name, given)
+    if not isinstance(given, Mapping) or len(given) != 1:
+        raise ConfigurationError(name, given, f"one of {{{', '.join([*_KINDS, 'same_as'])}: …}}")
+    ((kind, arguments),) = given.items()
+    if kind not in _KINDS:
+        raise ConfigurationError(name, kind, f"one of {', '.join([*_KINDS, 'same_as'])}")
+    make, expected = _KINDS[kind]
+    if isinstance(arguments, list):
+        made = make(arguments)
+        if made is not None:
+            return made
+    raise ConfigurationError(f"{name}: {kind}", arguments, expected)
+
+
+def drawn_within(
+    variation: Variation, random: np.random.Generator, allowed: Callable[[Any], bool]
+) -> Any:
+    """Return a random value that is allowed; raises ``ValueError`` where none comes."""
+    for _ in range(_MOST_DRAWS):
+        value = variation.drawn(random)
+        if allowed(value):
+            return value
+    raise ValueError(f"{variation}: none of {_MOST_DRAWS} values drawn is allowed")
+
+
+def _range(arguments: list[Any]) -> tuple[Any, Any] | None:
+    """Return low and high, two numbers or two vectors of a length, in order."""
+    if len(arguments) != 2 or not all(map(_are_numbers, arguments)):
+        return None
+    low, high = (np.asarray(each, dtype=float) for each in arguments)
+    if low.shape != high.shape or not np.all(low <= high):
+        return None
+    return _plain(low), _plain(high)
+
+
+def _uniform(arguments: list[Any]) -> Variation | None:
+    found = _range(arguments)
+    return found and Uniform(*found)
+
+
+def _log_uniform(arguments: list[Any]) -> Variation | None:
+    found = _range(arguments)
+    return LogUniform(*found) if found and np.all(np.asarray(found[0]) > 0.0) else None
+
+
+def _normal(arguments: list[Any]) -> Variation | None:
+    if len(arguments) != 2 or not all(map(_are_numbers, arguments)):
+        return None
+    mean, deviation = (np.asarray(each, dtype=float) for each in arguments)
+    if deviation.shape not in ((), mean.shape) or not np.all(deviation >= 0.0):
+        return None
+    return Normal(_plain(mean), _plain(deviation))
+
+
+def _integers(arguments: list[Any]) -> Variation | None:
+    if len(arguments) != 2 or not all(type(each) is int for each in arguments):
+        return None
+    return Integers(*arguments) if arguments[0] <= arguments[1] else None
+
+
+def _choice(arguments: list[Any]) -> Variation | None:
+    return Choice(tuple(arguments)) if arguments else None
+
+
+def _linspace(arguments: list[Any]) -> Variation | None:
+    if len(arguments) != 3 or type(arguments[2]) is not int:
+        return None
+    if not 1 <= arguments[2] <= _MOST_LISTED:
+        return None
+    first, last = arguments[:2]
+    if not (_are_numbers(first) and _are_numbers(last)) or np.shape(first) != np.shape(last):
+        return None
+    return Choice(tuple(_plain(each) for each in np.linspace(first, last, arguments[2])))
+
+
+def _attitude(arguments: list[Any]) -> Variation | None:
+    if len(arguments) != 2 or not all(map(_is_number, arguments)):
+        return None
+    tilt, yaw = map(float, arguments)
+    return Attitude(tilt, yaw) if 0.0 <= tilt <= math.pi and 0.0 <= yaw <= math.pi else None
+
+
+_RANGE = "[low, high], two numbers or two lists of as many, low <= high"
+_KINDS: dict[str, tuple[Callable[[list[Any]], Variation | None], str]] = {
+    "uniform": (_uniform, _RANGE),
+    "log_uniform": (_log_uniform, f"{_RANGE}, all > 0"),
+    "normal": (_normal, "[mean, deviation], two numbers or two lists of as many, deviation >= 0"),
+    "integers": (_integers, "[low, high], two whole numbers, low <= high"),
+    "choice": (_choice, "a list of at least one value"),
+    "linspace": (_linspace, "[first, last, count], count from 1 to 1,000,000"),
+    "attitude": (_attitude, "[tilt, yaw] in rad, each from 0 to pi"),
+}
+
+
+def _same_as(name: str, given: Mapping[Any, Any]) -> SameAs:
+    known = {"same_as", "times", "plus"}
+    source, times, plus = given["same_as"], given.get("times", 1.0), given.get("plus", 0.0)
+    if not set(given) <= known or not isinstance(source, str):
+        raise ConfigurationError(name, dict(given), "{same_as: NAME, times: NUMBER, plus: NUMBER}")
+    if not (_is_number(times) and _is_number(plus)):
+        raise ConfigurationError(name, dict(given), "numbers for times and plus")
+    return SameAs(source, float(times), float(plus))
+
+
+def _are_numbers(given: Any) -> bool:
+    if isinstance(given, list):
+        return len(given) > 0 and all(map(_is_number, given))
+    return _is_number(given)
+
+
+def _is_number(given: Any) -> bool:
+    return isinstance(given, int | float) and not isinstance(given, bool) and math.isfinite(given)
+
+
+def _plain(value: Array | np.float64) -> Any:
+    """Return a float, or a list of floats."""
+    return np.asarray(value).tolist()
+
+
+def values_of(listed: Sequence[Sequence[Any]], place: int) -> list[Any]:
+    """Return one combination of some lists of values, by its place; the last one goes fastest."""
+    shape = [len(values) for values in listed]
+    places = np.unravel_index(place, shape)
+    return [values[int(at)] for values, at in zip(listed, places, strict=True)]

@@ -1,0 +1,124 @@
+"""The points of clouds: scans that are forgotten after a time, or a map that stays."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.control.config import ObstacleParameters
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.extras.obstacles.frames import Frames, Pose
+from quad_mpc_ros.extras.obstacles.voxels import Points, VoxelMap, local_origin
+from quad_mpc_ros.messages.point_cloud import PointCloud
+
+_LATE = 1.0  # s before the newest odometry
+
+
+class Placement(NamedTuple):
+    """How the points of a cloud become those of the world.
+
+    ``pose`` is that of the cloud's frame, and ``body`` (3,) [m] the vehicle, relative to
+    ``origin`` (3,) [m].
+    """
+
+    stamp_ns: int
+    pose: Pose
+    body: Array
+    origin: Array
+
+
+class Clouds:
+    """The points of clouds, 32-bit and relative to ``origin`` (3,) [m].
+
+    The origin is near the vehicle when the first cloud comes.
+    """
+
+    def __init__(self, config: ObstacleParameters, frames: Frames) -> None:
+        self._config, self._frames = config, frames
+        self._voxels = VoxelMap(config.resolution)
+        self._forget_ns = round(1e9 * config.forget_after)
+        self._newest_ns: int | None = None
+        self.origin = np.zeros(3)
+        self.revision = 0
+        """A number that grows with what is known."""
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether a cloud has come."""
+        return self._newest_ns is not None
+
+    @property
+    def points(self) -> Points:
+        """The points (n, 3) [m], relative to ``origin``; another array after each change."""
+        return self._voxels.points
+
+    @property
+    def _is_map(self) -> bool:
+        return self._config.clouds == "map"
+
+    def placement(self, cloud: PointCloud) -> Placement:
+        """Return where to place a cloud. Raises ``ValueError`` if it is of no use.
+
+        A scan has to be stamped within a second before the newest odometry; of a map the stamp
+        does not count.
+        """
+        newest_ns = self._frames.newest_ns
+        if newest_ns is None:
+            raise ValueError("a cloud, and no odometry yet, by which it could be placed")
+        late = 1e-9 * (newest_ns - cloud.stamp_ns)
+        if late > _LATE and not self._is_map:
+            raise ValueError(f"a cloud stamped {late:.3f} s before the newest odometry")
+        stamp_ns = newest_ns if self._is_map and abs(late) > _LATE else cloud.stamp_ns
+        pose = self._frames.pose(cloud.frame_id, stamp_ns)
+        body = self._frames.body_pose(newest_ns if self._is_map else stamp_ns).p
+        origin = self.origin if self.is_heard else local_origin(body)
+        return Placement(stamp_ns, pose._replace(p=pose.p - origin), body - origin, origin)
+
+    def placed(self, cloud: PointCloud, placement: Placement) -> Points:
+        """Return the points of a cloud, those of a scan within range; changes nothing."""
+        points = placement.pose.applied(cloud.p_SQ)
+        if not self._is_map:
+            points = points[_within(points, placement.body, self._config.range)]
+        return points.astype(np.float32, copy=False)
+
+    def insert(self, points: Points, placement: Placement) -> None:
+        """Take points as they were placed."""
+        if self._is_map:
+            self._voxels.clear()
+        self.origin, stamp_ns = placement.origin, placement.stamp_ns
+        self._voxels.insert(points, stamp_ns)
+        self._newest_ns = max(stamp_ns, self._newest_ns or stamp_ns)
+        self.revision += 1
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._voxels.clear()
+        self._newest_ns = None
+        self.revision += 1
+
+    def forget(self, now_ns: int) -> None:
+        """Forget what was last seen too long ago."""
+        if not self._is_map and self._voxels.forget_before(now_ns - self._forget_ns):
+            self.revision += 1
+
+    def age(self, stamp_ns: int) -> float:
+        """Return how old the newest scan is [s]; 0 when all are forgotten, and for a map."""
+        age = self.silence(stamp_ns)
+        return age if age <= self._config.forget_after else 0.0
+
+    def silence(self, stamp_ns: int) -> float:
+        """Return how long no scan has come [s]; 0 for a map, and before the first."""
+        newest_ns = self._newest_ns
+        if self._is_map or newest_ns is None:
+            return 0.0
+        return 1e-9 * max(stamp_ns - newest_ns, 0)
+
+
+def _within(points: Points | Array, centre: Array, radius: float) -> NDArray[np.bool_]:
+    """Return which points (n, 3) lie within a radius of a centre (3,)."""
+    x, y, z = points.T
+    cx, cy, cz = centre.astype(points.dtype)
+    square = (x - cx) ** 2 + (y - cy) ** 2 + (z - cz) ** 2
+    return np.asarray(square <= radius * radius)

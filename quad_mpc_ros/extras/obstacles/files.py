@@ -1,0 +1,160 @@
+"""Files of obstacles.
+
+    obstacles:
+      - {shape: box, position: [4.0, 0.0, 1.5], size: [0.4, 0.4, 3.0], yaw: 0.3}
+      - {shape: cylinder, position: [6.0, 1.0, 1.0], radius: 0.2, height: 2.0}
+      - {shape: sphere, position: [8.0, 0.0, 2.0], radius: 0.5, velocity: [0.0, 1.0, 0.0]}
+    volume: {minimum: [-1.0, -5.0, 0.0], maximum: [12.0, 5.0, 4.0]}
+
+Positions are those of centres, in metres, in the frame of the odometry.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.configuration import UserError, files, ros_yaml
+from quad_mpc_ros.configuration.box import FARTHEST
+from quad_mpc_ros.configuration.errors import shown
+from quad_mpc_ros.configuration.spelling import did_you_mean
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.extras.obstacles.surfaces import area
+from quad_mpc_ros.simulation.scene import Scene, Volume
+from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
+
+_OWN = {"box": ("size",), "cylinder": ("radius", "height"), "sphere": ("radius",)}
+_COMMON = ("shape", "position", "yaw", "velocity", "appears_at")
+_LARGEST_AREA = 20_000.0  # m^2: two million points
+_SECTIONS = ("obstacles", "volume")
+
+
+def read_scene(path: Path | str) -> Scene:
+    """Return what a file states.
+
+    Raises :class:`UserError` that names the file, the entry, what was given and what is expected.
+    """
+    content = ros_yaml.read_file(Path(path))
+    return scene_of(content, str(path))
+
+
+def scene_of_file(file: str) -> Scene:
+    """Return what a file states that a parameter names; nothing where it names none."""
+    return read_scene(files.expanded(file)) if file else Scene()
+
+
+def scene_of(content: object, where: str) -> Scene:
+    """Return what the content of a file states; ``where`` begins its errors."""
+    if not isinstance(content, Mapping):
+        raise UserError(f"{where}: given {shown(content)}, expected 'obstacles:' with a list")
+    _refuse_unknown(content, _SECTIONS, where)
+    entries = content.get("obstacles", [])
+    if not isinstance(entries, list):
+        raise UserError(f"{where}: obstacles: given {shown(entries)}, expected a list")
+    shapes = [
+        _shape(entry, f"{where}: obstacle {number}") for number, entry in enumerate(entries, 1)
+    ]
+    whole = sum(area(shape) for shape in shapes)
+    if whole > _LARGEST_AREA:
+        raise UserError(
+            f"{where}: obstacles: given surfaces of {whole:.0f} m^2 in all, expected "
+            f"{_LARGEST_AREA:.0f} m^2 at most; leave out the ground and what is far away"
+        )
+    given = content.get("volume")
+    return Scene(shapes, None if given is None else _volume(given, f"{where}: volume"))
+
+
+def _shape(entry: object, where: str) -> Shape:
+    if not isinstance(entry, Mapping):
+        raise UserError(f"{where}: given {shown(entry)}, expected {{shape: box, position: …}}")
+    kind = entry.get("shape")
+    if not isinstance(kind, str) or kind not in _OWN:
+        raise UserError(
+            f"{where}: shape: given {shown(kind)}, expected one of {', '.join(_OWN)}"
+            f"{did_you_mean(str(kind), _OWN)}"
+        )
+    _refuse_unknown(entry, (*_COMMON, *_OWN[kind]), where)
+    common: dict[str, Any] = {
+        "p_WO": _vector(entry, "position", where),
+        "R_WO": rotation_about_z(_number(entry, "yaw", where, default=0.0)),
+        "v_WO_W": _vector(entry, "velocity", where, default=(0.0, 0.0, 0.0)),
+        "appears_at": _number(entry, "appears_at", where, default=0.0, minimum=0.0),
+    }
+    if kind == "box":
+        size = _vector(entry, "size", where)
+        if not (size > 0.0).all():
+            raise UserError(f"{where}: size: given {shown(entry['size'])}, expected 3 numbers > 0")
+        return Box(size=size, **common)
+    radius = _number(entry, "radius", where, above=0.0)
+    if kind == "sphere":
+        return Sphere(radius=radius, **common)
+    return Cylinder(radius=radius, height=_number(entry, "height", where, above=0.0), **common)
+
+
+def rotation_about_z(yaw: float) -> Array:
+    """Return the rotation (3, 3) by an angle about the vertical."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _volume(given: object, where: str) -> Volume:
+    if not isinstance(given, Mapping):
+        raise UserError(f"{where}: given {shown(given)}, expected {{minimum: …, maximum: …}}")
+    _refuse_unknown(given, ("minimum", "maximum"), where)
+    minimum, maximum = (_vector(given, name, where) for name in ("minimum", "maximum"))
+    if not (minimum < maximum).all():
+        raise UserError(
+            f"{where}: minimum: given {shown(given['minimum'])}, expected 3 numbers below maximum "
+            f"{shown(given['maximum'])}"
+        )
+    return Volume(minimum=minimum, maximum=maximum)
+
+
+def _refuse_unknown(given: Mapping[Any, Any], known: tuple[str, ...], where: str) -> None:
+    for name in given:
+        if name not in known:
+            raise UserError(
+                f"{where}: given {shown(name)}, expected {', '.join(known)}"
+                f"{did_you_mean(str(name), known)}"
+            )
+
+
+def _vector(
+    given: Mapping[Any, Any], name: str, where: str, *, default: tuple[float, ...] | None = None
+) -> Array:
+    value = given.get(name, default)
+    usable = isinstance(value, list | tuple) and len(value) == 3 and all(map(_usable, value))
+    if not usable:
+        raise UserError(f"{where}: {name}: {_given(given, name)}, expected 3 numbers")
+    return np.array(value, dtype=np.float64)
+
+
+def _number(
+    given: Mapping[Any, Any],
+    name: str,
+    where: str,
+    *,
+    default: float | None = None,
+    above: float = -math.inf,
+    minimum: float = -math.inf,
+) -> float:
+    value = given.get(name, default)
+    if not (_usable(value) and value > above and value >= minimum):
+        bound = f" > {above:g}" if above > -math.inf else ""
+        bound += f" >= {minimum:g}" if minimum > -math.inf else ""
+        raise UserError(f"{where}: {name}: {_given(given, name)}, expected a number{bound}")
+    return float(value)
+
+
+def _given(given: Mapping[Any, Any], name: str) -> str:
+    return f"given {shown(given[name])}" if name in given else "given none"
+
+
+def _usable(value: object) -> bool:
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    return abs(value) <= FARTHEST  # NaN compares with nothing

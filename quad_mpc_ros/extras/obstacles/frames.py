@@ -1,0 +1,160 @@
+"""Where the frame of a message was, at its stamp, in the frame of the odometry."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.configuration.box import FARTHEST
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.safety.validation import odometry_fault
+from quad_mpc_ros.messages.obstacle_messages import Transform
+
+_KEPT_NS = 2_000_000_000
+_AHEAD_NS = 100_000_000  # as far as a pose is foreseen by the last two
+_MOST_LINKS = 32
+_UNIT = 1e-3  # off the length of a quaternion
+
+
+class Pose(NamedTuple):
+    """Position (3,) [m] and attitude (3, 3) of one frame in another."""
+
+    p: Array
+    R: Array
+
+    def __matmul__(self, other: Any) -> Pose:
+        """Return the pose of what has the pose ``other`` in this frame."""
+        return Pose(self.p + self.R @ other.p, self.R @ other.R)
+
+    @property
+    def inverse(self) -> Pose:
+        """The other frame in this one."""
+        return Pose(-(self.R.T @ self.p), self.R.T)
+
+    def applied(self, points: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+        """Return points (n, 3) [m] of this frame in the other, of the type that they have."""
+        R, p = self.R.astype(points.dtype), self.p.astype(points.dtype)
+        x, y, z = points.T
+        # Written out: a matrix product of this shape starts threads, which cost more.
+        rows = [R[i, 0] * x + R[i, 1] * y + (R[i, 2] * z + p[i]) for i in range(3)]
+        return np.stack(rows).T
+
+
+_SAME = Pose(np.zeros(3), np.eye(3))
+
+
+class _Stamped(NamedTuple):
+    stamp_ns: int
+    odometry: OdometrySample
+
+
+class Frames:
+    """The poses of the body by its odometry, and other frames by transforms."""
+
+    def __init__(self, frame_id: str) -> None:
+        """Take the name of the odometry's frame."""
+        self._frame_id = frame_id
+        self._poses: deque[_Stamped] = deque()
+        self._links: dict[str, Transform] = {}
+        self._body = ""
+
+    def receive_odometry(self, odometry: OdometrySample) -> None:
+        """Take where the body is, if that is sound; a clock that was set back begins anew."""
+        if odometry_fault(odometry, frame_id=self._frame_id) is not None:
+            return
+        stamp_ns, poses = odometry.stamp_ns, self._poses
+        if poses and not 0 < stamp_ns - poses[-1].stamp_ns < _KEPT_NS:
+            if stamp_ns == poses[-1].stamp_ns:
+                return
+            poses.clear()
+        poses.append(_Stamped(stamp_ns, odometry))
+        while stamp_ns - poses[0].stamp_ns > _KEPT_NS:
+            poses.popleft()
+        self._body = odometry.child_frame_id.lstrip("/")
+
+    def receive_transform(self, transform: Transform) -> None:
+        """Take a transform; ``ValueError`` for one that is none.
+
+        Of each frame the newest counts: those that matter are of how sensors are mounted.
+        """
+        numbers = np.append(transform.p, transform.q_xyzw)
+        near = (np.abs(numbers) <= FARTHEST).all()  # NaN compares with nothing
+        unit = near and abs(float(np.linalg.norm(transform.q_xyzw)) - 1.0) < _UNIT
+        if not unit or transform.child == transform.parent:
+            raise ValueError(f"a transform to '{transform.child}' that is none")
+        self._links[transform.child] = transform
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Stamp of the newest odometry [ns]."""
+        return self._poses[-1].stamp_ns if self._poses else None
+
+    def body_pose(self, stamp_ns: int) -> Pose:
+        """Return the pose of the body at a stamp; ``ValueError`` where that is not known."""
+        return _body_pose(self._poses, stamp_ns)
+
+    def forget_poses(self) -> None:
+        """Forget where the body was: the odometry's frame has moved."""
+        self._poses.clear()
+
+    def pose(self, frame_id: str, stamp_ns: int) -> Pose:
+        """Return the pose of a frame in the odometry's at a stamp.
+
+        Raises:
+            ValueError: The frame is not known, or the body's pose of that time.
+        """
+        links, body = self._links, self._body
+        odometry = self._frame_id.lstrip("/")
+        ours = dict(_chain(odometry, links, until=body))
+        for above, pose in _chain(frame_id.lstrip("/"), links, until=body):
+            if above in ours:
+                return ours[above].inverse @ pose
+            if above == body and body:
+                return _body_pose(self._poses, stamp_ns) @ pose
+        known = ", ".join(filter(None, [odometry, body, *sorted(links)]))
+        raise ValueError(f"frame '{frame_id}', expected one of {known}, or tf to it")
+
+
+def _chain(name: str, links: dict[str, Transform], *, until: str) -> Iterator[tuple[str, Pose]]:
+    """Yield a frame and those above it, each with the pose of the first in it.
+
+    What is above the body is not asked: the odometry knows better.
+    """
+    pose = _SAME
+    for _ in range(_MOST_LINKS):
+        yield name, pose
+        link = links.get(name)
+        if link is None or name == until:
+            return
+        pose, name = _pose(link.p, link.q_xyzw) @ pose, link.parent
+
+
+def _pose(p: Array, q_xyzw: Array) -> Pose:
+    return Pose(p, so3.rotation_from_quaternion_xyzw(q_xyzw))
+
+
+def _body_pose(poses: Sequence[_Stamped], stamp_ns: int) -> Pose:
+    """Return the pose of the body at a stamp, between two odometries or shortly after the last."""
+    if not poses:
+        raise ValueError("no odometry yet, by which it could be placed")
+    first, last = poses[0].stamp_ns, poses[-1].stamp_ns
+    if stamp_ns < first:
+        raise ValueError(f"stamp {1e-9 * (last - stamp_ns):.3f} s before the newest odometry")
+    if stamp_ns - last > _AHEAD_NS:
+        raise ValueError(f"stamp {1e-9 * (stamp_ns - last):.3f} s after the newest odometry")
+    stamps = [each.stamp_ns for each in poses]
+    # Between two poses, or beyond the last two.
+    place = min(int(np.searchsorted(stamps, stamp_ns, side="right")), len(poses) - 1)
+    before, after = poses[max(place - 1, 0)], poses[place]
+    R = so3.rotation_from_quaternion_xyzw(before.odometry.q_WB_xyzw)
+    if before is after:
+        return Pose(before.odometry.p_WB, R)
+    share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
+    R_after = so3.rotation_from_quaternion_xyzw(after.odometry.q_WB_xyzw)
+    p = before.odometry.p_WB + share * (after.odometry.p_WB - before.odometry.p_WB)
+    return Pose(p, R @ so3.exp(share * so3.log(R.T @ R_after)))

@@ -1,0 +1,63 @@
+"""What stands around the vehicle, ready for questions: a KD-tree of points and a grid."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.extras.obstacles.search import Grid, fill
+from quad_mpc_ros.extras.obstacles.voxels import VoxelMap, local_origin
+
+THINNED = 0.1
+"""Side of the cubes of each of which one point is kept [m]."""
+
+_CELL = 0.2  # m
+_UP = 2.4  # m, that ways lead up or down at most
+
+
+class LocalMap:
+    """Points (n, 3) around a centre, as they were at a revision of what is known."""
+
+    def __init__(
+        self, points: Array, *, centre: Array, radius: float, far: float, revision: int
+    ) -> None:
+        """Take points within a ``radius``; of distances beyond ``far`` [m] nothing depends."""
+        thinned, origin = VoxelMap(THINNED), local_origin(centre)
+        thinned.insert((points - origin).astype(np.float32), 0)
+        self.points = np.ascontiguousarray(thinned.points + origin)
+        self.centre, self.radius, self.revision = centre.copy(), radius, revision
+        self.far = far
+        self._tree = None
+        if len(self.points):  # asked a few times only: made soon, not balanced
+            self._tree = cKDTree(self.points, balanced_tree=False, compact_nodes=False)
+        self._grid: Grid | None = None
+        self.is_searched = False
+        """Whether the grid has been asked for."""
+
+    def distances(self, places: Array) -> Array:
+        """Return the distances (n,) [m] of places (n, 3) to the nearest points, or infinity."""
+        if self._tree is None:
+            return np.full(len(places), np.inf)
+        return np.asarray(self._tree.query(places)[0])
+
+    def are_clear(self, places: Array, keep: float) -> NDArray[np.bool_]:
+        """Return which of places (n, 3) are ``keep`` [m] or more away from all points, sooner."""
+        if self._tree is None:
+            return np.ones(len(places), dtype=np.bool_)
+        return np.isinf(self._tree.query(places, distance_upper_bound=keep)[0])
+
+    @property
+    def grid(self) -> Grid:
+        """The grid of distances, made when it is first asked for."""
+        self.is_searched = True
+        return self._grid or self.make_grid()
+
+    def make_grid(self) -> Grid:
+        """Make the grid of distances."""
+        half = self.radius, min(_UP, self.radius)
+        grid = Grid.about(self.centre, half=half, cell=_CELL, far=self.far)
+        fill(self.points, grid)
+        self._grid = grid
+        return grid

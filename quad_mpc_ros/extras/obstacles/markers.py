@@ -1,0 +1,262 @@
+"""Obstacles that somebody publishes as markers, as RViz shows them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from quad_mpc_ros.configuration.box import FARTHEST
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.extras.obstacles.frames import Frames, Pose
+from quad_mpc_ros.extras.obstacles.surfaces import area, surface_points
+from quad_mpc_ros.messages.obstacle_messages import (
+    ADD,
+    CUBE,
+    CUBE_LIST,
+    CYLINDER,
+    DELETE,
+    DELETEALL,
+    SPHERE,
+    SPHERE_LIST,
+    Marker,
+)
+from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
+
+NAMESPACE = "obstacles"
+"""Of the markers that are made of shapes."""
+
+_KINDS = {
+    CUBE: "CUBE",
+    SPHERE: "SPHERE",
+    CYLINDER: "CYLINDER",
+    CUBE_LIST: "CUBE_LIST",
+    SPHERE_LIST: "SPHERE_LIST",
+}
+_LISTS = {CUBE_LIST: CUBE, SPHERE_LIST: SPHERE}
+_UNIT = 1e-3  # off the length of a quaternion
+_LARGEST = 1e5  # m
+_LARGEST_AREA = 4000.0  # m^2, of one element
+_MOST_POINTS = 1_000_000  # on the surfaces of a list
+
+# s between two messages of which a speed is taken.
+_SHORTEST, _LONGEST = 0.01, 1.0
+_STANDS, _FASTEST = 0.05, 30.0  # m/s: slower is noise, faster another thing with its name
+_FORESEEN = 1.0  # s: as long as it is taken to go on
+
+
+class Moved(NamedTuple):
+    """A shape that moves where it is predicted to be, when it was told [ns], and its number."""
+
+    shape: Shape
+    told_ns: int
+    number: int
+
+
+class _Known(NamedTuple):
+    """A shape or points (n, 3) on surfaces, by when it was told, until when it is there [ns]."""
+
+    number: int
+    shape: Shape | None
+    points: Array
+    stamp_ns: int
+    until_ns: float
+
+    def body_at(self, stamp_ns: int) -> Shape | None:
+        """Return the shape where it is predicted to be."""
+        if self.shape is None or not self.shape.moves:
+            return self.shape
+        return self.shape.after(min(1e-9 * (stamp_ns - self.stamp_ns), _FORESEEN))
+
+
+class Markers:
+    """The markers that are there, each by its namespace and number.
+
+    One that comes again elsewhere moves: it is predicted by its speed from one message to the
+    next, for a second; then it is where it was predicted until it is told again, or its lifetime
+    ends.
+    """
+
+    def __init__(self, frames: Frames, *, spacing: float) -> None:
+        """Take frames, and how far points on a surface are apart [m]."""
+        self._frames, self._spacing = frames, spacing
+        self._known: dict[tuple[str, int], _Known] = {}
+        self._count = 0
+        self.revision = 0
+        """A number that grows with what stands."""
+
+    def receive(self, markers: Sequence[Marker]) -> None:
+        """Take an array of markers, in its order.
+
+        What of it is of no use is left out; ``ValueError`` says then what the first such was.
+        """
+        refused = None
+        for marker in markers:
+            try:
+                self._receive(marker)
+            except ValueError as error:
+                refused = refused or error
+        if refused is not None:
+            raise refused
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._known.clear()
+        self.revision += 1
+
+    def forget(self, now_ns: int) -> None:
+        """Forget those whose lifetime has ended."""
+        ended = [name for name, known in self._known.items() if known.until_ns < now_ns]
+        for name in ended:
+            del self._known[name]
+        self.revision += len(ended)
+
+    def shapes(self, stamp_ns: int) -> list[Shape]:
+        """Return the shapes that are there at a time, where they are then."""
+        bodies = (known.body_at(stamp_ns) for known in self._known.values())
+        return [body for body in bodies if body is not None]
+
+    @property
+    def standing_points(self) -> list[Array]:
+        """Points (n, 3) [m] on the surfaces of what stands."""
+        return [known.points for known in self._known.values() if len(known.points)]
+
+    def moving(self, stamp_ns: int) -> list[Moved]:
+        """Return what moves, where it is predicted to be at a time."""
+        return [
+            Moved(body, known.stamp_ns, known.number)
+            for known in self._known.values()
+            if (body := known.body_at(stamp_ns)) is not None and body.moves
+        ]
+
+    def _receive(self, marker: Marker) -> None:
+        if marker.action == DELETEALL:
+            self.clear()
+        elif marker.action == DELETE:
+            self.revision += self._known.pop(marker.name, None) is not None
+        elif marker.action == ADD:
+            self._add(marker)
+        else:
+            raise ValueError(f"{_named(marker)} with the action {marker.action}, expected 0, 2, 3")
+
+    def _add(self, marker: Marker) -> None:
+        _check(marker)
+        newest_ns = self._frames.newest_ns
+        if newest_ns is None:
+            raise ValueError(f"{_named(marker)}, and no odometry yet, by which it could be placed")
+        # Without a stamp it is of now, as for RViz.
+        stamp_ns = marker.stamp_ns or newest_ns
+        in_odometry = self._frames.pose(marker.frame_id, min(stamp_ns, newest_ns))
+        placed = in_odometry @ Pose(marker.p, so3.rotation_from_quaternion_xyzw(marker.q_xyzw))
+        until_ns = stamp_ns + marker.lifetime_ns if marker.lifetime_ns > 0 else math.inf
+        shape: Shape | None = _shape(marker, placed)
+        assert shape is not None
+        if area(shape) > _LARGEST_AREA:
+            raise ValueError(
+                f"{_named(marker)} with a surface of {area(shape):.0f} m^2, expected "
+                f"{_LARGEST_AREA:.0f} m^2 at most"
+            )
+        if marker.kind in _LISTS:
+            shape, points = None, self._of_list(marker, placed)
+        else:
+            shape = self._with_speed(shape, marker, stamp_ns)
+            points = np.zeros((0, 3)) if shape.moves else surface_points(shape, self._spacing)
+        before = self._known.get(marker.name)
+        number = self._count if before is None else before.number
+        self._count += before is None
+        self._known[marker.name] = _Known(number, shape, points, stamp_ns, until_ns)
+        if before is None or not _same_points(before.points, points):
+            self.revision += 1
+
+    def _of_list(self, marker: Marker, placed: Pose) -> Array:
+        """Return points (n, 3) on the surfaces of the elements of a list."""
+        element = _shape(marker, Pose(np.zeros(3), placed.R))
+        surface = surface_points(element, self._spacing)
+        centres = np.asarray(placed.applied(marker.points), dtype=np.float64)
+        count = len(centres) * len(surface)
+        if count > _MOST_POINTS and element.outer_radius <= self._spacing:
+            surface, count = np.zeros((1, 3)), len(centres)
+        if count > _MOST_POINTS:
+            raise ValueError(
+                f"{_named(marker)} with {len(centres)} elements and {count} points on their "
+                f"surfaces, expected {_MOST_POINTS} at most: publish those near the vehicle, or "
+                "their centres as a cloud"
+            )
+        return (centres[:, None] + surface).reshape(-1, 3)
+
+    def _with_speed(self, shape: Shape, marker: Marker, stamp_ns: int) -> Shape:
+        """Return the shape with its speed since the last message, if it is the same thing."""
+        before = self._known.get(marker.name)
+        if before is None or before.shape is None or type(before.shape) is not type(shape):
+            return shape
+        seconds = 1e-9 * (stamp_ns - before.stamp_ns)
+        if not seconds >= _SHORTEST:  # the same message again: the speed is known
+            return dataclasses.replace(shape, v_WO_W=before.shape.v_WO_W)
+        velocity = (shape.p_WO - before.shape.p_WO) / seconds
+        speed = float(np.linalg.norm(velocity))
+        if seconds > _LONGEST or not _STANDS <= speed <= _FASTEST:
+            return shape
+        return dataclasses.replace(shape, v_WO_W=velocity)
+
+
+def shape_marker(shape: Shape | None, number: int, *, stamp_ns: int, frame_id: str) -> Marker:
+    """Return a shape as a marker; without one, that the number is there no more."""
+    kind, p, q_xyzw, scale = CUBE, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.ones(3)
+    if shape is not None:
+        kind = CUBE if isinstance(shape, Box) else SPHERE
+        kind = CYLINDER if isinstance(shape, Cylinder) else kind
+        q_xyzw = so3.quaternion_xyzw_from_rotation(shape.R_WO)
+        p, scale = shape.p_WO, 2.0 * shape.half_extents
+    return Marker(
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        name=(NAMESPACE, number),
+        kind=kind,
+        action=DELETE if shape is None else ADD,
+        p=p,
+        q_xyzw=q_xyzw,
+        scale=scale,
+        lifetime_ns=0,
+        points=np.zeros((0, 3)),
+    )
+
+
+def _named(marker: Marker) -> str:
+    space, number = marker.name
+    return f"marker '{space}' {number}"
+
+
+def _check(marker: Marker) -> None:
+    if marker.kind not in _KINDS:
+        raise ValueError(
+            f"{_named(marker)} of type {marker.kind}, expected one of "
+            f"{', '.join(f'{name} ({kind})' for kind, name in _KINDS.items())}"
+        )
+    places = np.concatenate((marker.p, marker.q_xyzw, marker.points.ravel()))
+    if not ((np.abs(places) <= FARTHEST).all() and (marker.scale <= _LARGEST).all()):
+        raise ValueError(
+            f"{_named(marker)} with numbers that are not finite, beyond {FARTHEST:g} m, or with a "
+            f"scale beyond {_LARGEST:g} m"
+        )
+    if not (marker.scale > 0.0).all():
+        raise ValueError(f"{_named(marker)} of scale {marker.scale.tolist()}, expected 3 above 0")
+    if not abs(float(np.linalg.norm(marker.q_xyzw)) - 1.0) < _UNIT:
+        raise ValueError(f"{_named(marker)} whose orientation is no unit quaternion")
+
+
+def _shape(marker: Marker, placed: Pose) -> Shape:
+    """Return the shape of a marker; of a squeezed sphere or cylinder the round one around it."""
+    kind = _LISTS.get(marker.kind, marker.kind)
+    x, y, z = marker.scale.tolist()
+    if kind == CUBE:
+        return Box(p_WO=placed.p, R_WO=placed.R, size=marker.scale)
+    if kind == CYLINDER:
+        return Cylinder(p_WO=placed.p, R_WO=placed.R, radius=0.5 * max(x, y), height=z)
+    return Sphere(p_WO=placed.p, R_WO=placed.R, radius=0.5 * max(x, y, z))
+
+
+def _same_points(a: Array, b: Array) -> bool:
+    return a.shape == b.shape and bool(np.array_equal(a, b))

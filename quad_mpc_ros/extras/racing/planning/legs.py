@@ -1,0 +1,120 @@
+"""A course as legs: what holds at the end of each, for a point or a whole vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
+from quad_mpc_ros.references.course import Course, Finish, Gate
+
+_INSIDE = 1e-4  # m: what is planned at an edge is not to be judged outside of it
+_THROUGH = 1.0  # m/s, least speed through the plane of a gate
+BESIDE = 0.03  # m: so far in front of a gate is the node before that in it, and behind it the next
+_ROUTE_WEIGHT, _RUN_OUT_WEIGHT = 1.0, 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Goal:
+    """What holds at the end of a leg.
+
+    Expressions of position and velocity (3,) each lie between bounds: ``expressions(p, v)``
+    returns (n,), ``lower`` and ``upper`` are (n,). ``depth(p)`` is how far a position is behind
+    the plane of a gate [m]; None of a ball.
+    """
+
+    expressions: Any
+    lower: Array
+    upper: Array
+    depth: Any = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CourseLeg:
+    """A leg to a place (3,) [m]: its goal, whether it ends at rest, what its time weighs.
+
+    A leg without a goal is the way to stop behind a course that is ended in flight.
+    """
+
+    p_WB: Array
+    goal: Goal | None
+    at_rest: bool
+    weight: float
+
+
+def legs_of(course: Course, *, margin: float, radius: float) -> list[CourseLeg]:
+    """Return the legs of a course.
+
+    ``margin`` [m] is kept from the edges of the gates, and where they have a frame the vehicle's
+    ``radius`` [m] more. Raises :class:`UserError` for an opening that these fill.
+    """
+    places = course.places()
+    legs = []
+    for i, gate in enumerate(course.gates):
+        kept = _INSIDE + (margin if gate.R_WG is None else margin + radius)
+        half = min(gate.half_width, gate.half_height)
+        if half <= kept:
+            raise UserError(
+                f"{course.source}: gates[{course.numbers[i]}]: unreachable: half of its opening "
+                f"is {half:g} m, what is kept from its edge {kept:.3g} m; lower --gate-margin"
+            )
+        goal = _gate_goal(gate, margin=kept, way=places[i + 1] - places[i])
+        legs.append(CourseLeg(p_WB=gate.p_WG, goal=goal, at_rest=False, weight=_ROUTE_WEIGHT))
+    end = course.end
+    if end is not None:
+        goal = _end_goal(end)
+        legs.append(CourseLeg(p_WB=end.p_WB, goal=goal, at_rest=end.at_rest, weight=_ROUTE_WEIGHT))
+    if end is None or not end.at_rest:
+        way = places[-1] - places[-2]
+        beyond = places[-1] + 4.0 * way / np.linalg.norm(way)
+        legs.append(CourseLeg(p_WB=beyond, goal=None, at_rest=True, weight=_RUN_OUT_WEIGHT))
+    return legs
+
+
+def _end_goal(end: Finish) -> Goal:
+    tolerance = 0.0 if end.at_rest else end.tolerance
+    if tolerance == 0.0:
+        place = end.p_WB
+        return Goal(expressions=lambda p, v: p - place, lower=np.zeros(3), upper=np.zeros(3))
+    return _ball(end.p_WB, tolerance)
+
+
+def _ball(place: Array, radius: float) -> Goal:
+    ca = casadi()
+    return Goal(
+        expressions=lambda p, v: ca.dot(p - place, p - place) / radius,
+        lower=np.zeros(1),
+        upper=np.array([radius]),
+    )
+
+
+def _gate_goal(gate: Gate, *, margin: float, way: Array) -> Goal:
+    """Return what holds where a gate is passed that is come to by a ``way`` (3,)."""
+    if gate.R_WG is None:
+        return _ball(gate.p_WG, gate.half_width - margin)
+    ca = casadi()
+    axes, place = ca.DM(gate.R_WG), gate.p_WG
+    backward = gate.both_ways and float(way @ gate.R_WG[:, 0]) < 0.0
+    through = -axes[:, 0] if backward else axes[:, 0]
+    half_width, half_height = gate.half_width - margin, gate.half_height - margin
+
+    def expressions(p: Any, v: Any) -> Any:
+        inside = axes.T @ (p - place)
+        speed = ca.dot(through, v)
+        if gate.is_round:
+            across = (inside[1] ** 2 + inside[2] ** 2) / half_width
+            return ca.vertcat(inside[0], across, speed)
+        return ca.vertcat(inside, speed)
+
+    across = [half_width] if gate.is_round else [half_width, half_height]
+    low = [0.0] if gate.is_round else [-half_width, -half_height]
+    return Goal(
+        expressions=expressions,
+        lower=np.array([0.0, *low, _THROUGH]),
+        upper=np.array([0.0, *across, np.inf]),
+        depth=lambda p: ca.dot(through, p - place),
+    )

@@ -1,0 +1,115 @@
+"""What the vehicle can do, as the planner takes it from the parameters of MPC and simulator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.configuration import ConfigurationError, UserError, per_axis
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.references.feasibility import LimitParameters
+from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.rotors.mixer import allocation
+
+ROTORS_PLANT = "rotors"
+MODELS = ("rates", "rotors")
+_SMALLEST_THRUST = 0.02  # of the weight: without thrust there is no attitude
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RotorLimits:
+    """The rotors by themselves.
+
+    ``allocation`` (4, n) is the thrust [N] and the torque about each axis [N m] that a thrust of
+    each makes, ``least`` and ``greatest`` [N] bound each, ``inertia`` (3, 3) [kg m^2].
+    """
+
+    allocation: Array
+    least: float
+    greatest: float
+    inertia: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlannedVehicle:
+    """The vehicle that a plan is made for; limits are after the margin.
+
+    ``drag`` and ``rotor_drag`` (3,) [1/s], ``translational_lift`` [1/m], lags [s] with
+    ``rate_time_constant`` (3,), ``omega_max`` (3,) [rad/s]; ``least`` and ``greatest`` bound the
+    thrust over mass [m/s^2]. ``rotors`` is None where they are not known.
+    """
+
+    mass: float
+    gravity: float
+    drag: Array
+    rotor_drag: Array
+    translational_lift: float
+    rate_time_constant: Array
+    thrust_time_constant: float
+    omega_max: Array
+    least: float
+    greatest: float
+    rotors: RotorLimits | None
+
+
+def planned_vehicle(
+    mpc: MpcConfig, simulator: SimulatorConfig, limits: LimitParameters
+) -> PlannedVehicle:
+    """Return what the MPC can ask of the vehicle, within the margin of ``limits``.
+
+    Bounds are those of the MPC and those of ``limits``, whichever are tighter; where the simulator
+    has the plant ``rotors``, each rotor's, too. ``limit_margin`` is the share of the way from
+    hovering to each bound that is left free.
+    """
+    vehicle, share = mpc.vehicle(), 1.0 - limits.limit_margin
+    hover = vehicle.hover_throttle
+    throttles = (
+        hover + share * (max(mpc.throttle_min, limits.throttle_min) - hover),
+        hover + share * (min(mpc.throttle_max, limits.throttle_max) - hover),
+    )
+    least, greatest = (vehicle.thrust(throttle) / vehicle.mass for throttle in throttles)
+    rotors = None
+    if simulator.plant == ROTORS_PLANT:
+        rotors = _rotors(simulator, share=share, weight=vehicle.mass * vehicle.gravity)
+    omega_max = share * np.minimum(mpc.omega_max, limits.omega_max)
+    if greatest <= 1.05 * vehicle.gravity:
+        raise ConfigurationError(
+            f"{limits.owner}.limit_margin",
+            limits.limit_margin,
+            f"one that leaves thrust to climb: {greatest:.3g} m/s^2 are left of {mpc.gravity:g}",
+        )
+    return PlannedVehicle(
+        mass=vehicle.mass,
+        gravity=vehicle.gravity,
+        drag=np.array(per_axis(mpc.drag)),
+        rotor_drag=np.array(per_axis(mpc.rotor_drag)),
+        translational_lift=mpc.translational_lift,
+        rate_time_constant=np.array(per_axis(mpc.rate_time_constant)),
+        thrust_time_constant=mpc.thrust_time_constant,
+        omega_max=np.asarray(omega_max),
+        least=max(least, _SMALLEST_THRUST * vehicle.gravity),
+        greatest=greatest,
+        rotors=rotors,
+    )
+
+
+def _rotors(simulator: SimulatorConfig, *, share: float, weight: float) -> RotorLimits:
+    given, body = simulator.rotors, simulator.airframe
+    hover = weight / len(given.x)
+    bounds = [
+        hover + share * (given.thrust_coefficient * speed**2 - hover)
+        for speed in (given.speed_min, given.speed_max)
+    ]
+    if not bounds[0] < hover < bounds[1]:
+        raise UserError(
+            f"simulator.rotors.speed_max: its thrust {bounds[1]:.3g} N does not carry the vehicle"
+        )
+    xx, yy, zz, xy, xz, yz = body.inertia
+    return RotorLimits(
+        allocation=allocation(given),
+        least=bounds[0],
+        greatest=bounds[1],
+        inertia=np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]),
+    )

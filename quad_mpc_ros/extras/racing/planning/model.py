@@ -1,0 +1,191 @@
+"""The equations of motion that a plan obeys, in CasADi: one step, and what bounds it.
+
+Two of them have the position, the velocity, the quaternion q_WB (w, x, y, z) and the body rates:
+
+- ``rotors``: the inputs are the thrusts of the rotors, which change at once, as in P. Foehn,
+  A. Romero, D. Scaramuzza, "Time-optimal planning for quadrotor waypoint flight", Science Robotics
+  2021;
+- ``rates``: the inputs are commanded body rates and thrust over mass, which the vehicle follows
+  with first-order lags as in the MPC's model. The thrust over mass is a state. Where rotors are
+  known, each one's thrust is bounded, too.
+
+Inputs are held over a step. What lags is solved for exactly, the rest by Runge-Kutta steps of
+order 4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
+from quad_mpc_ros.extras.racing.planning.limits import PlannedVehicle, RotorLimits
+
+P, V, Q, W, F = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13), slice(13, 14)
+"""Where position, velocity, quaternion, body rates and thrust over mass stand in a state."""
+THRUST = slice(3, 4)
+"""Where the thrust over mass stands in the inputs of ``rates``, after the body rates."""
+
+_SHORTEST_LAG = 0.002  # s
+_PARTS = 2  # Runge-Kutta steps in one
+_ROUNDING = 1e-6  # below the root
+_LOOKED_AT = (0.0, 0.2, 0.5, 1.0)  # of a step, where the thrusts of the rotors are bounded
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Model:
+    """Functions of a state (nx,), inputs (nu,) and a time [s], and bounds.
+
+    ``step(x, u, h)`` is the state after ``h``; ``acceleration(x, u)`` (3,) that of the world;
+    ``path(x, u, h)`` (nc,) of a step is bounded by ``path_bounds``, as are the inputs by
+    ``input_bounds`` and the states by ``state_bounds``, each (lower, upper). ``hover`` are the
+    inputs of hovering, ``scale`` natural sizes of the inputs.
+    """
+
+    step: Any
+    acceleration: Any
+    path: Any
+    path_bounds: tuple[Array, Array]
+    input_bounds: tuple[Array, Array]
+    state_bounds: tuple[Array, Array]
+    hover: Array
+    scale: Array
+
+    @property
+    def nx(self) -> int:
+        """Size of a state."""
+        return len(self.state_bounds[0])
+
+    @property
+    def nu(self) -> int:
+        """Size of the inputs."""
+        return len(self.hover)
+
+
+def rates_model(vehicle: PlannedVehicle) -> Model:
+    """Return the model commanded by body rates and thrust, with their lags."""
+    ca = casadi()
+    x, u, h = ca.SX.sym("x", 14), ca.SX.sym("u", 4), ca.SX.sym("h")
+    lags = np.maximum([*vehicle.rate_time_constant, vehicle.thrust_time_constant], _SHORTEST_LAG)
+    lagging, wanted = x[10:14], u
+
+    def after(time: Any) -> Any:
+        return wanted + (lagging - wanted) * ca.exp(-time / lags)
+
+    body = x[0:10]
+    for number in range(_PARTS):
+        begin, length = h * (number / _PARTS), h / _PARTS
+        body = _runge_kutta(
+            lambda y, time, begin=begin: _motion(y, after(begin + time), vehicle), body, length
+        )
+    end = ca.vertcat(body[0:6], body[6:10] / ca.norm_2(body[6:10]), after(h))
+    path, bounds = ca.SX(0, 1), (np.zeros(0), np.zeros(0))
+    if vehicle.rotors is not None:
+        within = [
+            _rotor_thrusts(after(share * h), wanted, lags, vehicle, vehicle.rotors)
+            for share in _LOOKED_AT
+        ]
+        path = ca.vertcat(*within)
+        count = path.shape[0]
+        bounds = np.full(count, vehicle.rotors.least), np.full(count, vehicle.rotors.greatest)
+    least, greatest = vehicle.least, vehicle.greatest
+    upper = np.append(vehicle.omega_max, greatest)
+    lower = np.append(-vehicle.omega_max, least)
+    return Model(
+        step=ca.Function("step", [x, u, h], [end]),
+        acceleration=ca.Function("a", [x, u], [_motion(x[0:10], x[10:14], vehicle)[3:6]]),
+        path=ca.Function("path", [x, u, h], [path]),
+        path_bounds=bounds,
+        input_bounds=(lower, upper),
+        state_bounds=(np.append(_free_body(-1.0), lower), np.append(_free_body(1.0), upper)),
+        hover=np.array([0.0, 0.0, 0.0, vehicle.gravity]),
+        scale=np.append(vehicle.omega_max, greatest),
+    )
+
+
+def rotors_model(vehicle: PlannedVehicle, rotors: RotorLimits) -> Model:
+    """Return the model commanded by the thrusts of its rotors."""
+    ca = casadi()
+    count = rotors.allocation.shape[1]
+    x, u, h = ca.SX.sym("x", 13), ca.SX.sym("u", count), ca.SX.sym("h")
+    wrench = ca.DM(rotors.allocation) @ u
+    thrust = wrench[0] / vehicle.mass
+
+    def rate(y: Any, time: Any) -> Any:
+        turn = ca.solve(
+            ca.DM(rotors.inertia), wrench[1:4] - ca.cross(y[W], ca.DM(rotors.inertia) @ y[W])
+        )
+        return ca.vertcat(_motion(y[0:10], ca.vertcat(y[W], thrust), vehicle), turn)
+
+    end = x
+    for _ in range(_PARTS):
+        end = _runge_kutta(rate, end, h / _PARTS)
+    end = ca.vertcat(end[0:6], end[6:10] / ca.norm_2(end[6:10]), end[W])
+    acceleration = _motion(x[0:10], ca.vertcat(x[W], thrust), vehicle)[3:6]
+    bound = vehicle.omega_max
+    return Model(
+        step=ca.Function("step", [x, u, h], [end]),
+        acceleration=ca.Function("a", [x, u], [acceleration]),
+        path=ca.Function("path", [x, u, h], [thrust]),
+        path_bounds=(np.array([vehicle.least]), np.array([vehicle.greatest])),
+        input_bounds=(np.full(count, rotors.least), np.full(count, rotors.greatest)),
+        state_bounds=(np.append(_free_body(-1.0), -bound), np.append(_free_body(1.0), bound)),
+        hover=np.full(count, vehicle.mass * vehicle.gravity / count),
+        scale=np.full(count, rotors.greatest),
+    )
+
+
+def rotation(q: Any) -> Any:
+    """Return the rotation matrix of a quaternion w, x, y, z of length 1."""
+    ca = casadi()
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    return ca.vertcat(
+        ca.horzcat(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        ca.horzcat(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        ca.horzcat(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
+def _motion(y: Any, turning: Any, vehicle: PlannedVehicle) -> Any:
+    """Return the rates of position, velocity and quaternion under body rates and thrust."""
+    ca = casadi()
+    v, q, w, thrust = y[V], y[Q], turning[0:3], turning[3]
+    R, along = rotation(q), thrust
+    pull = R[:, 2] * along - ca.vertcat(0, 0, vehicle.gravity)
+    drag = vehicle.drag
+    if drag.any() or vehicle.rotor_drag.any() or vehicle.translational_lift:
+        u = R.T @ v
+        speed = ca.sqrt(ca.fmax(thrust, _ROUNDING) / vehicle.gravity)
+        force = -(ca.DM(drag) + speed * ca.DM(vehicle.rotor_drag)) * u
+        lift = vehicle.translational_lift * (u[0] ** 2 + u[1] ** 2)
+        pull = pull + R @ (force + ca.vertcat(0, 0, lift))
+    turn = 0.5 * ca.vertcat(-ca.dot(q[1:4], w), q[0] * w + ca.cross(q[1:4], w))
+    return ca.vertcat(v, pull, turn)
+
+
+def _rotor_thrusts(
+    lagging: Any, wanted: Any, lags: Array, vehicle: PlannedVehicle, rotors: RotorLimits
+) -> Any:
+    """Return the rotors' thrusts that let rates and thrust over mass follow what is wanted."""
+    ca = casadi()
+    inertia, w = ca.DM(rotors.inertia), lagging[0:3]
+    turn = ((wanted - lagging) / lags)[0:3]
+    torque = inertia @ turn + ca.cross(w, inertia @ w)
+    share = ca.DM(np.linalg.pinv(rotors.allocation))
+    return share @ ca.vertcat(vehicle.mass * lagging[THRUST], torque)
+
+
+def _runge_kutta(rate: Any, y: Any, h: Any) -> Any:
+    k1 = rate(y, 0.0)
+    k2 = rate(y + h / 2 * k1, h / 2)
+    k3 = rate(y + h / 2 * k2, h / 2)
+    k4 = rate(y + h * k3, h)
+    return y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def _free_body(sign: float) -> Array:
+    """Return the bounds of position, velocity and quaternion."""
+    return sign * np.concatenate((np.full(6, np.inf), np.full(4, 1.1)))

@@ -1,0 +1,298 @@
+"""A plan of minimum time through the gates of a course, for a vehicle as it is configured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from quad_mpc_ros.configuration import ArgumentError, UserError
+from quad_mpc_ros.configuration.arguments import instance, number
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.extras.racing.gate_passages import Lap, passages
+from quad_mpc_ros.extras.racing.gates import read_course
+from quad_mpc_ros.extras.racing.planning.first_guess import (
+    PosedMotion,
+    flown_by_a_point,
+    with_attitudes,
+)
+from quad_mpc_ros.extras.racing.planning.legs import CourseLeg, legs_of
+from quad_mpc_ros.extras.racing.planning.limits import MODELS, PlannedVehicle, planned_vehicle
+from quad_mpc_ros.extras.racing.planning.model import (
+    THRUST,
+    F,
+    Model,
+    P,
+    Q,
+    V,
+    W,
+    rates_model,
+    rotors_model,
+)
+from quad_mpc_ros.extras.racing.planning.settings import PlanSettings
+from quad_mpc_ros.extras.racing.planning.transcription import (
+    Dynamics,
+    Nodes,
+    Progress,
+    Solved,
+    solve,
+)
+from quad_mpc_ros.extras.racing.planning.transcription import unpacked as nodes_of
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.course import Course
+from quad_mpc_ros.references.motion_table import MotionTable, PlannedMotion
+from quad_mpc_ros.simulation.config import SimulatorConfig
+
+_ROWS = 0.01  # s, of the table
+_LOWEST = 0.5  # m: nothing is planned nearer to the ground that does not have to be
+_SMOOTHING = 2e-4  # s: what a change of an input by its whole size costs
+_ITERATIONS = 600
+_HALF_OF_LOWEST = 0.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RacePlan:
+    """A plan: its motion in rows, its nodes, and how it passes the course.
+
+    Attributes:
+        course: What it is a plan for.
+        table: Its motion, every 10 ms.
+        nodes: What the optimiser found; states and inputs are those of its model.
+        vehicle: The limits that it keeps.
+        race_time: From the start to the end, or to the last gate without an end [s].
+        lap: The passages of the gates, as a flight's are judged.
+        iterations: Those of the optimiser.
+    """
+
+    course: Course
+    table: MotionTable
+    nodes: Nodes
+    vehicle: PlannedVehicle
+    race_time: float
+    lap: Lap
+    iterations: int
+
+    def trajectory(self) -> PlannedMotion:
+        """Return the plan as a reference: ``simulate(trajectory=plan.trajectory())``."""
+        return PlannedMotion(self.table)
+
+    def write(self, path: str | Path) -> None:
+        """Write it as a file that ``reference.file`` names. Raises ``OSError``."""
+        Path(path).write_text(self.table.text(), encoding="utf-8")
+
+
+def plan_race(
+    gates: str | Path | Course,
+    mpc: MpcConfig | None = None,
+    simulator: SimulatorConfig | None = None,
+    reference: ReferenceConfig | None = None,
+    *,
+    model: str = "rates",
+    gate_margin: float = 0.0,
+    radius: float = 0.0,
+    step: float = 0.05,
+    progress: Progress | None = None,
+    resumed: Array | None = None,
+) -> RacePlan:
+    """Return the plan of minimum time through gates, by CasADi (the extra ``plan``).
+
+    Args:
+        gates: A file of gates, its text, or a course that was read.
+        mpc: The MPC that is to fly it: mass, thrust, drag, lags and bounds of the commands.
+        simulator: With the plant ``rotors``, the rotors that are bounded one by one.
+        reference: Further bounds, and the share of them that is left free (``limit_margin``).
+        model: ``rates``: body rates and thrust are commanded and lag; ``rotors``: the thrusts of
+            the rotors change at once, as in published plans.
+        gate_margin: What is kept from the edges of the gates [m].
+        radius: Of the vehicle; kept from the frames of gates that have one, too [m].
+        step: The longest step between nodes [s].
+        progress: Is told the stage, the iteration, the time so far [s] and the variables.
+        resumed: The variables of a plan that was interrupted.
+
+    Returns:
+        The plan: its ``race_time``, its ``table``, its ``trajectory()``, and ``write(path)``.
+
+    Raises:
+        UserError: The gates cannot be used, no plan was found, or CasADi is not installed.
+        ArgumentError: An argument is of another type.
+
+    Example:
+        >>> plan = plan_race("seven_gates", *load_config("vehicles/cpc"))
+        >>> plan.lap.missed, plan.race_time < 7.2
+        (0, True)
+    """
+    mpc = MpcConfig() if mpc is None else instance(mpc, "mpc", MpcConfig)
+    if simulator is None:
+        simulator = SimulatorConfig()
+    if reference is None:
+        reference = ReferenceConfig()
+    instance(simulator, "simulator", SimulatorConfig)
+    instance(reference, "reference", ReferenceConfig)
+    if model not in MODELS:
+        raise ArgumentError("model", model, " or ".join(MODELS))
+    gate_margin = number(gate_margin, "gate_margin", least=0.0, below=100.0)
+    radius = number(radius, "radius", least=0.0, below=10.0)
+    step = number(step, "step", above=0.004, below=0.5)
+    course = gates if isinstance(gates, Course) else read_course(gates)
+    vehicle = planned_vehicle(mpc, simulator, reference)
+    if model == "rotors" and vehicle.rotors is None:
+        raise ArgumentError(
+            "model", model, "rates: the configuration has no rotors (simulator.plant: rotors)"
+        )
+    legs = legs_of(course, margin=gate_margin, radius=radius)
+    settings = PlanSettings(
+        vehicle=vehicle, model=model, gate_margin=gate_margin, radius=radius, step=step
+    )
+    equations = equations_of(settings)
+    solved = _solved(
+        course, legs, vehicle, equations, step=step, progress=progress, resumed=resumed
+    )
+    return _plan(course, legs, settings, equations, solved)
+
+
+def equations_of(settings: PlanSettings) -> Model:
+    """Return the equations of motion that a plan obeys."""
+    vehicle = settings.vehicle
+    if settings.model == "rotors":
+        assert vehicle.rotors is not None
+        return rotors_model(vehicle, vehicle.rotors)
+    return rates_model(vehicle)
+
+
+def _solved(
+    course: Course,
+    legs: list[CourseLeg],
+    vehicle: PlannedVehicle,
+    model: Model,
+    *,
+    step: float,
+    progress: Progress | None,
+    resumed: Array | None,
+) -> Solved:
+    lowest = lowest_of(course)
+    point = flown_by_a_point(course, legs, vehicle, lowest=lowest, progress=progress)
+    dynamics = dynamics_of(model, first=_at_rest(course, vehicle, model), lowest=lowest)
+    failed = ""
+    for longest_step in (step, 0.7 * step):
+        posed = with_attitudes(point, vehicle, yaw=course.start_yaw, longest_step=longest_step)
+        guess = guess_of(posed, model, vehicle)
+        if resumed is not None and len(resumed) == _size(guess):
+            guess = nodes_of(resumed, guess)
+        solved = solve(
+            legs,
+            dynamics,
+            guess,
+            name="vehicle",
+            most_iterations=_ITERATIONS,
+            progress=progress,
+        )
+        if solved.optimal:
+            return solved
+        failed = f"{solved.status} after {solved.iterations} iterations"
+    raise UserError(
+        f"{course.source}: no plan found ({failed}): are the gates reachable one after the other, "
+        "the openings larger than the margin, and the limits those of the vehicle?"
+    )
+
+
+def _size(nodes: Nodes) -> int:
+    return nodes.states.size + len(nodes.states) + nodes.inputs.size
+
+
+def lowest_of(course: Course) -> float:
+    """Return the height that a plan keeps above [m]."""
+    heights = [place[2] for place in course.places()]
+    return float(min(_LOWEST, course.start[2], *(_HALF_OF_LOWEST * each for each in heights)))
+
+
+def dynamics_of(model: Model, *, first: Array, lowest: float) -> Dynamics:
+    """Return what moves, from a first state (nx,) to rest, level, above ``lowest`` [m]."""
+    low, high = (np.array(bounds) for bounds in model.state_bounds)
+    low[P][2] = lowest
+    last = np.full(model.nx, np.nan)
+    last[V], last[W], last[Q][1:3] = 0.0, 0.0, 0.0
+    if model.nx > F.start:
+        last[F] = model.hover[THRUST]
+    return Dynamics(
+        step=model.step,
+        path=model.path,
+        state_bounds=(low, high),
+        input_bounds=model.input_bounds,
+        path_bounds=model.path_bounds,
+        first=first,
+        last=last,
+        scale=model.scale,
+        smoothing=_SMOOTHING,
+    )
+
+
+def _at_rest(course: Course, vehicle: PlannedVehicle, model: Model) -> Array:
+    first = np.full(model.nx, np.nan)
+    first[V], first[W] = 0.0, 0.0
+    first[P] = course.start
+    first[Q] = np.cos(0.5 * course.start_yaw), 0.0, 0.0, np.sin(0.5 * course.start_yaw)
+    if model.nx > F.start:
+        first[F] = vehicle.gravity
+    return first
+
+
+def guess_of(posed: PosedMotion, model: Model, vehicle: PlannedVehicle) -> Nodes:
+    """Return a motion in the states and inputs of a model."""
+    states = np.column_stack((posed.p, posed.v, posed.q_wxyz, posed.w))
+    thrust = posed.thrust[:, None]
+    if model.nx > F.start:
+        states = np.column_stack((states, thrust))
+        inputs = np.column_stack((posed.w, thrust))[:-1]
+    else:
+        inputs = thrust[:-1] / vehicle.gravity * model.hover
+    return Nodes(states=states, inputs=inputs, durations=posed.durations, counts=posed.counts)
+
+
+def _plan(
+    course: Course, legs: list[CourseLeg], settings: PlanSettings, model: Model, solved: Solved
+) -> RacePlan:
+    nodes = solved.nodes
+    table = table_of(model, nodes, settings, source=f"the plan of {course.source}")
+    raced = sum(leg.goal is not None for leg in legs)
+    return RacePlan(
+        course=course,
+        table=table,
+        nodes=nodes,
+        vehicle=settings.vehicle,
+        race_time=float(nodes.times[nodes.ends[raced - 1]]),
+        lap=passages(course, seconds=table.seconds, p_WB=table.p_WB),
+        iterations=solved.iterations,
+    )
+
+
+def table_of(
+    model: Model,
+    nodes: Nodes,
+    settings: PlanSettings,
+    *,
+    source: str,
+    rests: tuple[bool, bool] = (True, True),
+) -> MotionTable:
+    """Return the motion between the nodes in rows, by the equations that it was planned with."""
+    counts = np.ceil(nodes.steps / _ROWS - 1e-9).astype(int)
+    owner = np.repeat(np.arange(len(counts)), counts)
+    place = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+    since = place * (nodes.steps / counts)[owner]
+    begin, inputs = nodes.states[:-1][owner].T, nodes.inputs[owner].T
+    x = np.array(model.step.map(len(owner))(begin, inputs, since[None])).T
+    x, inputs = np.vstack((x, nodes.states[-1:])), np.column_stack((inputs, nodes.inputs[-1]))
+    a = np.array(model.acceleration.map(len(x))(x.T, inputs)).T
+    q_xyzw = np.roll(x[:, Q], -1, axis=1)
+    return MotionTable(
+        source=source,
+        seconds=np.append(nodes.times[:-1][owner] + since, nodes.times[-1]),
+        p_WB=x[:, P],
+        v_WB_W=x[:, V],
+        a_WB_W=a,
+        q_WB_xyzw=q_xyzw / np.linalg.norm(q_xyzw, axis=1, keepdims=True),
+        w_WB_B=x[:, W],
+        planned_with=settings.text(),
+        rests=rests,
+    )

@@ -1,0 +1,280 @@
+"""A course as a nonlinear programme by direct multiple shooting, solved by IPOPT.
+
+Between two gates there is a fixed number of steps, all equally long; how long is free for each
+leg. That replaces the complementarity by which Foehn et al. (2021) let the optimiser choose the
+step at which a gate is passed. The length of a leg is carried along as a state of every node, so
+that every row and column touches its neighbours alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
+from quad_mpc_ros.extras.racing.planning.legs import BESIDE, CourseLeg, Goal
+
+_STOPPED = "User_Requested_Stop"
+SHORTEST, LONGEST = 0.02, 60.0  # s, of a leg
+Progress = Callable[[str, int, float, Array], None]
+"""Takes what is solved, the iteration, the time planned so far [s] and the variables."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Nodes:
+    """A motion at nodes: states (K + 1, nx), inputs (K, nu) held between them.
+
+    ``durations`` (legs,) [s] and ``counts`` (legs,), the steps of each leg.
+    """
+
+    states: Array
+    inputs: Array
+    durations: Array
+    counts: tuple[int, ...]
+
+    @property
+    def steps(self) -> Array:
+        """Length of each step (K,) [s]."""
+        return np.repeat(self.durations / self.counts, self.counts)
+
+    @property
+    def ends(self) -> Array:
+        """The node at which each leg ends (legs,)."""
+        return np.cumsum(self.counts)
+
+    @property
+    def times(self) -> Array:
+        """Time of each node (K + 1,) [s]."""
+        return np.append(0.0, np.cumsum(self.steps))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Dynamics:
+    """What moves, as the transcription needs it.
+
+    ``step(x, u, h)`` and ``path(x, u, h)`` are CasADi functions; bounds (lower, upper) are of
+    states, inputs and path; ``first`` and ``last`` fix the first state and one at rest where
+    they are finite. ``scale`` (nu,) are natural sizes of the inputs, ``smoothing`` [s] what a
+    change of an input by its size costs, squared.
+    """
+
+    step: Any
+    path: Any
+    state_bounds: tuple[Array, Array]
+    input_bounds: tuple[Array, Array]
+    path_bounds: tuple[Array, Array]
+    first: Array
+    last: Array
+    scale: Array
+    smoothing: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solved:
+    """What IPOPT returned: the nodes, whether they are optimal, its words, its iterations."""
+
+    nodes: Nodes
+    optimal: bool
+    status: str
+    iterations: int
+
+
+def solve(
+    legs: Sequence[CourseLeg],
+    dynamics: Dynamics,
+    guess: Nodes,
+    *,
+    name: str,
+    most_iterations: int,
+    progress: Progress | None = None,
+) -> Solved:
+    """Return the motion of least weighted time along the legs, from a first guess.
+
+    What ``progress`` raises ends the search and is raised here.
+    """
+    ca = casadi()
+    nx, nu = len(dynamics.first), len(dynamics.scale)
+    steps, ends = len(guess.inputs), guess.ends
+    stage = ca.MX.sym("stage", nx + 1 + nu, steps)
+    final = ca.MX.sym("final", nx + 1)
+    states = ca.horzcat(stage[: nx + 1, :], final)
+    inputs = stage[nx + 1 :, :]
+    rows = _Rows()
+    _add_motion(rows, dynamics, states, inputs, counts=guess.counts)
+    for leg, end in zip(legs, ends.tolist(), strict=True):
+        if leg.goal is not None:
+            _add_goal(rows, leg.goal, states, end)
+    cost = sum(leg.weight * states[nx, int(end) - 1] for leg, end in zip(legs, ends, strict=True))
+    change = (inputs[:, 1:] - inputs[:, :-1]) / ca.DM(dynamics.scale)
+    lower, upper = _bounds(legs, dynamics, guess)
+    options: dict[str, Any] = {
+        "print_time": False,
+        "error_on_fail": False,
+        "ipopt": {
+            "print_level": 0,
+            "sb": "yes",
+            "max_iter": most_iterations,
+            "tol": 1e-4,
+            "constr_viol_tol": 1e-6,
+            "mu_init": 1e-2,
+        },
+    }
+    variables = ca.vertcat(ca.vec(stage), final)
+    watch = None
+    if progress is not None:
+        # Kept here: CasADi does not keep it.
+        watch = _watch(name, progress, sizes=(variables.shape[0], rows.count), nodes=guess, nx=nx)
+        options["iteration_callback"] = watch
+    problem = {"x": variables, "f": cost + dynamics.smoothing * ca.sumsqr(change), "g": rows.all()}
+    solver = ca.nlpsol(name, "ipopt", problem, options)
+    found = solver(x0=_packed(guess), lbx=lower, ubx=upper, lbg=rows.bounds(0), ubg=rows.bounds(1))
+    stats = solver.stats()
+    if watch is not None and watch.raised is not None:
+        raise watch.raised
+    if stats["return_status"] == _STOPPED:  # CasADi asked Python for signals, and there was one
+        raise KeyboardInterrupt
+    return Solved(
+        nodes=unpacked(np.array(found["x"]).ravel(), guess),
+        optimal=bool(stats["success"]),
+        status=str(stats["return_status"]),
+        iterations=int(stats["iter_count"]),
+    )
+
+
+def unpacked(variables: Array, like: Nodes) -> Nodes:
+    """Return nodes of the variables of the programme, in the shape of others."""
+    steps, nx = len(like.inputs), like.states.shape[1]
+    rows = variables[: -(nx + 1)].reshape(steps, -1)
+    states = np.vstack((rows[:, : nx + 1], variables[-(nx + 1) :]))
+    return Nodes(
+        states=states[:, :nx],
+        inputs=rows[:, nx + 1 :],
+        durations=states[like.ends - 1, nx],
+        counts=like.counts,
+    )
+
+
+def _packed(nodes: Nodes) -> Array:
+    durations = np.repeat(nodes.durations, nodes.counts)
+    rows = np.column_stack((nodes.states[:-1], durations, nodes.inputs))
+    return np.concatenate((rows.ravel(), nodes.states[-1], durations[-1:]))
+
+
+class _Rows:
+    """Constraints one after the other, and their bounds."""
+
+    def __init__(self) -> None:
+        self._rows: list[Any] = []
+        self._bounds: tuple[list[Array], list[Array]] = ([], [])
+
+    def add(self, expressions: Any, lower: Array, upper: Array) -> None:
+        self._rows.append(casadi().vec(expressions))
+        for bounds, values in zip(self._bounds, (lower, upper), strict=True):
+            bounds.append(np.ravel(values))
+
+    def all(self) -> Any:
+        return casadi().vertcat(*self._rows)
+
+    def bounds(self, side: int) -> Array:
+        return np.concatenate(self._bounds[side])
+
+    @property
+    def count(self) -> int:
+        return sum(len(values) for values in self._bounds[0])
+
+
+def _add_motion(
+    rows: _Rows, dynamics: Dynamics, states: Any, inputs: Any, *, counts: tuple[int, ...]
+) -> None:
+    """Add that each node follows from the one before, and what bounds states and inputs."""
+    ca = casadi()
+    nx, steps = len(dynamics.first), sum(counts)
+    x, duration, share = ca.SX.sym("x", nx), ca.SX.sym("T"), ca.SX.sym("s")
+    u = ca.SX.sym("u", len(dynamics.scale))
+    after = ca.vertcat(dynamics.step(x, u, duration * share), duration)
+    move = ca.Function("move", [ca.vertcat(x, duration), u, share], [after]).map(steps)
+    shares = np.concatenate([np.full(count, 1.0 / count) for count in counts])
+    gaps = move(states[:, :-1], inputs, ca.DM(shares).T) - states[:, 1:]
+    # Stage by stage, so that the factorisation stays narrow. A leg does not hand on its length.
+    legs_end = set(np.cumsum(counts)[:-1].tolist())
+    lower, upper = dynamics.path_bounds
+    bounded = None
+    if len(lower):
+        lengths = states[nx, :-1] * ca.DM(shares).T
+        bounded = dynamics.path.map(steps)(states[:nx, :-1], inputs, lengths)
+    for k in range(steps):
+        kept = nx if k + 1 in legs_end else nx + 1
+        rows.add(gaps[:kept, k], np.zeros(kept), np.zeros(kept))
+        if bounded is not None:
+            rows.add(bounded[:, k], lower, upper)
+
+
+def _add_goal(rows: _Rows, goal: Goal, states: Any, end: int) -> None:
+    """Add what holds at the end of a leg; a gate is passed from its front, not just touched."""
+    rows.add(goal.expressions(states[0:3, end], states[3:6, end]), goal.lower, goal.upper)
+    if goal.depth is None:
+        return
+    rows.add(goal.depth(states[0:3, end - 1]), np.array([-np.inf]), np.array([-BESIDE]))
+    if end + 1 < states.shape[1]:
+        rows.add(goal.depth(states[0:3, end + 1]), np.array([BESIDE]), np.array([np.inf]))
+
+
+def _bounds(legs: Sequence[CourseLeg], dynamics: Dynamics, guess: Nodes) -> tuple[Array, Array]:
+    steps, sides = len(guess.inputs), []
+    nx = len(dynamics.first)
+    for side, length in enumerate((SHORTEST, LONGEST)):
+        state = np.tile(np.append(dynamics.state_bounds[side], length), (steps + 1, 1))
+        _fix(state, 0, dynamics.first)
+        for leg, end in zip(legs, guess.ends.tolist(), strict=True):
+            if leg.at_rest:
+                _fix(state, end, dynamics.last)
+        rows = np.column_stack((state[:-1], np.tile(dynamics.input_bounds[side], (steps, 1))))
+        sides.append(np.concatenate((rows.ravel(), state[-1])))
+        assert state.shape[1] == nx + 1
+    return sides[0], sides[1]
+
+
+def _fix(states: Array, node: int, values: Array) -> None:
+    given = np.isfinite(values)
+    states[node, : len(values)][given] = values[given]
+
+
+def _watch(name: str, progress: Progress, *, sizes: tuple[int, int], nodes: Nodes, nx: int) -> Any:
+    """Return what IPOPT calls after every iteration."""
+    ca = casadi()
+    variables, rows = sizes
+
+    class Watch(ca.Callback):  # type: ignore[misc, name-defined]
+        """Tells how far it is."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self._iteration = 0
+            self.raised: BaseException | None = None
+            self.construct(f"watch_{name}", {})
+
+        def get_n_in(self) -> int:
+            return int(ca.nlpsol_n_out())
+
+        def get_n_out(self) -> int:
+            return 1
+
+        def get_sparsity_in(self, place: int) -> Any:
+            size = {"f": 1, "x": variables, "lam_x": variables, "g": rows, "lam_g": rows}
+            return ca.Sparsity.dense(size.get(ca.nlpsol_out(place), 0), 1)
+
+        def eval(self, values: Any) -> list[int]:
+            found = np.array(values[0]).ravel()
+            planned = float(unpacked(found, nodes).durations.sum())
+            try:
+                progress(name, self._iteration, planned, found)
+            except BaseException as error:  # what leaves here CasADi would swallow
+                self.raised = error
+            self._iteration += 1
+            return [int(self.raised is not None)]
+
+    return Watch()

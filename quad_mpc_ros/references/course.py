@@ -1,0 +1,120 @@
+"""Gates, and courses of them: plain geometry, which figures and the optional racing share."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.control.lie import Array, so3
+
+OFF_UNIT = 1e-3
+"""By how much the length of a quaternion may differ from 1."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Gate:
+    """A gate G: an opening in a plane, or a ball.
+
+    Attributes:
+        p_WG: Its centre (3,) [m].
+        R_WG: Its axes in the world (3, 3): x the way through, y across, z up; None of a ball.
+        half_width: Half of the opening along y [m]; the radius where it is round.
+        half_height: Half of the opening along z [m]; the radius where it is round.
+        is_round: Whether the opening is a circle, or it is a ball.
+        both_ways: Whether it may also be passed against x.
+    """
+
+    p_WG: Array
+    R_WG: Array | None
+    half_width: float
+    half_height: float
+    is_round: bool
+    both_ways: bool = False
+
+    def room(self, offset: Array) -> Array:
+        """Return the distance (n,) [m] of places in the gate to its edge, negative outside.
+
+        ``offset`` (n, 3) [m] is from its centre, in its axes, or of a ball in the world's.
+        """
+        if self.is_round:
+            across = offset if self.R_WG is None else offset[:, 1:]
+            return np.asarray(self.half_width - np.linalg.norm(across, axis=1))
+        left = np.array([self.half_width, self.half_height]) - np.abs(offset[:, 1:])
+        outside = np.linalg.norm(np.minimum(left, 0.0), axis=1)
+        return np.asarray(np.where(outside > 0.0, -outside, left.min(axis=1)))
+
+    def corners(self) -> Array:
+        """Return the corners (n, 3) [m] of the opening in their order; of a circle points on it.
+
+        A ball shows three circles, one after the other.
+        """
+        turn = np.linspace(0.0, 2.0 * math.pi, 33)
+        circle = self.half_width * np.column_stack((0.0 * turn, np.cos(turn), np.sin(turn)))
+        if self.R_WG is None:
+            rings = np.vstack([np.roll(circle, shift, axis=1) for shift in range(3)])
+            return np.asarray(self.p_WG + rings)
+        if not self.is_round:
+            ends = np.array([(1, 1), (1, -1), (-1, -1), (-1, 1), (1, 1)], dtype=np.float64)
+            sides = ends * [self.half_width, self.half_height]
+            circle = np.column_stack((np.zeros(len(ends)), sides))
+        return np.asarray(self.p_WG + circle @ self.R_WG.T)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Finish:
+    """Where a course ends (3,) [m], how near is there [m], and whether the vehicle is to rest."""
+
+    p_WB: Array
+    tolerance: float
+    at_rest: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Course:
+    """Gates in the order in which they are passed, all laps, from a start at rest to an end.
+
+    ``start`` (3,) [m] is left level with the nose at ``start_yaw`` [rad] from east. Without an
+    ``end`` the last gate is the end. ``numbers`` are those of the gates in the file, from 1.
+    """
+
+    source: str
+    start: Array
+    start_yaw: float
+    gates: tuple[Gate, ...]
+    numbers: tuple[int, ...]
+    end: Finish | None
+
+    def places(self) -> Array:
+        """Return the start, the centre of each gate, and the end if there is one (n, 3) [m]."""
+        rows = [self.start, *(gate.p_WG for gate in self.gates)]
+        return np.array(rows if self.end is None else [*rows, self.end.p_WB])
+
+    def once(self) -> dict[int, Gate]:
+        """Return each gate that is passed by its number, for drawing."""
+        return dict(sorted(dict(zip(self.numbers, self.gates, strict=True)).items()))
+
+    def moved(self, p_WG: Array, q_WG_xyzw: Array) -> Course:
+        """Return it with the gates of the file where they are by now, in its order.
+
+        Centres (n, 3) [m] and quaternions (n, 4), those of balls without a meaning. Raises
+        :class:`UserError` for fewer gates than the course has, and for what is no pose.
+        """
+        count = max(self.numbers)
+        if len(p_WG) < count:
+            raise UserError(f"gates: given {len(p_WG)} poses, expected those of all {count} gates")
+        moved = {}
+        for number, gate in self.once().items():
+            p, q = p_WG[number - 1], q_WG_xyzw[number - 1]
+            off_unit = 0.0 if gate.R_WG is None else abs(float(np.linalg.norm(q)) - 1.0)
+            if not (np.isfinite(p).all() and off_unit < OFF_UNIT):
+                raise UserError(
+                    f"gates: gate {number} at {p.tolist()} with the quaternion {q.tolist()}, "
+                    "expected finite numbers and a unit quaternion"
+                )
+            R_WG = None if gate.R_WG is None else so3.rotation_from_quaternion_xyzw(q)
+            moved[number] = dataclasses.replace(gate, p_WG=p, R_WG=R_WG)
+        return dataclasses.replace(self, gates=tuple(moved[number] for number in self.numbers))

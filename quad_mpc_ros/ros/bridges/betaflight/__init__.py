@@ -1,5 +1,0 @@
-"""Betaflight: sticks over a serial line, by MSP or as a CRSF receiver; telemetry back."""
-
-from quad_mpc_ros.ros.bridges.betaflight.bridge import BetaflightBridge
-
-__all__ = ["BetaflightBridge"]

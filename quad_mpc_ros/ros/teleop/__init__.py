@@ -1,1 +1,0 @@
-"""Flying by hand: what keys and sticks ask for, without ROS; the node is in ``ros/nodes``."""

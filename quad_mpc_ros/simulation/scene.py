@@ -1,0 +1,94 @@
+"""Several shapes and the space in which to fly, as a file states them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.simulation.shapes import Shape
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Volume:
+    """A box of corners ``minimum`` and ``maximum`` (3,) [m], in which to stay."""
+
+    minimum: Array
+    maximum: Array
+
+    def distance(self, p_WQ: Array) -> Array:
+        """Return the distances (n,) [m] of points (n, 3) [m] to its walls; negative outside."""
+        return np.asarray(np.minimum(p_WQ - self.minimum, self.maximum - p_WQ).min(axis=1))
+
+
+class Scene:
+    """Shapes over time, and the volume of flight, if there is one; times in seconds."""
+
+    def __init__(self, shapes: Sequence[Shape] = (), volume: Volume | None = None) -> None:
+        self.shapes = tuple(shapes)
+        self.volume = volume
+        self._p_WO = _rows([shape.p_WO for shape in shapes])
+        self._v_WO_W = _rows([shape.v_WO_W for shape in shapes])
+        self._appears_at = np.array([shape.appears_at for shape in shapes])
+        self._radii = np.array([shape.outer_radius for shape in shapes])
+
+    @property
+    def standing(self) -> Scene:
+        """Those of the shapes that are there from the start and do not move."""
+        still = [s for s in self.shapes if not s.moves and s.appears_at <= 0.0]
+        return Scene(still, self.volume)
+
+    @property
+    def changes(self) -> bool:
+        """Whether a shape moves, or appears later."""
+        return len(self.standing.shapes) < len(self.shapes)
+
+    def there(self, seconds: float) -> list[Shape]:
+        """Return the shapes that are there at a time, where they are then."""
+        present = np.flatnonzero(self._appears_at <= seconds)
+        return [self.shapes[place].after(seconds) for place in present]
+
+    def near(self, p_WC: Array, distance: float, seconds: float) -> list[Shape]:
+        """Return those whose surface may be within a distance [m] of a point (3,) [m]."""
+        gaps = self._gaps(p_WC, seconds)
+        return [self.shapes[place].after(seconds) for place in np.flatnonzero(gaps <= distance)]
+
+    def distance(self, p_WQ: Array, seconds: float) -> Array:
+        """Return the signed distances (n,) [m] of points (n, 3) [m] to the nearest surface."""
+        nearest = np.full(len(p_WQ), np.inf)
+        for shape in self.there(seconds):
+            nearest = np.minimum(nearest, shape.distance(p_WQ))
+        return nearest
+
+    def clearance(self, p_WQ: Array, seconds: float) -> float:
+        """Return the signed distance [m] of a point (3,) [m] to the nearest surface."""
+        gaps = self._gaps(p_WQ, seconds)
+        nearest = np.inf
+        for place in np.argsort(gaps):
+            if gaps[place] >= nearest:  # nor is any further one nearer
+                break
+            shape = self.shapes[place].after(seconds)
+            nearest = min(nearest, float(shape.distance(p_WQ[None])[0]))
+        return float(nearest)
+
+    def clearances(self, p_WQ: Array, seconds: Array) -> Array:
+        """Return the signed distance (n,) [m] of each point (n, 3) [m] at its time (n,)."""
+        nearest = np.full(len(p_WQ), np.inf)
+        for shape in self.shapes:
+            moved = np.maximum(seconds - shape.appears_at, 0.0)[:, None] * shape.v_WO_W
+            away = shape.distance(p_WQ - moved)
+            nearest = np.minimum(nearest, np.where(seconds >= shape.appears_at, away, np.inf))
+        return nearest
+
+    def _gaps(self, p_WC: Array, seconds: float) -> NDArray[np.float64]:
+        """Return a lower bound on the distance of each shape [m]; infinite until it appears."""
+        moved = np.maximum(seconds - self._appears_at, 0.0)[:, None] * self._v_WO_W
+        gaps = np.linalg.norm(self._p_WO + moved - p_WC, axis=1) - self._radii
+        return np.where(self._appears_at <= seconds, gaps, np.inf)
+
+
+def _rows(vectors: Sequence[Array]) -> Array:
+    return np.array(vectors, dtype=np.float64).reshape(-1, 3)

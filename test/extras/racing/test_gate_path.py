@@ -1,0 +1,73 @@
+"""The reference ``gates``: the smooth path through a course, and plans of it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quad_mpc_ros.configuration import ConfigurationError, UserError
+from quad_mpc_ros.extras.racing.gate_passages import Lap, passages
+from quad_mpc_ros.extras.racing.gates import read_course
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import configured_trajectory
+from quad_mpc_ros.references.course import Course
+
+ROUND: dict[str, Any] = {
+    "start": [0.0, 0.0, 1.0],
+    "gates": [
+        {"position": [4.0, 0.0, 1.5], "yaw": 0.3, "width": 1.5, "height": 1.5},
+        {"position": [4.0, 4.0, 2.0], "yaw": math.pi, "width": 1.5, "height": 1.5},
+        {"position": [0.0, 4.0, 1.5], "tolerance": 0.3},
+    ],
+    "laps": 2,
+}
+
+
+def flown(course: Course, **changes: Any) -> Lap:
+    trajectory = configured_trajectory(ReferenceConfig(trajectory="gates", **changes))
+    times = list(range(0, trajectory.period_ns, 5_000_000))
+    p_WB = trajectory.at(times).p_WB
+    return passages(course, seconds=1e-9 * np.array(times), p_WB=p_WB)
+
+
+@pytest.mark.parametrize("gates", ["split_s", "seven_gates", str(ROUND)])
+def test_smooth_path_passes_every_gate_in_its_middle(gates: str) -> None:
+    """Of a gate that it comes by twice the first passage counts, which may be off the middle."""
+    lap = flown(read_course(gates), gates=gates)
+    assert lap.missed == 0
+    misses = np.sort([passage.miss or 0.0 for passage in lap.passages])
+    assert misses[-1] < 0.2 and misses[-3] < 1e-3
+
+
+def test_smooth_path_turns_to_pass_in_the_direction_of_a_gate() -> None:
+    """The way on leads back, so that a path through the middles would not cross the plane."""
+    gates = [
+        {"position": [5.0, 0.0, 1.5], "yaw": math.pi / 2.0, "width": 1.0, "height": 1.0},
+        {"position": [9.0, 0.0, 1.5], "yaw": -math.pi / 2.0, "width": 1.0, "height": 1.0},
+    ]
+    text = str({"start": [0.0, 0.0, 1.0], "gates": gates, "end": [14.0, 0.0, 1.0]})
+    assert flown(read_course(text), gates=text).missed == 0
+
+
+def test_course_is_needed() -> None:
+    with pytest.raises(ConfigurationError, match=r"reference.gates: given '', expected the file"):
+        configured_trajectory(ReferenceConfig(trajectory="gates"))
+
+
+def test_bad_course_is_refused_before_anything_flies() -> None:
+    text = str({**ROUND, "start": [0.0, 0.0, float("-inf")]}).replace("-inf", "-.inf")
+    with pytest.raises(UserError, match="start: given"):
+        configured_trajectory(ReferenceConfig(trajectory="gates", gates=text))
+
+
+def test_plan_of_another_course_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "plan.csv"
+    rows = [f"{0.2 * k}, {0.1 * k}, 0, 1" for k in range(60)]
+    file.write_text("\n".join(("time [s], x [m], y [m], z [m]", *rows)))
+    config = ReferenceConfig(trajectory="gates", gates=str(ROUND), file=str(file))
+    with pytest.raises(ConfigurationError, match=r"it does not pass gates\[1\]; plan it anew"):
+        configured_trajectory(config)

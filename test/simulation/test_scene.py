@@ -1,0 +1,69 @@
+"""Several shapes over time, and the volume of flight."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quad_mpc_ros.simulation.scene import Scene, Volume
+from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
+
+RANDOM = np.random.default_rng(3)
+
+
+def shapes(count: int = 40) -> list[Shape]:
+    made: list[Shape] = []
+    for number in range(count):
+        place, speed = RANDOM.uniform(-10, 10, 3), RANDOM.normal(size=3) * (number % 3 == 0)
+        common = {"p_WO": place, "v_WO_W": speed, "appears_at": 0.5 * (number % 4)}
+        kinds = (
+            Sphere(radius=0.4, **common),
+            Cylinder(radius=0.2, height=3.0, **common),
+            Box(size=RANDOM.uniform(0.2, 2.0, 3), **common),
+        )
+        made.append(kinds[number % len(kinds)])
+    return made
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.7, 3.0])
+def test_clearance_is_the_least_of_the_distances_to_what_is_there(seconds: float) -> None:
+    scene = Scene(shapes())
+    for place in RANDOM.uniform(-12, 12, (50, 3)):
+        there = [
+            float(shape.after(seconds).distance(place[None])[0])
+            for shape in scene.shapes
+            if shape.appears_at <= seconds
+        ]
+        assert scene.clearance(place, seconds) == pytest.approx(min(there), abs=1e-12)
+        assert scene.distance(place[None], seconds)[0] == pytest.approx(min(there), abs=1e-12)
+
+
+def test_clearances_along_a_flight_are_those_at_each_moment() -> None:
+    scene = Scene(shapes())
+    times, places = np.linspace(0.0, 4.0, 60), RANDOM.uniform(-12, 12, (60, 3))
+    expected = [scene.clearance(p, float(t)) for p, t in zip(places, times, strict=True)]
+    assert scene.clearances(places, times) == pytest.approx(expected, abs=1e-12)
+
+
+def test_what_is_near_is_all_that_is_in_reach() -> None:
+    scene = Scene(shapes())
+    near = scene.near(np.zeros(3), 5.0, 2.0)
+    in_reach = [s for s in scene.there(2.0) if s.distance(np.zeros((1, 3)))[0] <= 5.0]
+    places = {tuple(shape.p_WO) for shape in near}
+    assert {tuple(shape.p_WO) for shape in in_reach} <= places
+
+
+def test_an_empty_scene_is_infinitely_far() -> None:
+    assert Scene().clearance(np.zeros(3), 0.0) == np.inf
+    assert np.isinf(Scene().clearances(np.zeros((2, 3)), np.zeros(2))).all()
+
+
+def test_what_stands_is_there_from_the_start_and_does_not_move() -> None:
+    scene = Scene(shapes())
+    assert all(not s.moves and s.appears_at == 0.0 for s in scene.standing.shapes)
+    assert scene.changes and not scene.standing.changes
+
+
+def test_a_volume_is_left_through_its_nearest_wall() -> None:
+    volume = Volume(minimum=np.zeros(3), maximum=np.array([4.0, 6.0, 3.0]))
+    assert volume.distance(np.array([[2.0, 3.0, 1.0], [5.0, 3.0, 1.0]])).tolist() == [1.0, -1.0]
