@@ -78,3 +78,26 @@ def test_late_odometry_costs_its_distance_without_oscillation(script: ModuleType
     flown = script.flown(next(job for job in script.jobs(arguments) if job.course == course))
     assert flown.rmse < 1.1
     assert flown.largest < 1.5
+
+
+@pytest.mark.parametrize(
+    ("condition", "course"),
+    [
+        ("baseline", ("horizontal", 10.0, 5.0, 5)),  # yaw takes more torque than there is
+        ("mass -30 %", ("horizontal", 30.0, 20.0, 5)),
+        ("mass +30 %", ("horizontal", 40.0, 5.0, 1)),  # level at full throttle
+        ("centre of mass 10 % off", ("horizontal", 30.0, 15.0, 5)),
+        ("centre of mass 10 % off", ("vertical", 20.0, 20.0, 1)),
+        ("push of 15 N", ("horizontal", 20.0, 20.0, 5)),
+        ("push of 15 N", ("vertical", 10.0, 10.0, 1)),
+        ("latency 50 ms", ("vertical", 30.0, 5.0, 5)),
+    ],
+)
+def test_the_model_may_be_wrong_without_contradicting_the_odometry(
+    script: ModuleType, condition: str, course: tuple[str, float, float, int]
+) -> None:
+    arguments = script.parsed(["--conditions", condition, "--rows", "on"])
+    jobs = script.jobs(arguments)
+    flown = script.flown(next(job for job in jobs if job.course == script.Course(*course)))
+    assert flown.fallbacks == 0
+    assert not flown.crashed

@@ -15,14 +15,19 @@ conjugated attitude, reversed rates or missing thrust each make another M. Both 
 same low-pass, which keeps M, and M is estimated by least squares over the last half second, with
 the identity as prior: with S the weighted sums of the last ``_MEMORY`` seconds,
 
-    M = (S_yx + r I) (S_xx + r I)^-1,    r = floor^2 _MEMORY.
+    M = (S_yx + r I) (S_xx + r I)^-1,    r = floor^2 _MEMORY + share^2 tr(S_xx + S_ee).
 
-Motion below the floor proves nothing. The relation is contradicted when the smallest eigenvalue
-of the symmetric part of M is too small, or when its skew part, a rotation, is too large. A
-controller that answers gusts or unknown lags keeps M positive. Wind and a wrong mass change the
-force by a constant, so its horizontal part is taken relative to its mean of the last second, and
-the drag that explains most of the difference is allowed for; the vertical part is compared as it
-is, within a wide band.
+Motion below the floor proves nothing, nor does motion in a direction that is a small share of the
+whole, or of the difference e = y - x: what a wrong mass or drag leaves along the main direction
+would count as its effect. The relation is contradicted when the smallest eigenvalue of the
+symmetric part of M is too small, or when both sides are turned against each other: in the plane of
+axes i and j by the sine (S_yx,ji - S_yx,ij) / (S_xx,ii + S_xx,jj + 2 r).
+
+A controller that answers gusts or unknown lags keeps M positive. Wind and a wrong mass change the
+force by a constant, a centre of mass off its place the rates: the horizontal force and the rates
+are taken relative to their means of the last ``_MEMORY`` seconds (a regression with an intercept),
+which also forgets a push before the controller leans against it. The drag that explains most of
+the difference is allowed for. The vertical force is compared as it is, within a wide band.
 
 One sample that jumps changes little: the difference of x and y within a sample is bounded.
 """
@@ -55,15 +60,22 @@ from quad_mpc_ros.control.stage import Stage
 _LONGEST_STEP_NS = 250_000_000  # between two odometries; across a longer gap nothing is compared
 _CONFIRMATIONS = 3  # odometries in a row
 _LOWPASS, _TURN_LOWPASS, _MEMORY = 0.15, 0.08, 0.6  # s
-_MEAN_TIME = 1.0  # s, of the mean horizontal force
 _UNMODELLED_LAG = 0.1  # s, of rates that follow their commands later than modelled
+# Yaw has the least torque: the vehicle may follow as slowly as it has shown within this time, and
+# always as slowly as this.
+_YAW_ACCELERATION_TIME, _LEAST_YAW_ACCELERATION = 2.0, 3.0  # s, rad/s^2
 # Of dead reckoning: between two states from which it starts [s], and a speed taken for none [m/s].
 _TRACK_TIME, _SMALL_SPEED = 1.0, 0.5
 # Vertical force over the commanded thrust, and margins as shares of gravity.
 _LEAST_LIFT, _FALLING, _SOME_THRUST = 0.25, 0.7, 0.5
-# Thrust of so many weights, or full throttle, for so long without climbing; autopilots spool their
-# motors up for a second and a half.
-_MUCH_THRUST, _MUCH_THRUST_NS, _CLIMBING = 2.6, 2_000_000_000, 0.3  # weights, ns, m/s
+# Thrust of so many weights, or full throttle, for so long without climbing or moving; autopilots
+# spool their motors up for a second and a half.
+_MUCH_THRUST, _MUCH_THRUST_NS, _CLIMBING, _MOVING = (
+    2.6,
+    2_000_000_000,
+    0.3,
+    1.0,
+)  # weights, ns, m/s
 _SOME_LIFT = 1.3  # weights, at full throttle
 
 
@@ -72,21 +84,27 @@ class RelationLimits(NamedTuple):
 
     Attributes:
         floor: Magnitude of x that counts as motion.
+        share: Of both sides and their difference, what in one direction counts as motion.
         least: Smallest eigenvalue of the symmetric part of M.
         twist: Largest magnitude of the skew part of M.
     """
 
     floor: float
+    share: float
     least: float
     twist: float
 
 
 # Rotations in rad/s, positions in m/s, forces in m/s^2. The second of a kinematic relation is for
 # y as a function of x the other way round, which shows values that are too large.
-_ATTITUDE, _ATTITUDE_BACK = RelationLimits(0.4, 0.35, 0.6), RelationLimits(1.5, 0.35, 1.0)
-_POSITION, _POSITION_BACK = RelationLimits(0.5, 0.25, 0.6), RelationLimits(1.5, 0.35, 1.0)
-_RATES, _REVERSED = RelationLimits(0.4, 0.1, 0.9), RelationLimits(0.4, -0.4, 0.9)
-_FORCE, _MOST_DRAG = RelationLimits(1.0, -0.4, 0.69), 3.0  # 1/s
+_ATTITUDE = RelationLimits(floor=0.4, share=0.12, least=0.35, twist=0.6)
+_ATTITUDE_BACK = RelationLimits(floor=1.5, share=0.12, least=0.35, twist=1.0)
+_POSITION = RelationLimits(floor=0.5, share=0.12, least=0.25, twist=0.6)
+_POSITION_BACK = RelationLimits(floor=1.5, share=0.12, least=0.35, twist=1.0)
+_RATES = RelationLimits(floor=0.15, share=0.15, least=0.1, twist=0.9)
+_REVERSED = RelationLimits(floor=0.4, share=0.12, least=-0.4, twist=0.9)
+_FORCE = RelationLimits(floor=0.7, share=0.08, least=-0.4, twist=0.69)
+_MOST_DRAG = 3.0  # 1/s
 # Largest difference of the two sides within a sample: angle, distance, and as rates.
 _TURN_STEP, _STEP, _RATE_STEP, _FORCE_STEP = 0.08, 0.15, 20.0, 40.0
 _ABSURD = 15.0  # rad/s, of body rates and the turn of the attitude within a sample
@@ -106,10 +124,12 @@ class Relation(enum.IntFlag):
 
 
 class Pair(Record):
-    """Both sides of a relation, low-passed, and their weighted sums of products."""
+    """Both sides of a relation, low-passed, their means, and weighted sums of products."""
 
     x: Vector3
     y: Vector3
+    mean_x: Vector3
+    mean_y: Vector3
     xx: Matrix3
     yx: Matrix3
     yy: Matrix3
@@ -135,6 +155,7 @@ class Evidence(Record):
     # Those behind another lag, which is not modelled.
     late_throttle: float
     late_rates: Vector3
+    yaw_acceleration: float  # rad/s^2, the most of lately
     turn_error: float  # rad/s, of the last sample
     attitude: Pair
     position: Pair
@@ -142,12 +163,8 @@ class Evidence(Record):
     commanded_late: Pair
     force: Pair
     force_late: Pair
-    drag: Pair  # y the velocity, low-passed as the force, which is x
-    drag_on_force: float  # weighted sum of the products of velocity and measured force
-    mean_x: Vector3  # of the force
-    mean_x_late: Vector3
-    mean_y: Vector3
-    mean_v: Vector3  # of the velocity
+    drag: Pair  # y the velocity, and x as of the force
+    drag_on_force: Pair  # x the velocity, and y as of the force
     older: Track
     newer: Track
     track_age: float  # s, of the newer one
@@ -278,7 +295,7 @@ class ConsistencyMonitor(Stage):
         self._stamp_ns = stamp_ns
         step_ns = 0 if before_ns is None else stamp_ns - before_ns
         compares = 0 < step_ns <= _LONGEST_STEP_NS
-        found, climb, lift = _follow(
+        found, is_still, lift = _follow(
             evidence=self._evidence,
             motion=(odometry.q_WB_xyzw, odometry.v_WB_B),
             reported=(reported.p_WB, reported.q_WB_xyzw, reported.w_WB_B),
@@ -298,7 +315,7 @@ class ConsistencyMonitor(Stage):
             contradicted = Relation(found)
             cause = self._cause(contradicted)
             self._find(contradicted, f"odometry and commands disagree: {cause}")
-        elif self._lifts_nothing(stamp_ns, acted.throttle, climb=climb, lift=lift):
+        elif self._lifts_nothing(stamp_ns, acted.throttle, is_still=is_still, lift=lift):
             self._find(
                 Relation.THRUST,
                 f"{1e-9 * _MUCH_THRUST_NS:.0f} s of thrust do not lift the vehicle: check motors, "
@@ -321,13 +338,17 @@ class ConsistencyMonitor(Stage):
             "force": seen.force,
         }
         sums = {name: (pair.xx, pair.yx, pair.yy) for name, pair in pairs.items()}
-        return likely_cause(sums, lift=(float(seen.force.x[2]), float(seen.force.y[2])))
+        contradicted = [name for name in pairs if found & Relation[name.upper()]]
+        lift = (float(seen.force.x[2]), float(seen.force.y[2]))
+        return likely_cause(contradicted, sums, lift)
 
-    def _lifts_nothing(self, stamp_ns: int, throttle: float, *, climb: float, lift: float) -> bool:
-        """Whether much thrust, to ``lift`` so many weights, has not made it climb for long."""
+    def _lifts_nothing(
+        self, stamp_ns: int, throttle: float, *, is_still: bool, lift: float
+    ) -> bool:
+        """Whether much thrust, to ``lift`` so many weights, has not moved it for long."""
         full = throttle >= self._full_throttle and lift > _SOME_LIFT
         much = full or lift > _MUCH_THRUST
-        if not much or climb > _CLIMBING:
+        if not much or not is_still:
             self._much_since_ns = None
         elif self._much_since_ns is None:
             self._much_since_ns = stamp_ns
@@ -357,15 +378,15 @@ def _follow(
     duration: float,
     phase: FlightPhase,
     model: RecordArray[ModelParameters],
-) -> tuple[int, float, float]:
+) -> tuple[int, bool, float]:
     """Take an odometry and the command that acted for ``duration`` [s].
 
     ``motion`` are attitude and velocity as controlled, ``reported`` position, attitude and rates.
     With a duration of 0 nothing is compared.
 
     Returns:
-        The relations that are contradicted, how fast the vehicle climbs [m/s], and how many times
-        its weight the commanded thrust lifts.
+        The relations that are contradicted, whether the vehicle neither climbs nor moves, and how
+        many times its weight the commanded thrust lifts.
     """
     seen, nominal = evidence[()], model[()]
     q_WB_xyzw, v_WB_B = motion
@@ -376,6 +397,7 @@ def _follow(
     v = kernels.apply(R, kernels.vector(v_WB_B))
     found = 0
     if duration > 0.0:
+        _follow_yaw_torque(seen, w[2], duration)
         _follow_command(seen, nominal, command, duration)
         _compare_motion(seen, p, v, R_reported, w, duration)
         if phase.stands:
@@ -412,7 +434,8 @@ def _follow(
     kernels.store_vector(v, seen.v_WB_W)
     kernels.store_matrix(R_reported, seen.R_WB)
     kernels.store_vector(w, seen.w_WB_B)
-    return found, v[2], seen.force.x[2] / nominal.gravity
+    is_still = v[2] <= _CLIMBING and math.hypot(v[0], v[1]) <= _MOVING
+    return found, is_still, seen.force.x[2] / nominal.gravity
 
 
 @compiled
@@ -429,7 +452,20 @@ def _follow_command(
         rate = command.w_WB_B[k]
         seen.rates[k] = rate + kept * (seen.rates[k] - rate)
         kept, _ = first_order_lag(_UNMODELLED_LAG, duration)
-        seen.late_rates[k] = seen.rates[k] + kept * (seen.late_rates[k] - seen.rates[k])
+        late = seen.rates[k] + kept * (seen.late_rates[k] - seen.rates[k])
+        if k == 2:
+            most = seen.yaw_acceleration * duration
+            late = kernels.clamp(late, seen.late_rates[k] - most, seen.late_rates[k] + most)
+        seen.late_rates[k] = late
+
+
+@compiled
+def _follow_yaw_torque(seen: Evidence, yaw_rate: float, duration: float) -> None:
+    """Let the most yaw acceleration that the vehicle has shown lately follow its yaw rate."""
+    kept = math.exp(-duration / _YAW_ACCELERATION_TIME)
+    shown = abs(yaw_rate - seen.w_WB_B[2]) / duration
+    remembered = max(kept * seen.yaw_acceleration, shown)
+    seen.yaw_acceleration = max(remembered, _LEAST_YAW_ACCELERATION)
 
 
 @compiled
@@ -484,37 +520,22 @@ def _compare_with_command(
 ) -> None:
     """Compare velocity and rates with the command that acted since the odometry before."""
     (v, w), times = motion, duration / _LOWPASS
-    _lowpass(seen.commanded, kernels.vector(seen.rates), w, _RATE_STEP, times)
-    _remember(seen.commanded, duration)
-    _lowpass(seen.commanded_late, kernels.vector(seen.late_rates), w, _RATE_STEP, times)
-    _remember(seen.commanded_late, duration)
+    rates, late_rates = kernels.vector(seen.rates), kernels.vector(seen.late_rates)
+    _lowpass(seen.commanded, rates, w, _RATE_STEP, times)
+    _lowpass(seen.commanded_late, late_rates, w, _RATE_STEP, times)
     gained = kernels.minus(v, kernels.vector(seen.v_WB_W))
     ax, ay, az = kernels.scaled(1.0 / duration, gained)
     force, up = (ax, ay, az + nominal.gravity), kernels.column(R, 2)
-    thrust = max(modelled_thrust(nominal, seen.throttle), 0.0)
-    _lowpass(seen.force, kernels.scaled(thrust, up), force, _FORCE_STEP, times)
-    thrust = max(modelled_thrust(nominal, seen.late_throttle), 0.0)
-    _lowpass(seen.force_late, kernels.scaled(thrust, up), force, _FORCE_STEP, times)
-    _lowpass(seen.drag, v, v, math.inf, times)
-    x = _changes(kernels.vector(seen.force.x), seen.mean_x, duration)
-    x_late = _changes(kernels.vector(seen.force_late.x), seen.mean_x_late, duration)
-    y = _changes(kernels.vector(seen.force.y), seen.mean_y, duration)
-    u = _changes(kernels.vector(seen.drag.y), seen.mean_v, duration)
-    _add_products(seen.force, x, y, duration)
-    _add_products(seen.force_late, x_late, y, duration)
-    _add_products(seen.drag, x, u, duration)
-    along = u[0] * y[0] + u[1] * y[1]
-    kept = math.exp(-duration / _MEMORY)
-    seen.drag_on_force = kept * seen.drag_on_force + duration * along
-
-
-@compiled
-def _changes(value: kernels.Vector, mean: Array, duration: float) -> kernels.Vector:
-    """Return a vector relative to its mean (3,) of the last second, which follows it."""
-    share = -math.expm1(-duration / _MEAN_TIME)
-    for k in range(3):
-        mean[k] += share * (value[k] - mean[k])
-    return kernels.minus(value, kernels.vector(mean))
+    thrust = kernels.scaled(max(modelled_thrust(nominal, seen.throttle), 0.0), up)
+    late_thrust = kernels.scaled(max(modelled_thrust(nominal, seen.late_throttle), 0.0), up)
+    _lowpass(seen.force, thrust, force, _FORCE_STEP, times)
+    _lowpass(seen.force_late, late_thrust, force, _FORCE_STEP, times)
+    _lowpass(seen.drag, thrust, v, math.inf, times)
+    _lowpass(seen.drag_on_force, v, force, math.inf, times)
+    for turning in (seen.commanded, seen.commanded_late):
+        _remember_changes(turning, duration)
+    for pushing in (seen.force, seen.force_late, seen.drag, seen.drag_on_force):
+        _remember_changes(pushing, duration)
 
 
 @compiled
@@ -540,6 +561,18 @@ def _remember(pair: Pair, duration: float) -> None:
 
 
 @compiled
+def _remember_changes(pair: Pair, duration: float) -> None:
+    """Add the products of both sides, relative to their means, to the sums."""
+    share = -math.expm1(-duration / _MEMORY)
+    for k in range(3):
+        pair.mean_x[k] += share * (pair.x[k] - pair.mean_x[k])
+        pair.mean_y[k] += share * (pair.y[k] - pair.mean_y[k])
+    x = kernels.minus(kernels.vector(pair.x), kernels.vector(pair.mean_x))
+    y = kernels.minus(kernels.vector(pair.y), kernels.vector(pair.mean_y))
+    _add_products(pair, x, y, duration)
+
+
+@compiled
 def _add_products(pair: Pair, x: kernels.Vector, y: kernels.Vector, duration: float) -> None:
     """Add products to the weighted sums, which forget."""
     kept = math.exp(-duration / _MEMORY)
@@ -553,7 +586,7 @@ def _add_products(pair: Pair, x: kernels.Vector, y: kernels.Vector, duration: fl
 @compiled
 def _forget(pair: Pair) -> None:
     """Forget all evidence of a relation."""
-    pair.x[:], pair.y[:] = 0.0, 0.0
+    pair.x[:], pair.y[:], pair.mean_x[:], pair.mean_y[:] = 0.0, 0.0, 0.0, 0.0
     pair.xx[:], pair.yx[:], pair.yy[:] = 0.0, 0.0, 0.0
 
 
@@ -561,14 +594,10 @@ def _forget(pair: Pair) -> None:
 def _begin_force(evidence: RecordArray[Evidence], model: RecordArray[ModelParameters]) -> None:
     """Forget all evidence on the force: the vehicle is at rest."""
     seen, gravity = evidence[()], model[()].gravity
-    _forget(seen.force)
-    _forget(seen.force_late)
-    _forget(seen.drag)
-    seen.drag_on_force = 0.0
-    seen.mean_x[:], seen.mean_x_late[:] = 0.0, 0.0
-    seen.mean_y[:], seen.mean_v[:] = 0.0, 0.0
-    seen.force.x[2] = seen.force.y[2] = seen.mean_x[2] = seen.mean_y[2] = gravity
-    seen.force_late.x[2] = seen.force_late.y[2] = seen.mean_x_late[2] = gravity
+    for pair in (seen.force, seen.force_late, seen.drag, seen.drag_on_force):
+        _forget(pair)
+    for pair in (seen.force, seen.force_late):
+        pair.x[2] = pair.y[2] = pair.mean_x[2] = pair.mean_y[2] = gravity
 
 
 @compiled
@@ -578,12 +607,12 @@ def _contradicted(seen: Evidence, gravity: float, flies: bool) -> int:
     The ground may keep a vehicle from turning and from falling, but it reverses nothing.
     """
     found, turn, move = 0, seen.attitude, seen.position
-    if seen.turn_error > _ABSURD or _is_contradicted(turn.yx, turn.xx, _ATTITUDE):
+    if seen.turn_error > _ABSURD or _is_contradicted(turn.yx, turn.xx, _trace(turn.yy), _ATTITUDE):
         found |= 1
-    if _is_contradicted(turn.yx.T, turn.yy, _ATTITUDE_BACK):
+    if _is_contradicted(turn.yx.T, turn.yy, _trace(turn.xx), _ATTITUDE_BACK):
         found |= 1 | 4  # rates that nothing turns by
-    if _is_contradicted(move.yx, move.xx, _POSITION) or _is_contradicted(
-        move.yx.T, move.yy, _POSITION_BACK
+    if _is_contradicted(move.yx, move.xx, _trace(move.yy), _POSITION) or _is_contradicted(
+        move.yx.T, move.yy, _trace(move.xx), _POSITION_BACK
     ):
         found |= 2
     if _rates_are_contradicted(seen, _REVERSED):
@@ -591,16 +620,14 @@ def _contradicted(seen: Evidence, gravity: float, flies: bool) -> int:
     elif flies and _rates_are_contradicted(seen, _RATES):
         found |= 4
     # Motors at their limits give more or less lift than asked for, hence the wide band below.
-    along, square = _horizontal(seen.drag.yx), _horizontal(seen.drag.yy)
-    drag = 0.0
-    if square[0, 0] + square[1, 1] > 0.0:
+    along, squares = _horizontal(seen.drag.yx), _trace(_horizontal(seen.drag.yy))
+    on_force, drag = _trace(_horizontal(seen.drag_on_force.yx)), 0.0
+    if squares > 0.0:
         # The drag that explains the difference best.
-        unexplained = along[0, 0] + along[1, 1] - seen.drag_on_force
-        drag = kernels.clamp(unexplained / (square[0, 0] + square[1, 1]), 0.0, _MOST_DRAG)
-    if _is_contradicted(
-        _horizontal(seen.force.yx) + drag * along, _horizontal(seen.force.xx), _FORCE
-    ) and _is_contradicted(
-        _horizontal(seen.force_late.yx) + drag * along, _horizontal(seen.force_late.xx), _FORCE
+        drag = kernels.clamp((_trace(along) - on_force) / squares, 0.0, _MOST_DRAG)
+    measured = _trace(_horizontal(seen.force.yy)) + drag * (2.0 * on_force + drag * squares)
+    if _drives_apart(seen.force, drag * along, measured) and _drives_apart(
+        seen.force_late, drag * along, measured
     ):
         found |= 8
     # A fast climb takes as much lift as drag may be.
@@ -615,9 +642,17 @@ def _contradicted(seen: Evidence, gravity: float, flies: bool) -> int:
 def _rates_are_contradicted(seen: Evidence, limits: RelationLimits) -> bool:
     """Whether rates do not follow their commands, neither as modelled nor later than that."""
     modelled, late = seen.commanded, seen.commanded_late
-    return _is_contradicted(modelled.yx, modelled.xx, limits) and _is_contradicted(
-        late.yx, late.xx, limits
+    squares = _trace(modelled.yy)
+    return _is_contradicted(modelled.yx, modelled.xx, squares, limits) and _is_contradicted(
+        late.yx, late.xx, squares, limits
     )
+
+
+@compiled
+def _drives_apart(force: Pair, by_drag: Array, measured: float) -> bool:
+    """Whether the horizontal force contradicts the commanded one, with the drag added to it."""
+    yx, xx = _horizontal(force.yx) + by_drag, _horizontal(force.xx)
+    return _is_contradicted(yx, xx, measured, _FORCE)
 
 
 @compiled
@@ -630,9 +665,23 @@ def _horizontal(sums: Array) -> Array:
 
 
 @compiled
-def _is_contradicted(yx: Array, xx: Array, limits: RelationLimits) -> bool:
-    """Whether y = M x does not hold with an M near the identity, by sums of products (3, 3)."""
-    prior = limits.floor**2 * _MEMORY
+def _trace(sums: Array) -> float:
+    """Return the weighted sum of the squares that sums of products (3, 3) hold."""
+    return float(sums[0, 0] + sums[1, 1] + sums[2, 2])
+
+
+@compiled
+def _is_contradicted(yx: Array, xx: Array, y_squares: float, limits: RelationLimits) -> bool:
+    """Whether y = M x does not hold with an M near the identity.
+
+    Args:
+        yx: Weighted sums of products (3, 3).
+        xx: The same of x alone.
+        y_squares: Weighted sum of the squares of y.
+        limits: Of the relation.
+    """
+    difference = y_squares - 2.0 * _trace(yx) + _trace(xx)
+    prior = limits.floor**2 * _MEMORY + limits.share**2 * (_trace(xx) + difference)
     A, M = xx.copy(), np.zeros((3, 3))
     for k in range(3):
         A[k, k] += prior
@@ -650,8 +699,12 @@ def _is_contradicted(yx: Array, xx: Array, limits: RelationLimits) -> bool:
     # All leading minors of the symmetric part less the limit are positive.
     determinant = a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)
     above = a > 0.0 and a * b - d * d > 0.0 and determinant > 0.0
-    skew = math.sqrt((M[0, 1] - d) ** 2 + (M[0, 2] - e) ** 2 + (M[1, 2] - f) ** 2)
-    return not above or skew > limits.twist
+    # Not of M: across the main direction its entries are the least certain.
+    twist = 0.0
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        turn = (yx[j, i] - yx[i, j]) / (xx[i, i] + xx[j, j] + 2.0 * prior)
+        twist += turn * turn
+    return not above or math.sqrt(twist) > limits.twist
 
 
 @compiled

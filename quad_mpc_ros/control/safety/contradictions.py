@@ -5,12 +5,13 @@ vehicle near level that heads along x. The likeliest is the one with the smalles
 
     sum of |y - M x|^2 = tr(S_yy - 2 M S_yx' + M S_xx M'),
 
-relative to what the relation holds in all, so that a relation with little motion says little.
+relative to what the relation holds in all, so that a relation with little motion says little. Of
+two that explain it equally well the one that changes fewer relations is the likelier.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -163,21 +164,29 @@ _MISTAKES = (
 )
 
 
-def likely_cause(sums: Mapping[str, tuple[Array, Array, Array]], lift: tuple[float, float]) -> str:
+def likely_cause(
+    contradicted: Collection[str],
+    sums: Mapping[str, tuple[Array, Array, Array]],
+    lift: tuple[float, float],
+) -> str:
     """Return the most likely cause in words, and what to check.
 
     Args:
+        contradicted: Names of relations, of which the cause explains one at least.
         sums: S_xx, S_yx and S_yy of each relation, by its name.
         lift: Vertical force commanded and measured [m/s^2].
     """
-    return min(_MISTAKES, key=lambda mistake: _misfit(mistake, sums, lift)).cause
+    mistakes = [
+        mistake for mistake in _MISTAKES if not mistake.gains.keys().isdisjoint(contradicted)
+    ]
+    return min(mistakes, key=lambda mistake: _misfit(mistake, sums, lift)).cause
 
 
 def _misfit(
     mistake: _Mistake, sums: Mapping[str, tuple[Array, Array, Array]], lift: tuple[float, float]
 ) -> float:
     """Return the share of the measured motion that a mistake leaves unexplained."""
-    misfit = 0.0
+    misfit = _EACH_RELATION * len(mistake.gains)
     for name, each in sums.items():
         xx, yx, yy = Sums(*each)
         gain = mistake.gains.get(name, _SAME)
@@ -190,5 +199,6 @@ def _misfit(
     return misfit + abs(measured - expected) / (abs(measured) + abs(expected) + 1.0)
 
 
+_EACH_RELATION = 0.18
 _GRAVITY = 9.81  # m/s^2; it need not be exact here
 _SMALLEST = {"attitude": 0.01, "position": 0.02, "rates": 0.02, "force": 0.1}

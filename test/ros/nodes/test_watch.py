@@ -42,7 +42,12 @@ def test_vehicles_are_columns_of_a_table(start: Start, peer: Any, tmp_path: Path
         texts = shown.read_text().split("vehicle ")[1:]
         return [[line.split() for line in text.splitlines()] for text in texts]
 
-    both = [["uav1", "uav2"], ["commands", "mpc", "mpc"]]
+    both = [
+        ["uav1", "uav2"],
+        ["commands", "mpc", "mpc"],
+        ["mode", "tracking", "tracking"],
+        ["node", "simulator", "OK", "running", "OK", "running"],
+    ]
     assert peer.wait(lambda: len(tables()) > 3 and all(line in tables()[-2] for line in both)), (
         shown.read_text()
     )
@@ -55,8 +60,6 @@ def test_vehicles_are_columns_of_a_table(start: Start, peer: Any, tmp_path: Path
     table = watched("--once", "--namespace", "uav1")
     assert "uav2" not in table
     assert ["commands", "mpc"] in [line.split() for line in table.splitlines()]
-    assert "tracking" in table  # of the reference
-    assert "OK running" in table, table  # of the simulator
     assert " Hz, 0." in table
 
 
