@@ -214,7 +214,7 @@ def test_parameters_may_be_set_until_configured(
     assert "Traceback" not in log
 
 
-@pytest.mark.parametrize("given", ["0.2", "1", "[0.2, 0.3, 0.4]", "[1, 1, 2]"])
+@pytest.mark.parametrize("given", ["1", "[0.2, 0.3, 0.4]"])
 def test_drag_is_one_number_or_three(given: str, start: Start, managed: Any) -> None:
     start("mpc", *WAIT, "-p", f"drag:={given}")
     mpc = managed("mpc")
@@ -481,9 +481,13 @@ def test_hundred_cycles_leak_nothing(
 
 
 @pytest.fixture
-def unfrozen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Keep a node in this process from hiding from the garbage collector what exists."""
+def unfrozen(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Hide from the garbage collector what exists before the test, and nothing after that."""
     monkeypatch.setattr("quad_mpc_ros.ros.lifecycle.settle_memory", lambda: None)
+    gc.collect()
+    gc.freeze()
+    yield
+    gc.unfreeze()
 
 
 @pytest.mark.usefixtures("unfrozen")
