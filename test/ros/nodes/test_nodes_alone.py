@@ -358,19 +358,23 @@ def test_recorder_subscribes_before_a_topic_has_a_publisher(
     assert not any(map(peer.node.count_publishers, expected))
 
 
-def test_recorder_records_what_appears_later(start: Start, peer: Any, tmp_path: Path) -> None:
+def test_recorder_records_what_appears_later(
+    start: Start, peer: Any, managed: Any, tmp_path: Path
+) -> None:
     bag = tmp_path / "bag"
-    recorder = start("recorder", "-p", f"directory:={bag}", "-p", "topics:=[odom, /other/odom]")
-    assert peer.wait(lambda: "recorder" in peer.node.get_node_names())
+    process = start("recorder", "-p", f"directory:={bag}", "-p", "topics:=[odom, /other/odom]")
+    recorder = managed("recorder")
+    assert recorder.tells("active", "no publisher yet")
     publisher = peer.node.create_publisher(Odometry, "odom", 100)
-    assert peer.wait(publisher.get_subscription_count)
+    # A publisher knows a subscription before that knows it, and then sends to nobody.
+    assert peer.wait(lambda: recorder.health.get("peers./odom") == "1")
     for second in range(1, 31):
         message = Odometry()
         message.header.stamp.sec = second
         publisher.publish(message)
     peer.deliver(publisher)
-    recorder.send_signal(signal.SIGINT)
-    assert recorder.wait(PATIENCE) == 0
+    process.send_signal(signal.SIGINT)
+    assert process.wait(PATIENCE) == 0
 
     with AnyReader([bag]) as reader:
         stamps = [
