@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import itertools
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -56,9 +57,21 @@ def written_by_name(option: str, path: Path, *, overwrite: bool) -> Iterator[Pat
 
 
 def default_out(label: str) -> Path:
-    """Return the folder of a run that was not given one."""
+    """Make a folder for a run that was not given one, and return it.
+
+    Another run may have begun in the same second. Where no folder can be made, who writes into it
+    says why.
+    """
     now = datetime.datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
-    return Path("runs") / f"{now}_{label}"
+    names = itertools.chain([label], (f"{label}_{number}" for number in itertools.count(1)))
+    while True:
+        out = Path("runs") / f"{now}_{next(names)}"
+        try:
+            out.mkdir(parents=True)
+        except OSError:
+            if out.is_dir():
+                continue
+        return out
 
 
 def prepared_out(out: Path, *, holds: Sequence[str] = ("bag", "summary.json", "figures")) -> Path:

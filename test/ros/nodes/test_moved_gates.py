@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -30,6 +32,7 @@ COURSE = str({"start": [0.0, 0.0, 1.5], "gates": GATES, "end": [15.0, 0.0, 1.5]}
 MOVED = np.array([[4.0, 0.0, 1.5], [8.0, 2.5, 1.5], [12.0, 0.0, 1.5]])
 SPEED = 4.0  # m/s
 TOLD_AT = 1.0  # s
+MATCHING = 1.0  # s, for a reader to know the writer that knows it
 
 
 def poses(p_WG: Any, *, frame_id: str = "odom") -> PoseArray:
@@ -40,6 +43,13 @@ def poses(p_WG: Any, *, frame_id: str = "odom") -> PoseArray:
         Pose(position=Point(x=x, y=y, z=z), orientation=level) for x, y, z in np.array(p_WG)
     ]
     return message
+
+
+def node_of(flight: subprocess.Popen[bytes], name: str) -> int:
+    """Return the process of a node that a command has started."""
+    children = Path(f"/proc/{flight.pid}/task/{flight.pid}/children").read_text().split()
+    (found,) = [each for each in children if name in Path(f"/proc/{each}/cmdline").read_text()]
+    return int(found)
 
 
 def test_a_gate_moved_in_flight_is_passed_where_it_is(peer: Any, tmp_path: Path) -> None:
@@ -58,6 +68,15 @@ def test_a_gate_moved_in_flight_is_passed_where_it_is(peer: Any, tmp_path: Path)
     command = [sys.executable, "-m", "quad_mpc_ros.cli", "fly", "--lockstep", "--gates", COURSE]
     command += [*given, "--duration", "8", "--out", str(out)]
     with subprocess.Popen(command, cwd=tmp_path) as flight:
+        assert peer.wait(lambda: stamps, timeout=100.0)
+        # The flight takes a second; for the reference to be found there may be less.
+        simulator = node_of(flight, "simulator")
+        os.kill(simulator, signal.SIGSTOP)
+        try:
+            assert peer.wait(gates.get_subscription_count)
+            peer.spin(MATCHING)
+        finally:
+            os.kill(simulator, signal.SIGCONT)
         assert peer.wait(lambda: flight.poll() is not None, timeout=300.0)
     summary = json.loads((out / "summary.json").read_text())
     assert [gate["passed"] for gate in summary["gates"]] == [True, True, True]

@@ -1,0 +1,28 @@
+"""Folders of runs that were not given one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from quad_mpc_ros.commands.output import default_out, prepared_out
+
+
+def test_runs_of_the_same_second_have_folders_of_their_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outs = [prepared_out(default_out("square")) for _ in range(3)]
+    for out in outs:
+        (out / "bag").mkdir()
+    assert len(set(outs)) == 3
+    assert outs[0].name.endswith("_square")
+
+
+def test_a_folder_that_cannot_be_made_is_left_to_what_writes_into_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").touch()
+    assert default_out("square").parent == Path("runs")
