@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from quad_mpc_ros.commands.output import default_out
+from quad_mpc_ros.commands.output import create_out
 from quad_mpc_ros.commands.run_options import add_config, add_out, add_set
 from quad_mpc_ros.configuration import UserError
 
@@ -55,7 +55,7 @@ def new_or_resumed(
     if options.resume is None:
         if options.file is None:
             raise UserError(f"FILE: expected the file of a {kind}, or --resume DIR")
-        asked, out = read(), out or default_out(options.file.stem)
+        asked, out = read(), out or create_out(options.file.stem)
         if out.exists() and (not out.is_dir() or any(out.iterdir())):
             raise UserError(
                 f"--out: {out} exists and is not overwritten; give a new folder, or continue with "

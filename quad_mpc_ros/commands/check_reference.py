@@ -7,7 +7,7 @@ import dataclasses
 
 from quad_mpc_ros.analysis.figures.reference_figure import write_reference
 from quad_mpc_ros.commands import EXIT_FAILED
-from quad_mpc_ros.commands.output import default_out, prepared_out, results_in
+from quad_mpc_ros.commands.output import create_out, prepared_out, results_in
 from quad_mpc_ros.commands.run_configuration import reference_assignments
 from quad_mpc_ros.commands.run_options import add_configuration_options, add_out
 from quad_mpc_ros.configuration.text_tables import text_table
@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     loaded = load_config(*(options.config or ["default"]), assignments=assignments)
     config = _within_the_mpc(loaded.reference, loaded.mpc)
     trajectory, verdict = judged_trajectory(config, read_bag=flown_points)
-    out = prepared_out(options.out or default_out(config.trajectory), holds=(_FIGURE,))
+    out = prepared_out(options.out or create_out(config.trajectory), holds=(_FIGURE,))
     figure = out / _FIGURE
     times = [round(1e9 * seconds) for seconds in verdict.over_time.seconds]
     with results_in(out):

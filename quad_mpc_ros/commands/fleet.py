@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from quad_mpc_ros.commands import EXIT_FAILED
-from quad_mpc_ros.commands.output import default_out, results_in, write_json
+from quad_mpc_ros.commands.output import create_out, results_in, write_json
 from quad_mpc_ros.commands.run_configuration import HALF_SPACES, RunConfig, run_configuration
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE, STATS
@@ -40,7 +40,7 @@ def fleet_configurations(options: argparse.Namespace) -> dict[str, RunConfig]:
         ]
         given.assignments = [*made, *options.assignments]
         if out is None:
-            out = default_out("fleet")
+            out = create_out("fleet")
         given.out = out / namespace
         configs[namespace] = _beside(run_configuration(given, lockstep=False), number)
     return configs

@@ -56,7 +56,7 @@ def written_by_name(option: str, path: Path, *, overwrite: bool) -> Iterator[Pat
         raise UserError(f"{option}: {path} cannot be written: {error.strerror}") from error
 
 
-def default_out(label: str) -> Path:
+def create_out(label: str) -> Path:
     """Make a folder for a run that was not given one, and return it.
 
     Another run may have begun in the same second. Where no folder can be made, who writes into it

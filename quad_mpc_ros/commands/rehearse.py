@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.campaign_options import add_engine_options, engine_of
-from quad_mpc_ros.commands.output import default_out, prepared_out, results_in, write_json
+from quad_mpc_ros.commands.output import create_out, prepared_out, results_in, write_json
 from quad_mpc_ros.commands.run_options import add_config, add_out, add_set
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
     config, progress = options.config or ["default"], Progress()
     disturbed_campaign(config, options.assignments)  # what is wrong in it is said before all else
     with engine_of(options) as engine:
-        out = prepared_out(options.out or default_out("rehearsal"), holds=(RESULT, PICTURE, LOST))
+        out = prepared_out(options.out or create_out("rehearsal"), holds=(RESULT, PICTURE, LOST))
         print(f"rehearsing with {VEHICLES} disturbed vehicles into {out}", file=sys.stderr)
         found = rehearse(
             config,

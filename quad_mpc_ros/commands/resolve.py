@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from quad_mpc_ros.commands import recording
-from quad_mpc_ros.commands.output import default_out, prepared_out, results_in, write_json
+from quad_mpc_ros.commands.output import create_out, prepared_out, results_in, write_json
 from quad_mpc_ros.commands.run_options import add_out
 from quad_mpc_ros.configuration import BagError
 
@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
             f"{run.bag}: no reference in it: give --reference NAME, or --reference-topic with "
             f"one of type {REFERENCE.type_name}"
         )
-    out = prepared_out(options.out or default_out("resolved"))
+    out = prepared_out(options.out or create_out("resolved"))
     print(f"resolving {run.bag} into {out}", file=sys.stderr)
     steps = _recorded(out / "bag", run, mpc, windows)
     if not any(step.tick is not None and step.tick.command is not None for step in steps):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from quad_mpc_ros.commands.output import default_out, prepared_out, results_in
+from quad_mpc_ros.commands.output import create_out, prepared_out, results_in
 from quad_mpc_ros.commands.run_options import (
     CONTOURING_SHARE,
     DEFAULT_DURATION,
@@ -83,7 +83,7 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
     loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA, base=base)
     _check_imu(loaded["mpc"], loaded["simulator"])
     make_plant(cast(SimulatorConfig, loaded["simulator"]))  # is what it needs installed?
-    out = prepared_out(options.out or default_out(reference.trajectory))
+    out = prepared_out(options.out or create_out(reference.trajectory))
     _warn_of_different_vehicles(loaded)
     mpc, simulator = _with_own_file(
         _with_course(cast(MpcConfig, loaded["mpc"])),

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from quad_mpc_ros.commands.output import default_out, prepared_out
+from quad_mpc_ros.commands.output import create_out, prepared_out
 
 
 def test_runs_of_the_same_second_have_folders_of_their_own(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    outs = [prepared_out(default_out("square")) for _ in range(3)]
+    outs = [prepared_out(create_out("square")) for _ in range(3)]
     for out in outs:
         (out / "bag").mkdir()
     assert len(set(outs)) == 3
@@ -25,4 +25,4 @@ def test_a_folder_that_cannot_be_made_is_left_to_what_writes_into_it(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "runs").touch()
-    assert default_out("square").parent == Path("runs")
+    assert create_out("square").parent == Path("runs")

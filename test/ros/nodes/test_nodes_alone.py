@@ -366,7 +366,7 @@ def test_recorder_records_what_appears_later(
     recorder = managed("recorder")
     assert recorder.tells("active", "no publisher yet")
     publisher = peer.node.create_publisher(Odometry, "odom", 100)
-    # A publisher knows a subscription before that knows it, and then sends to nobody.
+    # A publisher matches a subscription before the subscription matches the publisher.
     assert peer.wait(lambda: recorder.health.get("peers./odom") == "1")
     for second in range(1, 31):
         message = Odometry()
