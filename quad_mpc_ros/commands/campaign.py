@@ -5,15 +5,15 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from quad_mpc_ros.commands.campaign_options import (
     add_campaign_options,
+    campaign_folder,
     engine_of,
     new_or_resumed,
 )
-from quad_mpc_ros.commands.output import prepared_out, results_in
+from quad_mpc_ros.commands.output import results_in
 from quad_mpc_ros.commands.progress import Progress
 
 if TYPE_CHECKING:
@@ -45,10 +45,10 @@ def run(options: argparse.Namespace) -> int:
     from quad_mpc_ros.extras.campaigns.flying import HOLDS, begin, fly_into
     from quad_mpc_ros.extras.campaigns.results import results_text
 
-    campaign, out = _campaign(options)
-    with engine_of(options) as engine, results_in(out):
+    campaign = _campaign(options)
+    with engine_of(options) as engine, campaign_folder(options, HOLDS) as out:
         if options.resume is None:
-            begin(campaign, prepared_out(out, holds=HOLDS))
+            begin(campaign, out)
         print(
             f"flying {campaign.flights} flights with {engine.workers} workers into {out}",
             file=sys.stderr,
@@ -82,8 +82,8 @@ def _observer(progress: Progress) -> Callable[[int, int, int], None]:
     return observe
 
 
-def _campaign(options: argparse.Namespace) -> tuple[Campaign, Path]:
-    """Return the campaign that is asked for and its folder."""
+def _campaign(options: argparse.Namespace) -> Campaign:
+    """Return the campaign that is asked for."""
     from quad_mpc_ros.extras.campaigns.campaign_file import (
         Overrides,
         identity_text,
@@ -98,7 +98,7 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, Path]:
         flights=options.flights,
         seed=options.seed,
     )
-    campaign, out = new_or_resumed(
+    campaign = new_or_resumed(
         options,
         "campaign",
         read=lambda: read_campaign(located_campaign(options.file), overrides),
@@ -107,5 +107,5 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, Path]:
         overrides=bool(options.config or options.assignments) or options.seed is not None,
     )
     if options.resume is None:
-        return campaign, out
-    return grown(campaign, options.flights, out), out
+        return campaign
+    return grown(campaign, options.flights, options.resume)

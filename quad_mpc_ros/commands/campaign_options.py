@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from quad_mpc_ros.commands.output import create_out
+from quad_mpc_ros.commands.output import create_out, prepared_out, results_in
 from quad_mpc_ros.commands.run_options import add_config, add_out, add_set
 from quad_mpc_ros.configuration import UserError
 
@@ -45,8 +46,8 @@ def new_or_resumed(
     read_folder: Callable[[Path], T],
     text: Callable[[T], str],
     overrides: bool,
-) -> tuple[T, Path]:
-    """Return the campaign or study of the options, and its folder.
+) -> T:
+    """Return the campaign or study of the options.
 
     Raises :class:`UserError` for a new one into a folder that is not empty, and for resuming one
     with another ``text`` than that of the file, or with ``overrides``.
@@ -55,13 +56,13 @@ def new_or_resumed(
     if options.resume is None:
         if options.file is None:
             raise UserError(f"FILE: expected the file of a {kind}, or --resume DIR")
-        asked, out = read(), out or create_out(options.file.stem)
-        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        asked = read()
+        if out is not None and out.exists() and (not out.is_dir() or any(out.iterdir())):
             raise UserError(
                 f"--out: {out} exists and is not overwritten; give a new folder, or continue with "
                 f"--resume {out}"
             )
-        return asked, out
+        return asked
     if out is not None:
         raise UserError("--out: --resume says where: leave one out")
     begun = read_folder(options.resume)
@@ -75,7 +76,19 @@ def new_or_resumed(
         raise UserError(
             f"--resume: a {kind} continues unchanged: leave out options that change it"
         )
-    return begun, options.resume
+    return begun
+
+
+@contextlib.contextmanager
+def campaign_folder(options: argparse.Namespace, holds: Sequence[str]) -> Iterator[Path]:
+    """Yield the folder of ``--resume``, or a new one; call it once all else is checked.
+
+    Raises :class:`UserError` when it cannot be written.
+    """
+    resumed: Path | None = options.resume
+    out = resumed or prepared_out(options.out or create_out(options.file.stem), holds=holds)
+    with results_in(out):
+        yield out
 
 
 def add_engine_options(parser: argparse.ArgumentParser) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from quad_mpc_ros.commands import EXIT_FAILED
-from quad_mpc_ros.commands.output import create_out, results_in, write_json
+from quad_mpc_ros.commands.output import results_in, write_json
 from quad_mpc_ros.commands.run_configuration import HALF_SPACES, RunConfig, run_configuration
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE, STATS
@@ -39,10 +39,10 @@ def fleet_configurations(options: argparse.Namespace) -> dict[str, RunConfig]:
             *(_as_neighbour(options, number) if keeps_clear else ()),
         ]
         given.assignments = [*made, *options.assignments]
-        if out is None:
-            out = create_out("fleet")
-        given.out = out / namespace
-        configs[namespace] = _beside(run_configuration(given, lockstep=False), number)
+        given.out = out
+        made_config = run_configuration(given, lockstep=False, vehicle=namespace)
+        out = made_config.out.parent
+        configs[namespace] = _beside(made_config, number)
     return configs
 
 

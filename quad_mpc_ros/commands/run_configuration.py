@@ -59,8 +59,12 @@ class RunConfig:
         return self.out / "bag"
 
 
-def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConfig:
-    """Return the configuration of a run, its folder made and empty.
+def run_configuration(
+    options: argparse.Namespace, *, lockstep: bool, vehicle: str = ""
+) -> RunConfig:
+    """Return the configuration of a run, its folder made once all else is found usable.
+
+    A vehicle of a fleet has a folder of its own in that of the fleet.
 
     Raises :class:`UserError` for anything that cannot be used.
     """
@@ -83,13 +87,11 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
     loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA, base=base)
     _check_imu(loaded["mpc"], loaded["simulator"])
     make_plant(cast(SimulatorConfig, loaded["simulator"]))  # is what it needs installed?
-    out = prepared_out(options.out or create_out(reference.trajectory))
+    mpc_config = _with_course(cast(MpcConfig, loaded["mpc"]))
+    root = options.out or create_out("fleet" if vehicle else reference.trajectory)
+    out = prepared_out(root / vehicle)
     _warn_of_different_vehicles(loaded)
-    mpc, simulator = _with_own_file(
-        _with_course(cast(MpcConfig, loaded["mpc"])),
-        cast(SimulatorConfig, loaded["simulator"]),
-        out,
-    )
+    mpc, simulator = _with_own_file(mpc_config, cast(SimulatorConfig, loaded["simulator"]), out)
     return RunConfig(
         mpc=mpc,
         simulator=simulator,

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 
 from quad_mpc_ros.commands.campaign_options import (
     add_campaign_options,
+    campaign_folder,
     engine_of,
     new_or_resumed,
 )
-from quad_mpc_ros.commands.output import prepared_out, results_in
 from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.configuration import UserError
 
@@ -64,13 +64,17 @@ def run(options: argparse.Namespace) -> int:
 
     _check_limits(options)
     optuna_module()
-    tuning, out = _tuning(options)
+    tuning = _tuning(options)
     trials = options.trials or tuning.trials
     timeout = tuning.timeout if options.timeout is None else options.timeout
     tuning = dataclasses.replace(tuning, trials=trials, timeout=timeout)
-    with engine_of(options) as engine, results_in(out), contextlib.ExitStack() as held:
+    with (
+        engine_of(options) as engine,
+        campaign_folder(options, HOLDS) as out,
+        contextlib.ExitStack() as held,
+    ):
         if options.resume is None:
-            begin(tuning, prepared_out(out, holds=HOLDS))
+            begin(tuning, out)
         held.enter_context(_held(out / TUNE_NAME))
         study = Study(out, tuning)
         print(f"{trials} trials with {engine.workers} workers into {out}", file=sys.stderr)
@@ -128,8 +132,8 @@ def _observer(progress: Progress, tuning: Tuning) -> Observer:
     return observe
 
 
-def _tuning(options: argparse.Namespace) -> tuple[Tuning, Path]:
-    """Return the study that is asked for and its folder."""
+def _tuning(options: argparse.Namespace) -> Tuning:
+    """Return the study that is asked for."""
     from quad_mpc_ros.extras.campaigns.campaign_file import Overrides, located_campaign
     from quad_mpc_ros.extras.campaigns.tuning.tune_file import identity_text, read_tuning
     from quad_mpc_ros.extras.campaigns.tuning.tune_results import tuning_of
