@@ -19,7 +19,7 @@ from quad_mpc_ros.ros.messages import message_in
 
 _ROSOUT = Topic(name="/rosout", type_name="rcl_interfaces/msg/Log", reliable=True, depth=50)
 _SEARCH_PERIOD = 1.0  # s between looks for new vehicles
-_ONCE_WAITS, _ONCE_COUNTS = 5.0, 2.5  # s: for odometry of each, and then to count rates
+_ONCE_WAITS, _ONCE_COUNTS = 5.0, 2.5  # s: twice for messages of each, then to count rates
 
 
 def watch_once(namespaces: Sequence[str] | None) -> bool:
@@ -27,8 +27,9 @@ def watch_once(namespaces: Sequence[str] | None) -> bool:
     vehicles = Vehicles(namespaces)
     with _Watcher(vehicles) as watcher:
         # While they start, or on a busy machine, nodes are found seconds after each other.
-        watcher.wait(_ONCE_WAITS, until=lambda: watcher.has_all_odometry)
+        watcher.wait(_ONCE_WAITS, until=lambda: watcher.has_seen_all)
         if watcher.has_received:
+            watcher.wait(_ONCE_WAITS, until=lambda: watcher.has_seen_all)
             watcher.wait(_ONCE_COUNTS)
         with Screen(whole_terminal=False) as screen:
             _show(vehicles, screen)
@@ -73,9 +74,10 @@ class _Watcher(Observer):
         """Whether any message of a vehicle was received."""
 
     @property
-    def has_all_odometry(self) -> bool:
-        """Whether odometry of each vehicle was received, of one at least."""
-        newest = [vehicle.topics[ODOMETRY.name].newest for vehicle in self._vehicles]
+    def has_seen_all(self) -> bool:
+        """Whether odometry and statistics of each vehicle were received, of one at least."""
+        needed = (ODOMETRY.name, STATS.name)
+        newest = [vehicle.topics[name].newest for vehicle in self._vehicles for name in needed]
         return len(newest) > 0 and None not in newest
 
     def __enter__(self) -> _Watcher:
