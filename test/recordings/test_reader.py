@@ -193,7 +193,7 @@ def test_decodes_by_the_definition_in_the_bag(
             "lab_msgs/msg/Gains",
             "lab_msgs/Missing m\n",
             None,
-            "lab_msgs/msg/Missing is not defined",
+            "cannot decode a lab_msgs/msg/Gains: .*lab_msgs/msg/Missing",
         ),
     ],
 )
