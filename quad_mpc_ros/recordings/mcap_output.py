@@ -11,15 +11,12 @@ from typing import Literal
 
 from mcap.writer import CompressionType, Writer
 
-from quad_mpc_ros import __version__
 from quad_mpc_ros.messages.schemas import MessageSchema
 from quad_mpc_ros.recordings.bag_metadata import FileSummary, TimeSpan, extended, qos_profiles_text
+from quad_mpc_ros.recordings.mcap_records import LIBRARY
 from quad_mpc_ros.recordings.qos_profile import QosProfile
 
 Compression = Literal["none", "zstd", "lz4"]
-
-LIBRARY = f"quad_mpc_ros {__version__}"
-"""What wrote a file, in its header."""
 
 
 @dataclass(frozen=True, kw_only=True)
