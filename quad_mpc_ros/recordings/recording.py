@@ -16,12 +16,11 @@ from quad_mpc_ros.configuration import BagError, Configuration, UserError, files
 from quad_mpc_ros.configuration.arguments import instance
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.odometry_gate import STANDS
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.messages.cdr import header_stamp_ns
 from quad_mpc_ros.messages.topics import (
     BATTERY,
     COMMAND,
@@ -131,16 +130,11 @@ class Recording:
             rejected=rejected,
         )
         odometry, commands, stats = logs.OdometryLog(), logs.CommandLog(), logs.StatsLog()
-        plan_stamps: list[int] = []
         takers: dict[Topic, Taker] = {
             ODOMETRY: _into(odometry, usable),
             COMMAND: _into(commands, conversions.command_from_message),
             STATS: self._figures(stats),
         }
-        if most_plans:
-            takers[PREDICTED_PATH] = self._all_of(
-                PREDICTED_PATH, lambda m: plan_stamps.append(header_stamp_ns(m.data))
-            )
         self._stream(takers)
         if len(odometry) == 0:
             reasons = "".join(f"; {count} rejected: {why}" for why, count in rejected.items())
@@ -154,7 +148,6 @@ class Recording:
         end_ns = int(stamp_ns[-1])
         # In a second pass, with the stamps known at which references count.
         sampler = ReferenceSampler(stamp_ns, mpc.vehicle())
-        plans = ChosenPlans(plan_stamps, end_ns=end_ns, most=most_plans)
         again: dict[Topic, Taker] = {
             REFERENCE: _values(
                 conversions.reference_from_message, lambda _, window: sampler.take(window)
@@ -162,8 +155,12 @@ class Recording:
         }
         gates: list[GatePoses] = []
         again[GATES] = _gates_into(gates, frame_id=mpc.odometry.frame_id)
+        plan_count = sum(
+            self.bag.topics[name].message_count for name in self._names_of(PREDICTED_PATH)
+        )
+        plans = ChosenPlans(count=plan_count, most=max(most_plans, 1))
         if most_plans:
-            again[PREDICTED_PATH] = plans.take
+            again[PREDICTED_PATH] = self._all_of(PREDICTED_PATH, plans.take)
             again[CORRIDOR] = self._all_of(CORRIDOR, plans.take_corridor)
         self._stream(again)
         return Flight(
@@ -173,7 +170,7 @@ class Recording:
             stats=tick_figures(stats, end_ns=end_ns),
             parameters=self.parameters,
             mpc=mpc,
-            plans=plans.in_order(),
+            plans=plans.until(end_ns),
             scene=self.scene(),
             gates=gates,
             rejected=rejected,
@@ -208,7 +205,8 @@ class Recording:
                 another type; it has two batteries, and none is named.
         """
         odometry, poses, twists = logs.OdometryLog(), logs.OdometryLog(), logs.OdometryLog()
-        windows, stats = logs.WindowLog(), logs.StatsLog()
+        windows: list[logs.Received[ReferenceWindow]] = []
+        stats = logs.StatsLog()
         commands, flown = logs.CommandLog(), logs.CommandLog()
         imu = logs.ImuLog()
         engagements: list[logs.Received[bool]] = []
@@ -220,9 +218,9 @@ class Recording:
         takers: dict[Topic, Taker] = {
             REFERENCE: _into(windows, conversions.reference_from_message),
             COMMAND: _into(commands, conversions.command_from_message),
-            ENGAGED: _appended(engagements, lambda m: bool(m.data)),
-            LANDED: _appended(landings, lambda m: bool(m.data)),
-            ODOMETRY_RESET: _appended(resets, conversions.reset_from_message),
+            ENGAGED: _into(engagements, lambda m: bool(m.data)),
+            LANDED: _into(landings, lambda m: bool(m.data)),
+            ODOMETRY_RESET: _into(resets, conversions.reset_from_message),
             STATS: self._figures(stats),
             IMU: _into(imu, conversions.imu_from_message),
             PARAMETER_EVENTS: self._changes(changes),
@@ -230,7 +228,7 @@ class Recording:
         takers = {topic: takers[topic] for topic in topics if topic is not BATTERY}
         if BATTERY in topics and (battery := self._battery(names.battery)) is not None:
             voltage_of = operator.attrgetter(VOLTAGE_FIELDS[battery.type_name])
-            takers[battery] = _appended(voltages, lambda m: float(voltage_of(m)))
+            takers[battery] = _into(voltages, lambda m: float(voltage_of(m)))
             named[battery] = battery.name
         if names.pose:
             takers[POSE] = _into(poses, odometry_of_pose)
@@ -443,8 +441,8 @@ def _values(convert: Callable[[Any], T], use: Callable[[RecordedMessage, T], Non
     return take
 
 
-def _appended(values: list[logs.Received[T]], convert: Callable[[Any], T]) -> Taker:
-    """Return what appends the values of messages to a list."""
+def _into(values: list[logs.Received[T]] | Log[T], convert: Callable[[Any], T]) -> Taker:
+    """Return what appends the values of messages."""
     return _values(convert, lambda message, value: values.append(_received(message, value)))
 
 
@@ -454,12 +452,3 @@ def _received(message: RecordedMessage, value: T) -> logs.Received[T]:
         log_time_ns=message.log_time_ns,
         publish_time_ns=message.publish_time_ns,
     )
-
-
-def _into(log: Log[T], convert: Callable[[Any], T]) -> Taker:
-    """Return what appends the values of messages to a log."""
-
-    def add(message: RecordedMessage, value: T) -> None:
-        log.add(value, log_time_ns=message.log_time_ns, publish_time_ns=message.publish_time_ns)
-
-    return _values(convert, add)

@@ -19,7 +19,7 @@ from quad_mpc_ros.recordings.flight import (
     odometry_arrays,
     tick_figures,
 )
-from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, StatsLog
+from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received, StatsLog, T
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.path import Path
 from quad_mpc_ros.references.trajectory import Trajectory
@@ -176,10 +176,10 @@ class FlightLog:
     def take(self, step: LoopStep) -> None:
         """Take the next step."""
         stamp_ns = step.odometry.stamp_ns
-        self._odometry.add(step.odometry, log_time_ns=stamp_ns, publish_time_ns=stamp_ns)
+        self._odometry.append(_at(stamp_ns, step.odometry))
         self._windows.append(step.window)
         if step.command is not None:
-            self._commands.add(step.command, log_time_ns=stamp_ns, publish_time_ns=stamp_ns)
+            self._commands.append(_at(stamp_ns, step.command))
         if step.tick is not None:
             self._stats.add(step.tick.stats)
 
@@ -202,3 +202,7 @@ class FlightLog:
             rejected={},
             scene=self._scene or configured_scene(config.simulator.obstacles),
         )
+
+
+def _at(stamp_ns: int, value: T) -> Received[T]:
+    return Received(value=value, log_time_ns=stamp_ns, publish_time_ns=stamp_ns)
