@@ -16,7 +16,6 @@ from quad_mpc_ros.configuration.atomic_file import write_atomically
 from quad_mpc_ros.configuration.errors import BagError, os_reason
 from quad_mpc_ros.recordings import bag_metadata
 from quad_mpc_ros.recordings.mcap_file import McapFile
-from quad_mpc_ros.recordings.mcap_output import sync_directory
 from quad_mpc_ros.recordings.mcap_records import WholeRecords, copy_records
 from quad_mpc_ros.recordings.qos_profile import QosProfile, parse_qos_profiles
 from quad_mpc_ros.recordings.reader import (
@@ -27,6 +26,7 @@ from quad_mpc_ros.recordings.reader import (
     recorded_information,
     topics_in,
 )
+from quad_mpc_ros.recordings.writer import sync_directory
 
 _BROKEN = ".broken"
 _TEMPORARY = ".repairing"

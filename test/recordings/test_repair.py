@@ -18,10 +18,9 @@ from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.highlevel import AnyReader
 
 from quad_mpc_ros.configuration import BagError
-from quad_mpc_ros.recordings.mcap_output import Compression
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.repair import repair
-from quad_mpc_ros.recordings.writer import BagWriter, Split
+from quad_mpc_ros.recordings.writer import BagWriter, Compression, Split
 
 WriteFlight = Callable[[BagWriter, int], None]
 CLOCK = "rosgraph_msgs/msg/Clock"
