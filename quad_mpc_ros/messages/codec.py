@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import re
 import struct
-from collections.abc import Iterable
+from collections.abc import Mapping
 from typing import Any
 
 from rosbags import typesys
-from rosbags.interfaces.typing import Typesdict
 from rosbags.serde import SerdeError
 
 from quad_mpc_ros.configuration import BagError
-from quad_mpc_ros.messages.schemas import IDL_ENCODING, MessageSchema
 
 # What rosbags' generated code lets through for bytes that do not fit the type, and for a type
 # that uses an undefined one.
@@ -34,9 +31,9 @@ class MessageDecoder:
     of numbers a NumPy array.
     """
 
-    def __init__(self, schemas: Iterable[MessageSchema] = ()) -> None:
-        """Take the definitions in a bag; each is parsed with its first message."""
-        self._unregistered = {schema.type_name: schema for schema in schemas}
+    def __init__(self, definitions: Mapping[str, str] | None = None) -> None:
+        """Take the definitions in a bag by type name; each is parsed with its first message."""
+        self._unregistered = dict(definitions or {})
         self._store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 
     def decode(self, type_name: str, data: bytes) -> Any:
@@ -46,7 +43,7 @@ class MessageDecoder:
         a definition that cannot be parsed or differs from the one in ROS 2 Jazzy.
         """
         if type_name in self._unregistered:
-            self._register(self._unregistered[type_name])
+            self._register(type_name, self._unregistered[type_name])
             del self._unregistered[type_name]
         if type_name not in self._store.fielddefs:
             raise BagError(f"the message type {type_name} is not known")
@@ -56,20 +53,9 @@ class MessageDecoder:
         except _MISFITS as error:
             raise BagError(f"cannot decode a {type_name}: {error}") from error
 
-    def _register(self, schema: MessageSchema) -> None:
+    def _register(self, type_name: str, text: str) -> None:
         try:
-            self._store.register(_definitions(schema))
+            self._store.register(typesys.get_types_from_msg(text, type_name))
         except typesys.TypesysError as error:
             first_line = str(error).partition("\n")[0]
-            raise BagError(f"schema of {schema.type_name}: {first_line}") from error
-
-
-def _definitions(schema: MessageSchema) -> Typesdict:
-    if schema.encoding == IDL_ENCODING:
-        found: Typesdict = {}
-        for section in schema.text.split(f"{'=' * 80}\nIDL: ")[1:]:
-            text = section.partition("\n")[2]
-            # The parser knows no directives of the preprocessor; what is included follows anyway.
-            found |= typesys.get_types_from_idl(re.sub(r"(?m)^\s*#.*$", "", text))
-        return found
-    return typesys.get_types_from_msg(schema.text, schema.type_name)
+            raise BagError(f"schema of {type_name}: {first_line}") from error

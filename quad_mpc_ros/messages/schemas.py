@@ -13,7 +13,7 @@ from pathlib import Path
 from quad_mpc_ros.configuration.errors import BagError
 
 MSG_ENCODING = "ros2msg"
-IDL_ENCODING = "ros2idl"
+"""The encoding of definitions in bags."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,14 +24,12 @@ class MessageSchema:
     .msg file byte for byte, then for every type it uses, in the order of their names as bytes
     and each type once, a newline, a line of 80 ``=``, a line ``MSG: `` and the name as the field
     spells it (with its package in front when it has none), the .msg file of that type, and at
-    once the types that one uses in turn. No newline is added at the end. ``encoding`` is
-    ``ros2msg``; bags of other recorders may have ``ros2idl``.
+    once the types that one uses in turn. No newline is added at the end.
     """
 
     type_name: str
     text: str
     type_hash: str
-    encoding: str = MSG_ENCODING
 
 
 def schema_for(type_name: str) -> MessageSchema:

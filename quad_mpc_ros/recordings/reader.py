@@ -15,7 +15,7 @@ from mcap.records import Metadata
 
 from quad_mpc_ros.configuration import ros_yaml
 from quad_mpc_ros.configuration.errors import BagError, UserError, shown
-from quad_mpc_ros.messages.schemas import IDL_ENCODING, MSG_ENCODING, MessageSchema
+from quad_mpc_ros.messages.schemas import MSG_ENCODING
 from quad_mpc_ros.recordings.bag_metadata import (
     METADATA_FILE,
     METADATA_ROOT,
@@ -152,15 +152,12 @@ class BagReader:
         from quad_mpc_ros.messages.codec import MessageDecoder  # copying needs no rosbags
 
         return MessageDecoder(
-            MessageSchema(
-                type_name=schema.name,
-                text=schema.data.decode(errors="replace"),
-                type_hash="",
-                encoding=schema.encoding,
-            )
-            for file in self._files
-            for schema in file.contents.schemas.values()
-            if schema.encoding in (MSG_ENCODING, IDL_ENCODING)
+            {
+                schema.name: schema.data.decode(errors="replace")
+                for file in self._files
+                for schema in file.contents.schemas.values()
+                if schema.encoding == MSG_ENCODING
+            }
         )
 
     def _decode(self, type_name: str, data: bytes) -> Any:

@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, Writer
 
 from quad_mpc_ros.configuration.atomic_file import write_atomically
 from quad_mpc_ros.configuration.errors import BagError, os_reason
-from quad_mpc_ros.messages.schemas import MessageSchema, schema_for
+from quad_mpc_ros.messages.schemas import MSG_ENCODING, MessageSchema, schema_for
 from quad_mpc_ros.recordings import bag_metadata
 from quad_mpc_ros.recordings.mcap_records import LIBRARY
 from quad_mpc_ros.recordings.qos_profile import QosProfile
@@ -220,7 +220,7 @@ class BagWriter:
         schema, qos_profiles = self._topics[topic]
         if schema.type_name not in self._schema_ids:
             self._schema_ids[schema.type_name] = self._mcap.register_schema(
-                name=schema.type_name, encoding=schema.encoding, data=schema.text.encode()
+                name=schema.type_name, encoding=MSG_ENCODING, data=schema.text.encode()
             )
         self._channel_ids[topic] = self._mcap.register_channel(
             topic=topic,

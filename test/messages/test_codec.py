@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.messages.codec import MessageDecoder
-from quad_mpc_ros.messages.schemas import IDL_ENCODING, MessageSchema
 from quad_mpc_ros.ros.messages import new_message
 
 DECODER = MessageDecoder()
@@ -111,25 +110,9 @@ def test_damaged_bytes_decode_or_are_refused(
 
 
 def test_decodes_a_given_type() -> None:
-    schema = MessageSchema(type_name="lab_msgs/msg/Gains", text="float64[] k\n", type_hash="")
+    decoder = MessageDecoder({"lab_msgs/msg/Gains": "float64[] k\n"})
     data = b"\x00\x01\x00\x00" + b"\x01\x00\x00\x00" + bytes(4) + np.float64(2.5).tobytes()
-    assert MessageDecoder([schema]).decode("lab_msgs/msg/Gains", data).k.tolist() == [2.5]
-
-
-def test_decodes_by_an_idl_definition() -> None:
-    """Of a type that has only an .idl file, as rosbag2 records it: a heading for each type."""
-    line = "=" * 80
-    text = (
-        f'{line}\nIDL: lab_msgs/msg/Gains\n#include "lab_msgs/msg/Gain.idl"\n'
-        "module lab_msgs { module msg { struct Gains { lab_msgs::msg::Gain first; }; }; };\n"
-        f"\n{line}\nIDL: lab_msgs/msg/Gain\n"
-        "module lab_msgs { module msg { struct Gain { octet k; }; }; };\n"
-    )
-    schema = MessageSchema(
-        type_name="lab_msgs/msg/Gains", text=text, type_hash="", encoding=IDL_ENCODING
-    )
-    decoder = MessageDecoder([schema])
-    assert decoder.decode("lab_msgs/msg/Gains", b"\x00\x01\x00\x00\x07").first.k == 7
+    assert decoder.decode("lab_msgs/msg/Gains", data).k.tolist() == [2.5]
 
 
 @pytest.mark.parametrize(
@@ -137,7 +120,7 @@ def test_decodes_by_an_idl_definition() -> None:
     [("std_msgs/msg/Header", "string frame_id\n"), ("lab_msgs/msg/Gains", "float64[ k\n")],
 )
 def test_refuses_a_definition_that_differs_or_is_broken(type_name: str, text: str) -> None:
-    decoder = MessageDecoder([MessageSchema(type_name=type_name, text=text, type_hash="")])
+    decoder = MessageDecoder({type_name: text})
     for _ in range(2):
         with pytest.raises(BagError, match=f"schema of {type_name}"):
             decoder.decode(type_name, b"")
