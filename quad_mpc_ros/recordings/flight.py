@@ -212,30 +212,26 @@ class Flight:
         return np.asarray((stamp_ns - self.stamp_ns[0]) * 1e-9)
 
 
-def odometry_arrays(log: OdometryLog) -> dict[str, NDArray[Any]]:
-    """Return the arrays of :class:`Flight` that come from usable odometry."""
-    stamp_ns, first = first_by_stamp(log.stamp_ns)
+def flown_arrays(odometry: OdometryLog, commands: CommandLog, ticks: StatsLog) -> dict[str, Any]:
+    """Return what :class:`Flight` has of odometry, and of commands and ticks until its end."""
+    stamp_ns, first = first_by_stamp(odometry.stamp_ns)
+    end_ns = int(stamp_ns[-1])
+    command_ns, sent = first_by_stamp(commands.stamp_ns, end_ns=end_ns)
+    figures = ticks.columns
+    _, tick = first_by_stamp(figures["stamp_ns"], end_ns=end_ns)
     names = ("p_WB", "q_WB_xyzw", "v_WB_B", "w_WB_B")
-    arrays = {name: log.values.column(name)[first] for name in names}
-    return {"stamp_ns": stamp_ns, "publish_time_ns": log.publish_time_ns[first], **arrays}
-
-
-def command_track(log: CommandLog, *, end_ns: int) -> CommandTrack:
-    """Return the commands stamped up to the end of a flight."""
-    stamp_ns, first = first_by_stamp(log.stamp_ns, end_ns=end_ns)
-    return CommandTrack(
-        stamp_ns=stamp_ns,
-        publish_time_ns=log.publish_time_ns[first],
-        throttle=log.values.column("throttle")[first],
-        w_WB_B=log.values.column("w_WB_B")[first],
-    )
-
-
-def tick_figures(log: StatsLog, *, end_ns: int) -> dict[str, NDArray[Any]]:
-    """Return the figures of the ticks stamped up to the end of a flight."""
-    figures = log.columns
-    _, first = first_by_stamp(figures["stamp_ns"], end_ns=end_ns)
-    return {name: values[first] for name, values in figures.items()}
+    return {
+        "stamp_ns": stamp_ns,
+        "publish_time_ns": odometry.publish_time_ns[first],
+        **{name: odometry.values.column(name)[first] for name in names},
+        "commands": CommandTrack(
+            stamp_ns=command_ns,
+            publish_time_ns=commands.publish_time_ns[sent],
+            throttle=commands.values.column("throttle")[sent],
+            w_WB_B=commands.values.column("w_WB_B")[sent],
+        ),
+        "stats": {name: values[tick] for name, values in figures.items()},
+    }
 
 
 def first_by_stamp(

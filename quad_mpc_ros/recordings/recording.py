@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import operator
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
@@ -15,8 +16,7 @@ import numpy as np
 from quad_mpc_ros.configuration import BagError, Configuration, UserError, files, optional_part
 from quad_mpc_ros.configuration.arguments import instance
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.odometry_gate import STANDS
 from quad_mpc_ros.control.safety.validation import odometry_fault
@@ -44,9 +44,7 @@ from quad_mpc_ros.recordings.flight import (
     Flight,
     GatePoses,
     ReferenceSampler,
-    command_track,
-    odometry_arrays,
-    tick_figures,
+    flown_arrays,
 )
 from quad_mpc_ros.recordings.logs import Log, Stamps, T
 from quad_mpc_ros.recordings.parameters import read_parameters, recorded_parameters
@@ -140,10 +138,9 @@ class Recording:
                 f"{self.path}: no flight in it: expected usable {ODOMETRY.type_name} messages on "
                 f"a topic that ends in /{ODOMETRY.name}{reasons}{self._other_encodings()}"
             )
-        arrays = odometry_arrays(odometry)
+        arrays = flown_arrays(odometry, commands, stats)
         stamp_ns = arrays["stamp_ns"]
         self._refuse_standing(stamp_ns, count=len(odometry))
-        end_ns = int(stamp_ns[-1])
         # In a second pass, with the stamps known at which references count.
         sampler = ReferenceSampler(stamp_ns, mpc.vehicle())
         again: dict[Topic, Taker] = {
@@ -164,11 +161,9 @@ class Recording:
         return Flight(
             **arrays,
             reference=sampler.track(),
-            commands=command_track(commands, end_ns=end_ns),
-            stats=tick_figures(stats, end_ns=end_ns),
             parameters=self.parameters,
             mpc=mpc,
-            plans=plans.until(end_ns),
+            plans=plans.until(int(stamp_ns[-1])),
             scene=self.scene(),
             gates=gates,
             rejected=rejected,
@@ -202,42 +197,33 @@ class Recording:
             BagError: It has no odometry, or a topic twice, or a named topic is not there or of
                 another type; it has two batteries, and none is named.
         """
-        odometry, poses, twists = logs.OdometryLog(), logs.OdometryLog(), logs.OdometryLog()
-        windows: list[logs.Received[ReferenceWindow]] = []
-        stats = logs.StatsLog()
-        commands, flown = logs.CommandLog(), logs.CommandLog()
-        imu = logs.ImuLog()
-        engagements: list[logs.Received[bool]] = []
-        landings: list[logs.Received[bool]] = []
-        resets: list[logs.Received[EstimateReset]] = []
-        changes: list[logs.Received[Mapping[str, Any]]] = []
-        voltages: list[logs.Received[float]] = []
+        run = RecordedRun(bag=self.path, parameters=self.parameters)
+        poses, twists, flown = logs.OdometryLog(), logs.OdometryLog(), logs.CommandLog()
         named = names.given
         takers: dict[Topic, Taker] = {
-            REFERENCE: _into(windows, conversions.reference_from_message),
-            COMMAND: _into(commands, conversions.command_from_message),
-            ENGAGED: _into(engagements, lambda m: bool(m.data)),
-            LANDED: _into(landings, lambda m: bool(m.data)),
-            ODOMETRY_RESET: _into(resets, conversions.reset_from_message),
-            STATS: self._figures(stats),
-            IMU: _into(imu, conversions.imu_from_message),
-            PARAMETER_EVENTS: self._changes(changes),
+            REFERENCE: _into(run.windows, conversions.reference_from_message),
+            COMMAND: _into(run.commands, conversions.command_from_message),
+            ENGAGED: _into(run.engagements, lambda m: bool(m.data)),
+            LANDED: _into(run.landings, lambda m: bool(m.data)),
+            ODOMETRY_RESET: _into(run.resets, conversions.reset_from_message),
+            STATS: self._figures(run.stats),
+            IMU: _into(run.imu, conversions.imu_from_message),
+            PARAMETER_EVENTS: self._changes(run.changes),
         }
         takers = {topic: takers[topic] for topic in topics if topic is not BATTERY}
         if BATTERY in topics and (battery := self._battery(names.battery)) is not None:
             voltage_of = operator.attrgetter(VOLTAGE_FIELDS[battery.type_name])
-            takers[battery] = _into(voltages, lambda m: float(voltage_of(m)))
+            takers[battery] = _into(run.voltages, lambda m: float(voltage_of(m)))
             named[battery] = battery.name
         if names.pose:
             takers[POSE] = _into(poses, odometry_of_pose)
             takers[TWIST] = _into(twists, odometry_of_twist)
         else:
-            takers[ODOMETRY] = _into(odometry, conversions.odometry_from_message)
+            takers[ODOMETRY] = _into(run.odometries, conversions.odometry_from_message)
         if COMMAND in topics and not names.command:
             takers[RECORDED_COMMAND] = _into(flown, conversions.command_from_message)
         self._stream(takers, names=named)
-        if names.pose:
-            odometry = joined(poses, twists)
+        odometry = joined(poses, twists) if names.pose else run.odometries
         if not odometry:
             raise BagError(
                 f"{self.path}: no odometry in it: expected {ODOMETRY.type_name} on a topic that "
@@ -245,21 +231,8 @@ class Recording:
                 f"it holds {self._listed_topics()}{self._other_encodings()}"
             )
         self._refuse_standing(np.unique(odometry.stamp_ns), count=len(odometry))
-        return RecordedRun(
-            bag=self.path,
-            odometries=odometry,
-            windows=windows,
-            # In a bag that was resolved, the vehicle flew these and not the ones beside them.
-            commands=flown or commands,
-            stats=stats,
-            parameters=self.parameters,
-            engagements=engagements,
-            landings=landings,
-            resets=resets,
-            changes=changes,
-            voltages=voltages,
-            imu=imu,
-        )
+        # In a bag that was resolved, the vehicle flew these and not the ones beside them.
+        return dataclasses.replace(run, odometries=odometry, commands=flown or run.commands)
 
     def _stream(
         self, takers: Mapping[Topic, Taker], *, names: Mapping[Topic, str] | None = None
