@@ -34,7 +34,7 @@ from quad_mpc_ros.analysis.identification.result import Estimate, Identification
 from quad_mpc_ros.configuration import ConfigurationError, per_axis
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
-from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog
+from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received
 from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
@@ -87,9 +87,9 @@ def recorded(config: FlightConfig) -> RecordedRun:
     odometries, commands = OdometryLog(), CommandLog()
     for step in fly(mpc=config.mpc, simulator=config.simulator, reference=config.reference):
         times = {"log_time_ns": step.sent_ns, "publish_time_ns": step.sent_ns}
-        odometries.add(step.odometry, **times)
+        odometries.append(Received(value=step.odometry, **times))
         if step.command is not None:
-            commands.add(step.command, **times)
+            commands.append(Received(value=step.command, **times))
     return RecordedRun(
         bag=Path("excited"),
         odometries=odometries,

@@ -29,7 +29,7 @@ from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.extras.obstacles.avoidance import ObstacleAvoidance
 from quad_mpc_ros.extras.obstacles.world import World
-from quad_mpc_ros.messages.cdr import TimedPath
+from quad_mpc_ros.messages.obstacle_messages import TimedPath
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS

@@ -15,10 +15,8 @@ import functools
 import math
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import (
@@ -44,8 +42,7 @@ _FORCE, _OF_FORCE = 4 + 9 + 3 + 9, 4 + 9 + 3 + 9 + 3
 NOT_MEASURED = -1.0
 """The first number of the covariance of what an IMU does not measure (REP 145)."""
 
-_STAMP_AND_LENGTH = struct.Struct("<iII")
-_POSE = struct.Struct("<7d")
+_STAMP = struct.Struct("<iI")
 _LENGTH = struct.Struct("<I")
 _POINT_FIELDS = {
     "p": ("(3,)<f8", 0),
@@ -68,16 +65,6 @@ _POINT = np.dtype(
     }
 )
 _ENDS_BEFORE = 8  # the last point has no transforms of a next one
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TimedPath:
-    """A ``nav_msgs/Path``: positions ``p`` (n, 3) [m] in ``frame_id`` at times (n,) [ns]."""
-
-    stamp_ns: int
-    frame_id: str
-    times_ns: NDArray[np.int64]
-    p: Array
 
 
 class _UnknownError(Exception):
@@ -145,28 +132,6 @@ def read_reference(data: bytes) -> ReferenceWindow | None:
         v_WB_W=v,
         a_WB_W=a,
         w_WB_W=w,
-    )
-
-
-def read_path(data: bytes) -> TimedPath | None:
-    """Return a ``nav_msgs/Path``, or None where rclpy has to decode it."""
-    times_ns, rows = [], []
-    try:
-        stamp_ns, frame_id, at = _first_header(data)
-        count, at = _number(data, at)
-        for _ in range(count):
-            time_ns, _, at = _header(data, at)
-            at = _aligned(at, 8)
-            rows.append(_POSE.unpack_from(data, at)[:3])
-            times_ns.append(time_ns)
-            at += _POSE.size
-    except (_UnknownError, struct.error):
-        return None
-    return TimedPath(
-        stamp_ns=stamp_ns,
-        frame_id=frame_id,
-        times_ns=np.array(times_ns, dtype=np.int64),
-        p=np.array(rows, dtype=np.float64).reshape(-1, 3),
     )
 
 
@@ -283,12 +248,8 @@ def _first_header(data: bytes) -> tuple[int, str, int]:
     """Return stamp [ns] and frame of the header that begins a message, and where it ends."""
     if data[:2] != _LITTLE[:2]:
         raise _UnknownError
-    return _header(data, _BEGIN)
-
-
-def _header(data: bytes, at: int) -> tuple[int, str, int]:
-    sec, nanosec, _ = _STAMP_AND_LENGTH.unpack_from(data, at)
-    frame_id, at = _text(data, at + 8)
+    sec, nanosec = _STAMP.unpack_from(data, _BEGIN)
+    frame_id, at = _text(data, _BEGIN + _STAMP.size)
     return sec * _SECOND + nanosec, frame_id, at
 
 

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import re
 import struct
+from collections.abc import Mapping
 from typing import Any
 
 from rosbags import typesys
-from rosbags.interfaces import Nodetype
-from rosbags.interfaces.typing import Typesdict
 from rosbags.serde import SerdeError
 
 from quad_mpc_ros.configuration import BagError
-from quad_mpc_ros.messages.schemas import IDL_ENCODING, MessageSchema
 
-# What rosbags' generated code lets through for bytes that do not fit the type.
-# What rosbags' generated code lets through for values and bytes that do not fit the type.
+# What rosbags' generated code lets through for bytes that do not fit the type, and for a type
+# that uses an undefined one.
 _MISFITS = (
     SerdeError,
     struct.error,
     AttributeError,
-    IndexError,
+    LookupError,
     OverflowError,
     TypeError,
     ValueError,
@@ -28,20 +25,26 @@ _MISFITS = (
 
 
 class MessageDecoder:
-    """Decodes the message types of ROS 2 Jazzy and those registered, as rosbags has them.
+    """Decodes the message types of ROS 2 Jazzy and those given, as rosbags has them.
 
     The fields are those of the rclpy message, but a ``byte`` is a signed integer and a sequence
     of numbers a NumPy array.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, definitions: Mapping[str, str] | None = None) -> None:
+        """Take the definitions in a bag by type name; each is parsed with its first message."""
+        self._unregistered = dict(definitions or {})
         self._store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 
     def decode(self, type_name: str, data: bytes) -> Any:
         """Return the message in ``data`` (CDR with its header).
 
-        Raises :class:`BagError` for an unknown type and for data that are not such a message.
+        Raises :class:`BagError` for an unknown type, for data that are not such a message, and for
+        a definition that cannot be parsed or differs from the one in ROS 2 Jazzy.
         """
+        if type_name in self._unregistered:
+            self._register(type_name, self._unregistered[type_name])
+            del self._unregistered[type_name]
         if type_name not in self._store.fielddefs:
             raise BagError(f"the message type {type_name} is not known")
         try:
@@ -50,37 +53,9 @@ class MessageDecoder:
         except _MISFITS as error:
             raise BagError(f"cannot decode a {type_name}: {error}") from error
 
-    def register(self, schema: MessageSchema) -> None:
-        """Make the type of ``schema``, and those it uses, known.
-
-        Raises :class:`BagError` for text that cannot be parsed or leaves a type open, and for a
-        definition that differs from the one known under that name.
-        """
+    def _register(self, type_name: str, text: str) -> None:
         try:
-            definitions = _definitions(schema)
-            known = definitions.keys() | self._store.fielddefs.keys()
-            if missing := _types_used(definitions) - known:
-                raise BagError(f"schema of {schema.type_name}: {min(missing)} is not defined")
-            self._store.register(definitions)
+            self._store.register(typesys.get_types_from_msg(text, type_name))
         except typesys.TypesysError as error:
             first_line = str(error).partition("\n")[0]
-            raise BagError(f"schema of {schema.type_name}: {first_line}") from error
-
-
-def _definitions(schema: MessageSchema) -> Typesdict:
-    if schema.encoding == IDL_ENCODING:
-        found: Typesdict = {}
-        for section in schema.text.split(f"{'=' * 80}\nIDL: ")[1:]:
-            text = section.partition("\n")[2]
-            # The parser knows no directives of the preprocessor; what is included follows anyway.
-            found |= typesys.get_types_from_idl(re.sub(r"(?m)^\s*#.*$", "", text))
-        return found
-    return typesys.get_types_from_msg(schema.text, schema.type_name)
-
-
-def _types_used(definitions: Typesdict) -> set[str]:
-    fields = [field for _, named in definitions.values() for _, field in named]
-    elements = [
-        field if field[0] in (Nodetype.BASE, Nodetype.NAME) else field[1][0] for field in fields
-    ]
-    return {str(element[1]) for element in elements if element[0] == Nodetype.NAME}
+            raise BagError(f"schema of {type_name}: {first_line}") from error

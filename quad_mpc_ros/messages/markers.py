@@ -20,7 +20,7 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.vehicle import ARM, LiftParameters, Vehicle, outline
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage
-from quad_mpc_ros.messages.obstacle_messages import Marker
+from quad_mpc_ros.messages.obstacle_messages import ADD, DELETE, Marker
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,13 +90,12 @@ class Trail:
 ARROW, LINE_STRIP, LINE_LIST = 0, 4, 5
 
 _SHORT_LIFETIME_NS = 500_000_000  # thrust and plan of a silent controller disappear
-_OBSTACLE_RGB, _OBSTACLE_ALPHA = (0.84, 0.37, 0.0), 0.6
-_NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
+_NO_ROTATION = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Look:
-    """A kind of marker: its namespace, size of lines [m], colour, and how long it stays."""
+class Look:
+    """A kind of line: its namespace, size of lines [m], colour, and how long it stays."""
 
     name: str
     kind: int
@@ -105,25 +104,25 @@ class _Look:
     lifetime_ns: int = 0
 
 
-_VEHICLE = _Look(name="vehicle", kind=LINE_LIST, scale=(0.015, 0.0, 0.0), rgb=(0.2, 0.2, 0.2))
-_TRAIL = _Look(name="trail", kind=LINE_STRIP, scale=(0.02, 0.0, 0.0), rgb=(0.0, 0.45, 0.7))
-_PREDICTED = _Look(
+_VEHICLE = Look(name="vehicle", kind=LINE_LIST, scale=(0.015, 0.0, 0.0), rgb=(0.2, 0.2, 0.2))
+TRAIL = Look(name="trail", kind=LINE_STRIP, scale=(0.02, 0.0, 0.0), rgb=(0.0, 0.45, 0.7))
+PREDICTED = Look(
     name="predicted path",
     kind=LINE_STRIP,
     scale=(0.02, 0.0, 0.0),
     rgb=(0.8, 0.47, 0.65),
     lifetime_ns=_SHORT_LIFETIME_NS,
 )
-_FENCE = _Look(name="fence", kind=LINE_LIST, scale=(0.02, 0.0, 0.0), rgb=(0.84, 0.37, 0.0))
-_CORRIDOR = _Look(
+_FENCE = Look(name="fence", kind=LINE_LIST, scale=(0.02, 0.0, 0.0), rgb=(0.84, 0.37, 0.0))
+CORRIDOR = Look(
     name="corridor",
     kind=LINE_LIST,
     scale=(0.01, 0.0, 0.0),
     rgb=(0.0, 0.62, 0.45),
     lifetime_ns=_SHORT_LIFETIME_NS,
 )
-_GATES = _Look(name="gates", kind=LINE_LIST, scale=(0.05, 0.0, 0.0), rgb=(0.9, 0.62, 0.0))
-_THRUST = _Look(
+_GATES = Look(name="gates", kind=LINE_LIST, scale=(0.05, 0.0, 0.0), rgb=(0.9, 0.62, 0.0))
+_THRUST = Look(
     name="thrust",
     kind=ARROW,
     scale=(0.02, 0.04, 0.06),
@@ -137,7 +136,7 @@ def vehicle_marker(odometry: OdometrySample, *, arm: float, new: NewMessage) -> 
     beams, rotors = outline(arm)
     rims = np.stack((rotors, np.roll(rotors, -1, axis=1)), axis=2)
     points = np.vstack((beams.reshape(-1, 3), rims.reshape(-1, 3)))
-    return _marker(_VEHICLE, odometry, points, new=new, in_body=True)
+    return line_marker(_VEHICLE, odometry, points, new=new, in_body=True)
 
 
 def thrust_marker(
@@ -146,22 +145,7 @@ def thrust_marker(
     """Return an arrow along body z, of ``length`` [m] when the thrust is the weight."""
     weights = vehicle.thrust(throttle) / (vehicle.mass * vehicle.gravity)
     points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, weights * length]])
-    return _marker(_THRUST, odometry, points, new=new, in_body=True)
-
-
-def trail_marker(odometry: OdometrySample, p_WB: Array, *, new: NewMessage) -> Any:
-    """Return the flown path (n, 3) [m]."""
-    return _marker(_TRAIL, odometry, p_WB, new=new)
-
-
-def predicted_marker(odometry: OdometrySample, p_WB: Array, *, new: NewMessage) -> Any:
-    """Return the plan (n, 3) [m], in the frame of the odometry as the controller plans."""
-    return _marker(_PREDICTED, odometry, p_WB, new=new)
-
-
-def corridor_marker(odometry: OdometrySample, edges: Array, *, new: NewMessage) -> Any:
-    """Return the edges (m, 2, 3) [m] of where the plan is held."""
-    return _marker(_CORRIDOR, odometry, edges.reshape(-1, 3), new=new)
+    return line_marker(_THRUST, odometry, points, new=new, in_body=True)
 
 
 def fence_marker(odometry: OdometrySample, fence: BoxParameters, *, new: NewMessage) -> Any:
@@ -173,11 +157,17 @@ def fence_marker(odometry: OdometrySample, fence: BoxParameters, *, new: NewMess
         for a, b in itertools.combinations(range(8), 2)
         if (a ^ b).bit_count() == 1
     ]
-    return _marker(_FENCE, odometry, np.array(edges).reshape(-1, 3), new=new)
+    return line_marker(_FENCE, odometry, np.array(edges).reshape(-1, 3), new=new)
 
 
-def filled_marker(marker: Marker, *, new: NewMessage) -> Any:
-    """Return a marker of an obstacle as a message, orange and translucent."""
+def filled_marker(
+    marker: Marker,
+    *,
+    new: NewMessage,
+    rgb: tuple[float, float, float] = (0.84, 0.37, 0.0),
+    alpha: float = 0.6,
+) -> Any:
+    """Return a marker as a message; as one of an obstacle orange and translucent."""
     message = new("visualization_msgs/msg/Marker")
     conversions.fill_header(message.header, marker.stamp_ns, marker.frame_id)
     message.ns, message.id = marker.name
@@ -185,41 +175,39 @@ def filled_marker(marker: Marker, *, new: NewMessage) -> Any:
     conversions.fill_vector(message.pose.position, marker.p.tolist())
     conversions.fill_quaternion(message.pose.orientation, marker.q_xyzw.tolist())
     conversions.fill_vector(message.scale, marker.scale.tolist())
-    message.color.r, message.color.g, message.color.b = _OBSTACLE_RGB
-    message.color.a = _OBSTACLE_ALPHA
+    message.color.r, message.color.g, message.color.b = rgb
+    message.color.a = alpha
     conversions.fill_time(message.lifetime, marker.lifetime_ns)
-    message.points = [_point(point, new) for point in marker.points.tolist()]
+    message.points = [new("geometry_msgs/msg/Point") for _ in marker.points]
+    for point, values in zip(message.points, marker.points.tolist(), strict=True):
+        conversions.fill_vector(point, values)
     return message
 
 
 def gates_marker(odometry: OdometrySample, outlines: Sequence[Array], *, new: NewMessage) -> Any:
     """Return the outlines of gates, each points (n, 3) [m] on it."""
     edges = [np.stack((points[:-1], points[1:]), axis=1) for points in outlines]
-    return _marker(_GATES, odometry, np.vstack(edges).reshape(-1, 3), new=new)
+    return line_marker(_GATES, odometry, np.vstack(edges).reshape(-1, 3), new=new)
 
 
-def _marker(
-    look: _Look, odometry: OdometrySample, points: Array, *, new: NewMessage, in_body: bool = False
+def line_marker(
+    look: Look, odometry: OdometrySample, points: Array, *, new: NewMessage, in_body: bool = False
 ) -> Any:
-    marker = new("visualization_msgs/msg/Marker")
-    conversions.fill_header(marker.header, odometry.stamp_ns, odometry.frame_id)
-    marker.ns, marker.type = look.name, look.kind
-    if in_body:
-        conversions.fill_vector(marker.pose.position, odometry.p_WB.tolist())
-        conversions.fill_quaternion(marker.pose.orientation, odometry.q_WB_xyzw.tolist())
-    else:
-        conversions.fill_quaternion(marker.pose.orientation, _NO_ROTATION)
-    conversions.fill_vector(marker.scale, look.scale)
-    marker.color.r, marker.color.g, marker.color.b = look.rgb
-    marker.color.a = 1.0
-    conversions.fill_time(marker.lifetime, look.lifetime_ns)
-    # An empty line is an error to RViz.
-    marker.points = [_point(point, new) for point in points.tolist()] if len(points) > 1 else []
-    marker.action = 0 if marker.points else 2  # add, or delete
-    return marker
+    """Return points (n, 3) [m] in the frame of the odometry, or in the body, as a line or lines.
 
-
-def _point(values: list[float], new: NewMessage) -> Any:
-    point = new("geometry_msgs/msg/Point")
-    conversions.fill_vector(point, values)
-    return point
+    Those of a list are lines two by two. Fewer than two points delete the marker.
+    """
+    is_line = len(points) > 1  # an empty one is an error to RViz
+    marker = Marker(
+        stamp_ns=odometry.stamp_ns,
+        frame_id=odometry.frame_id,
+        name=(look.name, 0),
+        kind=look.kind,
+        action=ADD if is_line else DELETE,
+        p=odometry.p_WB if in_body else np.zeros(3),
+        q_xyzw=odometry.q_WB_xyzw if in_body else _NO_ROTATION,
+        scale=np.array(look.scale),
+        lifetime_ns=look.lifetime_ns,
+        points=points if is_line else points[:0],
+    )
+    return filled_marker(marker, rgb=look.rgb, alpha=1.0, new=new)

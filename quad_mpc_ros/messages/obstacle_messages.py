@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.messages.cdr import TimedPath
 from quad_mpc_ros.messages.conversions import (
     nanoseconds,
     positions_from_path,
@@ -51,6 +51,16 @@ class Transform:
     child: str
     p: Array
     q_xyzw: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TimedPath:
+    """A ``nav_msgs/Path``: positions ``p`` (n, 3) [m] in ``frame_id`` at times (n,) [ns]."""
+
+    stamp_ns: int
+    frame_id: str
+    times_ns: NDArray[np.int64]
+    p: Array
 
 
 def markers_from_message(message: Any) -> list[Marker]:

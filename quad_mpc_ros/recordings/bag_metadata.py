@@ -1,11 +1,10 @@
-"""The metadata of rosbag2: ``metadata.yaml``, the QoS of a channel, and its style of YAML."""
+"""The metadata of rosbag2: ``metadata.yaml``, and the QoS of a channel."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -88,13 +87,12 @@ def bag_information(
     """Return the content of ``rosbag2_bagfile_information`` for a bag of these files.
 
     The compression is rosbag2's own, by message or by file; that of MCAP's chunks is none.
-    Keys and their order are those of ``convert<BagMetadata>::encode`` in
-    rosbag2_storage/yaml.hpp (Jazzy).
+    The keys are those of ``convert<BagMetadata>::encode`` in rosbag2_storage/yaml.hpp (Jazzy).
     """
     return {
         "version": METADATA_VERSION,
         "storage_identifier": "mcap",
-        **_times(united(file.span for file in files), first="duration"),
+        **_times(united(file.span for file in files)),
         "message_count": sum(file.message_count for file in files),
         "topics_with_message_count": [_topic_information(topic) for topic in topics],
         "compression_format": compression_format,
@@ -103,7 +101,7 @@ def bag_information(
         "files": [
             {
                 "path": file.name,
-                **_times(file.span, first="starting_time"),
+                **_times(file.span),
                 "message_count": file.message_count,
             }
             for file in files
@@ -116,31 +114,22 @@ def bag_information(
 def qos_profiles_text(profiles: Sequence[QosProfile]) -> str:
     """Return the YAML of the channel metadata ``offered_qos_profiles``.
 
-    Source: ``serialize_rclcpp_qos_vector`` in rosbag2_storage/qos.cpp (Jazzy), which writes
-    version 9 and therefore words where older bags have numbers.
+    As rosbag2 of Jazzy: version 9, words where older bags have numbers.
     """
     return dump_yaml([profile.as_mapping() for profile in profiles])
 
 
 def dump_yaml(value: object) -> str:
-    """Return ``value`` as block YAML the way yaml-cpp, and with it rosbag2, lays it out.
-
-    Lists inside mappings are indented, an empty text is ``""``, nothing is ``~``, keys keep
-    their order, and there is no newline at the end.
-    """
-    text: str = yaml.dump(
-        value, Dumper=_Rosbag2Dumper, sort_keys=False, allow_unicode=True, width=float("inf")
-    )
-    return text.removesuffix("\n")
+    """Return ``value`` as YAML; keys keep their order."""
+    text: str = yaml.safe_dump(value, sort_keys=False, allow_unicode=True)
+    return text
 
 
-def _times(span: TimeSpan | None, *, first: str) -> dict[str, object]:
-    """Return duration and start, which rosbag2 gives in one order for the bag, one for a file."""
-    times: dict[str, object] = {
+def _times(span: TimeSpan | None) -> dict[str, object]:
+    return {
         "duration": {"nanoseconds": span.duration_ns if span else 0},
         "starting_time": {"nanoseconds_since_epoch": span.start_ns if span else _NEVER_NS},
     }
-    return {key: times[key] for key in sorted(times, key=lambda key: key != first)}
 
 
 def _topic_information(topic: TopicSummary) -> dict[str, object]:
@@ -154,25 +143,3 @@ def _topic_information(topic: TopicSummary) -> dict[str, object]:
         },
         "message_count": topic.message_count,
     }
-
-
-class _Rosbag2Dumper(yaml.SafeDumper):
-    def increase_indent(self, flow: bool = False, indentless: bool = False) -> Any:
-        return super().increase_indent(flow, False)
-
-    def ignore_aliases(self, data: object) -> bool:
-        # Two publishers with the same QoS are two entries, not an anchor and an alias.
-        return True
-
-
-def _represent_text(dumper: Any, text: str) -> Any:
-    style = None if text else '"'
-    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
-
-
-def _represent_nothing(dumper: Any, _: None) -> Any:
-    return dumper.represent_scalar("tag:yaml.org,2002:null", "~")
-
-
-_Rosbag2Dumper.add_representer(str, _represent_text)
-_Rosbag2Dumper.add_representer(type(None), _represent_nothing)

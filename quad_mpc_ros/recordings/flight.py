@@ -34,7 +34,6 @@ if TYPE_CHECKING:  # a simulated flight needs no reader of bags
 
 _PLACES_BETWEEN = 5  # two odometries, at which a clearance is taken
 _GAP_PERIODS = 2.5  # of the odometry: less is jitter
-_NO_STAMP = np.iinfo(np.int64).min
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -213,30 +212,26 @@ class Flight:
         return np.asarray((stamp_ns - self.stamp_ns[0]) * 1e-9)
 
 
-def odometry_arrays(log: OdometryLog) -> dict[str, NDArray[Any]]:
-    """Return the arrays of :class:`Flight` that come from usable odometry."""
-    stamp_ns, first = first_by_stamp(log.stamp_ns)
+def flown_arrays(odometry: OdometryLog, commands: CommandLog, ticks: StatsLog) -> dict[str, Any]:
+    """Return what :class:`Flight` has of odometry, and of commands and ticks until its end."""
+    stamp_ns, first = first_by_stamp(odometry.stamp_ns)
+    end_ns = int(stamp_ns[-1])
+    command_ns, sent = first_by_stamp(commands.stamp_ns, end_ns=end_ns)
+    figures = ticks.columns
+    _, tick = first_by_stamp(figures["stamp_ns"], end_ns=end_ns)
     names = ("p_WB", "q_WB_xyzw", "v_WB_B", "w_WB_B")
-    arrays = {name: log.values.column(name)[first] for name in names}
-    return {"stamp_ns": stamp_ns, "publish_time_ns": log.publish_time_ns[first], **arrays}
-
-
-def command_track(log: CommandLog, *, end_ns: int) -> CommandTrack:
-    """Return the commands stamped up to the end of a flight."""
-    stamp_ns, first = first_by_stamp(log.stamp_ns, end_ns=end_ns)
-    return CommandTrack(
-        stamp_ns=stamp_ns,
-        publish_time_ns=log.publish_time_ns[first],
-        throttle=log.values.column("throttle")[first],
-        w_WB_B=log.values.column("w_WB_B")[first],
-    )
-
-
-def tick_figures(log: StatsLog, *, end_ns: int) -> dict[str, NDArray[Any]]:
-    """Return the figures of the ticks stamped up to the end of a flight."""
-    figures = log.columns
-    _, first = first_by_stamp(figures["stamp_ns"], end_ns=end_ns)
-    return {name: values[first] for name, values in figures.items()}
+    return {
+        "stamp_ns": stamp_ns,
+        "publish_time_ns": odometry.publish_time_ns[first],
+        **{name: odometry.values.column(name)[first] for name in names},
+        "commands": CommandTrack(
+            stamp_ns=command_ns,
+            publish_time_ns=commands.publish_time_ns[sent],
+            throttle=commands.values.column("throttle")[sent],
+            w_WB_B=commands.values.column("w_WB_B")[sent],
+        ),
+        "stats": {name: values[tick] for name, values in figures.items()},
+    }
 
 
 def first_by_stamp(
@@ -252,40 +247,34 @@ class ReferenceSampler:
     """Samples the reference at the stamps of odometries, given its windows one by one.
 
     At each stamp the window in force is the last one stamped no later, and before the first
-    window it is the first one. Windows may come in any order; of those with the same stamp the
-    last one counts. Two are held: the newest, until the next shows how far it
-    reaches, and the oldest, for what lies before it.
+    window it is the first one. Of those with the same stamp the last one counts; one that is
+    stamped before an earlier one was sent again, and is left out.
     """
 
     def __init__(self, stamp_ns: Stamps, vehicle: Vehicle) -> None:
         """Take the stamps (n,) [ns], ascending, and the vehicle that flies the reference."""
         self._stamp_ns = stamp_ns
         self._vehicle = vehicle
-        self._in_force_ns = np.full(len(stamp_ns), _NO_STAMP, dtype=np.int64)
         self._points = PointRecord.zeros(len(stamp_ns))
         self._newest: ReferenceWindow | None = None
-        self._oldest: ReferenceWindow | None = None
+        self._begin = 0  # the place from which the newest is in force
 
     def take(self, window: ReferenceWindow) -> None:
         """Use a window, unless the controller refuses it."""
         if reference_fault(window, frame_id=window.frame_id) is not None:
             return
-        if self._oldest is None or window.stamp_ns < self._oldest.stamp_ns:
-            self._oldest = window
-        newest = self._newest
-        if newest is None or window.stamp_ns >= newest.stamp_ns:
-            if newest is not None:
-                self._sample(newest, end_ns=window.stamp_ns)
-            self._newest = window
-        else:
-            self._sample(window, end_ns=newest.stamp_ns)
+        if self._newest is not None:
+            if window.stamp_ns < self._newest.stamp_ns:
+                return
+            place = int(self._stamp_ns.searchsorted(window.stamp_ns))
+            self._sample(self._newest, end=place)
+        self._newest = window
 
     def track(self) -> ReferenceTrack | None:
         """Return the reference at all stamps; None when no window was taken."""
-        if self._newest is None or self._oldest is None:
+        if self._newest is None:
             return None
-        self._sample(self._newest, end_ns=None)
-        self._write(np.flatnonzero(self._in_force_ns == _NO_STAMP), self._oldest)
+        self._sample(self._newest, end=len(self._stamp_ns))
         points = reference_points(self._points)
         return ReferenceTrack(
             p_WB=points.p_WB,
@@ -295,52 +284,45 @@ class ReferenceSampler:
             throttle=reference_throttles(points, self._vehicle),
         )
 
-    def _sample(self, window: ReferenceWindow, *, end_ns: int | None) -> None:
-        """Sample a window from its stamp on, where no window with a later stamp is in force."""
-        start = int(self._stamp_ns.searchsorted(window.stamp_ns))
-        end = None if end_ns is None else int(self._stamp_ns.searchsorted(end_ns))
-        places = start + (self._in_force_ns[start:end] <= window.stamp_ns).nonzero()[0]
-        self._write(places, window)
-        self._in_force_ns[places] = window.stamp_ns
-
-    def _write(self, places: NDArray[np.intp], window: ReferenceWindow) -> None:
-        points = PointRecord.zeros(len(places))
-        sample_into(self._stamp_ns[places] - window.stamp_ns, packed(window), points)
-        self._points[places] = points
+    def _sample(self, window: ReferenceWindow, *, end: int) -> None:
+        """Sample a window up to a place, from which another one is in force."""
+        points = PointRecord.zeros(end - self._begin)
+        stamp_ns = self._stamp_ns[self._begin : end]
+        sample_into(stamp_ns - window.stamp_ns, packed(window), points)
+        self._points[self._begin : end] = points
+        self._begin = end
 
 
 class ChosenPlans:
-    """Keeps some of the plans, evenly chosen by their stamps."""
+    """Keeps every n-th plan in the order of log times, and the corridors of the plans."""
 
-    def __init__(self, stamps_ns: list[int], *, end_ns: int, most: int) -> None:
-        stamps = np.array(stamps_ns, dtype=np.int64)
-        order = np.argsort(stamps, kind="stable")
-        order = order[: np.searchsorted(stamps[order], end_ns, side="right")]
-        step = -(-len(order) // most) if most else 1
-        self._chosen = set(order[:: max(step, 1)].tolist()) if most else set()
-        self._stamps = {stamps_ns[place] for place in self._chosen}
+    def __init__(self, *, count: int, most: int) -> None:
+        """Take how many plans there are, and at least one as the ``most`` that are kept."""
+        self._step = max(1, -(-count // most))
         self._seen = 0
         self._plans: list[RecordedPlan] = []
         self._corridors: dict[int, HalfSpaces] = {}
 
     def take_corridor(self, message: RecordedMessage) -> None:
-        """Keep the corridor in a message if it is of a chosen plan, and something is in it."""
+        """Keep the corridor in a message if something is in it."""
         corridor = corridor_from_message(message.message)
-        if len(corridor.offsets) and corridor.stamp_ns in self._stamps:
+        if len(corridor.offsets):
             self._corridors[corridor.stamp_ns] = corridor
 
     def take(self, message: RecordedMessage) -> None:
         """Keep the plan in a message, if it is a chosen one and finite."""
-        if self._seen in self._chosen:
+        if self._seen % self._step == 0:
             p_WB = conversions.positions_from_path(message.message)
             if np.all(np.isfinite(p_WB)):
                 stamp_ns = conversions.nanoseconds(message.message.header.stamp)
                 self._plans.append(RecordedPlan(stamp_ns=stamp_ns, p_WB=p_WB))
         self._seen += 1
 
-    def in_order(self) -> list[RecordedPlan]:
-        """Return the plans by their stamps."""
+    def until(self, end_ns: int) -> list[RecordedPlan]:
+        """Return the plans up to the end of a flight by their stamps."""
         plans = [
-            replace(plan, corridor=self._corridors.get(plan.stamp_ns)) for plan in self._plans
+            replace(plan, corridor=self._corridors.get(plan.stamp_ns))
+            for plan in self._plans
+            if plan.stamp_ns <= end_ns
         ]
         return sorted(plans, key=lambda plan: plan.stamp_ns)

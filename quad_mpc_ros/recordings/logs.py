@@ -20,21 +20,15 @@ from typing import Any, ClassVar, Generic, Self, TypeVar, get_type_hints, overlo
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.samples import (
-    CommandSample,
-    ImuSample,
-    OdometrySample,
-    ReferenceWindow,
-)
+from quad_mpc_ros.control.model.samples import CommandSample, ImuSample, OdometrySample
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import diagnostics
 
 T = TypeVar("T")
 Stamps = NDArray[np.int64]
 
-_TYPE_CODES: dict[Any, str] = {int: "q", float: "d", Stamps: "q", Array: "d"}
-_WIDTHS = {"q_WB_xyzw": 4, "offset_ns": 1}  # of the rows of arrays; those of others are vectors
+_TYPE_CODES: dict[Any, str] = {int: "q", float: "d"}
+_WIDTHS = {"q_WB_xyzw": 4}  # other arrays are vectors of three
 _hints = functools.cache(get_type_hints)
 _FIGURES = _hints(TickStats)
 
@@ -79,9 +73,9 @@ class Columns(_MadeOnDemand[T]):
             append(field)
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return a field of all values, numbers and texts (n,), arrays row after row (m, k)."""
+        """Return a field of all values, numbers and texts (n,), arrays row after row (n, k)."""
         column = self._columns[name]
-        if isinstance(column, _Arrays):
+        if isinstance(column, _Rows):
             return column.rows
         return np.array(column, dtype=np.str_) if isinstance(column, _Texts) else _numpy(column)
 
@@ -107,14 +101,14 @@ class Log(_MadeOnDemand[Received[T]]):
         """Return a log of values that there are already."""
         log = cls()
         for each in received:
-            log.add(each.value, log_time_ns=each.log_time_ns, publish_time_ns=each.publish_time_ns)
+            log.append(each)
         return log
 
-    def add(self, value: T, *, log_time_ns: int, publish_time_ns: int) -> None:
+    def append(self, received: Received[T]) -> None:
         """Add a value at the end."""
-        self.values.add(value)
-        self._log_times.append(log_time_ns)
-        self._publish_times.append(publish_time_ns)
+        self.values.add(received.value)
+        self._log_times.append(received.log_time_ns)
+        self._publish_times.append(received.publish_time_ns)
 
     @property
     def stamp_ns(self) -> Stamps:
@@ -160,12 +154,6 @@ class CommandLog(Log[CommandSample]):
     kind = CommandSample
 
 
-class WindowLog(Log[ReferenceWindow]):
-    """Windows of the reference, of any number of points each."""
-
-    kind = ReferenceWindow
-
-
 class StatsLog(Columns[TickStats]):
     """The figures of ticks in the order in which they were recorded."""
 
@@ -209,26 +197,21 @@ class _Texts(list[str]):
         super().append(sys.intern(text))
 
 
-class _Arrays:
-    """Arrays with rows of one ``width``."""
+class _Rows:
+    """Arrays of one width."""
 
-    def __init__(self, type_code: str, *, width: int) -> None:
-        self._numbers = array(type_code)
-        self._ends = array("q")
+    def __init__(self, width: int) -> None:
+        self._numbers = array("d")
         self._width = width
-        self._row_shape: tuple[int, ...] = ()
 
     def append(self, values: NDArray[Any]) -> None:
-        self._row_shape = values.shape[1:]
-        self._numbers.extend(values.ravel().tolist())
-        self._ends.append(len(self._numbers))
+        self._numbers.extend(values.tolist())
 
     def __len__(self) -> int:
-        return len(self._ends)
+        return len(self._numbers) // self._width
 
     def __getitem__(self, place: int) -> NDArray[Any]:
-        start = self._ends[place - 1] if place else 0
-        return _numpy(self._numbers[start : self._ends[place]]).reshape(-1, *self._row_shape)
+        return _numpy(self._numbers[place * self._width : (place + 1) * self._width])
 
     @property
     def rows(self) -> NDArray[Any]:
@@ -239,8 +222,7 @@ def _numpy(numbers: array[Any]) -> NDArray[Any]:
     return np.array(numbers, dtype=np.int64 if numbers.typecode == "q" else np.float64)
 
 
-def _column(name: str, kind: Any) -> array[Any] | _Texts | _Arrays:
+def _column(name: str, kind: Any) -> array[Any] | _Texts | _Rows:
     if kind is str:
         return _Texts()
-    code = _TYPE_CODES[kind]
-    return array(code) if kind in (int, float) else _Arrays(code, width=_WIDTHS.get(name, 3))
+    return array(_TYPE_CODES[kind]) if kind in _TYPE_CODES else _Rows(_WIDTHS.get(name, 3))

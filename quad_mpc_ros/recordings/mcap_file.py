@@ -4,44 +4,45 @@ from __future__ import annotations
 
 import io
 import tempfile
+import weakref
 import zlib
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
 import zstandard
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
+from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
-from mcap.writer import MCAP0_MAGIC
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from quad_mpc_ros.configuration.errors import BagError, os_reason
-from quad_mpc_ros.recordings.bag_metadata import TimeSpan, extended
-from quad_mpc_ros.recordings.mcap_records import MAGIC_SIZE, WholeRecords
+from quad_mpc_ros.recordings.bag_metadata import TimeSpan
+from quad_mpc_ros.recordings.mcap_records import MAGIC_SIZE, WholeRecords, copy_records
 
 McapMessage = tuple[Schema | None, Channel, Message]
 
 
-@dataclass
+@dataclass(frozen=True, kw_only=True)
 class McapContents:
     """What a file holds besides the messages themselves."""
 
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    message_counts: Counter[int] = field(default_factory=Counter)
-    span: TimeSpan | None = None
-    metadata: list[Metadata] = field(default_factory=list)
+    schemas: Mapping[int, Schema]
+    channels: Mapping[int, Channel]
+    message_counts: Counter[int]
+    span: TimeSpan | None
+    metadata: Sequence[Metadata]
 
 
 class McapFile:
     """One MCAP file.
 
     A file with an index is read chunk by chunk. A file without an index, as SIGKILL leaves it, is
-    read up to its last whole record, and its messages are sorted in memory. A file that is
+    first copied up to its last whole record into a temporary one with an index. A file that is
     compressed as a whole (``.mcap.zstd``) is unpacked into a temporary one each time. Checksums
     are verified. Every failure is a :class:`BagError` that names the file.
     """
@@ -58,11 +59,28 @@ class McapFile:
 
     @cached_property
     def contents(self) -> McapContents:
-        """The index, or a scan of the whole file where there is none."""
+        """What the file holds."""
         if self._indexed is not None:
             return self._indexed
+        with _opened(self._path_with_index) as stream:
+            contents = _indexed_contents(stream)
+        assert contents is not None  # of the copy
+        return contents
+
+    @cached_property
+    def _path_with_index(self) -> Path:
+        """The file itself, or a copy that is there as long as this object."""
+        if self._indexed is not None:
+            return self.path
         with _opened(self.path) as stream:
-            return _scanned_contents(stream)
+            copy = tempfile.NamedTemporaryFile(suffix=".mcap")  # noqa: SIM115, closed below
+            weakref.finalize(self, copy.close)
+            records = WholeRecords(stream)
+            copy_records(records, Writer(copy, compression=CompressionType.NONE))
+            copy.flush()
+            if records.damaged_chunks:
+                raise ValueError(f"{records.damaged_chunks} damaged chunks")
+        return Path(copy.name)
 
     def verify(self) -> None:
         """Read the whole file.
@@ -85,12 +103,8 @@ class McapFile:
         self, topics: Collection[str] | None = None, *, from_ns: int = 0
     ) -> Iterator[McapMessage]:
         """Yield the messages of ``topics`` (all by default) from a log time on, in its order."""
-        with _opened(self.path) as stream:
-            if self._indexed is not None:
-                yield from _reader(stream).iter_messages(topics, starting_at=from_ns)
-            else:
-                found = _scanned_messages(stream, topics, from_ns)
-                yield from sorted(found, key=lambda item: item[2].log_time)
+        with _opened(self._path_with_index) as stream:
+            yield from _reader(stream).iter_messages(topics, starting_at=from_ns)
 
 
 @contextmanager
@@ -200,41 +214,3 @@ def _indexed_contents(stream: BinaryIO) -> McapContents | None:
         span=span if statistics.message_count else None,
         metadata=list(reader.iter_metadata()),
     )
-
-
-def _undamaged_records(stream: BinaryIO) -> Iterator[McapRecord]:
-    records = WholeRecords(stream)
-    yield from records
-    if records.damaged_chunks:
-        raise ValueError(f"{records.damaged_chunks} damaged chunks")
-
-
-def _scanned_contents(stream: BinaryIO) -> McapContents:
-    contents = McapContents()
-    for record in _undamaged_records(stream):
-        if isinstance(record, Schema):
-            contents.schemas[record.id] = record
-        elif isinstance(record, Channel):
-            contents.channels[record.id] = record
-        elif isinstance(record, Metadata):
-            contents.metadata.append(record)
-        elif isinstance(record, Message):
-            contents.message_counts[record.channel_id] += 1
-            contents.span = extended(contents.span, record.log_time)
-    return contents
-
-
-def _scanned_messages(
-    stream: BinaryIO, topics: Collection[str] | None, from_ns: int
-) -> Iterator[McapMessage]:
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    for record in _undamaged_records(stream):
-        if isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            channels[record.id] = record
-        elif isinstance(record, Message) and record.log_time >= from_ns:
-            channel = channels[record.channel_id]
-            if topics is None or channel.topic in topics:
-                yield schemas.get(channel.schema_id), channel, record

@@ -1,10 +1,11 @@
-"""The records of an MCAP file in the order of the file, as far as they are whole."""
+"""The records of an MCAP file in the order of the file, as far as they are whole, and a copy."""
 
 from __future__ import annotations
 
 import io
+import itertools
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import BinaryIO
 
@@ -12,10 +13,14 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
-from mcap.records import Chunk, McapRecord
+from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
-from mcap.writer import MCAP0_MAGIC
+from mcap.writer import MCAP0_MAGIC, Writer
 
+from quad_mpc_ros import __version__
+
+LIBRARY = f"quad_mpc_ros {__version__}"
+"""What wrote a file, in its header."""
 MAGIC_SIZE = len(MCAP0_MAGIC)
 _HEAD = struct.Struct("<BQ")  # opcode, length
 _ENDINGS = (0, Opcode.DATA_END, Opcode.FOOTER)
@@ -75,3 +80,53 @@ def _records_of_cut_chunk(body: bytes) -> Iterator[McapRecord]:
             return
         # A chunk holds no more than its size: the rest belongs to another record.
         yield from _records(content[: chunk.uncompressed_size])
+
+
+def copy_records(
+    records: Iterable[McapRecord],
+    writer: Writer,
+    *,
+    corrected: Callable[[Message], Message] = lambda message: message,
+) -> int:
+    """Write the records of a file into a new one with an index; return the number of messages.
+
+    Schemas and channels may get other numbers.
+    """
+    count, schema_ids, channel_ids = 0, {0: 0}, dict[int, int]()  # 0 is no schema
+    remaining = iter(records)
+    first = next(remaining, None)
+    writer.start(profile=first.profile if isinstance(first, Header) else "ros2", library=LIBRARY)
+    for record in itertools.chain((first,), remaining):
+        if isinstance(record, Schema) and record.id not in schema_ids:
+            schema_ids[record.id] = writer.register_schema(
+                name=record.name, encoding=record.encoding, data=record.data
+            )
+        elif isinstance(record, Channel) and record.id not in channel_ids:
+            channel_ids[record.id] = writer.register_channel(
+                topic=record.topic,
+                message_encoding=record.message_encoding,
+                schema_id=schema_ids.get(record.schema_id, 0),
+                metadata=record.metadata,
+            )
+        elif isinstance(record, Message) and record.channel_id in channel_ids:
+            message = corrected(record)
+            count += 1
+            writer.add_message(
+                channel_id=channel_ids[message.channel_id],
+                log_time=message.log_time,
+                data=message.data,
+                publish_time=message.publish_time,
+                sequence=message.sequence,
+            )
+        elif isinstance(record, Metadata):
+            writer.add_metadata(record.name, record.metadata)
+        elif isinstance(record, Attachment):
+            writer.add_attachment(
+                create_time=record.create_time,
+                log_time=record.log_time,
+                name=record.name,
+                media_type=record.media_type,
+                data=record.data,
+            )
+    writer.finish()  # type: ignore[no-untyped-call]
+    return count

@@ -15,7 +15,7 @@ from mcap.records import Metadata
 
 from quad_mpc_ros.configuration import ros_yaml
 from quad_mpc_ros.configuration.errors import BagError, UserError, shown
-from quad_mpc_ros.messages.schemas import IDL_ENCODING, MSG_ENCODING, MessageSchema
+from quad_mpc_ros.messages.schemas import MSG_ENCODING
 from quad_mpc_ros.recordings.bag_metadata import (
     METADATA_FILE,
     METADATA_ROOT,
@@ -59,16 +59,12 @@ class RecordedMessage:
     log_time_ns: int
     publish_time_ns: int
     data: bytes
-    _decoder: _Decoder = field(repr=False)
+    _decode: Callable[[str, bytes], Any] = field(repr=False)
 
     @cached_property
     def message(self) -> Any:
-        """Return the decoded message, see :meth:`MessageDecoder.decode`.
-
-        Raises :class:`BagError` for data that do not fit the type, and for a definition in the
-        bag that is unusable or differs from the one in ROS 2 Jazzy.
-        """
-        return self._decoder.decode(self.type_name, self.data)
+        """Return the decoded message; raises as :meth:`.MessageDecoder.decode`."""
+        return self._decode(self.type_name, self.data)
 
 
 class BagReader:
@@ -86,13 +82,9 @@ class BagReader:
         file or by message, is unpacked.
         """
         self.path = path = bag_of(path)
-        try:
-            information = _bag_information(path / METADATA_FILE)
-            paths = _mcap_files(path) if information is None else _listed_files(path, information)
-        except _RepairableError as error:
-            raise BagError(f"{error}{_repair_hint(path)}") from error
+        information = _bag_information(path / METADATA_FILE)
+        paths = _mcap_files(path) if information is None else _listed_files(path, information)
         self._files = [McapFile(file) for file in paths]
-        self._decoder = _Decoder(self._files)
         self._complete = information is not None or path.is_file()
         if information is None:
             information = recorded_information(self._files[0].contents.metadata)
@@ -155,6 +147,22 @@ class BagReader:
         """Return the time from the first message to the last [ns]; 0 without messages."""
         return self.span.duration_ns if self.span else 0
 
+    @cached_property
+    def _decoder(self) -> MessageDecoder:
+        from quad_mpc_ros.messages.codec import MessageDecoder  # copying needs no rosbags
+
+        return MessageDecoder(
+            {
+                schema.name: schema.data.decode(errors="replace")
+                for file in self._files
+                for schema in file.contents.schemas.values()
+                if schema.encoding == MSG_ENCODING
+            }
+        )
+
+    def _decode(self, type_name: str, data: bytes) -> Any:
+        return self._decoder.decode(type_name, data)
+
     def require_cdr(self, topics: Iterable[str]) -> None:
         """Raise :class:`BagError` for a topic whose messages are not encoded as ROS 2 does."""
         for topic in topics:
@@ -184,7 +192,7 @@ class BagReader:
                 log_time_ns=message.log_time,
                 publish_time_ns=message.publish_time,
                 data=self._unpack(channel.topic, message.data),
-                _decoder=self._decoder,
+                _decode=self._decode,
             )
 
 
@@ -245,47 +253,6 @@ def mcap_files_in(directory: Path) -> list[Path]:
     return files
 
 
-class _Decoder:
-    """Decodes by the definitions in the bag, each parsed with its first message."""
-
-    def __init__(self, files: list[McapFile]) -> None:
-        self._codec: MessageDecoder | None = None
-        self._unregistered = {
-            schema.name: schema
-            for file in files
-            for schema in file.contents.schemas.values()
-            if schema.encoding in (MSG_ENCODING, IDL_ENCODING)
-        }
-
-    def decode(self, type_name: str, data: bytes) -> Any:
-        if self._codec is None:
-            from quad_mpc_ros.messages.codec import MessageDecoder  # copying needs no rosbags
-
-            self._codec = MessageDecoder()
-        schema = self._unregistered.get(type_name)
-        if schema is not None:
-            self._codec.register(
-                MessageSchema(
-                    type_name=type_name,
-                    text=schema.data.decode(errors="replace"),
-                    type_hash="",
-                    encoding=schema.encoding,
-                )
-            )
-            del self._unregistered[type_name]
-        return self._codec.decode(type_name, data)
-
-
-class _RepairableError(BagError):
-    """A bag whose ``metadata.yaml`` a repair writes again."""
-
-
-def _repair_hint(path: Path) -> str:
-    """Return what to do about a directory whose ``metadata.yaml`` cannot be used."""
-    has_files = any(file for pattern in _FILE_PATTERNS for file in path.glob(pattern))
-    return f"; write it again: quad_mpc bag repair {path}" if has_files else ""
-
-
 _FILE_NUMBER = re.compile(r"_(\d+)\.mcap")
 _FILE_PATTERNS = ("*.mcap", "*.mcap.zstd")
 _COMPRESSION_MODES = ("FILE", "MESSAGE")
@@ -309,7 +276,7 @@ def _listed_files(directory: Path, information: Mapping[str, Any]) -> list[Path]
     storage = information.get("storage_identifier")
     names = information.get("relative_file_paths")
     if not storage:
-        raise _RepairableError(f"{metadata_path}: storage_identifier is empty, expected 'mcap'")
+        raise _unusable(metadata_path, "storage_identifier is empty, expected 'mcap'")
     if storage != "mcap":
         reason = conversion(f"storage is {shown(storage)}", directory)
         raise BagError(f"{metadata_path}: {reason}")
@@ -320,13 +287,13 @@ def _listed_files(directory: Path, information: Mapping[str, Any]) -> list[Path]
             "supported, expected zstd of FILE or MESSAGE; convert the bag with `ros2 bag convert`"
         )
     if not isinstance(names, list) or not names:
-        raise _RepairableError(f"{metadata_path}: relative_file_paths names no file")
+        raise _unusable(metadata_path, "relative_file_paths names no file")
     # Before its version 4 rosbag2 wrote the name of the bag in front.
     files = [directory / PurePath(str(name)).name for name in names]
     there = {file.name for file in directory.iterdir()}
     missing = [file.name for file in files if file.name not in there]
     if missing:
-        raise _RepairableError(f"{metadata_path}: lists {missing[0]}, which is not there")
+        raise _unusable(metadata_path, f"lists {missing[0]}, which is not there")
     return files
 
 
@@ -348,13 +315,21 @@ def _message_unpacker(information: Mapping[str, Any]) -> Callable[[str, bytes], 
 
 
 def _bag_information(metadata_path: Path) -> Mapping[str, Any] | None:
+    if not metadata_path.exists():
+        return None
     try:
         content = ros_yaml.read_file(metadata_path)
     except UserError as error:
-        if isinstance(error.__cause__, FileNotFoundError | NotADirectoryError):
-            return None
-        raise _RepairableError(str(error)) from error
+        raise BagError(f"{error}; {_repair(metadata_path)}") from error
     information = content.get(METADATA_ROOT) if isinstance(content, dict) else None
     if not isinstance(information, dict):
-        raise _RepairableError(f"{metadata_path}: {METADATA_ROOT} is missing")
+        raise _unusable(metadata_path, f"{METADATA_ROOT} is missing")
     return information
+
+
+def _unusable(metadata_path: Path, why: str) -> BagError:
+    return BagError(f"{metadata_path}: {why}; {_repair(metadata_path)}")
+
+
+def _repair(metadata_path: Path) -> str:
+    return f"write it again: quad_mpc bag repair {metadata_path.parent}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import operator
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
@@ -15,13 +16,11 @@ import numpy as np
 from quad_mpc_ros.configuration import BagError, Configuration, UserError, files, optional_part
 from quad_mpc_ros.configuration.arguments import instance
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.odometry_gate import STANDS
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.messages.cdr import header_stamp_ns
 from quad_mpc_ros.messages.topics import (
     BATTERY,
     COMMAND,
@@ -45,13 +44,10 @@ from quad_mpc_ros.recordings.flight import (
     Flight,
     GatePoses,
     ReferenceSampler,
-    command_track,
-    odometry_arrays,
-    tick_figures,
+    flown_arrays,
 )
 from quad_mpc_ros.recordings.logs import Log, Stamps, T
 from quad_mpc_ros.recordings.parameters import read_parameters, recorded_parameters
-from quad_mpc_ros.recordings.plan_file import read_plan
 from quad_mpc_ros.recordings.reader import CDR, BagReader, RecordedMessage, encoding_error
 from quad_mpc_ros.recordings.run import (
     OUR_NAMES,
@@ -64,7 +60,6 @@ from quad_mpc_ros.recordings.run import (
     odometry_of_pose,
     odometry_of_twist,
 )
-from quad_mpc_ros.references.motion_table import MotionTable
 from quad_mpc_ros.references.point_table import PointTable
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.scene import Scene
@@ -131,16 +126,11 @@ class Recording:
             rejected=rejected,
         )
         odometry, commands, stats = logs.OdometryLog(), logs.CommandLog(), logs.StatsLog()
-        plan_stamps: list[int] = []
         takers: dict[Topic, Taker] = {
             ODOMETRY: _into(odometry, usable),
             COMMAND: _into(commands, conversions.command_from_message),
             STATS: self._figures(stats),
         }
-        if most_plans:
-            takers[PREDICTED_PATH] = self._all_of(
-                PREDICTED_PATH, lambda m: plan_stamps.append(header_stamp_ns(m.data))
-            )
         self._stream(takers)
         if len(odometry) == 0:
             reasons = "".join(f"; {count} rejected: {why}" for why, count in rejected.items())
@@ -148,13 +138,11 @@ class Recording:
                 f"{self.path}: no flight in it: expected usable {ODOMETRY.type_name} messages on "
                 f"a topic that ends in /{ODOMETRY.name}{reasons}{self._other_encodings()}"
             )
-        arrays = odometry_arrays(odometry)
+        arrays = flown_arrays(odometry, commands, stats)
         stamp_ns = arrays["stamp_ns"]
         self._refuse_standing(stamp_ns, count=len(odometry))
-        end_ns = int(stamp_ns[-1])
         # In a second pass, with the stamps known at which references count.
         sampler = ReferenceSampler(stamp_ns, mpc.vehicle())
-        plans = ChosenPlans(plan_stamps, end_ns=end_ns, most=most_plans)
         again: dict[Topic, Taker] = {
             REFERENCE: _values(
                 conversions.reference_from_message, lambda _, window: sampler.take(window)
@@ -162,18 +150,20 @@ class Recording:
         }
         gates: list[GatePoses] = []
         again[GATES] = _gates_into(gates, frame_id=mpc.odometry.frame_id)
+        plan_count = sum(
+            self.bag.topics[name].message_count for name in self._names_of(PREDICTED_PATH)
+        )
+        plans = ChosenPlans(count=plan_count, most=max(most_plans, 1))
         if most_plans:
-            again[PREDICTED_PATH] = plans.take
+            again[PREDICTED_PATH] = self._all_of(PREDICTED_PATH, plans.take)
             again[CORRIDOR] = self._all_of(CORRIDOR, plans.take_corridor)
         self._stream(again)
         return Flight(
             **arrays,
             reference=sampler.track(),
-            commands=command_track(commands, end_ns=end_ns),
-            stats=tick_figures(stats, end_ns=end_ns),
             parameters=self.parameters,
             mpc=mpc,
-            plans=plans.in_order(),
+            plans=plans.until(int(stamp_ns[-1])),
             scene=self.scene(),
             gates=gates,
             rejected=rejected,
@@ -207,41 +197,33 @@ class Recording:
             BagError: It has no odometry, or a topic twice, or a named topic is not there or of
                 another type; it has two batteries, and none is named.
         """
-        odometry, poses, twists = logs.OdometryLog(), logs.OdometryLog(), logs.OdometryLog()
-        windows, stats = logs.WindowLog(), logs.StatsLog()
-        commands, flown = logs.CommandLog(), logs.CommandLog()
-        imu = logs.ImuLog()
-        engagements: list[logs.Received[bool]] = []
-        landings: list[logs.Received[bool]] = []
-        resets: list[logs.Received[EstimateReset]] = []
-        changes: list[logs.Received[Mapping[str, Any]]] = []
-        voltages: list[logs.Received[float]] = []
+        run = RecordedRun(bag=self.path, parameters=self.parameters)
+        poses, twists, flown = logs.OdometryLog(), logs.OdometryLog(), logs.CommandLog()
         named = names.given
         takers: dict[Topic, Taker] = {
-            REFERENCE: _into(windows, conversions.reference_from_message),
-            COMMAND: _into(commands, conversions.command_from_message),
-            ENGAGED: _appended(engagements, lambda m: bool(m.data)),
-            LANDED: _appended(landings, lambda m: bool(m.data)),
-            ODOMETRY_RESET: _appended(resets, conversions.reset_from_message),
-            STATS: self._figures(stats),
-            IMU: _into(imu, conversions.imu_from_message),
-            PARAMETER_EVENTS: self._changes(changes),
+            REFERENCE: _into(run.windows, conversions.reference_from_message),
+            COMMAND: _into(run.commands, conversions.command_from_message),
+            ENGAGED: _into(run.engagements, lambda m: bool(m.data)),
+            LANDED: _into(run.landings, lambda m: bool(m.data)),
+            ODOMETRY_RESET: _into(run.resets, conversions.reset_from_message),
+            STATS: self._figures(run.stats),
+            IMU: _into(run.imu, conversions.imu_from_message),
+            PARAMETER_EVENTS: self._changes(run.changes),
         }
         takers = {topic: takers[topic] for topic in topics if topic is not BATTERY}
         if BATTERY in topics and (battery := self._battery(names.battery)) is not None:
             voltage_of = operator.attrgetter(VOLTAGE_FIELDS[battery.type_name])
-            takers[battery] = _appended(voltages, lambda m: float(voltage_of(m)))
+            takers[battery] = _into(run.voltages, lambda m: float(voltage_of(m)))
             named[battery] = battery.name
         if names.pose:
             takers[POSE] = _into(poses, odometry_of_pose)
             takers[TWIST] = _into(twists, odometry_of_twist)
         else:
-            takers[ODOMETRY] = _into(odometry, conversions.odometry_from_message)
+            takers[ODOMETRY] = _into(run.odometries, conversions.odometry_from_message)
         if COMMAND in topics and not names.command:
             takers[RECORDED_COMMAND] = _into(flown, conversions.command_from_message)
         self._stream(takers, names=named)
-        if names.pose:
-            odometry = joined(poses, twists)
+        odometry = joined(poses, twists) if names.pose else run.odometries
         if not odometry:
             raise BagError(
                 f"{self.path}: no odometry in it: expected {ODOMETRY.type_name} on a topic that "
@@ -249,21 +231,8 @@ class Recording:
                 f"it holds {self._listed_topics()}{self._other_encodings()}"
             )
         self._refuse_standing(np.unique(odometry.stamp_ns), count=len(odometry))
-        return RecordedRun(
-            bag=self.path,
-            odometries=odometry,
-            windows=windows,
-            # In a bag that was resolved, the vehicle flew these and not the ones beside them.
-            commands=flown or commands,
-            stats=stats,
-            parameters=self.parameters,
-            engagements=engagements,
-            landings=landings,
-            resets=resets,
-            changes=changes,
-            voltages=voltages,
-            imu=imu,
-        )
+        # In a bag that was resolved, the vehicle flew these and not the ones beside them.
+        return dataclasses.replace(run, odometries=odometry, commands=flown or run.commands)
 
     def _stream(
         self, takers: Mapping[Topic, Taker], *, names: Mapping[Topic, str] | None = None
@@ -389,13 +358,11 @@ class Recording:
         return ", ".join(shown + ([f"{more} more"] if more else [])) or "no topic"
 
 
-def flown_points(bag: Path) -> PointTable | MotionTable:
-    """Return the plan in a bag, or where its vehicle was, by the stamps of its odometry.
+def flown_points(bag: Path) -> PointTable:
+    """Return where the vehicle in a bag was, by the stamps of its odometry.
 
     Raises :class:`UserError` for a bag that cannot be read and for too few odometries.
     """
-    if (plan := read_plan(bag)) is not None:
-        return plan
     flight = Recording(bag).flight()
     return PointTable(source=str(bag), seconds=flight.time, p_WB=flight.p_WB)
 
@@ -443,8 +410,8 @@ def _values(convert: Callable[[Any], T], use: Callable[[RecordedMessage, T], Non
     return take
 
 
-def _appended(values: list[logs.Received[T]], convert: Callable[[Any], T]) -> Taker:
-    """Return what appends the values of messages to a list."""
+def _into(values: list[logs.Received[T]] | Log[T], convert: Callable[[Any], T]) -> Taker:
+    """Return what appends the values of messages."""
     return _values(convert, lambda message, value: values.append(_received(message, value)))
 
 
@@ -454,12 +421,3 @@ def _received(message: RecordedMessage, value: T) -> logs.Received[T]:
         log_time_ns=message.log_time_ns,
         publish_time_ns=message.publish_time_ns,
     )
-
-
-def _into(log: Log[T], convert: Callable[[Any], T]) -> Taker:
-    """Return what appends the values of messages to a log."""
-
-    def add(message: RecordedMessage, value: T) -> None:
-        log.add(value, log_time_ns=message.log_time_ns, publish_time_ns=message.publish_time_ns)
-
-    return _values(convert, add)

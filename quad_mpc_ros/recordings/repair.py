@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 import os
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
-from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata, Schema
+from mcap.records import Message
 from mcap.writer import MCAP0_MAGIC, Writer
 
 from quad_mpc_ros.configuration.atomic_file import write_atomically
 from quad_mpc_ros.configuration.errors import BagError, os_reason
 from quad_mpc_ros.recordings import bag_metadata
 from quad_mpc_ros.recordings.mcap_file import McapFile
-from quad_mpc_ros.recordings.mcap_output import LIBRARY, sync_directory
-from quad_mpc_ros.recordings.mcap_records import WholeRecords
+from quad_mpc_ros.recordings.mcap_records import WholeRecords, copy_records
 from quad_mpc_ros.recordings.qos_profile import QosProfile, parse_qos_profiles
 from quad_mpc_ros.recordings.reader import (
     LATEST_NS,
@@ -29,6 +26,7 @@ from quad_mpc_ros.recordings.reader import (
     recorded_information,
     topics_in,
 )
+from quad_mpc_ros.recordings.writer import sync_directory
 
 _BROKEN = ".broken"
 _TEMPORARY = ".repairing"
@@ -73,43 +71,30 @@ def repair(path: Path) -> Repair:
     The folder of a run has its bag in ``bag/``. A single MCAP file is repaired alike, without
     ``metadata.yaml``; one of a bag only with it.
     """
-    if path.is_file():
-        return _repaired_alone(path)
-    if not path.is_dir():
+    directory = None
+    if path.is_dir():
+        directory = bag_metadata.bag_of(path)
+        _undo_interrupted_repair(directory)
+        paths = mcap_files_in(directory)
+    elif not path.is_file():
         raise BagError(f"{path}: is no bag directory and no .mcap file")
-    return _repaired_bag(bag_metadata.bag_of(path))
-
-
-def _repaired_alone(path: Path) -> Repair:
-    """Repair one file that is in no bag."""
-    if (path.parent / bag_metadata.METADATA_FILE).exists():
+    elif (path.parent / bag_metadata.METADATA_FILE).exists():
         raise BagError(f"{path}: is a part of a bag: quad_mpc bag repair {path.parent}")
-    _refuse_packed([path])
-    if _is_whole(path) and not _have_wrong_log_times([path]):
-        return Repair(files=(), needed=False)
-    try:
-        return Repair(files=[_repaired(path, _log_times([path]))], needed=True)
-    except OSError as error:
-        raise BagError(f"{path}: cannot be repaired: {os_reason(error)}") from error
-
-
-def _repaired_bag(directory: Path) -> Repair:
-    _undo_interrupted_repair(directory)
-    paths = mcap_files_in(directory)
-    damaged = [path for path in paths if not _is_whole(path)]
+    else:
+        paths = [path]
+    damaged = [each for each in paths if not _is_whole(each)]
     if _have_wrong_log_times(paths):
         damaged = paths
-    if not damaged and _is_complete(directory, paths):
+    if not damaged and (directory is None or _is_complete(directory, paths)):
         return Repair(files=(), needed=False)
     _refuse_packed(paths)
     try:
-        repaired = []
-        if damaged:
-            times = _log_times(paths)
-            repaired = [_repaired(path, times) for path in damaged]
-        _write_metadata(directory, paths)
+        times = _LogTimes(paths if damaged else ())
+        repaired = [_repaired(each, times) for each in damaged]
+        if directory is not None:
+            _write_metadata(directory, paths)
     except OSError as error:
-        raise BagError(f"{directory}: cannot be repaired: {os_reason(error)}") from error
+        raise BagError(f"{path}: cannot be repaired: {os_reason(error)}") from error
     return Repair(files=repaired, needed=True)
 
 
@@ -155,36 +140,51 @@ def _have_wrong_log_times(paths: Sequence[Path]) -> bool:
     return span is not None and span.duration_ns > LONGEST_BAG_NS
 
 
-class _LogTimes(NamedTuple):
-    """Times that messages of a bag can have been logged at, and the first that one was [ns]."""
+class _LogTimes:
+    """Corrects log times that are too far from the median of all messages of some files."""
 
-    possible: range
-    first: int
+    def __init__(self, paths: Sequence[Path]) -> None:
+        times = array("Q")
+        for path in paths:
+            with path.open("rb") as stream:
+                records = WholeRecords(stream)
+                times.extend(each.log_time for each in records if isinstance(each, Message))
+        median = sorted(times)[len(times) // 2] if times else 0
+        end = min(median + LONGEST_BAG_NS, LATEST_NS + 1)
+        self._possible = range(max(0, median - LONGEST_BAG_NS), max(end, 1))
+        self._first = min((each for each in times if each in self._possible), default=0)
+        self.begin_file()
 
+    def begin_file(self) -> None:
+        """Count anew, and expect the first message of a file."""
+        self.corrected_count = 0
+        self._last = self._first
 
-def _log_times(paths: Sequence[Path]) -> _LogTimes:
-    """Return the log times of files that are not too far from the median of all."""
-    times = array("Q")
-    for path in paths:
-        with path.open("rb") as stream:
-            records = WholeRecords(stream)
-            times.extend(each.log_time for each in records if isinstance(each, Message))
-    median = sorted(times)[len(times) // 2] if times else 0
-    end = min(median + LONGEST_BAG_NS, LATEST_NS + 1)
-    possible = range(max(0, median - LONGEST_BAG_NS), max(end, 1))
-    return _LogTimes(possible, min((each for each in times if each in possible), default=0))
+    def corrected(self, message: Message) -> Message:
+        """Return a message with the log time that it had, or what is nearest that makes sense."""
+        times = (message.log_time, message.publish_time, self._last)
+        self._last = next(each for each in times if each in self._possible)
+        is_wrong = self._last != message.log_time
+        self.corrected_count += is_wrong
+        if (is_wrong or message.publish_time > LATEST_NS) and (
+            message.publish_time not in self._possible
+        ):
+            message.publish_time = self._last
+        message.log_time = self._last
+        return message
 
 
 def _repaired(path: Path, times: _LogTimes) -> RepairedFile:
     original = _place_for_original(path)
     temporary = path.with_name(f"{path.name}{_TEMPORARY}")
-    copy = _Copy(times)
+    times.begin_file()
     try:
         with path.open("rb") as damaged, temporary.open("wb") as stream:
             _check_beginning(path, damaged.read(len(MCAP0_MAGIC)))
             size = os.fstat(damaged.fileno()).st_size
             records = WholeRecords(damaged)
-            copy.write(iter(records), Writer(stream, enable_data_crcs=True))
+            writer = Writer(stream, enable_data_crcs=True)
+            message_count = copy_records(records, writer, corrected=times.corrected)
             stream.flush()
             os.fsync(stream.fileno())
     except BaseException:
@@ -194,9 +194,9 @@ def _repaired(path: Path, times: _LogTimes) -> RepairedFile:
     return RepairedFile(
         path=path,
         original=original,
-        message_count=copy.message_count,
+        message_count=message_count,
         damaged_chunks=records.damaged_chunks,
-        corrected_times=copy.corrected_times,
+        corrected_times=times.corrected_count,
         unreadable_bytes=max(0, size - records.read_up_to),
     )
 
@@ -223,69 +223,6 @@ def _put_in_place(temporary: Path, path: Path, *, original: Path) -> None:
             path.rename(original)
     temporary.replace(path)
     sync_directory(path.parent)
-
-
-class _Copy:
-    """Writes records of one file into another, which may number its channels differently."""
-
-    def __init__(self, times: _LogTimes) -> None:
-        self.message_count = 0
-        self.corrected_times = 0
-        self._possible, self._last_log_time = times
-        self._schema_ids = {0: 0}  # no schema
-        self._channel_ids: dict[int, int] = {}
-
-    def write(self, records: Iterator[McapRecord], writer: Writer) -> None:
-        first = next(records, None)
-        profile = first.profile if isinstance(first, Header) else "ros2"
-        writer.start(profile=profile, library=LIBRARY)
-        for record in itertools.chain((first,), records):
-            self._write_record(record, writer)
-        writer.finish()  # type: ignore[no-untyped-call]
-
-    def _write_record(self, record: McapRecord | None, writer: Writer) -> None:
-        if isinstance(record, Schema) and record.id not in self._schema_ids:
-            self._schema_ids[record.id] = writer.register_schema(
-                name=record.name, encoding=record.encoding, data=record.data
-            )
-        elif isinstance(record, Channel) and record.id not in self._channel_ids:
-            self._channel_ids[record.id] = writer.register_channel(
-                topic=record.topic,
-                message_encoding=record.message_encoding,
-                schema_id=self._schema_ids.get(record.schema_id, 0),
-                metadata=record.metadata,
-            )
-        elif isinstance(record, Message) and record.channel_id in self._channel_ids:
-            self.message_count += 1
-            log_time = self._corrected(record)
-            published = record.publish_time
-            if log_time != record.log_time or published > LATEST_NS:
-                published = published if published in self._possible else log_time
-            writer.add_message(
-                channel_id=self._channel_ids[record.channel_id],
-                log_time=log_time,
-                data=record.data,
-                publish_time=published,
-                sequence=record.sequence,
-            )
-        elif isinstance(record, Metadata):
-            writer.add_metadata(record.name, record.metadata)
-        elif isinstance(record, Attachment):
-            writer.add_attachment(
-                create_time=record.create_time,
-                log_time=record.log_time,
-                name=record.name,
-                media_type=record.media_type,
-                data=record.data,
-            )
-
-    def _corrected(self, message: Message) -> int:
-        """Return when a message was logged, or what is nearest to it that makes sense."""
-        times = (message.log_time, message.publish_time, self._last_log_time)
-        time = next(each for each in times if each in self._possible)
-        self.corrected_times += time != message.log_time
-        self._last_log_time = time
-        return time
 
 
 def _write_metadata(directory: Path, paths: Sequence[Path]) -> None:

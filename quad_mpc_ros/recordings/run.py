@@ -6,8 +6,8 @@ The bag may be of another stack: topics can be named, and pose and twist may be 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,11 +16,10 @@ import numpy as np
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.control.tick import TickStats
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.messages.conversions import odometry_from_pose_and_twist
 from quad_mpc_ros.messages.topics import BATTERY, COMMAND, ODOMETRY, REFERENCE, Topic
-from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received
+from quad_mpc_ros.recordings.logs import CommandLog, ImuLog, OdometryLog, Received, StatsLog
 
 POSE = Topic(name="pose", type_name="geometry_msgs/msg/PoseStamped")
 TWIST = Topic(name="twist", type_name="geometry_msgs/msg/TwistStamped")
@@ -88,17 +87,17 @@ class RecordedRun:
     """
 
     bag: Path
-    odometries: OdometryLog
-    windows: Sequence[Received[ReferenceWindow]]
-    commands: CommandLog
-    stats: Sequence[TickStats]
     parameters: Mapping[str, Mapping[str, Any]]
-    engagements: Sequence[Received[bool]] = ()
-    landings: Sequence[Received[bool]] = ()
-    resets: Sequence[Received[EstimateReset]] = ()
-    changes: Sequence[Received[Mapping[str, Any]]] = ()
-    voltages: Sequence[Received[float]] = ()
-    imu: Sequence[Received[ImuSample]] = ()
+    odometries: OdometryLog = field(default_factory=OdometryLog)
+    windows: list[Received[ReferenceWindow]] = field(default_factory=list)
+    commands: CommandLog = field(default_factory=CommandLog)
+    stats: StatsLog = field(default_factory=StatsLog)
+    engagements: list[Received[bool]] = field(default_factory=list)
+    landings: list[Received[bool]] = field(default_factory=list)
+    resets: list[Received[EstimateReset]] = field(default_factory=list)
+    changes: list[Received[Mapping[str, Any]]] = field(default_factory=list)
+    voltages: list[Received[float]] = field(default_factory=list)
+    imu: ImuLog = field(default_factory=ImuLog)
 
 
 def odometry_of_pose(message: Any) -> OdometrySample:

@@ -59,7 +59,7 @@ def judged_trajectory(
     if config.trajectory == "bag":
         return _judged(point_table.bag_path(config, read_bag), config)
     if config.trajectory == "gates":
-        return _judged(gates_path(config, read_bag), config)
+        return _judged(gates_path(config), config)
     return _judged(config.entry().make(config), config)
 
 

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.messages.codec import MessageDecoder
-from quad_mpc_ros.messages.schemas import MessageSchema
 from quad_mpc_ros.ros.messages import new_message
 
 DECODER = MessageDecoder()
@@ -110,11 +109,8 @@ def test_damaged_bytes_decode_or_are_refused(
         assert "\n" not in str(error)
 
 
-def test_decodes_a_registered_type() -> None:
-    decoder = MessageDecoder()
-    decoder.register(
-        MessageSchema(type_name="lab_msgs/msg/Gains", text="float64[] k\n", type_hash="")
-    )
+def test_decodes_a_given_type() -> None:
+    decoder = MessageDecoder({"lab_msgs/msg/Gains": "float64[] k\n"})
     data = b"\x00\x01\x00\x00" + b"\x01\x00\x00\x00" + bytes(4) + np.float64(2.5).tobytes()
     assert decoder.decode("lab_msgs/msg/Gains", data).k.tolist() == [2.5]
 
@@ -124,5 +120,7 @@ def test_decodes_a_registered_type() -> None:
     [("std_msgs/msg/Header", "string frame_id\n"), ("lab_msgs/msg/Gains", "float64[ k\n")],
 )
 def test_refuses_a_definition_that_differs_or_is_broken(type_name: str, text: str) -> None:
-    with pytest.raises(BagError, match=f"schema of {type_name}"):
-        MessageDecoder().register(MessageSchema(type_name=type_name, text=text, type_hash=""))
+    decoder = MessageDecoder({type_name: text})
+    for _ in range(2):
+        with pytest.raises(BagError, match=f"schema of {type_name}"):
+            decoder.decode(type_name, b"")

@@ -64,8 +64,8 @@ def test_vehicle_marker_is_at_its_position(odometry: OdometrySample) -> None:
 
 def test_lines_are_in_the_frame_of_the_odometry(odometry: OdometrySample) -> None:
     path = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5], [2.0, 1.0, 1.0]])
-    for make in (markers.trail_marker, markers.predicted_marker):
-        line = make(odometry, path, new=new_message)
+    for look in (markers.TRAIL, markers.PREDICTED):
+        line = markers.line_marker(look, odometry, path, new=new_message)
         assert (line.type, line.action) == (Marker.LINE_STRIP, Marker.ADD)
         assert line.header.frame_id == "map"
         assert conversions.nanoseconds(line.header.stamp) == odometry.stamp_ns
@@ -91,18 +91,18 @@ def test_the_fence_is_its_twelve_edges_and_is_closed_by_six_walls(
 
 def test_single_point_deletes_the_marker(odometry: OdometrySample) -> None:
     for count in (0, 1):
-        line = markers.trail_marker(odometry, np.zeros((count, 3)), new=new_message)
+        line = markers.line_marker(markers.TRAIL, odometry, np.zeros((count, 3)), new=new_message)
         assert line.action == Marker.DELETE
 
 
 def test_thrust_and_plan_have_a_lifetime(odometry: OdometrySample) -> None:
     path = np.zeros((2, 3))
     fleeting = [
-        markers.predicted_marker(odometry, path, new=new_message),
+        markers.line_marker(markers.PREDICTED, odometry, path, new=new_message),
         markers.thrust_marker(odometry, 0.3, Vehicle(), length=1.0, new=new_message),
     ]
     staying = [
-        markers.trail_marker(odometry, path, new=new_message),
+        markers.line_marker(markers.TRAIL, odometry, path, new=new_message),
         markers.vehicle_marker(odometry, arm=0.1, new=new_message),
     ]
     assert all(0 < conversions.nanoseconds(marker.lifetime) <= SECOND for marker in fleeting)

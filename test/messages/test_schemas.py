@@ -14,10 +14,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosidl_adapter.parser import parse_message_string
 
 from quad_mpc_ros.configuration import BagError
-from quad_mpc_ros.messages.codec import MessageDecoder
 from quad_mpc_ros.messages.schemas import schema_for
-from quad_mpc_ros.recordings.reader import BagReader
-from quad_mpc_ros.recordings.writer import BagWriter
 
 SHARE = Path(sys.prefix) / "share"
 SEPARATOR = "\n" + "=" * 80 + "\nMSG: "
@@ -65,7 +62,7 @@ def test_without_ros_a_type_has_the_installed_fields_constants_and_hash(
     assert generated.text != installed.text  # comments
     definitions = get_types_from_msg(installed.text, type_name)
     assert get_types_from_msg(generated.text, type_name) == definitions
-    assert (generated.type_hash, generated.encoding) == (installed.type_hash, installed.encoding)
+    assert generated.type_hash == installed.type_hash
 
 
 def install(prefix: Path, reference: str, text: str) -> None:
@@ -108,52 +105,6 @@ def test_each_dependency_once_depth_first_by_name(
         "p/Zed",
     ]
     assert sections[-1] == "p/Zed\nb/Alpha a"
-
-
-def install_idl(prefix: Path, reference: str, text: str) -> None:
-    install(prefix, reference, "")
-    package, name = reference.split("/")
-    folder = prefix / "share" / package / "msg"
-    (folder / f"{name}.msg").unlink()
-    (folder / f"{name}.idl").write_text(text)
-
-
-def test_type_with_idl_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As ``can_find_idl_deps`` of rosbag2: a heading for each type, the root included."""
-    gain = "module lab_msgs { module msg { struct Gain { octet k; }; }; };\n"
-    gains = (
-        '// Two gains.\n#include "lab_msgs/msg/Gain.idl"\n\n'
-        "module lab_msgs { module msg { struct Gains { lab_msgs::msg::Gain first; }; }; };\n"
-    )
-    install_idl(tmp_path, "lab_msgs/Gain", gain)
-    install_idl(tmp_path, "lab_msgs/Gains", gains)
-    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
-    schema = schema_for("lab_msgs/msg/Gains")
-    line = "=" * 80
-    assert schema.encoding == "ros2idl"
-    assert schema.text == (
-        f"{line}\nIDL: lab_msgs/msg/Gains\n{gains}\n{line}\nIDL: lab_msgs/msg/Gain\n{gain}"
-    )
-    with BagWriter(tmp_path / "bag") as writer:
-        writer.add_topic("/gains", "lab_msgs/msg/Gains")
-        data = b"\x00\x01\x00\x00\x07"
-        writer.write("/gains", data, log_time_ns=1, publish_time_ns=1)
-    (ours,) = BagReader(tmp_path / "bag").messages()
-    assert ours.message.first.k == 7
-
-
-def test_idl_as_rosidl_generates_it_is_decoded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for reference in ("std_msgs/Header", "builtin_interfaces/Time"):
-        package, name = reference.split("/")
-        text = (SHARE / package / "msg" / f"{name}.idl").read_text()
-        install_idl(tmp_path, reference, text)
-    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
-    monkeypatch.setattr(sys, "prefix", "/nowhere")
-    schema = schema_for("std_msgs/msg/Header")
-    assert schema.encoding == "ros2idl"
-    MessageDecoder().register(schema)  # refused if it differed from the one known
 
 
 def test_missing_type_names_the_places_searched(

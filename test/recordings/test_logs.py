@@ -8,14 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.recordings.logs import (
     CommandLog,
     Log,
     OdometryLog,
     Received,
     StatsLog,
-    WindowLog,
 )
 
 RANDOM = np.random.default_rng(5)
@@ -42,20 +41,6 @@ def command(stamp_ns: int) -> CommandSample:
     )
 
 
-def window(stamp_ns: int) -> ReferenceWindow:
-    count = stamp_ns % 4  # none too
-    return ReferenceWindow(
-        stamp_ns=stamp_ns,
-        offset_ns=np.arange(count) * 7,
-        p_WB=RANDOM.normal(size=(count, 3)),
-        q_WB_xyzw=RANDOM.normal(size=(count, 4)),
-        v_WB_W=RANDOM.normal(size=(count, 3)),
-        a_WB_W=RANDOM.normal(size=(count, 3)),
-        w_WB_W=RANDOM.normal(size=(count, 3)),
-        frame_id="map",
-    )
-
-
 def same(a: object, b: object) -> bool:
     for field in dataclasses.fields(a):  # type: ignore[arg-type]
         one, other = getattr(a, field.name), getattr(b, field.name)
@@ -67,9 +52,7 @@ def same(a: object, b: object) -> bool:
     return True
 
 
-@pytest.mark.parametrize(
-    ("log", "make"), [(OdometryLog, odometry), (CommandLog, command), (WindowLog, window)]
-)
+@pytest.mark.parametrize(("log", "make"), [(OdometryLog, odometry), (CommandLog, command)])
 def test_log_returns_its_values(log: type[Log], make: object) -> None:
     given = [
         Received(value=make(10 - n), log_time_ns=n, publish_time_ns=2 * n)  # type: ignore[operator]

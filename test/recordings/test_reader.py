@@ -161,17 +161,6 @@ def test_reading_from_a_time_on(flight_bag: Path, whole: bool) -> None:
     assert list(reader.messages(from_ns=times[-1] + 1)) == []
 
 
-def test_equal_log_times_keep_their_order(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "bag") as writer:
-        writer.add_topic("/clock", CLOCK)
-        for index in range(50):
-            data = b"\x00\x01\x00\x00" + index.to_bytes(4, "little") + bytes(4)
-            writer.write("/clock", data, log_time_ns=5, publish_time_ns=5)
-            writer.flush_if_due(float(index))
-    read = [m.message.clock.sec for m in BagReader(tmp_path / "bag").messages()]
-    assert read == list(range(50))
-
-
 def test_decodes_by_the_definition_in_the_bag(
     tmp_path: Path,
 ) -> None:
@@ -193,7 +182,7 @@ def test_decodes_by_the_definition_in_the_bag(
             "lab_msgs/msg/Gains",
             "lab_msgs/Missing m\n",
             None,
-            "lab_msgs/msg/Missing is not defined",
+            "cannot decode a lab_msgs/msg/Gains: .*lab_msgs/msg/Missing",
         ),
     ],
 )
@@ -253,14 +242,6 @@ def test_orders_overlapping_chunks_of_an_unfinished_file(tmp_path: Path) -> None
     for data in (whole, whole[:-30]):
         path.write_bytes(data)
         assert [m.message.clock.sec for m in BagReader(path).messages()] == expected
-
-
-def test_reads_a_file_that_ends_in_zeros(tmp_path: Path, recorded: bytes) -> None:
-    half = recorded[: len(recorded) // 2]
-    (tmp_path / "cut.mcap").write_bytes(half)
-    expected = len(list(BagReader(tmp_path).messages()))
-    (tmp_path / "cut.mcap").write_bytes(half + bytes(5000))
-    assert len(list(BagReader(tmp_path).messages())) == expected
 
 
 def test_damage_is_detected_or_harmless(tmp_path: Path, recorded: bytes) -> None:

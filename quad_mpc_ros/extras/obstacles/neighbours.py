@@ -12,7 +12,7 @@ from quad_mpc_ros.configuration.box import FARTHEST
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.validation import odometry_fault
-from quad_mpc_ros.messages.cdr import TimedPath
+from quad_mpc_ros.messages.obstacle_messages import TimedPath
 
 _KEPT_NS = 3_000_000_000  # after the last that was heard of it
 _LOST_NS = 1_000_000_000  # its odometry goes on for so long: then its plan is lost

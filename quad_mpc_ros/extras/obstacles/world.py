@@ -22,8 +22,7 @@ from quad_mpc_ros.extras.obstacles.neighbours import Neighbour
 from quad_mpc_ros.extras.obstacles.sharing import Plans
 from quad_mpc_ros.extras.obstacles.surfaces import surface_points, wall_points
 from quad_mpc_ros.extras.obstacles.voxels import Points
-from quad_mpc_ros.messages.cdr import TimedPath
-from quad_mpc_ros.messages.obstacle_messages import Marker, Transform
+from quad_mpc_ros.messages.obstacle_messages import Marker, TimedPath, Transform
 from quad_mpc_ros.messages.point_cloud import PointCloud
 from quad_mpc_ros.simulation.scene import Scene
 from quad_mpc_ros.simulation.shapes import Shape

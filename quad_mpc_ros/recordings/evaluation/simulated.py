@@ -15,11 +15,9 @@ from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.recordings.flight import (
     Flight,
     ReferenceSampler,
-    command_track,
-    odometry_arrays,
-    tick_figures,
+    flown_arrays,
 )
-from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, StatsLog
+from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received, StatsLog, T
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.path import Path
 from quad_mpc_ros.references.trajectory import Trajectory
@@ -176,29 +174,27 @@ class FlightLog:
     def take(self, step: LoopStep) -> None:
         """Take the next step."""
         stamp_ns = step.odometry.stamp_ns
-        self._odometry.add(step.odometry, log_time_ns=stamp_ns, publish_time_ns=stamp_ns)
+        self._odometry.append(_at(stamp_ns, step.odometry))
         self._windows.append(step.window)
         if step.command is not None:
-            self._commands.add(step.command, log_time_ns=stamp_ns, publish_time_ns=stamp_ns)
+            self._commands.append(_at(stamp_ns, step.command))
         if step.tick is not None:
             self._stats.add(step.tick.stats)
 
     def flight(self, config: FlightConfig) -> Flight:
         """Return the flight of the steps taken, at least one, and of how it was configured."""
-        arrays = odometry_arrays(self._odometry)
-        end_ns = int(arrays["stamp_ns"][-1])
+        arrays = flown_arrays(self._odometry, self._commands, self._stats)
         sampler = ReferenceSampler(arrays["stamp_ns"], self._vehicle)
         for window in self._windows:
             sampler.take(window)
         return Flight(
             **arrays,
             reference=sampler.track(),
-            commands=command_track(self._commands, end_ns=end_ns),
-            stats=tick_figures(self._stats, end_ns=end_ns),
             parameters={each.owner: each.flattened() for each in config},
             mpc=config.mpc,
-            plans=(),
-            gates=(),
-            rejected={},
             scene=self._scene or configured_scene(config.simulator.obstacles),
         )
+
+
+def _at(stamp_ns: int, value: T) -> Received[T]:
+    return Received(value=value, log_time_ns=stamp_ns, publish_time_ns=stamp_ns)

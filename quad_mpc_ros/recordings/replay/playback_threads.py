@@ -87,10 +87,6 @@ class PlaybackThread:
             self._changed.wait(wait_s)
 
 
-class _End:
-    pass
-
-
 class ReadAhead(Generic[T]):
     """An iterator over ``items`` that holds up to ``depth`` of them ready.
 
@@ -98,7 +94,7 @@ class ReadAhead(Generic[T]):
     """
 
     def __init__(self, items: Iterator[T], *, depth: int) -> None:
-        self._ready: queue.Queue[T | BaseException | _End] = queue.Queue(depth)
+        self._ready: queue.Queue[T | Exception] = queue.Queue(depth)  # the last is an exception
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._read, args=(items,), daemon=True)
         self._thread.start()
@@ -108,10 +104,8 @@ class ReadAhead(Generic[T]):
 
     def __next__(self) -> T:
         item = self._ready.get()
-        if isinstance(item, _End):
+        if isinstance(item, Exception):
             self._ready.put(item)
-            raise StopIteration
-        if isinstance(item, BaseException):
             raise item
         return item
 
@@ -121,15 +115,16 @@ class ReadAhead(Generic[T]):
         self._thread.join()
 
     def _read(self, items: Iterator[T]) -> None:
+        end: Exception = StopIteration()
         try:
             for item in items:
                 if not self._put(item):
                     return
         except Exception as error:
-            self._put(error)
-        self._put(_End())
+            end = error
+        self._put(end)
 
-    def _put(self, item: T | BaseException | _End) -> bool:
+    def _put(self, item: T | Exception) -> bool:
         while not self._closed.is_set():
             try:
                 self._ready.put(item, timeout=_PATIENCE_S)

@@ -7,13 +7,12 @@ bit for bit, where the recording has what the controller knew and when.
 
 from __future__ import annotations
 
+import bisect
 import dataclasses
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
-
-import numpy as np
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
@@ -32,9 +31,6 @@ S = TypeVar("S", CommandSample, ReferenceWindow)
 
 WindowSource = Callable[[int], ReferenceWindow]
 """Returns the reference window of a stamp [ns], in place of the recorded ones."""
-
-# The longest time from publication to reception; beyond it the window was not recorded.
-_LONGEST_WAY_NS = 100_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -213,9 +209,9 @@ def _in_real_time(run: RecordedRun, config: MpcConfig) -> Iterator[_Event]:
     """Give each odometry the window that the controller had, when it had it.
 
     The recorder receives messages at other times than the controller, and some that it missed.
-    But the figures of each tick say when it began, which window it had (not in bags of earlier
-    versions) and when that had arrived. At the recorded control rate only answered odometries are
-    given. Without a tick the time is the odometry's stamp and the window the last recorded before.
+    But the figures of each tick say when it began, which window it had and when that had arrived.
+    At the recorded control rate only answered odometries are given. Without a tick the time is the
+    odometry's stamp and the window the last recorded before.
     """
     ticks = {stats.stamp_ns: stats for stats in run.stats}
     stamps = {odometry.value.stamp_ns for odometry in run.odometries}
@@ -243,8 +239,8 @@ def _in_real_time(run: RecordedRun, config: MpcConfig) -> Iterator[_Event]:
         else:
             window_ns -= round(1e6 * tick.reference_age_ms)
             window = windows.of_stamp(tick.reference_stamp_ns, received_ns=window_ns)
-            if window is None:
-                window = windows.received_at(window_ns, log_time_ns=odometry.log_time_ns)
+            if window is None and tick.reference_stamp_ns:  # another reference, or not recorded
+                window = windows.before(odometry.log_time_ns)
         yield _Event(
             now_ns=now_ns,
             odometry=odometry,
@@ -264,18 +260,15 @@ class _Windows:
 
     def __init__(self, windows: Sequence[Received[ReferenceWindow]]) -> None:
         self._windows = windows
-        self._recorded_ns = np.array([window.log_time_ns for window in windows], dtype=np.int64)
-        published_ns = np.array([window.publish_time_ns for window in windows], dtype=np.int64)
-        self._order = np.argsort(published_ns, kind="stable")
-        self._published_ns = published_ns[self._order]
+        self._recorded_ns = [window.log_time_ns for window in windows]
         self._places: dict[int, list[int]] = {}  # by stamp
         for place, window in enumerate(windows):
             self._places.setdefault(window.value.stamp_ns, []).append(place)
 
     def before(self, log_time_ns: int) -> ReferenceWindow | None:
         """Return the last window recorded by a time."""
-        number = int(np.searchsorted(self._recorded_ns, log_time_ns, side="right")) - 1
-        return self._windows[number].value if number >= 0 else None
+        count = bisect.bisect_right(self._recorded_ns, log_time_ns)
+        return self._windows[count - 1].value if count else None
 
     def of_stamp(self, stamp_ns: int, *, received_ns: int) -> ReferenceWindow | None:
         """Return the window of a stamp; of several, the last published by its reception."""
@@ -283,15 +276,6 @@ class _Windows:
         before = [window for window in alike if window.publish_time_ns <= received_ns]
         found = before[-1:] or alike[:1]
         return found[0].value if found else None
-
-    def received_at(self, received_ns: int, *, log_time_ns: int) -> ReferenceWindow | None:
-        """Return the last window published when one was received."""
-        if received_ns < _LONGEST_WAY_NS:
-            return None  # the controller had none yet
-        place = int(np.searchsorted(self._published_ns, received_ns, side="right")) - 1
-        if place < 0 or received_ns - self._published_ns[place] > _LONGEST_WAY_NS:
-            return self.before(log_time_ns)
-        return self._windows[int(self._order[place])].value
 
 
 def _first_by_stamp(recorded: Sequence[Received[S]]) -> dict[int, S]:

@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.messages import cdr
 from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.obstacle_messages import (
     markers_from_message,
@@ -186,7 +185,7 @@ class ObstacleInputs:
         self._world.receive_transforms(transforms_from_message(message_in(TF, data)))
 
     def _on_plan(self, name: str, data: bytes) -> None:
-        plan = cdr.read_path(data) or path_from_message(message_in(PREDICTED_PATH, data))
+        plan = path_from_message(message_in(PREDICTED_PATH, data))
         self._world.receive_neighbour(name, plan)
 
     def _on_neighbour(self, name: str, data: bytes) -> None:

@@ -102,7 +102,7 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         config, new = self.config, new_message
         drawn = [
             markers.vehicle_marker(odometry, arm=config.arm, new=new),
-            markers.trail_marker(odometry, self._trail.p_WB, new=new),
+            markers.line_marker(markers.TRAIL, odometry, self._trail.p_WB, new=new),
         ]
         if config.fence.is_closed:
             drawn.append(markers.fence_marker(odometry, config.fence, new=new))
@@ -115,10 +115,10 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
             )
         if self._plan is not None:
             p_WB = conversions.positions_from_path(self._plan)
-            drawn.append(markers.predicted_marker(odometry, p_WB, new=new))
+            drawn.append(markers.line_marker(markers.PREDICTED, odometry, p_WB, new=new))
             if self._corridor is not None and len(p_WB):
-                found = corridor_edges(self._corridor, p_WB)
-                drawn.append(markers.corridor_marker(odometry, found, new=new))
+                found = corridor_edges(self._corridor, p_WB).reshape(-1, 3)
+                drawn.append(markers.line_marker(markers.CORRIDOR, odometry, found, new=new))
         if self._scene is not None:
             drawn += _scene_markers(self._scene, odometry)
         # Each is shown once: viewers drop what is not renewed.

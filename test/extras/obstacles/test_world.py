@@ -23,7 +23,6 @@ from quad_mpc_ros.extras.obstacles.files import scene_of
 from quad_mpc_ros.extras.obstacles.surroundings import Surroundings
 from quad_mpc_ros.extras.obstacles.voxels import VoxelMap
 from quad_mpc_ros.extras.obstacles.world import World
-from quad_mpc_ros.messages.cdr import TimedPath
 from quad_mpc_ros.messages.markers import filled_marker
 from quad_mpc_ros.messages.obstacle_messages import (
     ADD,
@@ -35,6 +34,7 @@ from quad_mpc_ros.messages.obstacle_messages import (
     SPHERE,
     SPHERE_LIST,
     Marker,
+    TimedPath,
     Transform,
     markers_from_message,
 )
