@@ -132,7 +132,6 @@ setup(
         "zstandard",
         "PyYAML",
         "matplotlib",
-        "rich>=13",
     ],
     extras_require={
         "ros": [
