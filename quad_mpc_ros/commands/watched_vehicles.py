@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from quad_mpc_ros.commands.observer import Observer, subscribe
+from quad_mpc_ros.commands.observer import Observer, checked_namespace, subscribe
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import conversions
@@ -234,7 +234,7 @@ class _Watcher(Observer):
 
     def __init__(self, namespaces: Sequence[str] | None) -> None:
         super().__init__("quad_mpc_watch")
-        self._only = None if namespaces is None else [name.strip("/") for name in namespaces]
+        self._only = None if namespaces is None else list(map(checked_namespace, namespaces))
         self._vehicles: dict[str, WatchedVehicle] = {}
         self.has_received = False
         """Whether any message of a vehicle was received."""

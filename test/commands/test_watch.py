@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands.watched_vehicles import NodeStatus, WatchedVehicle, status_text
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import TickStats
@@ -75,6 +76,11 @@ def reference_at(vehicle: WatchedVehicle, x: float, *, at: float) -> None:
     )
     data = cdr.written_reference(window, child_frame_id="base_link")
     vehicle.take(REFERENCE, partial(message_in, REFERENCE, data), seconds=at)
+
+
+def test_refuses_a_name_that_is_no_namespace(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["watch", "--namespace", "two words"]) == 2
+    assert "--namespace: given 'two words', expected" in capsys.readouterr().err
 
 
 def test_shows_what_was_never_received_as_missing() -> None:
