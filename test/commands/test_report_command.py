@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -185,15 +184,7 @@ class TestInABrowser:
         opened.page.wait_for_function(f"{ranges}.every(r => r[1] > 2)")
         assert opened.errors == []
 
-    def test_series_and_figures_are_saved(
-        self, opened: SimpleNamespace, runs: tuple[Path, Path]
-    ) -> None:
-        with opened.page.expect_download() as download:
-            opened.page.click("button[data-run=paper][data-table=commands]")
-        assert download.value.suggested_filename == "paper_commands.csv"
-        text = Path(download.value.path()).read_text()
-        throttle = [float(row["throttle"]) for row in csv.DictReader(io.StringIO(text))]
-        assert throttle == Recording(runs[1] / "bag").flight().commands.throttle.tolist()
+    def test_figures_are_saved(self, opened: SimpleNamespace) -> None:
         with opened.page.expect_download() as download:
             opened.page.hover("#figure-error")
             opened.page.click("#figure-error .modebar-btn[data-title*='ownload']")

@@ -20,11 +20,9 @@ from quad_mpc_ros.analysis.report.markup import (
 )
 from quad_mpc_ros.analysis.report.plotting import figure_html
 from quad_mpc_ros.analysis.report.run import MOST_HORIZONS, ReportedRun
-from quad_mpc_ros.analysis.report.series import TABLE_NAMES, csv_tables
 from quad_mpc_ros.analysis.report.space_figure import space_figure
 from quad_mpc_ros.analysis.report.time_figure import time_figure
 
-MOST_ROWS = 30_000  # of a table in the page, ten minutes at 50 Hz; they take 15 MB
 _COLUMN_WIDTH = 420  # pixels at least, of a run
 _HINT = (
     "Drag in a figure to zoom: every figure over time follows. Double-click to see all. "
@@ -114,18 +112,13 @@ def page(runs: Sequence[ReportedRun]) -> str:
     facts += ["<h2>The runs</h2>", overview.identity_table(runs)]
     facts += ["<h2>Figures of merit</h2>", overview.metrics_table(runs), _differences(runs)]
     parameters = overview.parameter_table(runs, only_different=False)
-    series = Section(key="series", title="Time series", parts=[_buttons(run) for run in runs])
     return html_page(
         names=[run.name for run in runs],
         verdicts=[_verdict(run) for run in runs],
         facts=facts,
         sections=[_section(each, runs) for each in _FIGURES if all(map(each.shown, runs))],
         hint=_HINT,
-        files=[
-            series.html,
-            folded("Recorded parameters", parameters or paragraph("None were recorded.")),
-        ],
-        data={run.name: csv_tables(run) for run in runs if not _long(run)},
+        end=folded("Recorded parameters", parameters or paragraph("None were recorded.")),
     )
 
 
@@ -164,18 +157,3 @@ def _differences(runs: Sequence[ReportedRun]) -> str:
         return ""
     table = overview.parameter_table(runs, only_different=True)
     return f"<h2>Parameters that differ</h2>\n{table or '<p>None.</p>'}"
-
-
-def _long(run: ReportedRun) -> bool:
-    """Whether a browser would have to carry too much with the tables of a run in the page."""
-    return max(len(run.flight.stamp_ns), len(run.flight.tick_time)) > MOST_ROWS
-
-
-def _buttons(run: ReportedRun) -> str:
-    if _long(run):
-        return f"<p>{escape(run.name)}: too long for a page, see quad_mpc report --csv.</p>"
-    buttons = " ".join(
-        f'<button data-run="{escape(run.name)}" data-table="{name}">{name}.csv</button>'
-        for name in TABLE_NAMES
-    )
-    return f"<p>{escape(run.name)}: {buttons}</p>"

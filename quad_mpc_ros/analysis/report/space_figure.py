@@ -12,15 +12,12 @@ from quad_mpc_ros.analysis.figures import obstacles, space, style
 from quad_mpc_ros.analysis.report.plotting import FAR, lay_out, plotly, subplots
 from quad_mpc_ros.analysis.report.run import MOST_HORIZONS, ReportedRun
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.messages.free_region import corridor_edges
 from quad_mpc_ros.recordings.evaluation.race import drawn_course
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoint_positions
 from quad_mpc_ros.recordings.flight import Flight
 
 MOST_POINTS = 5000  # of a line in space
 _HORIZON_COLOUR = "#CC79A7"
-_CORRIDOR_COLOUR = "#009E73"
-_MOST_CORRIDORS = 40
 _HEIGHT = 560  # pixels
 _HOVER = "t = %{customdata:.2f} s<br>x %{x:.3f}, y %{y:.3f}, z %{z:.3f} m"
 
@@ -114,26 +111,7 @@ def _traces(run: ReportedRun, *, fastest: float, first: bool) -> list[Any]:
     )
     traces += drawn_gate_lines(flight, legend=first)
     start = _marks("start", flight.p_WB[:1], colour=style.INK, symbol="square", legend=first)
-    around = [*_obstacles(flight, legend=first), *_corridors(flight, legend=first)]
-    return [*around, *traces, flown, start]
-
-
-def _corridors(flight: Flight, *, legend: bool) -> list[Any]:
-    """Return the free regions of the last stage of some plans, shown when asked for."""
-    within = [(plan, plan.corridor) for plan in flight.plans if plan.corridor is not None]
-    gap, parts, times = np.full((1, 3), np.nan), [np.zeros((0, 3))], []
-    for plan, corridor in within[:: -(-len(within) // _MOST_CORRIDORS) or 1]:
-        for edge in corridor_edges(corridor, plan.p_WB):
-            parts += [edge, gap]
-            times.append(plan.stamp_ns)
-    if not times:
-        return []
-    time = np.repeat(flight.time_of(np.array(times, dtype=np.int64)), 3)
-    trace = _line(
-        "corridor", np.vstack(parts), time, colour=_CORRIDOR_COLOUR, width=2, legend=legend
-    )
-    trace.visible = "legendonly"
-    return [trace]
+    return [*_obstacles(flight, legend=first), *traces, flown, start]
 
 
 def _obstacles(flight: Flight, *, legend: bool) -> list[Any]:

@@ -159,15 +159,12 @@ def test_the_page_loads_nothing_and_escapes_what_was_recorded(failing: ReportedR
     plots = [a for tag, a in elements.elements if "plotly-graph-div" in str(a.get("class"))]
     assert len(plots) == 8
     assert any("solver <failed>" in words for words in elements.words)
-    assert len([a for tag, a in elements.elements if tag == "button"]) == 2 * len(TABLE_NAMES)
 
 
 def test_the_page_of_a_long_flight_stays_small(make_flight: FlightMaker) -> None:
-    """What is drawn is thinned, and the tables are left to ``--csv``."""
+    """What is drawn is thinned."""
     text = page([run_of(make_flight(40_000))])
     assert len(text) < len(page([run_of(make_flight(100))])) + 6_000_000
-    assert "too long for a page" in text
-    assert "<button" not in text
 
 
 def test_lists_parameters_that_differ(make_flight: FlightMaker) -> None:
