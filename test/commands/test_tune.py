@@ -76,7 +76,10 @@ MISTAKES = {
     "workers": (["FILE", "--workers", "0"], "--workers: given 0, expected a number >= 1"),
     "set": (["FILE", "--set", "mpc.R=[1]"], "mpc.R: given [1], expected 4 numbers >= 0"),
     "resume what": (["--resume", "HERE"], "not the folder of a study"),
-    "resume and out": (["--resume", "HERE", "--out", "x"], "--out: --resume says where"),
+    "resume and out": (
+        ["--resume", "HERE", "--out", "x"],
+        "--resume: a study continues unchanged",
+    ),
     "out is full": (["FILE", "--out", "HERE"], "exists and is not overwritten"),
 }
 
