@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.configuration.atomic_file import placed, write_atomically
+from quad_mpc_ros.configuration.atomic_file import write_atomically
 
 
 def check_writable(option: str, path: Path | None, *, overwrite: bool) -> None:
@@ -38,20 +38,6 @@ def write_new(option: str, path: Path, text: str, *, overwrite: bool) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, text, overwrite=overwrite)
-    except OSError as error:
-        raise UserError(f"{option}: {path} cannot be written: {error.strerror}") from error
-
-
-@contextlib.contextmanager
-def written_by_name(option: str, path: Path, *, overwrite: bool) -> Iterator[Path]:
-    """Yield the name under which a file is written before it takes its own.
-
-    Raises as :func:`write_new`.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with placed(path, overwrite=overwrite) as draft:
-            yield draft
     except OSError as error:
         raise UserError(f"{option}: {path} cannot be written: {error.strerror}") from error
 

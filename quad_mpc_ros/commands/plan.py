@@ -8,7 +8,7 @@ from pathlib import Path
 
 from quad_mpc_ros.analysis.figures.reference_figure import write_reference
 from quad_mpc_ros.commands import EXIT_FAILED
-from quad_mpc_ros.commands.output import check_writable, results_in, write_new, written_by_name
+from quad_mpc_ros.commands.output import check_writable, results_in, write_new
 from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.commands.run_options import add_config, add_set
 from quad_mpc_ros.configuration.arguments import number
@@ -19,11 +19,8 @@ from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
 from quad_mpc_ros.extras.racing.planning.limits import MODELS
 from quad_mpc_ros.extras.racing.planning.race_plan import RacePlan, plan_race
 from quad_mpc_ros.extras.racing.verdict import VEHICLE_RADIUS
-from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, load_config
-from quad_mpc_ros.recordings.plan_file import write_plan
+from quad_mpc_ros.recordings.evaluation.simulated import load_config
 from quad_mpc_ros.references.feasibility import Verdict, judged
-
-_BAG = ".mcap"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -41,7 +38,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         default=Path("race.csv"),
-        help="the plan, a table or, with the ending .mcap, a bag (default: race.csv)",
+        help="the table of the plan (default: race.csv)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace a plan that exists")
     parser.add_argument(
@@ -108,7 +105,7 @@ def run(options: argparse.Namespace) -> int:
     )
     progress.close()
     seconds = progress.seconds
-    _write(plan, options, config)
+    write_new("--out", options.out, plan.table.text(), overwrite=options.overwrite)
     verdict = judged(plan.trajectory(), config.reference)
     times = [round(1e9 * each) for each in verdict.over_time.seconds]
     with results_in(options.out.parent):
@@ -118,14 +115,6 @@ def run(options: argparse.Namespace) -> int:
     print(_table(plan, verdict, seconds=seconds))
     print(f"\nplan     {options.out}\npicture  {picture}")
     return 0 if verdict.feasible else EXIT_FAILED
-
-
-def _write(plan: RacePlan, options: argparse.Namespace, config: FlightConfig) -> None:
-    if options.out.suffix != _BAG:
-        write_new("--out", options.out, plan.table.text(), overwrite=options.overwrite)
-        return
-    with written_by_name("--out", options.out, overwrite=options.overwrite) as path:
-        write_plan(path, plan.table, frame_id=config.reference.frame_id)
 
 
 def _check_numbers(options: argparse.Namespace) -> None:

@@ -51,7 +51,6 @@ from quad_mpc_ros.recordings.flight import (
 )
 from quad_mpc_ros.recordings.logs import Log, Stamps, T
 from quad_mpc_ros.recordings.parameters import read_parameters, recorded_parameters
-from quad_mpc_ros.recordings.plan_file import read_plan
 from quad_mpc_ros.recordings.reader import CDR, BagReader, RecordedMessage, encoding_error
 from quad_mpc_ros.recordings.run import (
     OUR_NAMES,
@@ -64,7 +63,6 @@ from quad_mpc_ros.recordings.run import (
     odometry_of_pose,
     odometry_of_twist,
 )
-from quad_mpc_ros.references.motion_table import MotionTable
 from quad_mpc_ros.references.point_table import PointTable
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.scene import Scene
@@ -389,13 +387,11 @@ class Recording:
         return ", ".join(shown + ([f"{more} more"] if more else [])) or "no topic"
 
 
-def flown_points(bag: Path) -> PointTable | MotionTable:
-    """Return the plan in a bag, or where its vehicle was, by the stamps of its odometry.
+def flown_points(bag: Path) -> PointTable:
+    """Return where the vehicle of a bag was, by the stamps of its odometry.
 
     Raises :class:`UserError` for a bag that cannot be read and for too few odometries.
     """
-    if (plan := read_plan(bag)) is not None:
-        return plan
     flight = Recording(bag).flight()
     return PointTable(source=str(bag), seconds=flight.time, p_WB=flight.p_WB)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from quad_mpc_ros.configuration import optional_part, parameter
 from quad_mpc_ros.references.motion_table import PlannedMotion
 from quad_mpc_ros.references.path import Path
-from quad_mpc_ros.references.point_table import BagReader, TableParameters
+from quad_mpc_ros.references.point_table import TableParameters
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,12 +21,12 @@ class GateParameters(TableParameters):
     )
 
 
-def gates_path(config: GateParameters, read_bag: BagReader | None = None) -> Path | PlannedMotion:
+def gates_path(config: GateParameters) -> Path | PlannedMotion:
     """Return the plan that ``file`` names, or the smooth path through the gates.
 
-    A plan in a bag is read by ``read_bag``. Raises :class:`UserError` for a course that cannot be
-    flown, a plan that does not pass it, and where racing is not installed.
+    Raises :class:`UserError` for a course that cannot be flown, a plan that does not pass it, and
+    where racing is not installed.
     """
     make = optional_part("gates_path", needed_by=f"{config.owner}.trajectory")
-    path: Path | PlannedMotion = make(config, read_bag)
+    path: Path | PlannedMotion = make(config)
     return path

@@ -58,8 +58,8 @@ class TableParameters(LegParameters):
 
     file: str = parameter(
         "",
-        doc="csv: the table to fly. bag: the recorded run to fly again, or a plan. gates: a plan "
-        "of quad_mpc plan, .csv or .mcap; without one a smooth path is flown.",
+        doc="csv: the table to fly. bag: the recorded run to fly again. gates: a plan of quad_mpc "
+        "plan; without one a smooth path is flown.",
     )
     path_tolerance: float = parameter(
         0.005,
@@ -100,28 +100,24 @@ class PointTable:
             )
 
 
-BagReader = Callable[[FilePath], PointTable | MotionTable]
-"""Returns the odometry of a recorded run, or a plan. Bags are read above this layer, so it is
-handed in."""
+BagReader = Callable[[FilePath], PointTable]
+"""Returns the odometry of a recorded run. Bags are read above this layer, so it is handed in."""
 
 
 def csv_path(config: TableParameters) -> Path | PlannedMotion:
     """Return the path along the configured file, or the motion in it."""
-    return _along(read_csv(_file(config, "csv")), config)
-
-
-def bag_path(config: TableParameters, read_bag: BagReader | None = None) -> Path | PlannedMotion:
-    """Return the path along the configured run, or the plan in it, read by ``read_bag``."""
-    file = _file(config, "bag")
-    if read_bag is None:
-        raise ConfigurationError(f"{config.owner}.file", config.file, "a file that is no bag")
-    return _along(read_bag(file), config)
-
-
-def _along(table: PointTable | MotionTable, config: TableParameters) -> Path | PlannedMotion:
+    table = read_csv(_file(config, "csv"))
     if isinstance(table, MotionTable):
         return PlannedMotion(table, offset=np.array([*config.origin, 0.0]))
     return table_path(table, config)
+
+
+def bag_path(config: TableParameters, read_bag: BagReader | None = None) -> Path:
+    """Return the path along the configured run, read by ``read_bag``."""
+    file = _file(config, "bag")
+    if read_bag is None:
+        raise ConfigurationError(f"{config.owner}.file", config.file, "a file that is no bag")
+    return table_path(read_bag(file), config)
 
 
 def _file(config: TableParameters, kind: str) -> FilePath:

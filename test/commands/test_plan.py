@@ -9,12 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib.image
-import numpy as np
 import pytest
 import yaml
 from fixtures.courses import COURSE
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands import EXIT_INTERRUPTED
@@ -62,43 +59,6 @@ def test_plan_is_written_drawn_checked_and_flown(
     course.unlink()  # the bag has the course itself
     recorded = flown_course(Recording(run / "bag").flight())
     assert recorded is not None and recorded.numbers == (1, 2)
-
-
-def test_a_plan_as_a_bag_is_read_by_others_and_flown_as_the_table_is(
-    course: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    table, bag = tmp_path / "race.csv", tmp_path / "bag" / "race.mcap"
-    for out in (table, bag):
-        assert main(["plan", str(course), *VEHICLE, *QUICK, "--out", str(out)]) == 0
-    assert sorted(path.name for path in bag.parent.iterdir()) == ["race.mcap", "race.png"]
-    with bag.open("rb") as stream:
-        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        messages = {c.topic: message for _, c, _, message in reader.iter_decoded_messages()}
-    assert set(messages) == {"/plan", "/plan/path"}
-    rows = np.genfromtxt(table, delimiter=",", skip_header=1)
-    points = messages["/plan"].points
-    assert len(points) == len(rows)
-    end = points[-1].transforms[0].translation
-    assert [end.x, end.y, end.z] == pytest.approx(rows[-1, 1:4], abs=1e-6)
-    poses = messages["/plan/path"].poses
-    assert 1 < len(poses) <= len(points)
-
-    for trajectory in ("gates", "bag"):
-        flights = {}
-        for plan in (table, bag)[trajectory == "bag" :]:
-            run = tmp_path / f"{trajectory}_{plan.suffix}"
-            given = ["--gates", str(course), "--set", f"reference.trajectory={trajectory}"]
-            given += ["--set", f"reference.file={plan}", "--duration", "4", "--out", str(run)]
-            assert main(["simulate", *VEHICLE, *given]) == 0
-            summary = json.loads((run / "summary.json").read_text())
-            assert [gate["passed"] for gate in summary["gates"]] == [True, True]
-            flights[plan.suffix] = Recording(run / "bag").flight().p_WB
-        if trajectory == "gates":
-            np.testing.assert_allclose(flights[".mcap"], flights[".csv"], atol=1e-6)
-
-    capsys.readouterr()
-    assert main(["plan", str(course), *VEHICLE, *QUICK, "--out", str(bag)]) == 2
-    assert "race.mcap exists and is not overwritten" in capsys.readouterr().err
 
 
 def test_without_a_plan_a_smooth_path_is_flown(course: Path, tmp_path: Path) -> None:

@@ -15,21 +15,19 @@ from quad_mpc_ros.references.gate_parameters import GateParameters
 from quad_mpc_ros.references.minimum_snap import End, minimum_snap_onward, minimum_snap_path
 from quad_mpc_ros.references.motion_table import PlannedMotion
 from quad_mpc_ros.references.path import Path, SplinePath
-from quad_mpc_ros.references.point_table import BagReader, bag_path, csv_path
+from quad_mpc_ros.references.point_table import csv_path
 
 _SAMPLED = 0.005  # s
 _AHEAD = 1.0  # m in front of a gate and behind it, where the path is told to go straight through
 _SHORTEST = 0.05  # m, between two points
 _LOWEST, _SHARE_OF_LOWEST = 0.3, 0.5  # m: a path is led up that dips lower without need
 _MOST_BETWEEN = 3  # points on the line between two gates
-_BAG = ".mcap"
 
 
-def gates_path(config: GateParameters, read_bag: BagReader | None = None) -> Path | PlannedMotion:
+def gates_path(config: GateParameters) -> Path | PlannedMotion:
     """Return the plan that ``file`` names, or the smooth path through the gates.
 
-    A plan in a bag is read by ``read_bag``. Raises :class:`UserError` for a course that cannot be
-    flown and a plan that does not pass it.
+    Raises :class:`UserError` for a course that cannot be flown and a plan that does not pass it.
     """
     course = configured_course(config)
     if course is None:
@@ -37,8 +35,7 @@ def gates_path(config: GateParameters, read_bag: BagReader | None = None) -> Pat
             f"{config.owner}.gates", config.gates, "the file of a course of gates to fly"
         )
     if config.file:
-        is_bag = config.file.endswith(_BAG)
-        plan = bag_path(config, read_bag) if is_bag else csv_path(config)
+        plan = csv_path(config)
         _check_passes(plan, course, config)
         return plan
     return smooth_path(

@@ -22,7 +22,6 @@ from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory, joined_trajectory
 from quad_mpc_ros.references.director import GROUND, TOO_LATE, Reply
 from quad_mpc_ros.references.live import LiveReference, Published
-from quad_mpc_ros.references.motion_table import MotionTable
 from quad_mpc_ros.references.point_table import PointTable
 from quad_mpc_ros.references.timeline import FlightTime, StampClock
 from quad_mpc_ros.references.trajectory import TrajectorySamples
@@ -381,7 +380,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         )
 
 
-def _flown_points(bag: Path) -> PointTable | MotionTable:
+def _flown_points(bag: Path) -> PointTable:
     from quad_mpc_ros.recordings.recording import flown_points  # slow, and for bags only
 
     return flown_points(bag)

@@ -156,19 +156,16 @@ def test_newton_and_eulers_equations_hold_and_no_rotor_is_beyond_its_limits() ->
     assert (np.abs(w) <= np.array(config.mpc.omega_max)).all()
 
 
-def test_what_a_plan_was_made_with_is_in_its_files(tmp_path: Any) -> None:
-    from quad_mpc_ros.recordings.plan_file import read_plan, write_plan
+def test_what_a_plan_was_made_with_is_in_its_file(tmp_path: Any) -> None:
     from quad_mpc_ros.references.point_table import read_csv
 
-    table = planned("rates").table
     planned("rates").write(tmp_path / "race.csv")
-    write_plan(tmp_path / "race.mcap", table, frame_id="odom")
-    for found in (read_csv(tmp_path / "race.csv"), read_plan(tmp_path / "race.mcap")):
-        assert isinstance(found, MotionTable)
-        settings = PlanSettings.of(found.planned_with)
-        assert settings.model == "rates" and settings.gate_margin == 0.1
-        assert settings.vehicle.rotors is not None
-        assert_allclose(settings.vehicle.omega_max, planned("rates").vehicle.omega_max)
+    found = read_csv(tmp_path / "race.csv")
+    assert isinstance(found, MotionTable)
+    settings = PlanSettings.of(found.planned_with)
+    assert settings.model == "rates" and settings.gate_margin == 0.1
+    assert settings.vehicle.rotors is not None
+    assert_allclose(settings.vehicle.omega_max, planned("rates").vehicle.omega_max)
 
 
 @pytest.mark.parametrize("text", ["", "{", "{}", '{"model": "rates", "vehicle": {}}'])
