@@ -11,7 +11,7 @@ from quad_mpc_ros.commands.processes import require_ros
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what to watch, and how."""
     parser.description = (
-        "Print the active source, the tracking error, estimates, ages, rates and counters each "
+        "Print the active source, the tracking error, ages, counters and estimates each "
         "second in a table with a column for each vehicle, and below it the nodes that report a "
         "warning or an error. Ctrl-C ends it. Exit code 1 if --once had nothing to show."
     )

@@ -1,6 +1,7 @@
 """Watching vehicles that fly now, over DDS: a table with a column for each.
 
-Messages stay bytes until a table is printed: at 50 Hz decoding them all would take a whole core.
+The figures are those that the nodes report on ``/diagnostics`` once a second. Odometry and
+reference stay bytes until a table is printed: at 50 Hz decoding them all would take a whole core.
 """
 
 from __future__ import annotations
@@ -11,66 +12,37 @@ import signal
 import sys
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from quad_mpc_ros.commands.observer import Observer, checked_namespace, subscribe
 from quad_mpc_ros.configuration.text_tables import text_table
-from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.messages.topics import (
-    BATTERY,
-    COMMAND,
-    DIAGNOSTICS,
-    ENGAGED,
-    LANDED,
-    ODOMETRY,
-    REFERENCE,
-    STATS,
-    Topic,
-)
-from quad_mpc_ros.recordings.logs import tick_stats
+from quad_mpc_ros.messages.topics import DIAGNOSTICS, ODOMETRY, REFERENCE, Topic
 from quad_mpc_ros.ros.messages import message_in
 
-T = TypeVar("T")
+_MPC = "mpc"
+_SHOWN = (
+    *((_MPC, key) for key in ("source", "ground", "engaged")),
+    *(("reference", key) for key in ("mode", "request")),
+    *((_MPC, key) for key in ("odom_age_ms", "reference_age_ms", "step_time_us")),
+    *((_MPC, key) for key in ("solver_status", "iterations", "commands", "fallbacks")),
+    *((_MPC, key) for key in ("solver_failures", "deadline_misses", "rejected_inputs")),
+    *((_MPC, key) for key in ("estimate", "estimate_resets", "thrust_scale", "drag")),
+    *((_MPC, f"disturbance_{axis}") for axis in "xyz"),
+    *((_MPC, f"{lag}_time_constant_ms") for lag in ("rate", "yaw", "thrust")),
+)
+"""Node and key of each row of figures, as in docs/diagnostics.md."""
 
-WATCHED = (ODOMETRY, REFERENCE, COMMAND, STATS, ENGAGED, LANDED, BATTERY)
-"""The topics of a vehicle that are subscribed to."""
-
-_PERIOD = 1.0  # s, between two tables and between two searches for vehicles
-_COUNTED, _MOST_COUNTED = 2.0, 4096  # s and messages over which rates are counted
-_OLD, _SILENT_NODE = 1.0, 3.0  # s; nodes report once a second
-_FIRST_ODOMETRY = 5.0  # s: while they start, nodes are found seconds after each other
+_PERIOD = 1.0  # s, between two tables
+_OLD = 3.0  # s; nodes report once a second
+_FIRST_REPORTS = 5.0  # s: while they start, nodes are found seconds after each other
 _MISSING = "-"
 _LEVELS = ("OK", "WARN", "ERROR", "STALE")
 _OVER_THE_SCREEN = "\x1b[H\x1b[2J"
-
-_FIGURES: dict[str, Callable[[TickStats], str]] = {
-    "commands": lambda stats: stats.source,
-    "ground": lambda stats: stats.ground,
-    "latency": lambda stats: f"{stats.odom_age_ms:.1f} ms",
-    "step": lambda stats: f"{1e-3 * stats.step_time_us:.2f} ms",
-    "solver": lambda stats: f"{stats.solver_status}, {stats.iterations} iterations",
-    "commands sent": lambda stats: str(stats.commands),
-    "fallbacks": lambda stats: str(stats.fallbacks),
-    "solver failures": lambda stats: str(stats.solver_failures),
-    "deadline misses": lambda stats: str(stats.deadline_misses),
-    "rejected inputs": lambda stats: str(stats.rejected_inputs),
-    "estimate": lambda stats: f"{stats.estimate}, {stats.estimate_resets} resets",
-    "thrust scale": lambda stats: f"{stats.thrust_scale:.3f}",
-    "disturbance": lambda stats: (
-        f"{stats.disturbance_x:z.2f} {stats.disturbance_y:z.2f} {stats.disturbance_z:z.2f} m/s^2"
-    ),
-    "drag": lambda stats: f"{stats.drag:.2f} 1/s",
-    "rate lag": lambda stats: f"{stats.rate_time_constant_ms:.0f} ms",
-    "yaw lag": lambda stats: f"{stats.yaw_time_constant_ms:.0f} ms",
-    "thrust lag": lambda stats: f"{stats.thrust_time_constant_ms:.0f} ms",
-}
-"""The rows that show the newest tick of the MPC."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,106 +55,65 @@ class NodeStatus:
     values: dict[str, str]
 
 
+@dataclass
 class WatchedVehicle:
-    """What was received from one vehicle. Times are seconds of one clock."""
+    """The newest status of each node of a vehicle, and messages with the time of their arrival."""
 
-    def __init__(self) -> None:
-        self.nodes: dict[str, NodeStatus] = {}
-        self._newest: dict[str, Callable[[], Any]] = {}
-        self._arrivals: dict[str, deque[float]] = {
-            topic.name: deque(maxlen=_MOST_COUNTED) for topic in WATCHED
-        }
-
-    def take(self, topic: Topic, decode: Callable[[], Any], *, seconds: float) -> None:
-        """Add a message received at a time [s]; ``decode`` raises ``ValueError`` for bad bytes."""
-        self._newest[topic.name] = decode
-        self._arrivals[topic.name].append(seconds)
-
-    def has(self, topic: Topic) -> bool:
-        """Whether a message of a topic was received."""
-        return topic.name in self._newest
+    nodes: dict[str, NodeStatus] = field(default_factory=dict)
+    messages: dict[str, tuple[bytes, float]] = field(default_factory=dict)
 
     def cells(self, now: float) -> dict[str, str]:
         """Return the texts of the vehicle's column by the labels of the rows, at a time [s]."""
-        stats = self._read(STATS, tick_stats)
-        figures = {
-            label: _MISSING if stats is None else self._aged(text(stats), STATS, now)
-            for label, text in _FIGURES.items()
-        }
-        reference = self.nodes.get("reference")
         return {
-            "commands": figures.pop("commands"),
-            "ground": figures.pop("ground"),
-            **{
-                key: (reference.values.get(key) if reference is not None else "") or _MISSING
-                for key in ("mode", "request")
-            },
-            **{topic.name: self._flag(topic) for topic in (ENGAGED, LANDED)},
-            "battery": self._voltage(now),
             **self._motion(now),
+            **{key: self._figure(node, key, now) for node, key in _SHOWN},
             **{
-                topic.name: self._arrival(topic, now)
-                for topic in (ODOMETRY, REFERENCE, COMMAND, STATS)
-            },
-            **figures,
-            **{
-                f"node {name}": _with_age(node.level, now - node.seconds, _SILENT_NODE)
+                f"node {name}": _with_age(node.level, now - node.seconds)
                 for name, node in sorted(self.nodes.items())
             },
         }
 
-    def _flag(self, topic: Topic) -> str:
-        flag = self._read(topic, lambda message: bool(message.data))
-        return {None: _MISSING, True: "yes", False: "no"}[flag]
-
-    def _voltage(self, now: float) -> str:
-        voltage = self._read(BATTERY, lambda message: float(message.voltage))
-        return _MISSING if voltage is None else self._aged(f"{voltage:.2f} V", BATTERY, now)
+    def _figure(self, node: str, key: str, now: float) -> str:
+        status = self.nodes.get(node)
+        if status is None or not status.values.get(key):
+            return _MISSING
+        return _with_age(_rounded(status.values[key]), now - status.seconds)
 
     def _motion(self, now: float) -> dict[str, str]:
-        odometry = self._read(ODOMETRY, conversions.odometry_from_message)
+        odometry = self._read(ODOMETRY)
         if odometry is None:
-            return dict.fromkeys(("position", "speed", "error"), _MISSING)
+            return {"position": _MISSING, "error": _MISSING}
+        age = now - self.messages[ODOMETRY.name][1]
+        window, error = self._read(REFERENCE), _MISSING
+        if window is not None:
+            wanted = window.pose_at(odometry.stamp_ns)[0]
+            error = _with_age(f"{np.linalg.norm(wanted - odometry.p_WB):.3f} m", age)
         x, y, z = odometry.p_WB.tolist()
-        wanted = self._read(
-            REFERENCE,
-            lambda message: conversions.reference_from_message(message).pose_at(odometry.stamp_ns)[
-                0
-            ],
-        )
-        error = _MISSING
-        if wanted is not None:
-            error = f"{np.linalg.norm(wanted - odometry.p_WB):.3f} m"
-        return {
-            "position": self._aged(f"{x:z.2f} {y:z.2f} {z:z.2f} m", ODOMETRY, now),
-            "speed": self._aged(f"{odometry.speed:.2f} m/s", ODOMETRY, now),
-            "error": self._aged(error, ODOMETRY, now),
-        }
+        return {"position": _with_age(f"{x:z.2f} {y:z.2f} {z:z.2f} m", age), "error": error}
 
-    def _arrival(self, topic: Topic, now: float) -> str:
-        """Return how often messages of a topic arrive, and the age of the newest."""
-        times = self._arrivals[topic.name]
-        if not times:
-            return _MISSING
-        rate = sum(each > now - _COUNTED for each in times) / _COUNTED
-        return f"{rate:.0f} Hz, {now - times[-1]:.2f} s ago"
-
-    def _aged(self, text: str, topic: Topic, now: float) -> str:
-        """Return a text with the age of the message of a topic that it is from, if it is old."""
-        return _with_age(text, now - self._arrivals[topic.name][-1], _OLD)
-
-    def _read(self, topic: Topic, convert: Callable[[Any], T]) -> T | None:
+    def _read(self, topic: Topic) -> Any:
         """Return what the newest message of a topic says; None if it cannot be used."""
-        if not self.has(topic):
+        if topic.name not in self.messages:
             return None
         try:
-            return convert(self._newest[topic.name]())
-        except (IndexError, KeyError, ValueError):
+            message = message_in(topic, self.messages[topic.name][0])
+            if topic is ODOMETRY:
+                return conversions.odometry_from_message(message)
+            return conversions.reference_from_message(message)
+        except ValueError:
             return None
 
 
-def _with_age(text: str, age: float, limit: float) -> str:
-    return text if age <= limit or text == _MISSING else f"{text} ({age:.0f} s old)"
+def _rounded(text: str) -> str:
+    """Return a number with the digits that can be read while it changes."""
+    try:
+        return f"{float(text):.4g}" if "." in text else text
+    except ValueError:
+        return text
+
+
+def _with_age(text: str, age: float) -> str:
+    return text if age <= _OLD else f"{text} ({age:.0f} s old)"
 
 
 def status_text(vehicles: Mapping[str, WatchedVehicle], now: float) -> str:
@@ -194,8 +125,8 @@ def status_text(vehicles: Mapping[str, WatchedVehicle], now: float) -> str:
         (label, *(cells.get(label, _MISSING) for cells in columns.values())) for label in labels
     ]
     warnings = [
-        f"{node.level} {name.rstrip('/')}/{each}: {node.text}"
-        for name, vehicle in sorted((f"/{name}", vehicle) for name, vehicle in vehicles.items())
+        f"{node.level} /{name}{'/' if name else ''}{each}: {node.text}"
+        for name, vehicle in sorted(vehicles.items())
         for each, node in sorted(vehicle.nodes.items())
         if node.level != _LEVELS[0]
     ]
@@ -203,13 +134,11 @@ def status_text(vehicles: Mapping[str, WatchedVehicle], now: float) -> str:
 
 
 def watch_once(namespaces: Sequence[str] | None) -> bool:
-    """Print one table; return whether a message of a vehicle was received."""
+    """Print one table; return whether an MPC has reported."""
     with _Watcher(namespaces) as watcher:
-        watcher.spin_until(watcher.has_all_odometry, time.monotonic() + _FIRST_ODOMETRY)
-        if watcher.has_received:
-            watcher.spin_until(lambda: False, time.monotonic() + _COUNTED)
+        watcher.spin_until(watcher.has_all, time.monotonic() + _FIRST_REPORTS)
         print(watcher.text())
-        return watcher.has_received
+        return watcher.has_reports()
 
 
 def watch(namespaces: Sequence[str] | None) -> None:
@@ -230,63 +159,59 @@ def watch(namespaces: Sequence[str] | None) -> None:
 
 
 class _Watcher(Observer):
-    """A node that subscribes to what is watched of each vehicle that it finds."""
+    """A node that receives the reports of all vehicles, or of those in some namespaces."""
 
     def __init__(self, namespaces: Sequence[str] | None) -> None:
         super().__init__("quad_mpc_watch")
         self._only = None if namespaces is None else list(map(checked_namespace, namespaces))
         self._vehicles: dict[str, WatchedVehicle] = {}
-        self.has_received = False
-        """Whether any message of a vehicle was received."""
 
     def __enter__(self) -> _Watcher:
         super().__enter__()
-        for name in self._only or ():
-            self._add(name)
         subscribe(self.node, DIAGNOSTICS, self._on_diagnostics)
-        self._search()
-        self.node.create_timer(_PERIOD, self._search)
+        for namespace in self._only or ():
+            self._add(namespace)
         return self
 
-    def has_all_odometry(self) -> bool:
-        """Whether odometry of each vehicle was received, of one at least."""
-        vehicles = self._vehicles.values()
-        return bool(vehicles) and all(vehicle.has(ODOMETRY) for vehicle in vehicles)
+    def has_reports(self) -> bool:
+        """Whether the MPC of a vehicle has reported."""
+        return any(_MPC in vehicle.nodes for vehicle in self._vehicles.values())
+
+    def has_all(self) -> bool:
+        """Whether MPC, reference and odometry of each vehicle were received, of one at least."""
+        return self.has_reports() and all(
+            {_MPC, "reference"} <= vehicle.nodes.keys() and ODOMETRY.name in vehicle.messages
+            for vehicle in self._vehicles.values()
+        )
 
     def text(self) -> str:
         """Return the table, or that there are no vehicles."""
         if not self._vehicles:
-            return f"no node publishes {STATS.name} in this ROS domain yet; Ctrl-C ends"
+            return "no MPC reports on /diagnostics in this ROS domain yet; Ctrl-C ends"
         return status_text(self._vehicles, time.monotonic())
 
-    def _search(self) -> None:
-        for name, types in self.node.get_topic_names_and_types():
-            if name.endswith(f"/{STATS.name}") and STATS.type_name in types:
-                namespace = name.removesuffix(STATS.name).strip("/")
-                if self._only is None and namespace not in self._vehicles:
-                    self._add(namespace)
-
     def _add(self, namespace: str) -> None:
-        """Subscribe to the topics of a vehicle, as bytes."""
         vehicle = self._vehicles[namespace] = WatchedVehicle()
         prefix = f"/{namespace}" if namespace else ""
-        for topic in WATCHED:
+        for topic in (ODOMETRY, REFERENCE):
             named = dataclasses.replace(topic, name=f"{prefix}/{topic.name}")
-            subscribe(self.node, named, functools.partial(self._take, vehicle, topic), raw=True)
-
-    def _take(self, vehicle: WatchedVehicle, topic: Topic, data: bytes) -> None:
-        self.has_received = True
-        decode = functools.partial(message_in, topic, data)
-        vehicle.take(topic, decode, seconds=time.monotonic())
+            take = functools.partial(_take, vehicle, topic.name)
+            subscribe(self.node, named, take, raw=True)
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
-            namespace, _, node = status.name.rpartition("/")
-            vehicle = self._vehicles.get(namespace.strip("/"))
-            if vehicle is not None and status.name.startswith("/"):
-                vehicle.nodes[node] = NodeStatus(
+            space, slash, node = status.name.rpartition("/")
+            namespace = space.strip("/")
+            if node == _MPC and slash and self._only is None and namespace not in self._vehicles:
+                self._add(namespace)
+            if namespace in self._vehicles and slash:
+                self._vehicles[namespace].nodes[node] = NodeStatus(
                     seconds=time.monotonic(),
                     level=_LEVELS[status.level[0]],
                     text=status.message,
                     values={pair.key: pair.value for pair in status.values},
                 )
+
+
+def _take(vehicle: WatchedVehicle, name: str, data: bytes) -> None:
+    vehicle.messages[name] = (data, time.monotonic())

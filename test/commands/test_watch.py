@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-from functools import partial
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -15,40 +10,15 @@ pytest.importorskip("rclpy")
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands.watched_vehicles import NodeStatus, WatchedVehicle, status_text
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import cdr
-from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, ODOMETRY, REFERENCE, STATS
-from quad_mpc_ros.ros.messages import message_in
+from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE
 
 STAMP = 1_700_000_000 * 10**9
-FIGURES = TickStats(
-    stamp_ns=STAMP,
-    source="mpc",
-    reason="",
-    solver_status="solved",
-    iterations=10,
-    primal_residual=0.0,
-    dual_residual=0.0,
-    solve_time_us=200.0,
-    step_time_us=600.0,
-    odom_age_ms=4.0,
-    reference_age_ms=10.0,
-    commands=100,
-    fallbacks=0,
-    solver_failures=0,
-    rejected_inputs=0,
-)
+FIGURES = {"source": "mpc", "commands": "100", "thrust_scale": "1.0123456789"}
 
 
-def no_decoding() -> Any:
-    raise AssertionError("decoded what nobody looks at")
-
-
-def tick(vehicle: WatchedVehicle, *, at: float, **changes: Any) -> None:
-    items = dataclasses.replace(FIGURES, **changes).items()
-    values = [SimpleNamespace(key=key, value=value) for key, value in items]
-    message = SimpleNamespace(status=[SimpleNamespace(values=values)])
-    vehicle.take(STATS, lambda: message, seconds=at)
+def status(level: str, text: str, **values: str) -> NodeStatus:
+    return NodeStatus(seconds=0.0, level=level, text=text, values=values)
 
 
 def place(vehicle: WatchedVehicle, x: float, *, at: float) -> None:
@@ -59,8 +29,7 @@ def place(vehicle: WatchedVehicle, x: float, *, at: float) -> None:
         v_WB_B=np.array([0.5, 0.0, 0.0]),
         w_WB_B=np.zeros(3),
     )
-    decode = partial(message_in, ODOMETRY, cdr.written_odometry(odometry))
-    vehicle.take(ODOMETRY, decode, seconds=at)
+    vehicle.messages[ODOMETRY.name] = (cdr.written_odometry(odometry), at)
 
 
 def reference_at(vehicle: WatchedVehicle, x: float, *, at: float) -> None:
@@ -75,7 +44,7 @@ def reference_at(vehicle: WatchedVehicle, x: float, *, at: float) -> None:
         w_WB_W=0.0 * held,
     )
     data = cdr.written_reference(window, child_frame_id="base_link")
-    vehicle.take(REFERENCE, partial(message_in, REFERENCE, data), seconds=at)
+    vehicle.messages[REFERENCE.name] = (data, at)
 
 
 def test_refuses_a_name_that_is_no_namespace(capsys: pytest.CaptureFixture[str]) -> None:
@@ -87,56 +56,40 @@ def test_shows_what_was_never_received_as_missing() -> None:
     assert set(WatchedVehicle().cells(3.0).values()) == {"-"}
 
 
-def test_shows_a_flight_with_its_error_and_rates() -> None:
-    vehicle = WatchedVehicle()
-    for k in range(200):
-        place(vehicle, 0.01 * k, at=0.02 * k)
-        tick(vehicle, commands=k, at=0.02 * k)
-        vehicle.take(COMMAND, no_decoding, seconds=0.02 * k)
-        if k % 50 == 49:
-            reference_at(vehicle, 2.0, at=0.02 * k)
-    cells = vehicle.cells(3.99)
-    assert cells["commands"] == "mpc"
-    assert cells["error"] == "0.010 m"
+def test_shows_a_flight_with_its_error_and_figures() -> None:
+    vehicle = WatchedVehicle({"mpc": status("OK", "flying", **FIGURES)})
+    place(vehicle, 1.99, at=0.0)
+    reference_at(vehicle, 2.0, at=0.0)
+    cells = vehicle.cells(0.5)
+    assert cells["source"] == "mpc"
+    assert cells["commands"] == "100"
+    assert cells["thrust_scale"] == "1.012"
     assert cells["position"] == "1.99 0.00 1.00 m"
-    assert cells["odom"] == "50 Hz, 0.01 s ago"
-    assert cells["reference"].startswith("1 Hz")
-    assert cells["command"].startswith("50 Hz")
-    assert cells["commands sent"] == "199"
+    assert cells["error"] == "0.010 m"
     assert cells["mode"] == "-"  # no reference node reports
 
 
 def test_states_the_age_of_old_values() -> None:
-    vehicle = WatchedVehicle()
+    vehicle = WatchedVehicle({"mpc": status("OK", "flying", **FIGURES)})
     place(vehicle, 0.0, at=0.0)
-    tick(vehicle, at=0.0)
-    assert vehicle.cells(0.9)["commands"] == "mpc"
+    assert vehicle.cells(0.9)["source"] == "mpc"
     cells = vehicle.cells(7.4)
-    assert cells["commands"] == "mpc (7 s old)"
+    assert cells["source"] == "mpc (7 s old)"
     assert cells["position"].endswith("(7 s old)")
-    assert cells["odom"] == "0 Hz, 7.40 s ago"
 
 
 def test_shows_messages_that_cannot_be_read_as_missing() -> None:
-    vehicle = WatchedVehicle()
-    vehicle.take(STATS, lambda: SimpleNamespace(status=[]), seconds=0.0)
-    assert vehicle.cells(0.0)["commands"] == "-"
+    vehicle = WatchedVehicle(messages={ODOMETRY.name: (b"\x00\x01\x00\x00", 0.0)})
+    assert vehicle.cells(0.0)["position"] == "-"
 
 
 def test_lists_nodes_with_warnings_below_a_column_for_each_vehicle() -> None:
     first, second = WatchedVehicle(), WatchedVehicle()
-    tick(first, at=0.0)
-    tick(second, source="hover", at=0.0)
-    second.take(ENGAGED, lambda: SimpleNamespace(data=False), seconds=0.0)
-    values = {"mode": "hold", "request": "goal refused: far"}
-    flying = NodeStatus(seconds=0.0, level="OK", text="flying", values=values)
-    first.nodes["reference"] = flying
-    late = NodeStatus(seconds=0.0, level="ERROR", text="odometry is late", values={})
-    second.nodes["mpc"] = late
+    first.nodes["reference"] = status("OK", "flying", mode="hold", request="goal refused: far")
+    second.nodes["mpc"] = status("ERROR", "odometry is late", source="hover", engaged="false")
     lines = status_text({"uav2": second, "uav1": first}, 9.0).splitlines()
-    words = [line.split() for line in lines]
-    assert words[0] == ["vehicle", "/uav1", "/uav2"]
-    assert ["engaged", "-", "no"] in words
-    assert ["mode", "hold", "-"] in words
+    assert lines[0].split() == ["vehicle", "/uav1", "/uav2"]
+    (mode,) = [line for line in lines if line.startswith("mode")]
+    assert mode.split() == ["mode", "hold", "(9", "s", "old)", "-"]
     assert any(line.startswith("node reference") and "OK (9 s old)" in line for line in lines)
     assert lines[-1] == "ERROR /uav2/mpc: odometry is late"
