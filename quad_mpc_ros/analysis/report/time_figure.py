@@ -21,7 +21,7 @@ _FAR = 1e4  # m: too large to be drawn in single precision
 _ROW_HEIGHT, _MARGINS = 130, 100  # pixels
 # At the top left: the names of the runs stand below it, Plotly's buttons on the right.
 _LEGEND = {"orientation": "h", "yref": "container", "y": 1.0, "yanchor": "top", "x": 0.0}
-_WIDTHS = {"fine": 0.75, "normal": 1.5, "strong": 2.0, "broad": 3.0}  # pixels
+_WIDTHS = {"normal": 1.5, "strong": 2.0, "broad": 3.0}  # pixels
 _NO_ODOMETRY = "no odometry"
 _SPAN_COLOURS = {
     _NO_ODOMETRY: "#999999",
