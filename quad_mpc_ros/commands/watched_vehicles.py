@@ -12,17 +12,18 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from quad_mpc_ros.commands.observer import Observer, checked_namespace, subscribe
 from quad_mpc_ros.configuration.text_tables import text_table
-from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import DIAGNOSTICS, ODOMETRY, REFERENCE, Topic
-from quad_mpc_ros.ros.messages import message_in
+from quad_mpc_ros.ros.messages import odometry_in, reference_in
+
+T = TypeVar("T")
 
 _MPC = "mpc"
 _SHOWN = (
@@ -80,27 +81,22 @@ class WatchedVehicle:
         return _with_age(_rounded(status.values[key]), now - status.seconds)
 
     def _motion(self, now: float) -> dict[str, str]:
-        odometry = self._read(ODOMETRY)
+        odometry = self._read(ODOMETRY, odometry_in)
         if odometry is None:
             return {"position": _MISSING, "error": _MISSING}
         age = now - self.messages[ODOMETRY.name][1]
-        window, error = self._read(REFERENCE), _MISSING
+        window, error = self._read(REFERENCE, reference_in), _MISSING
         if window is not None:
             wanted = window.pose_at(odometry.stamp_ns)[0]
             error = _with_age(f"{np.linalg.norm(wanted - odometry.p_WB):.3f} m", age)
         x, y, z = odometry.p_WB.tolist()
         return {"position": _with_age(f"{x:z.2f} {y:z.2f} {z:z.2f} m", age), "error": error}
 
-    def _read(self, topic: Topic) -> Any:
-        """Return what the newest message of a topic says; None if it cannot be used."""
-        if topic.name not in self.messages:
-            return None
+    def _read(self, topic: Topic, convert: Callable[[bytes], T]) -> T | None:
+        """Return the newest message of a topic; None if there is none that can be used."""
         try:
-            message = message_in(topic, self.messages[topic.name][0])
-            if topic is ODOMETRY:
-                return conversions.odometry_from_message(message)
-            return conversions.reference_from_message(message)
-        except ValueError:
+            return convert(self.messages[topic.name][0])
+        except (KeyError, ValueError):
             return None
 
 
