@@ -11,6 +11,7 @@ from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.output import check_writable, results_in, write_new
 from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.commands.run_options import add_config, add_set
+from quad_mpc_ros.configuration.arguments import number
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.racing.gates import read_course
@@ -82,6 +83,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Plan, write, draw; return the exit code."""
+    _check_numbers(options)
     check_writable("--out", options.out, overwrite=options.overwrite)
     picture = options.out.with_suffix(".png")
     check_writable("--out", picture, overwrite=options.overwrite)
@@ -113,6 +115,14 @@ def run(options: argparse.Namespace) -> int:
     print(_table(plan, verdict, seconds=seconds))
     print(f"\nplan     {options.out}\npicture  {picture}")
     return 0 if verdict.feasible else EXIT_FAILED
+
+
+def _check_numbers(options: argparse.Namespace) -> None:
+    """Refuse by the option's name what the planner would refuse by its own."""
+    number(options.margin, "--margin", least=0.0, below=1.0)
+    number(options.gate_margin, "--gate-margin", least=0.0, below=100.0)
+    number(options.radius, "--radius", least=0.0, below=10.0)
+    number(options.step, "--step", above=0.004, below=0.5)
 
 
 def _shown_by(progress: Progress) -> Callable[[str, int, float, Array], None]:
