@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import tempfile
+from pathlib import Path
 
 from quad_mpc_ros.commands.processes import require_ros, run_in_foreground
 from quad_mpc_ros.commands.recording import WHICH_BAG
-from quad_mpc_ros.configuration import UserError, files
+from quad_mpc_ros.configuration import ConfigurationError, UserError, files
+from quad_mpc_ros.recordings.config import PlayerConfig
 
 _CLOCK_RATE = 40.0  # as ros2 bag play
-_PARAMETERS = ("bag", "rate", "start", "topics", "clock_rate")  # of the player
+
+# By the name of the player's parameter, where the option has another.
+_OPTIONS = {"bag": "BAG", "clock_rate": "--clock"}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -49,15 +54,22 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Play a bag until its end or Ctrl-C; return the exit code of the player."""
     remaps = [argument for rule in options.remap for argument in ("-r", _remap(rule))]
+    given = {
+        spec.name: value
+        for spec in PlayerConfig.specs()
+        if (value := getattr(options, spec.name, None)) is not None
+    }
+    try:
+        PlayerConfig.build(given)
+    except ConfigurationError as error:
+        name = error.name.removeprefix("player.")
+        raise error.of_option(_OPTIONS.get(name, f"--{name}")) from error
     require_ros("replay")
-    given = {"progress": True, **{name: getattr(options, name) for name in _PARAMETERS}}
-    parameters = [
-        argument
-        for name, value in given.items()
-        if value is not None
-        for argument in ("-p", f"{name}:={files.value_text(value)}")
-    ]
-    return run_in_foreground("player", [*parameters, *remaps])
+    values = {**given, "progress": True}
+    with tempfile.TemporaryDirectory() as folder:
+        parameters = Path(folder, "player.yaml")
+        parameters.write_text(files.dump("player", values), encoding="utf-8")
+        return run_in_foreground("player", ["--params-file", str(parameters), *remaps])
 
 
 def _remap(rule: str) -> str:

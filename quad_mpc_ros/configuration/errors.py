@@ -23,8 +23,15 @@ class ArgumentError(UserError, ValueError):
 
     def located(self, where: str) -> ConfigurationError:
         """Return the same error, its message beginning with where the value is from."""
+        return self._saying(f"{where}: {self}")
+
+    def of_option(self, option: str) -> ConfigurationError:
+        """Return the same error, by the name of the option that gave the value."""
+        return self._saying(str(self).replace(self.name, option, 1))
+
+    def _saying(self, message: str) -> ConfigurationError:
         other = ConfigurationError(self.name, self.given, self.expected)
-        other.args = (f"{where}: {self}",)
+        other.args = (message,)
         return other
 
 

@@ -299,7 +299,7 @@ def test_a_bad_bag_is_one_line_and_exit_code_2(
 
 MISTAKES = {
     "no bag": (["nowhere"], "nowhere: does not exist"),
-    "rate": (["{bag}", "--rate", "0"], "player.rate: given 0.0, expected a number > 0"),
+    "rate": (["{bag}", "--rate", "0"], "--rate: given 0.0, expected a number > 0"),
     "start": (
         ["{bag}", "--start", "60"],
         "player.start: given 60.0, expected at most the 0.980 s",
