@@ -55,8 +55,8 @@ def new_or_resumed(
     if options.resume is not None:
         if overrides or options.file is not None or out is not None:
             raise UserError(
-                f"--resume: a {kind} continues unchanged: leave out FILE, --out and options that "
-                "change it"
+                f"--resume: the {kind} in {options.resume} continues unchanged: leave out FILE, "
+                "--out and options that change it"
             )
         return read_folder(options.resume)
     if options.file is None:

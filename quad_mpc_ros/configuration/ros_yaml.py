@@ -9,6 +9,7 @@ are refused and tags other than ``!!str`` mean nothing. A name that is given twi
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -37,7 +38,7 @@ def scalar(word: str) -> bool | int | float | str:
         return _BOOLS[word]
     if _INTEGER.fullmatch(word) and -(2**63) <= int(word) < 2**63:
         return int(word)
-    if _REAL.fullmatch(word):
+    if _REAL.fullmatch(word) and abs(float(word)) < math.inf:
         return float(word)
     if _NOT_FINITE.fullmatch(word):
         return float(word.replace(".", ""))

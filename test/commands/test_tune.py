@@ -78,7 +78,7 @@ MISTAKES = {
     "resume what": (["--resume", "HERE"], "not the folder of a study"),
     "resume and out": (
         ["--resume", "HERE", "--out", "x"],
-        "--resume: a study continues unchanged",
+        "continues unchanged: leave out FILE, --out",
     ),
     "out is full": (["FILE", "--out", "HERE"], "exists and is not overwritten"),
 }

@@ -212,7 +212,7 @@ def test_refuses_to_resume_a_changed_campaign(
     file = tmp_path / "file.yaml"
     file.write_text(yaml.safe_dump({**CONTENT, "seed": 2}))
     assert main(["campaign", str(file), "--resume", str(folder)]) == 2
-    assert "--resume: a campaign continues unchanged" in capsys.readouterr().err
+    assert "continues unchanged: leave out FILE" in capsys.readouterr().err
 
     path = folder / "campaign.yaml"
     path.write_text(path.read_text().replace("settle_time: 0.2", "settle_time: 0.3"))
