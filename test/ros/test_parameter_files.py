@@ -301,9 +301,7 @@ UNREADABLE = {
     "UTF-16": ("mpc: {ros__parameters: {mass: 1.0}}".encode("utf-16"), "not UTF-8"),
     "no parameters": (b"mpc: {mass: 1.0}\n", "mpc/mass: expected 'ros__parameters:' below it"),
     "a list": (b"- mpc\n", "expected 'node: ros__parameters: "),
-    "no value": (b"mpc:\n  ros__parameters:\n    mass:\n", "mpc: mass: given no value"),
     "given twice": (b"mpc: {ros__parameters: {mass: 1.0, mass: 2.0}}\n", "'mass' is given twice"),
-    "alias": (b"a: {ros__parameters: &p {b: 1}}\nc: {ros__parameters: *p}\n", "an alias (*name)"),
 }
 
 
