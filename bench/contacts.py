@@ -1,6 +1,6 @@
 """Fly from the ground and back to it where MuJoCo says what the ground does.
 
-MUJOCO_GL=egl python bench/contacts.py --out runs/contacts
+python bench/contacts.py --out runs/contacts
 
 Each case takes off, hovers, and lands on request; one flies a lemniscate in between. As a landing
 is no faster than 1 m/s, a touchdown at 1.5 m/s is a reference that sinks at that speed through the
@@ -8,8 +8,7 @@ ground. The MPC knows nothing of slopes, decks and loads. A row says what became
 crashed, that is, whether hull or rotors touched anything; the mean position error in the air and
 after it was asked to land; the greatest tilt in the air, after contact, and the one at the end;
 the speed with which it met the ground; how long after that the motors idled for good, and how long
-until the reference took the landing for ended; how far it bounced and slid. ``--film`` writes a
-film of each as well. docs/contacts.md.
+until the reference took the landing for ended; how far it bounced and slid. docs/contacts.md.
 """
 
 from __future__ import annotations
@@ -17,10 +16,8 @@ from __future__ import annotations
 import argparse
 import csv
 import math
-import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -31,7 +28,6 @@ from markdown_table import markdown_table
 from quad_mpc_ros import load_config
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.extras.plants.mujoco.film import Film
 from quad_mpc_ros.extras.plants.mujoco.plant import MujocoPlant
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
 from quad_mpc_ros.references.configured import joined_trajectory
@@ -230,7 +226,7 @@ class Flight:
         self.outcome = Outcome()
         self._speed = math.nan
 
-    def fly(self, seen: Callable[[int], None]) -> Outcome:
+    def fly(self) -> Outcome:
         """Fly to the end."""
         while (sent := self.stream.step()) is not None:
             now_ns = sent.odometry.stamp_ns
@@ -252,7 +248,6 @@ class Flight:
                 throttle = tick.command.throttle
             mode = self.reference.mode(now_ns)
             self._judge(seconds, window.p_WB[0], mode=mode, throttle=throttle)
-            seen(now_ns - SIMULATION_START_NS)
         return self.outcome
 
     def _judge(self, seconds: float, wanted: np.ndarray, *, mode: str, throttle: float) -> None:
@@ -293,23 +288,12 @@ class Flight:
             out.told_after = seconds - out.met_at
 
 
-def flown(name: str, *, assignments: Sequence[str] = (), film: Path | None = None) -> Outcome:
+def flown(name: str, *, assignments: Sequence[str] = ()) -> Outcome:
     """Fly a case, with further assignments."""
     case = CASES[name]
     given = (*COMMON, f"simulator.duration={case.duration}", *case.assignments, *assignments)
     config = load_config("vehicles/paper", assignments=("mpc.lockstep=true", *given))
-    flight = Flight(config, case)
-    with _filmed(flight.plant, film) as seen:
-        return flight.fly(seen)
-
-
-@contextmanager
-def _filmed(plant: MujocoPlant, path: Path | None) -> Iterator[Callable[[int], None]]:
-    if path is None:
-        yield lambda time_ns: None
-        return
-    with Film(plant.scene, path) as film:
-        yield film.see
+    return Flight(config, case).fly()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -320,13 +304,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("runs", "contacts"))
     parser.add_argument("--only", nargs="*", choices=[*CASES], default=[*CASES])
     parser.add_argument("--set", nargs="*", default=[], metavar="NODE.PARAM=VALUE", dest="given")
-    parser.add_argument("--film", action="store_true")
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
     rows: list[dict[str, Any]] = []
     for name in options.only:
-        film = options.out / f"{re.sub(r'[^a-z0-9]+', '_', name)}.mp4" if options.film else None
-        outcome = flown(name, assignments=options.given, film=film)
+        outcome = flown(name, assignments=options.given)
         rows.append({"flight": name, **outcome.cells()})
         print(" | ".join(map(str, rows[-1].values())), file=sys.stderr, flush=True)
     with (options.out / "flights.csv").open("w", newline="") as file:

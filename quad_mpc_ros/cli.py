@@ -19,7 +19,7 @@ from quad_mpc_ros.configuration.argument_parser import ArgumentParser
 COMMANDS = {
     "fly": "fly over DDS: simulator, reference, mpc and recorder as separate processes",
     "simulate": "fly the same in one process without ROS, faster than real time",
-    "watch": "show a flying vehicle, or several, in the terminal; or a recorded bag",
+    "watch": "show the status of flying vehicles in the terminal",
     "rehearse": "how wrong may the guess of a vehicle be? margins, and a verdict before it flies",
     "campaign": "fly many flights with parameters that vary, on every core or a cluster",
     "tune": "search controller parameters by campaigns, with Optuna: a Pareto front",

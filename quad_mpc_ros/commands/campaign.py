@@ -86,7 +86,6 @@ def _campaign(options: argparse.Namespace) -> Campaign:
     """Return the campaign that is asked for."""
     from quad_mpc_ros.extras.campaigns.campaign_file import (
         Overrides,
-        identity_text,
         located_campaign,
         read_campaign,
     )
@@ -103,7 +102,6 @@ def _campaign(options: argparse.Namespace) -> Campaign:
         "campaign",
         read=lambda: read_campaign(located_campaign(options.file), overrides),
         read_folder=campaign_of,
-        text=identity_text,
         overrides=bool(options.config or options.assignments) or options.seed is not None,
     )
     if options.resume is None:

@@ -27,7 +27,7 @@ def add_campaign_options(parser: argparse.ArgumentParser, kind: str) -> None:
         nargs="?",
         metavar="FILE",
         help=f"file of the {kind}, or the name of a shipped one "
-        "(docs/campaigns.md); may be left out with --resume",
+        "(docs/campaigns.md); left out with --resume",
     )
     add_out(parser, f"the {kind}; must not hold one", "<name of the file>")
     parser.add_argument(
@@ -44,39 +44,30 @@ def new_or_resumed(
     *,
     read: Callable[[], T],
     read_folder: Callable[[Path], T],
-    text: Callable[[T], str],
     overrides: bool,
 ) -> T:
     """Return the campaign or study of the options.
 
     Raises :class:`UserError` for a new one into a folder that is not empty, and for resuming one
-    with another ``text`` than that of the file, or with ``overrides``.
+    with a file, a folder or ``overrides``.
     """
     out: Path | None = options.out
-    if options.resume is None:
-        if options.file is None:
-            raise UserError(f"FILE: expected the file of a {kind}, or --resume DIR")
-        asked = read()
-        if out is not None and out.exists() and (not out.is_dir() or any(out.iterdir())):
+    if options.resume is not None:
+        if overrides or options.file is not None or out is not None:
             raise UserError(
-                f"--out: {out} exists and is not overwritten; give a new folder, or continue with "
-                f"--resume {out}"
+                f"--resume: the {kind} in {options.resume} continues unchanged: leave out FILE, "
+                "--out and options that change it"
             )
-        return asked
-    if out is not None:
-        raise UserError("--out: --resume says where: leave one out")
-    begun = read_folder(options.resume)
-    if options.file is not None:
-        if text(read()) != text(begun):
-            raise UserError(
-                f"--resume: {options.file} is not, or is no longer, the {kind} of "
-                f"{options.resume}: leave the file out, or begin anew with --out"
-            )
-    elif overrides:
+        return read_folder(options.resume)
+    if options.file is None:
+        raise UserError(f"FILE: expected the file of a {kind}, or --resume DIR")
+    asked = read()
+    if out is not None and out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise UserError(
-            f"--resume: a {kind} continues unchanged: leave out options that change it"
+            f"--out: {out} exists and is not overwritten; give a new folder, or continue with "
+            f"--resume {out}"
         )
-    return begun
+    return asked
 
 
 @contextlib.contextmanager

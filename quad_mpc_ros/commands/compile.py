@@ -11,7 +11,6 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 
 from quad_mpc_ros.configuration.compilation import cache_folder, cached_functions
 
@@ -64,9 +63,11 @@ def run(options: argparse.Namespace) -> int:
         print("all is compiled")
         return 0
     begun = time.monotonic()
-    if not _compile(begun):
+    try:
+        _compile(begun)
+    except Exception as error:  # of any part, or because a process crashed
         print(
-            f"error: compiling failed, see above; if {folder} is damaged, run "
+            f"error: compiling failed: {error}; if {folder} is damaged, run "
             "quad_mpc compile --again",
             file=sys.stderr,
         )
@@ -77,8 +78,8 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _compile(begun: float) -> bool:
-    """Compile in one process per core, first the parts that share least; return whether it worked.
+def _compile(begun: float) -> None:
+    """Compile in one process per core, first the parts that share least; raise what fails.
 
     Two processes that compile the same function may overwrite each other's index, so the last part
     is everything.
@@ -97,13 +98,7 @@ def _compile(begun: float) -> bool:
                 seconds = time.monotonic() - begun
                 print(f"  {cached_functions()} functions after {seconds:.0f} s", flush=True)
                 for part in done:
-                    if (error := part.exception()) is not None:
-                        what = (
-                            "a process crashed" if isinstance(error, BrokenProcessPool) else error
-                        )
-                        print(f"  {what}", flush=True)
-                        return False
-    return True
+                    part.result()
 
 
 def _problem() -> None:

@@ -8,14 +8,12 @@ import time
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Self
 
-import numpy as np
 from std_srvs.srv import Trigger
 
 from quad_mpc_ros.commands.observer import Observer, subscribe
 from quad_mpc_ros.commands.processes import FlightError, NodeProcess
 from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.configuration.compilation import cached_functions
-from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import (
     BATTERY,
     CLOCK,
@@ -30,7 +28,7 @@ from quad_mpc_ros.messages.topics import (
 )
 from quad_mpc_ros.ros.commanders import DISCOVERING
 from quad_mpc_ros.ros.health import PEERS_KEY
-from quad_mpc_ros.ros.messages import decoded
+from quad_mpc_ros.ros.messages import odometry_in
 
 # The first start after an installation compiles, on a small computer for minutes.
 _READY_TIMEOUT = 240.0
@@ -40,7 +38,7 @@ _PATIENCE = 5.0
 # Subscribers count publishers, of which there must be exactly one.
 _PEERS: dict[str, dict[str, int]] = {
     "simulator": {ODOMETRY.name: 4, COMMAND.name: 1},
-    "reference": {REFERENCE.name: 3, REFERENCE_PATH.name: 1, ODOMETRY.name: 1},
+    "reference": {REFERENCE.name: 2, REFERENCE_PATH.name: 1, ODOMETRY.name: 1},
     "mpc": {
         COMMAND.name: 2,
         STATS.name: 1,
@@ -75,7 +73,6 @@ def _expected(
         peers["reference"][REFERENCE.name] -= 1
     if not watched:
         peers["simulator"][ODOMETRY.name] -= 1
-        peers["reference"][REFERENCE.name] -= 1
     if recorded is not None:
         for name in peers["recorder"].keys() - set(recorded):
             del peers["recorder"][name]
@@ -117,18 +114,15 @@ class FlightMonitor(Observer):
             self._peers["simulator"][CLOCK.name] = _CLOCK_PEERS
             self._peers["recorder"][CLOCK.name] = 1
         self._health: dict[str, dict[str, str]] = {}
-        self._reference: bytes | None = None
-        self._latest: tuple[bytes, bytes | None] | None = None  # odometry, its reference
+        self._odometry: bytes | None = None
         self._first_ns: int | None = None
 
     def __enter__(self) -> Self:
         super().__enter__()
         subscribe(self.node, DIAGNOSTICS, self._on_diagnostics)
         # Raw: decoded only when progress is shown, not fifty times a second.
-        first = self._prefixes[0]
-        for topic, callback in ((ODOMETRY, self._on_odometry), (REFERENCE, self._on_reference)):
-            named = dataclasses.replace(topic, name=first + topic.name)
-            subscribe(self.node, named, callback, raw=True)
+        named = dataclasses.replace(ODOMETRY, name=self._prefixes[0] + ODOMETRY.name)
+        subscribe(self.node, named, self._on_odometry, raw=True)
         self._starts = [
             self.node.create_client(Trigger, f"{prefix}simulator/start")
             for prefix in self._prefixes
@@ -191,23 +185,14 @@ class FlightMonitor(Observer):
             "record fewer topics (recorder.topics)"
         )
 
-    def progress(self) -> tuple[float, float | None]:
-        """Return the time flown [s] and the position error [m] of the latest odometry.
-
-        The error is that from the reference in force when the odometry arrived: references go on
-        after the end of a flight.
-        """
-        if self._latest is None:
-            return 0.0, None
-        data, reference = self._latest
-        odometry = conversions.odometry_from_message(decoded(ODOMETRY, data))
+    def flown(self) -> float:
+        """Return the time flown until the latest odometry [s]."""
+        if self._odometry is None:
+            return 0.0
+        stamp_ns = odometry_in(self._odometry).stamp_ns
         if self._first_ns is None:
-            self._first_ns = odometry.stamp_ns
-        flown = (odometry.stamp_ns - self._first_ns) * 1e-9
-        if reference is None:
-            return flown, None
-        window = conversions.reference_from_message(decoded(REFERENCE, reference))
-        return flown, float(np.linalg.norm(window.pose_at(odometry.stamp_ns)[0] - odometry.p_WB))
+            self._first_ns = stamp_ns
+        return (stamp_ns - self._first_ns) * 1e-9
 
     def start_simulator(self) -> None:
         """Start the clock of the simulator, or of all of them."""
@@ -219,11 +204,8 @@ class FlightMonitor(Observer):
             values = {pair.key: pair.value for pair in status.values}
             self._health[status.name.removeprefix("/")] = values
 
-    def _on_reference(self, data: bytes) -> None:
-        self._reference = data
-
     def _on_odometry(self, data: bytes) -> None:
-        self._latest = (data, self._reference)
+        self._odometry = data
 
 
 def watch_flight(
@@ -242,8 +224,7 @@ def watch_flight(
     while any(simulator.exit_code is None for simulator in simulators):
         monitor.spin(0.05)
         if progress.due:
-            flown, error = monitor.progress()
-            progress.show_flight(flown, duration, error)
+            progress.show_flight(monitor.flown(), duration)
         for processes in flying.values():
             _drop_ended_recorder(processes)
         _check_alive(flying)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from typing import Self
+from collections.abc import Callable, Iterable
+from typing import Any, Self
 
 import rclpy
+from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.validate_namespace import validate_namespace
 
+from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.messages import message_class, qos_of
+from quad_mpc_ros.ros.nodes.parameter_query import ParameterQuery
 
 _LONGEST_WAIT = 0.05  # s, until a condition is looked at again
 
@@ -42,9 +46,39 @@ class Observer:
             self.executor.spin_once(timeout_sec=min(remaining, _LONGEST_WAIT))
         return True
 
+    def parameters(self, names: Iterable[str], deadline: float) -> dict[str, dict[str, Any]]:
+        """Return the parameters of the nodes, by full name, that answer until a time [s]."""
+        queries = {name: ParameterQuery(self.node, name) for name in names}
+        found: dict[str, dict[str, Any]] = {}
+
+        def all_there() -> bool:
+            for name, query in queries.items():
+                values = query.poll()
+                if values is not None:
+                    found[name] = values
+            return len(found) == len(queries)
+
+        self.spin_until(all_there, deadline)
+        for query in queries.values():
+            query.close()
+        return found
+
     def __exit__(self, *_: object) -> None:
         self.node.destroy_node()
         rclpy.try_shutdown()
+
+
+def checked_namespace(given: str) -> str:
+    """Return a namespace without slashes around it. Raises :class:`UserError` for none of ROS."""
+    namespace = given.strip("/")
+    try:
+        validate_namespace(f"/{namespace}")
+    except InvalidNamespaceException as error:
+        raise UserError(
+            f"--namespace: given {given!r}, expected one of ROS, as uav1: "
+            f"{' '.join(str(error).split())}"
+        ) from error
+    return namespace
 
 
 def subscribe(

@@ -3,15 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
-import signal
-import sys
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
-
-import numpy as np
 
 from quad_mpc_ros.analysis.figures.reference_figure import write_reference
 from quad_mpc_ros.commands import EXIT_FAILED
@@ -22,24 +15,21 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.configuration.arguments import number
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.extras.racing.gates import course_text, read_course
+from quad_mpc_ros.extras.racing.gates import read_course
 from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
 from quad_mpc_ros.extras.racing.planning.limits import MODELS
 from quad_mpc_ros.extras.racing.planning.race_plan import RacePlan, plan_race
 from quad_mpc_ros.extras.racing.verdict import VEHICLE_RADIUS
-from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, load_config
+from quad_mpc_ros.recordings.evaluation.simulated import load_config
 from quad_mpc_ros.references.feasibility import Verdict, judged
-
-_SAVED_EVERY = 2.0  # s
-_PART = ".part"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what is planned, for which vehicle, and where it is written."""
     parser.description = (
         "Plan the race of least time through gates within the limits of a vehicle, as a table "
-        "that reference.file names, and a picture of it. Interrupted, it goes on when the same "
-        "command is given again. Exit code 0 for a plan within the limits, 2 for bad input."
+        "that reference.file names, and a picture of it. "
+        "Exit code 0 for a plan within the limits, 2 for bad input."
     )
     parser.add_argument(
         "gates", metavar="FILE", help="course of gates, or the name of a shipped one (split_s)"
@@ -49,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         default=Path("race.csv"),
-        help="the plan, a table (default: race.csv)",
+        help="the table of the plan (default: race.csv)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace a plan that exists")
     parser.add_argument(
@@ -106,21 +96,18 @@ def run(options: argparse.Namespace) -> int:
     config = load_config(
         *(options.config or ["default"]), assignments=[margin, *options.assignments]
     )
-    part = _Part(options, config)
-    started = time.monotonic()
-    with _interrupts(part):
-        plan = plan_race(
-            course,
-            *config,
-            model=options.model,
-            gate_margin=options.gate_margin,
-            radius=options.radius,
-            step=options.step,
-            progress=part.take,
-            resumed=part.found,
-        )
-    part.close()
-    seconds = time.monotonic() - started
+    progress = Progress()
+    plan = plan_race(
+        course,
+        *config,
+        model=options.model,
+        gate_margin=options.gate_margin,
+        radius=options.radius,
+        step=options.step,
+        progress=_shown_by(progress),
+    )
+    progress.close()
+    seconds = progress.seconds
     write_new("--out", options.out, plan.table.text(), overwrite=options.overwrite)
     verdict = judged(plan.trajectory(), config.reference)
     times = [round(1e9 * each) for each in verdict.over_time.seconds]
@@ -128,7 +115,6 @@ def run(options: argparse.Namespace) -> int:
         title = f"{course.source}: {plan.lap.time or plan.race_time:.2f} s"
         samples = plan.trajectory().at(times)
         write_reference(title, samples, verdict, picture, course=course)
-    part.remove()
     print(_table(plan, verdict, seconds=seconds))
     print(f"\nplan     {options.out}\npicture  {picture}")
     return 0 if verdict.feasible else EXIT_FAILED
@@ -142,78 +128,16 @@ def _check_numbers(options: argparse.Namespace) -> None:
     number(options.step, "--step", above=0.004, below=0.5)
 
 
-@contextmanager
-def _interrupts(part: _Part) -> Iterator[None]:
-    """Let Ctrl-C end the search between two iterations: inside of one the optimiser eats it."""
+def _shown_by(progress: Progress) -> Callable[[str, int, float, Array], None]:
+    """Return what shows how far the search is."""
 
-    def note(_signal: int, _frame: object) -> None:
-        part.interrupted = True
-
-    before = signal.signal(signal.SIGINT, note)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-class _Part:
-    """What is known of a plan that is not finished, beside its file, to go on from."""
-
-    def __init__(self, options: argparse.Namespace, config: FlightConfig) -> None:
-        self._path = options.out.with_name(options.out.name + _PART)
-        given = (
-            course_text(options.gates),
-            options.model,
-            options.gate_margin,
-            options.radius,
-            options.step,
-            *(sorted(each.flattened().items()) for each in config),
-        )
-        self._key = hashlib.sha256(repr(given).encode()).hexdigest()
-        self._progress = Progress()
-        self._due = time.monotonic() + _SAVED_EVERY
-        self.found = self._read()
-        self.interrupted = False
-
-    def take(self, stage: str, iteration: int, planned: float, variables: Array) -> None:
-        """Show how far it is, and keep the variables of the vehicle now and then."""
-        if self._progress.due:
-            self._progress.show(
-                f"{stage}: iteration {iteration}, {planned:.3f} s   "
-                f"after {self._progress.seconds:.0f} s"
+    def show(stage: str, iteration: int, planned: float, _variables: Array) -> None:
+        if progress.due:
+            progress.show(
+                f"{stage}: iteration {iteration}, {planned:.3f} s   after {progress.seconds:.0f} s"
             )
-        if stage == "vehicle" and (self.interrupted or time.monotonic() >= self._due):
-            self._keep(variables)
-        if self.interrupted:
-            raise KeyboardInterrupt
 
-    def _keep(self, variables: Array) -> None:
-        self._due = time.monotonic() + _SAVED_EVERY
-        try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            with self._path.open("wb") as file:
-                np.savez(file, key=self._key, variables=variables)
-        except OSError as error:
-            raise UserError(f"{self._path}: cannot be written: {error.strerror}") from error
-
-    def close(self) -> None:
-        """End the line of progress."""
-        self._progress.close()
-
-    def remove(self) -> None:
-        """Leave nothing beside the finished plan."""
-        self._path.unlink(missing_ok=True)
-
-    def _read(self) -> Array | None:
-        try:
-            with np.load(self._path, allow_pickle=False) as kept:
-                if str(kept["key"]) != self._key:
-                    return None
-                variables = np.asarray(kept["variables"], dtype=np.float64)
-        except (OSError, ValueError, KeyError, EOFError):
-            return None
-        print(f"going on from {self._path}", file=sys.stderr)
-        return variables
+    return show
 
 
 def _table(plan: RacePlan, verdict: Verdict, *, seconds: float) -> str:

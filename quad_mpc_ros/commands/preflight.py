@@ -51,16 +51,17 @@ def run(options: argparse.Namespace) -> int:
     if not _LEAST <= options.timeout < float("inf"):
         raise UserError(f"--timeout: given {options.timeout}, expected {_LEAST:g} or more")
     require_ros("preflight", instead="; 'simulate' and 'campaign' rehearse without it")
+    from quad_mpc_ros.commands.observer import checked_namespace
     from quad_mpc_ros.commands.running_vehicle import RunningVehicle
     from quad_mpc_ros.configuration.compilation import cached_functions
     from quad_mpc_ros.ros.preflight.checks import findings
     from quad_mpc_ros.ros.preflight.finding import Level
     from quad_mpc_ros.ros.preflight.own import free_bytes
 
-    _check_namespace(options.namespace)
+    namespace = checked_namespace(options.namespace)
     bridge = _bridge(options.bridge)
     stated = _stated(options.config)
-    with RunningVehicle(options.namespace) as vehicle:
+    with RunningVehicle(namespace) as vehicle:
         facts = vehicle.facts(bridge=bridge, timeout=options.timeout)
     here = Path.cwd()
     found = findings(
@@ -81,19 +82,6 @@ def run(options: argparse.Namespace) -> int:
         file=sys.stderr,
     )
     return EXIT_FAILED if errors else 0
-
-
-def _check_namespace(namespace: str) -> None:
-    from rclpy.exceptions import InvalidNamespaceException
-    from rclpy.validate_namespace import validate_namespace
-
-    try:
-        validate_namespace(f"/{namespace.strip('/')}")
-    except InvalidNamespaceException as error:
-        raise UserError(
-            f"--namespace: given {namespace!r}, expected one of ROS, as uav1: "
-            f"{' '.join(str(error).split())}"
-        ) from error
 
 
 def _bridge(name: str) -> str:

@@ -36,11 +36,10 @@ class Progress:
         else:
             print(f"  {text}", file=sys.stderr, flush=True)
 
-    def show_flight(self, flown: float, duration: float, error: float | None) -> None:
-        """Show how much of a flight is flown, both in [s], and the position error [m]."""
+    def show_flight(self, flown: float, duration: float) -> None:
+        """Show how much of a flight is flown, both in [s]."""
         speed = flown / max(self.seconds, 1e-6)
-        where = "" if error is None else f"   position error {error:6.3f} m"
-        self.show(f"{flown:6.1f} s of {duration:g} s   {speed:5.2f} x real time{where}")
+        self.show(f"{flown:6.1f} s of {duration:g} s   {speed:5.2f} x real time")
 
     def close(self) -> None:
         """End the line."""

@@ -12,7 +12,6 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages.topics import STATS
 from quad_mpc_ros.recordings.logs import tick_stats
-from quad_mpc_ros.ros.nodes.parameter_query import ParameterQuery
 
 _ANSWER_TIMEOUT = 5.0  # s, discovery included
 
@@ -62,16 +61,7 @@ class RunningMpc(Observer):
 
     def _parameters(self, node: str) -> dict[str, Any] | None:
         """Return the parameters of a node; None if it does not answer."""
-        query = ParameterQuery(self.node, node)
-        received: dict[str, Any] = {}
-
-        def answered() -> bool:
-            received.update(query.poll() or {})
-            return query.done
-
-        answers = self.spin_until(answered, time.monotonic() + _ANSWER_TIMEOUT)
-        query.close()
-        return received if answers else None
+        return self.parameters([node], time.monotonic() + _ANSWER_TIMEOUT).get(node)
 
     def _on_stats(self, message: Any) -> None:
         try:

@@ -31,7 +31,6 @@ from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.registry import bridge_configurations
 from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.messages import odometry_in
-from quad_mpc_ros.ros.nodes.parameter_query import ParameterQuery
 from quad_mpc_ros.ros.preflight.facts import (
     BRIDGE_SUFFIX,
     MPC_NODE,
@@ -53,11 +52,11 @@ _USE_SIM_TIME = "use_sim_time"
 
 
 class RunningVehicle(Observer):
-    """A small node beside those of the vehicle in ``namespace``, full or empty."""
+    """A small node beside those of the vehicle in ``namespace``, without slashes around it."""
 
     def __init__(self, namespace: str) -> None:
         super().__init__(_NAME)
-        self._space = f"/{namespace.strip('/')}" if namespace.strip("/") else ""
+        self._space = f"/{namespace}" if namespace else ""
         self._health: dict[str, Any] = {}
         self._arrivals: list[Arrival] = []
         self._battery: Battery | None = None
@@ -78,7 +77,8 @@ class RunningVehicle(Observer):
         expected = {MPC_NODE, REFERENCE_NODE}
         self.spin_until(lambda: expected <= set(self._names()), begun + 0.5 * timeout)
         names = self._settled_names(deadline)
-        parameters = self._parameters(sorted(set(names)), deadline)
+        answers = self.parameters({f"{self._space}/{name}" for name in names}, deadline)
+        parameters = {full.rpartition("/")[2]: values for full, values in answers.items()}
         self._follow_time(parameters)
         topics = self._topics()
         self._watch(topics, deadline)
@@ -127,23 +127,6 @@ class RunningVehicle(Observer):
             for space, _, name in (each.rpartition("/") for each in there)
             if space == self._space and (name in SCHEMA or name.endswith(BRIDGE_SUFFIX))
         ]
-
-    def _parameters(self, names: list[str], deadline: float) -> dict[str, dict[str, Any]]:
-        """Return the parameters of the nodes that answer in time."""
-        queries = {name: ParameterQuery(self.node, f"{self._space}/{name}") for name in names}
-        found: dict[str, dict[str, Any]] = {}
-
-        def all_there() -> bool:
-            for name, query in queries.items():
-                values = query.poll()
-                if values is not None:
-                    found[name] = values
-            return len(found) == len(queries)
-
-        self.spin_until(all_there, deadline)
-        for query in queries.values():
-            query.close()
-        return found
 
     def _follow_time(self, parameters: Mapping[str, Mapping[str, Any]]) -> None:
         """Let arrivals be timed by the clock of the MPC."""

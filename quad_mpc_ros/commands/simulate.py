@@ -5,25 +5,18 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
-
-import numpy as np
 
 from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.commands.results import finish
 from quad_mpc_ros.commands.run_configuration import SCHEMA, run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.commands.run_recorder import RunRecorder
-from quad_mpc_ros.configuration import ConfigurationError, UserError
+from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.messages import topics
 from quad_mpc_ros.references.server import ReferenceServer
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import PLANTS, make_plant
-from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant
-
-VIDEO = "flight.mp4"
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -40,17 +33,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "betaflight, mujoco, rotorpy and rotors come with a preset, over which --config and --set "
         "win",
     )
-    parser.add_argument(
-        "--video",
-        action="store_true",
-        help=f"film the flight into {VIDEO} of --out; with --plant mujoco only",
-    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Fly, record and evaluate; return the exit code."""
-    if options.video:
-        _check_video(options)
     config = run_configuration(options, lockstep=True)
     if config.reference.mode != "at_once":
         raise ConfigurationError(
@@ -61,16 +47,13 @@ def run(options: argparse.Namespace) -> int:
     started = time.monotonic()
     plant = make_plant(config.simulator)
     recorded = (topics.ODOMETRY, topics.REFERENCE, topics.COMMAND)
-    with (
-        _filmed(plant, config.out / VIDEO if options.video else None) as film,
-        RunRecorder(
-            config.bag,
-            offered=(*recorded, topics.PREDICTED_PATH, topics.REFERENCE_PATH, topics.STATS),
-            parameters={node: getattr(config, node).flattened() for node in SCHEMA},
-            frame_id=config.mpc.odometry.frame_id,
-            compression=config.recorder.compression,
-        ) as recorder,
-    ):
+    with RunRecorder(
+        config.bag,
+        offered=(*recorded, topics.PREDICTED_PATH, topics.REFERENCE_PATH, topics.STATS),
+        parameters={node: getattr(config, node).flattened() for node in SCHEMA},
+        frame_id=config.mpc.odometry.frame_id,
+        compression=config.recorder.compression,
+    ) as recorder:
         whole = ReferenceServer(config.reference, config.trajectory).whole()
         recorder.reference_path(whole, stamp_ns=SIMULATION_START_NS)
         for step in fly(
@@ -81,41 +64,12 @@ def run(options: argparse.Namespace) -> int:
             trajectory=config.trajectory,
         ):
             _record(recorder, step)
-            film(step.odometry.stamp_ns - SIMULATION_START_NS)
             if progress.due:
-                progress.show_flight(
-                    (step.odometry.stamp_ns - SIMULATION_START_NS) * 1e-9,
-                    config.simulator.duration,
-                    float(np.linalg.norm(step.window.p_WB[0] - step.odometry.p_WB)),
-                )
+                flown = (step.odometry.stamp_ns - SIMULATION_START_NS) * 1e-9
+                progress.show_flight(flown, config.simulator.duration)
     wall_seconds = time.monotonic() - started
     progress.close()
-    if options.video:
-        print(f"  filmed {config.out / VIDEO}", file=sys.stderr)
     return finish(config.out, wall_seconds=wall_seconds)
-
-
-def _check_video(options: argparse.Namespace) -> None:
-    """Raise :class:`UserError` where nothing can be filmed."""
-    if options.plant != "mujoco":
-        raise UserError(f"--video: given with --plant {options.plant}, expected --plant mujoco")
-    from quad_mpc_ros.extras.plants.mujoco.film import check_drawing
-
-    check_drawing()
-
-
-@contextmanager
-def _filmed(plant: Plant, path: Path | None) -> Iterator[Callable[[int], None]]:
-    """Yield what takes a frame at a time of the flight [ns]; without a path, what does nothing."""
-    if path is None:
-        yield lambda time_ns: None
-        return
-    from quad_mpc_ros.extras.plants.mujoco.film import Film
-    from quad_mpc_ros.extras.plants.mujoco.plant import MujocoPlant
-
-    assert isinstance(plant, MujocoPlant)
-    with Film(plant.scene, path) as film:
-        yield film.see
 
 
 def _record(recorder: RunRecorder, step: LoopStep) -> None:

@@ -135,7 +135,7 @@ def _observer(progress: Progress, tuning: Tuning) -> Observer:
 def _tuning(options: argparse.Namespace) -> Tuning:
     """Return the study that is asked for."""
     from quad_mpc_ros.extras.campaigns.campaign_file import Overrides, located_campaign
-    from quad_mpc_ros.extras.campaigns.tuning.tune_file import identity_text, read_tuning
+    from quad_mpc_ros.extras.campaigns.tuning.tune_file import read_tuning
     from quad_mpc_ros.extras.campaigns.tuning.tune_results import tuning_of
 
     overrides = Overrides(config=options.config, assignments=options.assignments)
@@ -144,7 +144,6 @@ def _tuning(options: argparse.Namespace) -> Tuning:
         "study",
         read=lambda: read_tuning(located_campaign(options.file), overrides),
         read_folder=tuning_of,
-        text=identity_text,
         overrides=bool(options.config or options.assignments),
     )
 

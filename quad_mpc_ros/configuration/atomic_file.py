@@ -16,14 +16,10 @@ def write_atomically(path: Path, text: str, *, overwrite: bool = True) -> None:
     Raises ``FileExistsError`` for one that exists, unless ``overwrite`` is set, and ``OSError``
     for everything else that the disk refuses. Then ``path`` is as it was.
     """
-    draft = _draft(path, text)
-    try:
-        if overwrite:
-            draft.replace(path)
-        else:
-            _put(draft, path)
-    finally:
-        draft.unlink(missing_ok=True)
+    with placed(path, overwrite=overwrite) as draft, draft.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 @contextmanager
@@ -39,26 +35,6 @@ def placed(path: Path, *, overwrite: bool) -> Iterator[Path]:
             draft.replace(path)
         else:
             _put(draft, path)
-
-
-def _draft(path: Path, text: str) -> Path:
-    """Return a file beside ``path`` with the text."""
-    with tempfile.NamedTemporaryFile(
-        "w", encoding="utf-8", dir=path.parent, prefix=f".{path.name}.", delete=False
-    ) as file:
-        draft = Path(file.name)
-        try:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        except BaseException:
-            draft.unlink(missing_ok=True)
-            raise
-    # Such a file is for its owner alone at first.
-    umask = os.umask(0)
-    os.umask(umask)
-    draft.chmod(0o666 & ~umask)
-    return draft
 
 
 def _put(draft: Path, path: Path) -> None:

@@ -10,6 +10,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from quad_mpc_ros.configuration.errors import shown
+
 VEHICLE = (
     "mass",
     "gravity",
@@ -55,7 +57,7 @@ def disagreements(vehicles: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
             else:
                 alike.append(node)
         if len(groups) > 1:
-            told = (f"{_shown(value)} of {' and '.join(who)}" for value, who in groups)
+            told = (f"{shown(value)} of {' and '.join(who)}" for value, who in groups)
             found[name] = f"{name} {', '.join(told)}"
     return found
 
@@ -67,9 +69,3 @@ def _alike(a: Any, b: Any) -> bool:
     return len(first) == len(second) and all(
         math.isclose(x, y, rel_tol=1e-9, abs_tol=1e-12) for x, y in zip(first, second, strict=True)
     )
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_shown, value))}]"
-    return f"{value:.6g}"

@@ -359,7 +359,7 @@ class Recording:
 
 
 def flown_points(bag: Path) -> PointTable:
-    """Return where the vehicle in a bag was, by the stamps of its odometry.
+    """Return where the vehicle of a bag was, by the stamps of its odometry.
 
     Raises :class:`UserError` for a bag that cannot be read and for too few odometries.
     """

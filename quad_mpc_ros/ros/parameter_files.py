@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -20,6 +20,7 @@ from quad_mpc_ros.configuration import UserError, files, ros_yaml
 from quad_mpc_ros.configuration.extension import BRIDGES, registered_names
 from quad_mpc_ros.configuration.files import Section
 from quad_mpc_ros.configuration.spelling import meant_instead_of
+from quad_mpc_ros.configuration.vehicle import describes_vehicle
 
 _BEGIN, _END = "--ros-args", "--"
 _FILE = "--params-file"
@@ -45,14 +46,6 @@ class GivenParameters:
         """Hold what was read; ``several`` is whether the process has more than one node."""
         self._given = given
         self._several = several
-        self._read: set[int] = set()
-        self._unclaimed = {
-            name: each.origin
-            for each in given
-            for name in each.section.values
-            if not each.in_file and not files.is_of_ros(name)
-        }
-        self._names: list[str] = []
 
     def of(self, name: str, namespace: str) -> dict[str, str]:
         """Return where each parameter was given that a node was given by its own name.
@@ -61,15 +54,12 @@ class GivenParameters:
         reads ``mpc:`` for the node /mpc only, and would ignore it.
         """
         full = f"{namespace.rstrip('/')}/{name}"
-        self._names.append(full)
         self._refuse_unread(name, full)
         found: dict[str, str] = {}
-        for number, each in enumerate(self._given):
-            if each.section.is_read_by(full):
-                self._read.add(number)
-                alone = not each.in_file and not self._several
-                if alone or not each.section.of_any_node:
-                    found |= dict.fromkeys(each.section.values, each.origin)
+        for each in self._given:
+            alone = not each.in_file and not self._several
+            if each.section.is_read_by(full) and (alone or not each.section.of_any_node):
+                found |= dict.fromkeys(each.section.values, each.origin)
         return found
 
     def file_of(self, name: str) -> str | None:
@@ -78,39 +68,37 @@ class GivenParameters:
         each = next(last, None)
         return each.origin if each is not None and each.in_file else None
 
-    def claim(self, names: Iterable[str]) -> None:
-        """Note the parameters that a node knows."""
-        for name in names:
-            self._unclaimed.pop(name, None)
-
-    def refuse_overrides_of_nobody(self) -> None:
+    def refuse_overrides_of_nobody(self, nodes: Mapping[str, Container[str]]) -> None:
         """Raise :class:`UserError` for a ``-p`` that is for no node of the process.
 
-        To be called when all nodes have been made.
+        ``nodes`` are the parameters that each declares, by the full name of the node.
         """
-        for number, each in enumerate(self._given):
-            if not each.in_file and number not in self._read:
-                ((name, _),) = each.section.values.items()
+        expected = " or ".join(nodes)
+        for each in self._given:
+            if each.in_file:
+                continue
+            ((name, _),) = each.section.values.items()
+            readers = [known for full, known in nodes.items() if each.section.is_read_by(full)]
+            if not readers:
                 raise UserError(
                     f"-p {each.section.key}:{name}: ROS reads it for /{each.section.key}, "
-                    f"expected {' or '.join(self._names)}; write -p {name}:=VALUE"
+                    f"expected {expected}; write -p {name}:=VALUE"
                 )
-        for name, origin in self._unclaimed.items():
-            raise UserError(
-                f"{origin}: given {name}, expected a parameter of {' or '.join(self._names)}"
-            )
+            of_all = files.is_of_ros(name) or describes_vehicle(name)
+            if not (of_all or any(name in known for known in readers)):
+                raise UserError(f"{each.origin}: given {name}, expected a parameter of {expected}")
 
-    def unread_files(self) -> list[str]:
-        """Return the files with nothing for any node of the process, each with its sections."""
-        sections: dict[str, list[int]] = {}
-        for number, each in enumerate(self._given):
+    def unread_files(self, nodes: Iterable[str]) -> list[str]:
+        """Return the files with nothing for any of the nodes, each with its sections."""
+        sections: dict[str, list[Section]] = {}
+        for each in self._given:
             if each.in_file:
-                sections.setdefault(each.origin, []).append(number)
+                sections.setdefault(each.origin, []).append(each.section)
         return [
-            f"{origin} has nothing for {' or '.join(self._names)}, only for "
-            f"{', '.join(self._given[number].section.key for number in numbers)}"
-            for origin, numbers in sections.items()
-            if not self._read.intersection(numbers)
+            f"{origin} has nothing for {' or '.join(nodes)}, only for "
+            f"{', '.join(section.key for section in there)}"
+            for origin, there in sections.items()
+            if not any(section.is_read_by(full) for section in there for full in nodes)
         ]
 
     def _refuse_unread(self, name: str, full: str) -> None:

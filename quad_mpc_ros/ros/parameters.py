@@ -110,7 +110,6 @@ def _configured(configuration: type[C], given: Mapping[str, Any], node: Node) ->
         return _built(configuration, given, own)
     by_name = arguments.of(node.get_name(), node.get_namespace())
     known = {spec.name for spec in configuration.chosen_by(given).specs()}
-    arguments.claim(name for name in given if name in known or describes_vehicle(name))
     for name in given.keys() - known - by_name.keys():
         if not describes_vehicle(name):
             origin = arguments.file_of(name) or "-p"

@@ -100,8 +100,11 @@ def _run(
             for create in creates:
                 nodes.append(create())
         starting = False
-        given.refuse_overrides_of_nobody()
-        for unread in given.unread_files():
+        known = {
+            node.get_fully_qualified_name(): node.get_parameters_by_prefix("") for node in nodes
+        }
+        given.refuse_overrides_of_nobody(known)
+        for unread in given.unread_files(known):
             nodes[0].get_logger().warning(unread)
         settle_memory()
         interrupts.spinning()

@@ -66,7 +66,6 @@ def test_judges_a_reference_by_the_limits_of_the_vehicle_file(
 
 
 MISTAKES = {
-    "no such trajectory": (["--reference", "circus"], ["reference.trajectory", "vertical_loop"]),
     "no file": (["--reference", "csv"], ["reference.file", "the csv to fly"]),
     "no bag there": (
         ["--reference", "bag", "--set", "reference.file=nowhere"],
@@ -76,7 +75,6 @@ MISTAKES = {
         ["--reference", "waypoints", "--set", "reference.waypoints=[1, 2, 3]"],
         ["reference.waypoints", "at least 2 points, not 1"],
     ),
-    "unknown parameter": (["--set", "reference.loop_sped=3"], ["loop_speed"]),
 }
 
 

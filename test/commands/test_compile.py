@@ -17,7 +17,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder.mkdir()
     (folder / "f.nbc").touch()
     monkeypatch.setattr(command, "cache_folder", lambda: folder)
-    monkeypatch.setattr(command, "_compile", lambda begun: True)
+    monkeypatch.setattr(command, "_compile", lambda begun: None)
     return folder
 
 
@@ -40,9 +40,14 @@ def test_again_empties_the_cache(cache: Path) -> None:
 def test_suggests_again_when_compiling_fails(
     cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(command, "_compile", lambda begun: False)
+    def fail(begun: float) -> None:
+        raise RuntimeError("no space left")
+
+    monkeypatch.setattr(command, "_compile", fail)
     assert main(["compile"]) == 1
-    assert "run quad_mpc compile --again" in capsys.readouterr().err
+    message = capsys.readouterr().err
+    assert "compiling failed: no space left" in message
+    assert "run quad_mpc compile --again" in message
     assert not (cache / "complete").exists()
 
 

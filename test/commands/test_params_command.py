@@ -39,17 +39,3 @@ def test_a_group_or_a_single_parameter_may_be_asked_for(
         "mpc.fence.action",
         "simulator.wind",
     ]
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("mcp", "there is no node 'mcp' (did you mean mpc?)"),
-        ("mpc.omega", "mpc has no parameter 'omega' (did you mean omega_max?)"),
-    ],
-)
-def test_an_unknown_name_is_bad_input(
-    name: str, message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["params", name]) == 2
-    assert message in capsys.readouterr().err

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib.image
@@ -15,6 +16,8 @@ from fixtures.courses import COURSE
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands import EXIT_INTERRUPTED
 from quad_mpc_ros.commands import plan as command
+from quad_mpc_ros.commands.progress import Progress
+from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.racing.verdict import flown_course
 from quad_mpc_ros.recordings.recording import Recording
 
@@ -66,29 +69,25 @@ def test_without_a_plan_a_smooth_path_is_flown(course: Path, tmp_path: Path) -> 
     assert all(gate["passed"] for gate in summary["gates"])
 
 
-def test_interrupted_it_goes_on(
-    course: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+def test_ctrl_c_ends_the_search_and_leaves_nothing(
+    course: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out = tmp_path / "race.csv"
-    given = ["plan", str(course), *VEHICLE, *QUICK, "--out", str(out)]
-    take = command._Part.take
+    shown_by = command._shown_by
 
-    def interrupted(self: object, stage: str, iteration: int, *rest: object) -> None:
-        if stage == "vehicle" and iteration == 12:
-            os.kill(os.getpid(), signal.SIGINT)
-        take(self, stage, iteration, *rest)  # type: ignore[arg-type]
+    def interrupting(progress: Progress) -> Callable[[str, int, float, Array], None]:
+        show = shown_by(progress)
 
-    monkeypatch.setattr(command._Part, "take", interrupted)
+        def interrupt(stage: str, iteration: int, planned: float, variables: Array) -> None:
+            if stage == "vehicle" and iteration == 12:
+                os.kill(os.getpid(), signal.SIGINT)
+            show(stage, iteration, planned, variables)
+
+        return interrupt
+
+    monkeypatch.setattr(command, "_shown_by", interrupting)
+    given = ["plan", str(course), *VEHICLE, *QUICK, "--out", str(tmp_path / "race.csv")]
     assert main(given) == EXIT_INTERRUPTED
-    assert not out.exists() and (tmp_path / "race.csv.part").exists()
-    monkeypatch.setattr(command._Part, "take", take)
-    capsys.readouterr()
-    assert main(given) == 0
-    assert "going on from" in capsys.readouterr().err
-    assert out.exists() and not (tmp_path / "race.csv.part").exists()
+    assert list(tmp_path.iterdir()) == [course]
 
 
 @pytest.mark.parametrize(

@@ -353,8 +353,6 @@ def test_invalid_bag_is_one_line_and_exit_code_2(
         (["--odom-topic", "/command"], "expected nav_msgs/msg/Odometry"),
         (["--pose-topic", "/odom"], "--twist-topic"),
         (["--odom-topic", "/odom", "--pose-topic", "/a", "--twist-topic", "/b"], "one of them"),
-        (["--set", "mpc.mass=heavy"], "mpc.mass"),
-        (["--config", "nonesuch"], "nonesuch"),
     ],
 )
 @pytest.mark.parametrize("command", ["resolve", "identify"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +13,6 @@ import pytest
 from fixtures.browser import headless_browser
 from matplotlib.image import imread
 
-from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.writer import BagWriter
@@ -121,7 +119,7 @@ def opened(
         assert main(["report", *map(str, runs), "--out", str(path)]) == 0
         found = open_page(path)
         found.page.wait_for_function(
-            "document.querySelectorAll('.js-plotly-plot .main-svg').length >= 8"
+            "document.querySelectorAll('.js-plotly-plot .main-svg').length >= 7"
         )
         yield found
 
@@ -150,14 +148,12 @@ class TestInABrowser:
         drawn = [width for width in widths if width > 400]
         assert len(drawn) == traces >= 2
 
-    def test_the_path_in_space_is_drawn(self, opened: SimpleNamespace, tmp_path: Path) -> None:
-        figure = opened.page.locator("#figure-path")
-        figure.scroll_into_view_if_needed()
-        figure.screenshot(path=str(tmp_path / "path.png"))
-        pixels = imread(tmp_path / "path.png")[..., :3]
-        for half in np.array_split(pixels[80:], 2, axis=1):  # below the legend
-            orange = np.all(np.abs(half - style.rgb(style.REFERENCE)) < 0.05, axis=-1)
-            assert np.sum(orange) > 100
+    def test_the_paths_in_space_are_shown(self, opened: SimpleNamespace) -> None:
+        widths = opened.page.evaluate(
+            "[...document.querySelectorAll('#path img')].map(image => image.naturalWidth)"
+        )
+        assert len(widths) == 2
+        assert min(widths) > 1000
 
     def test_the_curve_is_the_flight(
         self, opened: SimpleNamespace, runs: tuple[Path, Path]
@@ -185,15 +181,7 @@ class TestInABrowser:
         opened.page.wait_for_function(f"{ranges}.every(r => r[1] > 2)")
         assert opened.errors == []
 
-    def test_series_and_figures_are_saved(
-        self, opened: SimpleNamespace, runs: tuple[Path, Path]
-    ) -> None:
-        with opened.page.expect_download() as download:
-            opened.page.click("button[data-run=paper][data-table=commands]")
-        assert download.value.suggested_filename == "paper_commands.csv"
-        text = Path(download.value.path()).read_text()
-        throttle = [float(row["throttle"]) for row in csv.DictReader(io.StringIO(text))]
-        assert throttle == Recording(runs[1] / "bag").flight().commands.throttle.tolist()
+    def test_figures_are_saved(self, opened: SimpleNamespace) -> None:
         with opened.page.expect_download() as download:
             opened.page.hover("#figure-error")
             opened.page.click("#figure-error .modebar-btn[data-title*='ownload']")

@@ -73,10 +73,11 @@ MISTAKES = {
     "no file": ([], "FILE: expected"),
     "trials": (["FILE", "--trials", "0"], "--trials: given 0, expected a number >= 1"),
     "timeout": (["FILE", "--timeout", "-1"], "--timeout: given -1.0, expected a number >= 0"),
-    "workers": (["FILE", "--workers", "0"], "--workers: given 0, expected a number >= 1"),
-    "set": (["FILE", "--set", "mpc.R=[1]"], "mpc.R: given [1], expected 4 numbers >= 0"),
     "resume what": (["--resume", "HERE"], "not the folder of a study"),
-    "resume and out": (["--resume", "HERE", "--out", "x"], "--out: --resume says where"),
+    "resume and out": (
+        ["--resume", "HERE", "--out", "x"],
+        "continues unchanged: leave out FILE, --out",
+    ),
     "out is full": (["FILE", "--out", "HERE"], "exists and is not overwritten"),
 }
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros.analysis.figures import style
-from quad_mpc_ros.analysis.figures.over_time import draw_panel, label_time
+from quad_mpc_ros.analysis.figures.over_time import write_panels
 from quad_mpc_ros.analysis.figures.panels import Curve, Panel
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.control.lie import Array
@@ -27,7 +27,6 @@ _UNITS = ("", "rad/s", "rad/s", "rad/s")
 _FIGURES = ("solve_time_us", "step_time_us", "iterations")
 
 _LABEL, _CELL = 28, 10
-_WIDTH, _PANEL_HEIGHT = 11.0, 1.7  # inch
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,32 +123,25 @@ def comparison_table(comparison: CommandComparison) -> str:
 
 
 def write_command_comparison(comparison: CommandComparison, path: Path) -> Path:
-    """Draw both commands, and their difference beside them, over time into a PNG.
+    """Draw both commands, and below them their differences, over time into a PNG.
 
     Raises ``OSError`` if it cannot be written.
     """
     time = np.asarray((comparison.stamp_ns - comparison.stamp_ns[:1]) * 1e-9)
     held = functools.partial(Curve, time=time, held=True)
-    figure = style.new_figure(_WIDTH, 0.7 + _PANEL_HEIGHT * len(CHANNELS))
-    grid = figure.subplots(len(CHANNELS), 2, sharex=True, squeeze=False, width_ratios=(3, 2))
+    commands, differences = [], []
     quantities = (("throttle", "", ""), *(("ω", axis, "rad/s") for axis in "xyz"))
-    for i, ((both, difference), quantity) in enumerate(zip(grid, quantities, strict=True)):
-        name, subscript, unit = quantity
+    for i, (name, subscript, unit) in enumerate(quantities):
         recorded, resolved = comparison.recorded[:, i], comparison.resolved[:, i]
         curves = [
             held(name="recorded", values=recorded, colour=style.REFERENCE, weight="broad"),
             held(name="resolved", values=resolved),
         ]
-        draw_panel(both, Panel(name=name, subscript=subscript, unit=unit, curves=curves))
-        off = held(name="difference", values=resolved - recorded)
-        draw_panel(difference, Panel(name="", curves=[off]))
-    style.title(grid[0, 0], "Commands")
-    style.legend(grid[0, 0])
-    style.title(grid[0, 1], f"Difference, {comparison.equal} of {len(time)} equal")
-    for axes in grid[-1]:
-        label_time(axes)
-    figure.align_ylabels(grid[:, 0])
-    return style.save(figure, path)
+        commands.append(Panel(name=name, subscript=subscript, unit=unit, curves=curves))
+        off = [held(name="difference", values=resolved - recorded)]
+        differences.append(Panel(name=f"Δ{name}", subscript=subscript, unit=unit, curves=off))
+    title = f"Commands, {comparison.equal} of {len(time)} equal"
+    return write_panels(title, [*commands, *differences], path)
 
 
 def _by_stamp(commands: Sequence[CommandSample]) -> dict[int, Array]:

@@ -7,7 +7,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.control.lie import Array
@@ -64,17 +63,6 @@ def faces(shape: Shape) -> list[Array]:
         ahead_low, ahead_high = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
         found += list(np.stack((low, ahead_low, ahead_high, high), axis=1))
     return [face @ shape.R_WO.T + shape.p_WO for face in found]
-
-
-def mesh(shapes: list[Shape]) -> tuple[Array, NDArray[np.intp]]:
-    """Return corners (n, 3) [m] and triangles (m, 3) of shapes."""
-    corners, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.intp)], 0
-    for face in (face for shape in shapes for face in faces(shape)):
-        fan = np.arange(1, len(face) - 1)
-        corners.append(face)
-        triangles.append(count + np.column_stack((np.zeros_like(fan), fan, fan + 1)))
-        count += len(face)
-    return np.vstack(corners), np.vstack(triangles)
 
 
 def draw(axes: Any, shapes: list[Shape], *, zorder: int) -> None:

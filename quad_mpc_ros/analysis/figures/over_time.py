@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 FIGURE_NAMES = ("position", "attitude", "velocity", "inputs", "path")
 
 _WIDTH, _PANEL_HEIGHT, _AROUND = 8.0, 1.6, 0.7  # inch
-_WIDTHS = {"fine": 0.6, "normal": 1.3, "strong": 1.7, "broad": 2.2}  # points
+_WIDTHS = {"normal": 1.3, "strong": 1.7, "broad": 2.2}  # points
 _ABOVE, _BELOW, _LOWEST = 3, 2, 1
 
 

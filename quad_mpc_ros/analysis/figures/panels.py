@@ -16,7 +16,7 @@ from quad_mpc_ros.control.safety.ladder import Source
 from quad_mpc_ros.recordings.evaluation.metrics import attitude_errors, position_errors
 from quad_mpc_ros.recordings.flight import Flight
 
-Weight = Literal["fine", "normal", "strong", "broad"]
+Weight = Literal["normal", "strong", "broad"]
 """How thick a curve is. A broad one lies below the others: it is seen where they lie on it."""
 
 LEVELS = tuple(source.name.lower() for source in Source)

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Literal
 
-import numpy as np
-
 from quad_mpc_ros.analysis.identification.result import Estimate
 from quad_mpc_ros.configuration import PerAxis, per_axis
+from quad_mpc_ros.configuration.files import value_text
 from quad_mpc_ros.configuration.vehicle import VEHICLE
 from quad_mpc_ros.control.config import MpcConfig
 
@@ -108,21 +107,14 @@ def content(
     lines = [*(f"# {remark}" for remark in remarks), "/**:", "  ros__parameters:"]
     for name in VEHICLE:
         value, note = entries.get(name, (getattr(given, name), KEPT))
-        lines.append(f"    {name}: {_written(value)}  # {note}")
+        lines.append(f"    {name}: {value_text(value)}  # {note}")
     if thrust_map:
         lines.append(f"    {_MAP.rstrip('.')}:")
     for name, (value, note) in thrust_map.items():
-        lines.append(f"      {name.removeprefix(_MAP)}: {_written(value)}  # {note}")
+        lines.append(f"      {name.removeprefix(_MAP)}: {value_text(value)}  # {note}")
     return "\n".join(lines) + "\n"
 
 
 def rounded(value: float) -> float:
     """Return a value with as many digits as anything found deserves."""
     return round(float(f"{value:.{_DIGITS}g}"), _DECIMALS)
-
-
-def _written(value: Any) -> str:
-    """Return a value as YAML; to which 1e-07 is text."""
-    if isinstance(value, (tuple, list)):
-        return f"[{', '.join(map(_written, value))}]"
-    return np.format_float_positional(value, trim="0") if isinstance(value, float) else str(value)

@@ -1,14 +1,12 @@
-"""Parts of a page: tables, links, JSON in a script, the files that lie beside this one."""
+"""Parts of a page: tables, links, the files that lie beside this one."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import resources
 from string import Template
-from typing import Any
 
 from quad_mpc_ros import __version__
 from quad_mpc_ros.analysis.report.plotting import plotly
@@ -82,10 +80,9 @@ def html_page(
     facts: Sequence[str],
     hint: str,
     sections: Sequence[Section],
-    files: Sequence[str],
-    data: Any,
+    end: str,
 ) -> str:
-    """Return a page that loads nothing: its data, style, script and Plotly are inside.
+    """Return a page that loads nothing: its style, script and Plotly are inside.
 
     Args:
         names: The runs.
@@ -93,8 +90,7 @@ def html_page(
         facts: What stands before the links to the sections.
         hint: What to do with the figures.
         sections: The sections that links lead to.
-        files: What follows them.
-        data: What the script shows, by its name ``data``.
+        end: What follows them.
 
     Raises :class:`UserError` when Plotly is not installed.
     """
@@ -108,10 +104,8 @@ def html_page(
         links="\n".join(each.link for each in sections),
         hint=f'<p class="hint">{escape(hint)}</p>',
         sections="\n".join(each.html for each in sections),
-        files="\n".join(files),
+        end=end,
         version=escape(__version__),
-        # Escaped, it cannot end the element it stands in.
-        data=json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
         script=_asset("runs.js"),
     )
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable, Mapping, Sequence
-from functools import reduce
-from operator import getitem
 from typing import Any
 
 from quad_mpc_ros.analysis.report.markup import html_table
@@ -27,18 +25,13 @@ def identity_table(runs: Sequence[ReportedRun]) -> str:
 
 
 def metrics_table(runs: Sequence[ReportedRun]) -> str:
-    """Return the figures of merit of each run."""
-    rows = {
-        name: [_number(reduce(getitem, path.split("."), run.summary), style) for run in runs]
-        for name, path, style in _METRICS
-    }
-    if any(run.summary["gates"] for run in runs):
-        rows["gates passed"] = [_gates(run.summary["gates"]) for run in runs]
-    rows["error at waypoints [m]"] = [
-        ", ".join(f"{error:.3g}" for error in run.summary["waypoint_error_m"]) or _ABSENT
+    """Return the figures of merit of each run, by their names in ``summary.json``."""
+    figures = [
+        dict(files.flattened({k: v for k, v in run.summary.items() if k not in _NO_FIGURES}))
         for run in runs
     ]
-    return _table(runs, rows)
+    names = dict.fromkeys(name for each in figures for name in each)
+    return _table(runs, {name: [_figure(each.get(name)) for each in figures] for name in names})
 
 
 def parameter_table(runs: Sequence[ReportedRun], *, only_different: bool) -> str:
@@ -94,39 +87,16 @@ _IDENTITY: dict[str, Callable[[ReportedRun], str]] = {
     "vehicle": _vehicle,
 }
 
-_METRICS = (
-    ("position error, RMSE [m]", "position_rmse_m", "{:.3g}"),
-    ("position error, max [m]", "position_max_m", "{:.3g}"),
-    ("attitude error, RMSE [rad]", "attitude_rmse_rad", "{:.3g}"),
-    ("lap [s]", "lap_time_s", "{:.3f}"),
-    ("commands", "commands", "{}"),
-    ("odometries", "odometries", "{}"),
-    ("odometries unanswered", "unanswered_odometries", "{}"),
-    ("commands of the failsafe", "fallbacks", "{}"),
-    ("solver failures", "solver_failures", "{}"),
-    ("deadline misses", "deadline_misses", "{}"),
-    ("commands with a rate at its bound", "rate_saturation_fraction", "{:.1%}"),
-    ("iterations, p50", "iterations.p50", "{}"),
-    ("iterations, p99", "iterations.p99", "{}"),
-    ("iterations, max", "iterations.max", "{}"),
-    ("solve time, p50 [µs]", "solve_time_us.p50", "{:.0f}"),
-    ("solve time, p99 [µs]", "solve_time_us.p99", "{:.0f}"),
-    ("solve time, max [µs]", "solve_time_us.max", "{:.0f}"),
-    ("control step, p50 [µs]", "step_time_us.p50", "{:.0f}"),
-    ("control step, p99 [µs]", "step_time_us.p99", "{:.0f}"),
-    ("control step, max [µs]", "step_time_us.max", "{:.0f}"),
-    ("odometry to command, p50 [ms]", "odom_to_command_ms.p50", "{:.3f}"),
-    ("odometry to command, p99 [ms]", "odom_to_command_ms.p99", "{:.3f}"),
-    ("odometry to command, max [ms]", "odom_to_command_ms.max", "{:.3f}"),
-)
+_NO_FIGURES = ("config", "commanding", "margins", "estimated", "gates")
+"""What is in the parameters of the page, in its words and in its figures."""
 
 
-def _gates(gates: Sequence[Mapping[str, Any]] | None) -> str:
-    return f"{sum(gate['passed'] for gate in gates)} of {len(gates)}" if gates else _ABSENT
-
-
-def _number(value: Any, style: str) -> str:
-    return _ABSENT if value is None else style.format(value)
+def _figure(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list):
+        return ", ".join(map(_figure, value)) or _ABSENT
+    return _ABSENT if value in (None, {}) else str(value)
 
 
 def _flattened(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

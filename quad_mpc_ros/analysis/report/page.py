@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import base64
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from html import escape
+from pathlib import Path
 from typing import Any
 
 from quad_mpc_ros.analysis.figures import panels
+from quad_mpc_ros.analysis.figures.path_figure import write_path
 from quad_mpc_ros.analysis.report import overview
 from quad_mpc_ros.analysis.report.markup import (
     Section,
@@ -19,12 +23,9 @@ from quad_mpc_ros.analysis.report.markup import (
     verdict,
 )
 from quad_mpc_ros.analysis.report.plotting import figure_html
-from quad_mpc_ros.analysis.report.run import MOST_HORIZONS, ReportedRun
-from quad_mpc_ros.analysis.report.series import TABLE_NAMES, csv_tables
-from quad_mpc_ros.analysis.report.space_figure import space_figure
+from quad_mpc_ros.analysis.report.run import ReportedRun
 from quad_mpc_ros.analysis.report.time_figure import time_figure
 
-MOST_ROWS = 30_000  # of a table in the page, ten minutes at 50 Hz; they take 15 MB
 _COLUMN_WIDTH = 420  # pixels at least, of a run
 _HINT = (
     "Drag in a figure to zoom: every figure over time follows. Double-click to see all. "
@@ -44,13 +45,6 @@ class _Figure:
 
 
 _FIGURES = (
-    _Figure(
-        key="path",
-        title="Path in space",
-        text="Flown, coloured by speed, against the reference, with the positions that the "
-        f"controller predicted: at most {MOST_HORIZONS} horizons, evenly chosen.",
-        draw=space_figure,
-    ),
     _Figure(
         key="error",
         title="Tracking error",
@@ -114,26 +108,42 @@ def page(runs: Sequence[ReportedRun]) -> str:
     facts += ["<h2>The runs</h2>", overview.identity_table(runs)]
     facts += ["<h2>Figures of merit</h2>", overview.metrics_table(runs), _differences(runs)]
     parameters = overview.parameter_table(runs, only_different=False)
-    series = Section(key="series", title="Time series", parts=[_buttons(run) for run in runs])
     return html_page(
         names=[run.name for run in runs],
         verdicts=[_verdict(run) for run in runs],
         facts=facts,
-        sections=[_section(each, runs) for each in _FIGURES if all(map(each.shown, runs))],
-        hint=_HINT,
-        files=[
-            series.html,
-            folded("Recorded parameters", parameters or paragraph("None were recorded.")),
+        sections=[
+            _paths(runs),
+            *(_section(each, runs) for each in _FIGURES if all(map(each.shown, runs))),
         ],
-        data={run.name: csv_tables(run) for run in runs if not _long(run)},
+        hint=_HINT,
+        end=folded("Recorded parameters", parameters or paragraph("None were recorded.")),
     )
 
 
 def _section(figure: _Figure, runs: Sequence[ReportedRun]) -> Section:
-    drawn = figure_html(figure.draw(runs), figure.key)
-    width = f"min-width: {_COLUMN_WIDTH * len(runs)}px"
-    box = f'<div class="wide"><div style="{width}">{drawn}</div></div>'
+    box = _wide(figure_html(figure.draw(runs), figure.key), len(runs))
     return Section(key=figure.key, title=figure.title, parts=[paragraph(figure.text), box])
+
+
+def _paths(runs: Sequence[ReportedRun]) -> Section:
+    """Return the pictures of the flights in space, beside each other."""
+    with tempfile.TemporaryDirectory() as folder:
+        pictures = [write_path(run.flight, Path(folder, "path.png")).read_bytes() for run in runs]
+    share = f"width: {100 / len(runs):.4g}%"
+    images = "".join(
+        f'<img style="{share}" alt="{escape(run.name)}" '
+        f'src="data:image/png;base64,{base64.b64encode(picture).decode()}">'
+        for run, picture in zip(runs, pictures, strict=True)
+    )
+    text = paragraph("Flown, coloured by speed, against the reference.")
+    return Section(key="path", title="Path in space", parts=[text, _wide(images, len(runs))])
+
+
+def _wide(content: str, columns: int) -> str:
+    """Return a box that scrolls where it is too narrow for its columns."""
+    width = f"min-width: {_COLUMN_WIDTH * columns}px"
+    return f'<div class="wide"><div style="{width}">{content}</div></div>'
 
 
 def _verdict(run: ReportedRun) -> str:
@@ -164,18 +174,3 @@ def _differences(runs: Sequence[ReportedRun]) -> str:
         return ""
     table = overview.parameter_table(runs, only_different=True)
     return f"<h2>Parameters that differ</h2>\n{table or '<p>None.</p>'}"
-
-
-def _long(run: ReportedRun) -> bool:
-    """Whether a browser would have to carry too much with the tables of a run in the page."""
-    return max(len(run.flight.stamp_ns), len(run.flight.tick_time)) > MOST_ROWS
-
-
-def _buttons(run: ReportedRun) -> str:
-    if _long(run):
-        return f"<p>{escape(run.name)}: too long for a page, see quad_mpc report --csv.</p>"
-    buttons = " ".join(
-        f'<button data-run="{escape(run.name)}" data-table="{name}">{name}.csv</button>'
-        for name in TABLE_NAMES
-    )
-    return f"<p>{escape(run.name)}: {buttons}</p>"

@@ -15,8 +15,6 @@ from quad_mpc_ros.recordings.evaluation.verdict import Verdict, verdict_on
 from quad_mpc_ros.recordings.flight import Flight
 from quad_mpc_ros.recordings.recording import Recording
 
-MOST_HORIZONS = 100  # drawn; more would hide the flight
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReportedRun:
@@ -44,8 +42,8 @@ def read_runs(bags: Mapping[str, Path]) -> list[ReportedRun]:
     runs = []
     for name, bag in bags.items():
         recording = Recording(bag)
-        flight = recording.flight(most_plans=MOST_HORIZONS)
-        runs.append(ReportedRun(name=name, bag=bag, flight=flight, warning=recording.warning))
+        flight, warning = recording.flight(), recording.warning
+        runs.append(ReportedRun(name=name, bag=bag, flight=flight, warning=warning))
     return runs
 
 

@@ -36,14 +36,3 @@ for (const figure of overTime) {
     }
   });
 }
-
-for (const button of document.querySelectorAll("button[data-table]")) {
-  button.addEventListener("click", () => {
-    const { run, table } = button.dataset;
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(new Blob([data[run][table]], { type: "text/csv" }));
-    link.download = `${run}_${table}.csv`;
-    link.click();
-    URL.revokeObjectURL(link.href);
-  });
-}

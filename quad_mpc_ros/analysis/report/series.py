@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from numpy.typing import NDArray
@@ -14,8 +14,6 @@ from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.recordings.evaluation.metrics import attitude_errors, position_errors
 
 TABLE_NAMES = ("odometry", "commands", "ticks")
-
-_BLOCK = 10_000  # rows; numbers of Python and a StringIO take several times their text
 
 Columns = dict[str, NDArray[Any]]
 
@@ -75,15 +73,8 @@ def _vector(name: str, values: Array, unit: str = "") -> Columns:
 
 
 def _csv(columns: Mapping[str, NDArray[Any]]) -> str:
-    parts = [_lines([list(columns)])]
-    count = len(next(iter(columns.values())))
-    for begin in range(0, count, _BLOCK):
-        block = [values[begin : begin + _BLOCK].tolist() for values in columns.values()]
-        parts.append(_lines(zip(*block, strict=True)))
-    return "".join(parts)
-
-
-def _lines(rows: Iterable[Sequence[Any]]) -> str:
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
     return text.getvalue()

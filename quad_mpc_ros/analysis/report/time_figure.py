@@ -10,15 +10,18 @@ import numpy as np
 
 from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.analysis.figures.panels import Curve, Panel
-from quad_mpc_ros.analysis.report.plotting import FAR, lay_out, plotly, subplots
+from quad_mpc_ros.analysis.report.plotting import plotly
 from quad_mpc_ros.analysis.report.run import ReportedRun, Span, fallback_spans
 from quad_mpc_ros.recordings.flight import Flight
 
 MOST_POINTS = 6000  # of a curve; three for each pixel of a wide screen
 MOST_SHADES = 200  # the longest times without the MPC
 
+_FAR = 1e4  # m: too large to be drawn in single precision
 _ROW_HEIGHT, _MARGINS = 130, 100  # pixels
-_WIDTHS = {"fine": 0.75, "normal": 1.5, "strong": 2.0, "broad": 3.0}  # pixels
+# At the top left: the names of the runs stand below it, Plotly's buttons on the right.
+_LEGEND = {"orientation": "h", "yref": "container", "y": 1.0, "yanchor": "top", "x": 0.0}
+_WIDTHS = {"normal": 1.5, "strong": 2.0, "broad": 3.0}  # pixels
 _NO_ODOMETRY = "no odometry"
 _SPAN_COLOURS = {
     _NO_ODOMETRY: "#999999",
@@ -33,10 +36,10 @@ def time_figure(runs: Sequence[ReportedRun], panels_of: Callable[[Flight], list[
     """Return the panels of runs beside each other, with what had no MPC or odometry shaded."""
     columns = [panels_of(run.flight) for run in runs]
     count = len(columns[0])
-    figure = subplots(
-        count,
-        runs,
-        titles="column_titles",
+    figure = plotly("subplots").make_subplots(
+        rows=count,
+        cols=len(runs),
+        column_titles=[escape(run.name) for run in runs] if len(runs) > 1 else None,
         shared_xaxes="all",
         shared_yaxes="rows",
         vertical_spacing=0.3 / (_ROW_HEIGHT * count / 100.0),
@@ -50,8 +53,14 @@ def time_figure(runs: Sequence[ReportedRun], panels_of: Callable[[Flight], list[
         figure.layout.shapes += tuple(_shades(figure, run.flight, rows=count, column=column))
     for row, panel in enumerate(columns[0], start=1):
         figure.update_yaxes(title_text=label(panel), row=row, col=1)
-    height, margin = _MARGINS + _ROW_HEIGHT * count, {"l": 70, "r": 20, "b": 40}
-    lay_out(figure, height=height, margin=margin, hovermode="x")
+    figure.update_layout(
+        height=_MARGINS + _ROW_HEIGHT * count,
+        template="plotly_white",
+        margin={"t": 60, "l": 70, "r": 20, "b": 40},
+        legend=_LEGEND,
+        font={"color": style.INK, "size": 12},
+        hovermode="x",
+    )
     return figure
 
 
@@ -78,7 +87,7 @@ def _draw(figure: Any, panel: Panel, *, place: dict[str, int], shown: set[str]) 
 
 def _trace(curve: Curve, *, in_legend: bool) -> Any:
     values = curve.values
-    is_far = bool((np.abs(values[np.isfinite(values)]) >= FAR).any())
+    is_far = bool((np.abs(values[np.isfinite(values)]) >= _FAR).any())
     return plotly("graph_objects").Scatter(
         x=curve.time,
         # Single precision is more than a screen has, and half the page.

@@ -122,11 +122,12 @@ def test_obstacles_are_drawn_with_the_distance_to_them(circling: Flight, tmp_pat
 )
 def test_faces_of_an_obstacle_enclose_its_volume(shape: Shape, volume: float) -> None:
     """By the divergence theorem over triangles that look outwards; round ones are polygons."""
-    corners, triangles = obstacles.mesh([shape])
-    a, b, c = np.moveaxis(corners[triangles] - shape.p_WO, 1, 0)
+    faces = obstacles.faces(shape)
+    triangles = [(f[0], f[k], f[k + 1]) for f in faces for k in range(1, len(f) - 1)]
+    a, b, c = np.moveaxis(np.array(triangles) - shape.p_WO, 1, 0)
     enclosed = np.abs(np.einsum("ni,ni->n", a, np.cross(b, c))).sum() / 6.0
     assert 0.85 * volume < enclosed <= volume + 1e-9
-    assert np.abs(shape.distance(corners)).max() < 1e-9
+    assert np.abs(shape.distance(np.vstack(faces))).max() < 1e-9
 
 
 class TestAttitude:

@@ -39,7 +39,6 @@ from quad_mpc_ros.extras.racing.planning.transcription import (
     Solved,
     solve,
 )
-from quad_mpc_ros.extras.racing.planning.transcription import unpacked as nodes_of
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.course import Course
 from quad_mpc_ros.references.motion_table import MotionTable, PlannedMotion
@@ -94,7 +93,6 @@ def plan_race(
     radius: float = 0.0,
     step: float = 0.05,
     progress: Progress | None = None,
-    resumed: Array | None = None,
 ) -> RacePlan:
     """Return the plan of minimum time through gates, by CasADi (the extra ``plan``).
 
@@ -109,7 +107,6 @@ def plan_race(
         radius: Of the vehicle; kept from the frames of gates that have one, too [m].
         step: The longest step between nodes [s].
         progress: Is told the stage, the iteration, the time so far [s] and the variables.
-        resumed: The variables of a plan that was interrupted.
 
     Returns:
         The plan: its ``race_time``, its ``table``, its ``trajectory()``, and ``write(path)``.
@@ -146,9 +143,7 @@ def plan_race(
         vehicle=vehicle, model=model, gate_margin=gate_margin, radius=radius, step=step
     )
     equations = equations_of(settings)
-    solved = _solved(
-        course, legs, vehicle, equations, step=step, progress=progress, resumed=resumed
-    )
+    solved = _solved(course, legs, vehicle, equations, step=step, progress=progress)
     return _plan(course, legs, settings, equations, solved)
 
 
@@ -169,7 +164,6 @@ def _solved(
     *,
     step: float,
     progress: Progress | None,
-    resumed: Array | None,
 ) -> Solved:
     lowest = lowest_of(course)
     point = flown_by_a_point(course, legs, vehicle, lowest=lowest, progress=progress)
@@ -178,8 +172,6 @@ def _solved(
     for longest_step in (step, 0.7 * step):
         posed = with_attitudes(point, vehicle, yaw=course.start_yaw, longest_step=longest_step)
         guess = guess_of(posed, model, vehicle)
-        if resumed is not None and len(resumed) == _size(guess):
-            guess = nodes_of(resumed, guess)
         solved = solve(
             legs,
             dynamics,
@@ -195,10 +187,6 @@ def _solved(
         f"{course.source}: no plan found ({failed}): are the gates reachable one after the other, "
         "the openings larger than the margin, and the limits those of the vehicle?"
     )
-
-
-def _size(nodes: Nodes) -> int:
-    return nodes.states.size + len(nodes.states) + nodes.inputs.size
 
 
 def lowest_of(course: Course) -> float:

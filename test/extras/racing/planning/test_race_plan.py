@@ -103,23 +103,6 @@ def test_same_input_same_plan() -> None:
     assert_array_equal(again.table.p_WB, short("rates").table.p_WB)
 
 
-def test_goes_on_from_where_it_was_interrupted() -> None:
-    kept = []
-    whole = plan_race(
-        course_from(SHORT),
-        *vehicle(),
-        gate_margin=0.1,
-        step=0.06,
-        progress=lambda stage, number, planned, x: kept.append((stage, number, x.copy())),
-    )
-    stages = [stage for stage, _, _ in kept]
-    assert stages.index("vehicle") > 0 and set(stages) == {"point", "vehicle"}
-    resumed = plan_race(
-        course_from(SHORT), *vehicle(), gate_margin=0.1, step=0.06, resumed=kept[-5][2]
-    )
-    assert resumed.race_time == pytest.approx(whole.race_time, abs=2e-3)
-
-
 def test_without_an_end_it_comes_to_rest_behind_the_last_gate() -> None:
     course = course_from({key: value for key, value in SHORT.items() if key != "end"})
     plan = plan_race(course, *vehicle(), step=0.06)
