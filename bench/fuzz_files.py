@@ -272,7 +272,7 @@ def _info(path: Path) -> None:
 
 
 def _report(path: Path) -> None:
-    summarise(Recording(path).flight(most_plans=10))
+    summarise(Recording(path).flight())
 
 
 def _motion() -> MotionTable:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -24,13 +24,11 @@ from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.model.target import reference_throttles
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.control.safety.window_validation import reference_fault
-from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.messages.corridor import HalfSpaces, corridor_from_message
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Stamps, StatsLog
 from quad_mpc_ros.simulation.scene import Scene
 
 if TYPE_CHECKING:  # a simulated flight needs no reader of bags
-    from quad_mpc_ros.recordings.reader import RecordedMessage
+    pass
 
 _PLACES_BETWEEN = 5  # two odometries, at which a clearance is taken
 _GAP_PERIODS = 2.5  # of the odometry: less is jitter
@@ -75,18 +73,6 @@ class CommandTrack:
     w_WB_B: Array
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RecordedPlan:
-    """Positions ``p_WB`` (n, 3) [m] along one plan, from the state at which it begins.
-
-    ``corridor`` are the half-spaces that it was held in, None where nothing was in the way.
-    """
-
-    stamp_ns: int
-    p_WB: Array
-    corridor: HalfSpaces | None = None
-
-
 class GatePoses(NamedTuple):
     """Where the gates of a course were told to be: (n, 3) [m] and (n, 4), in the file's order."""
 
@@ -103,11 +89,10 @@ class Flight:
     [rad/s] (n, 3); ``q_WB_xyzw`` (n, 4) with the sign that was recorded. ``reference`` is None
     when none was recorded. ``stats`` are the figures of the k ticks of the controller, each (k,),
     by their name in :class:`TickStats`. ``parameters`` are those recorded, by node; ``mpc`` are
-    those of the controller, defaults where they were not recorded. ``plans`` are some of the
-    controller's, as many as were asked for. ``scene`` is what it was flown among, its times from
-    the first odometry on; None where that is not known. ``gates`` are the poses of the gates of a
-    course that were told in flight, where they changed. ``rejected`` are the reasons why the
-    controller rejects odometries of the recording, with how many.
+    those of the controller, defaults where they were not recorded. ``scene`` is what it was flown
+    among, its times from the first odometry on; None where that is not known. ``gates`` are the
+    poses of the gates of a course that were received in flight, where they changed. ``rejected``
+    are the reasons why the controller rejects odometries of the recording, with how many.
 
     Raises:
         ArgumentError: An array has another shape, or something is of another type.
@@ -124,7 +109,6 @@ class Flight:
     stats: Mapping[str, NDArray[Any]]
     parameters: Mapping[str, Mapping[str, Any]]
     mpc: MpcConfig
-    plans: Sequence[RecordedPlan] = ()
     scene: Scene | None = None
     gates: Sequence[GatePoses] = ()
     rejected: Mapping[str, int] = field(default_factory=dict)
@@ -291,38 +275,3 @@ class ReferenceSampler:
         sample_into(stamp_ns - window.stamp_ns, packed(window), points)
         self._points[self._begin : end] = points
         self._begin = end
-
-
-class ChosenPlans:
-    """Keeps every n-th plan in the order of log times, and the corridors of the plans."""
-
-    def __init__(self, *, count: int, most: int) -> None:
-        """Take how many plans there are, and at least one as the ``most`` that are kept."""
-        self._step = max(1, -(-count // most))
-        self._seen = 0
-        self._plans: list[RecordedPlan] = []
-        self._corridors: dict[int, HalfSpaces] = {}
-
-    def take_corridor(self, message: RecordedMessage) -> None:
-        """Keep the corridor in a message if something is in it."""
-        corridor = corridor_from_message(message.message)
-        if len(corridor.offsets):
-            self._corridors[corridor.stamp_ns] = corridor
-
-    def take(self, message: RecordedMessage) -> None:
-        """Keep the plan in a message, if it is a chosen one and finite."""
-        if self._seen % self._step == 0:
-            p_WB = conversions.positions_from_path(message.message)
-            if np.all(np.isfinite(p_WB)):
-                stamp_ns = conversions.nanoseconds(message.message.header.stamp)
-                self._plans.append(RecordedPlan(stamp_ns=stamp_ns, p_WB=p_WB))
-        self._seen += 1
-
-    def until(self, end_ns: int) -> list[RecordedPlan]:
-        """Return the plans up to the end of a flight by their stamps."""
-        plans = [
-            replace(plan, corridor=self._corridors.get(plan.stamp_ns))
-            for plan in self._plans
-            if plan.stamp_ns <= end_ns
-        ]
-        return sorted(plans, key=lambda plan: plan.stamp_ns)

@@ -24,7 +24,6 @@ from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import (
     BATTERY,
     COMMAND,
-    CORRIDOR,
     ENGAGED,
     GATES,
     IMU,
@@ -32,7 +31,6 @@ from quad_mpc_ros.messages.topics import (
     ODOMETRY,
     ODOMETRY_RESET,
     PARAMETER_EVENTS,
-    PREDICTED_PATH,
     RECORDED_COMMAND,
     REFERENCE,
     STATS,
@@ -40,7 +38,6 @@ from quad_mpc_ros.messages.topics import (
 )
 from quad_mpc_ros.recordings import logs
 from quad_mpc_ros.recordings.flight import (
-    ChosenPlans,
     Flight,
     GatePoses,
     ReferenceSampler,
@@ -104,8 +101,8 @@ class Recording:
         """Return the recorded parameters of the node that ``kind`` configures, if any."""
         return recorded_parameters(self.parameters, kind)
 
-    def flight(self, *, most_plans: int = 0) -> Flight:
-        """Return the flight as arrays, with up to ``most_plans`` plans, evenly chosen.
+    def flight(self) -> Flight:
+        """Return the flight as arrays.
 
         It ends with the last usable odometry; what is stamped later is left out, because the
         controller's watchdog acts when a simulator has ended. Odometry and references that the
@@ -150,20 +147,12 @@ class Recording:
         }
         gates: list[GatePoses] = []
         again[GATES] = _gates_into(gates, frame_id=mpc.odometry.frame_id)
-        plan_count = sum(
-            self.bag.topics[name].message_count for name in self._names_of(PREDICTED_PATH)
-        )
-        plans = ChosenPlans(count=plan_count, most=max(most_plans, 1))
-        if most_plans:
-            again[PREDICTED_PATH] = self._all_of(PREDICTED_PATH, plans.take)
-            again[CORRIDOR] = self._all_of(CORRIDOR, plans.take_corridor)
         self._stream(again)
         return Flight(
             **arrays,
             reference=sampler.track(),
             parameters=self.parameters,
             mpc=mpc,
-            plans=plans.until(int(stamp_ns[-1])),
             scene=self.scene(),
             gates=gates,
             rejected=rejected,

@@ -258,38 +258,6 @@ def test_first_of_repeated_messages_counts(make_bag: BagStarter, build: SimpleNa
     assert summary["odom_to_command_ms"]["max"] == pytest.approx(201.0)
 
 
-class TestPlans:
-    @staticmethod
-    def read(bag: Any, most: int) -> list[tuple[int, float]]:
-        """Return stamp and first coordinate of the plans of a flight."""
-        flight = Recording(bag.writer.directory).flight(most_plans=most)
-        return [(plan.stamp_ns, float(plan.p_WB[0, 0])) for plan in flight.plans]
-
-    def test_keeps_every_nth_plan(self, make_bag: BagStarter, build: SimpleNamespace) -> None:
-        bag, start = make_bag(), build.start_ns
-        bag.odometry(build.odometry(start))
-        bag.odometry(build.odometry(start + 8))
-        for n in (0, 1, 3, 2, 4, 5, 6, 7, 8, 9):
-            bag.plan(start + n, np.full((3, 3), float(n)))
-        bag.writer.close()
-        # In the order of log times; the last one is stamped after the last odometry.
-        assert self.read(bag, 0) == []
-        assert self.read(bag, 3) == [(start + n, n) for n in (0, 4, 8)]
-        assert self.read(bag, 4) == [(start + n, n) for n in (0, 3, 6)]
-        assert self.read(bag, 5) == [(start + n, n) for n in (0, 2, 4, 6, 8)]
-        assert self.read(bag, 100) == [(start + n, n) for n in range(9)]
-
-    def test_skips_plans_that_are_not_finite(
-        self, make_bag: BagStarter, build: SimpleNamespace
-    ) -> None:
-        bag, start = make_bag(), build.start_ns
-        bag.odometry(build.odometry(start + 1))
-        bag.plan(start, np.full((3, 3), np.nan))
-        bag.plan(start + 1, np.ones((3, 3)))
-        bag.writer.close()
-        assert self.read(bag, 10) == [(start + 1, 1.0)]
-
-
 class TestRefusals:
     @staticmethod
     def refusal(bag: Any) -> str:
