@@ -95,7 +95,6 @@ def _run(
         # freed meanwhile is a segmentation fault. So they exist before and after that thread.
         # Never the multi-threaded executor: a single thread owns the controller.
         executors += [fastest_executor(message_info=message_info) for _ in creates]
-        install_signal_handlers(SignalHandlerOptions.ALL)
         with in_force(given):
             for create in creates:
                 nodes.append(create())
@@ -110,8 +109,12 @@ def _run(
         interrupts.spinning()
         for node in nodes:
             getattr(node, "begin", _nothing)()
-        threads += map(_spinning, nodes[1:], executors[1:])
-        _spin(nodes[0], executors[0])
+        for node, executor in zip(nodes, executors, strict=True):
+            _register(node, executor)
+        install_signal_handlers(SignalHandlerOptions.ALL)
+        if not interrupts.heard:
+            threads += map(_spinning, nodes[1:], executors[1:])
+            _spin(executors[0])
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
@@ -119,7 +122,7 @@ def _run(
         if starting:
             return EXIT_INTERRUPTED
     except Exception:
-        if rclpy.ok():
+        if rclpy.ok() and not interrupts.heard:
             raise
         # else asked to end meanwhile: rclpy then fails at whatever comes next
         if starting:
@@ -166,9 +169,12 @@ class _Interrupts:
         self._interrupts = True
         self._number = int(signal.SIGINT)
         self.started = False
+        self.heard = False
+        """Whether a signal has come."""
 
     def __call__(self, number: int, _frame: object) -> None:
         """Hear a signal."""
+        self.heard = True
         if self._interrupts:
             self._interrupts, self._number = False, number
             raise KeyboardInterrupt
@@ -250,7 +256,7 @@ def _spinning(node: Any, executor: Any) -> threading.Thread:
 
     def spin() -> None:
         try:
-            _spin(node, executor)
+            _spin(executor)
         except ExternalShutdownException:
             pass
         except Exception:
@@ -264,8 +270,19 @@ def _spinning(node: Any, executor: Any) -> threading.Thread:
     return thread
 
 
-def _spin(node: Node, executor: Any) -> None:
+def _register(node: Node, executor: Any) -> None:
+    """Add a node to an executor, and let that register for all that the node has.
+
+    If ROS ends while the events executor registers, it aborts the process. So a signal does not
+    end ROS before.
+    """
     executor.add_node(node)
+    registered = executor.create_task(_nothing)  # is run after that
+    while rclpy.ok() and not registered.done():
+        executor.spin_until_future_complete(registered, timeout_sec=_SPIN_TIMEOUT)
+
+
+def _spin(executor: Any) -> None:
     while rclpy.ok():
         try:
             _spin_some(executor)

@@ -184,3 +184,46 @@ def test_a_shutdown_takes_a_small_share_of_what_the_start_took(module: str, node
     spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     start = float(result.stdout)
     assert spent - start < 0.15 * start
+
+
+_REGISTERING = """
+import signal, sys, time
+from rclpy.event_handler import EventHandler
+from rclpy.node import Node
+from std_msgs.msg import Int32
+from quad_mpc_ros.ros import spin
+
+register, count = EventHandler.add_to_wait_set, 0
+
+def registering(self, wait_set):
+    global count
+    count += 1
+    if count == 2:
+        signal.raise_signal(signal.{name})
+        time.sleep(0.3)
+    register(self, wait_set)
+
+EventHandler.add_to_wait_set = registering
+
+def create():
+    node = Node("registered")
+    node.heard = [node.create_subscription(Int32, name, print, 1) for name in "ab"]
+    return node
+
+sys.exit(spin.run(create, message_info={message_info}))
+"""
+
+
+@pytest.mark.parametrize("message_info", [False, True])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_signal_while_the_executor_registers_a_node_is_exit_code_0(
+    name: str, message_info: bool
+) -> None:
+    """An events executor that registers while ROS ends aborts the process."""
+    program = _REGISTERING.format(name=name, message_info=message_info)
+
+    result = subprocess.run(
+        [sys.executable, "-P", "-c", program], capture_output=True, text=True, timeout=60
+    )
+
+    assert (result.returncode, result.stderr) == (0, "")
