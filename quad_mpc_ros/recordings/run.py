@@ -6,7 +6,7 @@ The bag may be of another stack: topics can be named, and pose and twist may be 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -118,8 +118,18 @@ def joined(poses: OdometryLog, twists: OdometryLog) -> OdometryLog:
 
     Only the poses of the former and the twists of the latter are used.
     """
+    if not poses or not twists:
+        return OdometryLog()
+    order = np.argsort(twists.stamp_ns, kind="stable")
+    twist_ns, pose_ns = twists.stamp_ns[order], poses.stamp_ns
+    gaps = np.diff(np.unique(pose_ns))
+    tolerance_ns = float(np.median(gaps)) / 2.0 if len(gaps) else float("inf")
+    # Up to the middle between two twists the earlier one is the nearer.
+    nearest = np.searchsorted(twist_ns[:-1] + np.diff(twist_ns) // 2, pose_ns)
+    near = np.abs(pose_ns - twist_ns[nearest]) <= tolerance_ns
     found = []
-    for pose, twist in _nearest(poses, twists):
+    for place in np.flatnonzero(near).tolist():
+        pose, twist = poses[place], twists[int(order[nearest[place]])]
         moving = dataclasses.replace(
             pose.value, v_WB_B=twist.value.v_WB_B, w_WB_B=twist.value.w_WB_B
         )
@@ -131,22 +141,3 @@ def joined(poses: OdometryLog, twists: OdometryLog) -> OdometryLog:
         )
         found.append(received)
     return OdometryLog.of(sorted(found, key=lambda received: received.log_time_ns))
-
-
-def _nearest(
-    poses: OdometryLog, twists: OdometryLog
-) -> Iterator[tuple[Received[OdometrySample], Received[OdometrySample]]]:
-    """Yield each pose that a twist is near to, with that twist."""
-    if not poses or not twists:
-        return
-    order = np.argsort(twists.stamp_ns, kind="stable")
-    twist_ns, pose_ns = twists.stamp_ns[order], poses.stamp_ns
-    gaps = np.diff(np.unique(pose_ns))
-    tolerance_ns = float(np.median(gaps)) / 2.0 if len(gaps) else float("inf")
-    after = np.clip(np.searchsorted(twist_ns, pose_ns), 1, max(len(twist_ns) - 1, 1))
-    before = after - 1
-    after = np.minimum(after, len(twist_ns) - 1)
-    nearest = np.where(pose_ns - twist_ns[before] <= twist_ns[after] - pose_ns, before, after)
-    near = np.abs(pose_ns - twist_ns[nearest]) <= tolerance_ns
-    for place in np.flatnonzero(near).tolist():
-        yield poses[place], twists[int(order[nearest[place]])]
