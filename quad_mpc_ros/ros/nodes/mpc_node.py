@@ -12,6 +12,7 @@ from rclpy.publisher import Publisher
 from quad_mpc_ros.configuration import UserError, optional_part
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.guide import FAILED
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.safety.ladder import Source
 from quad_mpc_ros.control.standby import Standby
@@ -274,9 +275,12 @@ class MpcNode(ManagedNode[MpcConfig]):
 
     def _on_odometry_reset(self, message: Any) -> None:
         try:
-            self._controller.reset_estimate(conversions.reset_from_message(message))
+            reset = conversions.reset_from_message(message)
         except ValueError as error:
             self._warn(str(error))
+            return
+        self._standby.reset_estimate(reset)
+        self._controller.reset_estimate(reset)
 
     def _on_gates(self, message: Any) -> None:
         """Take where the gates are by now."""
@@ -397,6 +401,9 @@ class MpcNode(ManagedNode[MpcConfig]):
         if tick.stats.accelerometer in _ACCELEROMETER_FAILS:
             level = max(level, WARN)
             text += f", the accelerometer {_ACCELEROMETER_FAILS[tick.stats.accelerometer]}"
+        if tick.stats.avoidance == FAILED:
+            level = max(level, WARN)
+            text += ", the guide failed: obstacles are not avoided"
         heard: list[tuple[str, str]] = []
         if self._obstacle_inputs is not None:
             of_obstacles, fault = self._obstacle_inputs.fault(tick.stats.stamp_ns)
