@@ -11,6 +11,7 @@ from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.output import check_writable, results_in, write_new
 from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.commands.run_options import add_config, add_set
+from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.configuration.arguments import number
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.control.lie import Array
@@ -38,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         default=Path("race.csv"),
-        help="the table of the plan (default: race.csv)",
+        help="the plan, a table (default: race.csv)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace a plan that exists")
     parser.add_argument(
@@ -84,6 +85,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Plan, write, draw; return the exit code."""
     _check_numbers(options)
+    if options.out.suffix == ".mcap":
+        raise UserError(f"--out: given {options.out}, expected a table, for example race.csv")
     check_writable("--out", options.out, overwrite=options.overwrite)
     picture = options.out.with_suffix(".png")
     check_writable("--out", picture, overwrite=options.overwrite)
