@@ -39,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         default=Path("race.csv"),
-        help="the table of the plan (default: race.csv)",
+        help="the plan, a table (default: race.csv)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace a plan that exists")
     parser.add_argument(

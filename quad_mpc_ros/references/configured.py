@@ -16,6 +16,7 @@ from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.feasibility import Verdict, judged
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.flatness import yaw_of
+from quad_mpc_ros.references.gate_parameters import gates_path
 from quad_mpc_ros.references.minimum_snap import snap_spline
 from quad_mpc_ros.references.path import Path, Slowed, SplinePath, Turned
 from quad_mpc_ros.references.trajectory import Trajectory
@@ -57,6 +58,8 @@ def judged_trajectory(
     """Return the configured trajectory with the verdict on it, also when it is not feasible."""
     if config.trajectory == "bag":
         return _judged(point_table.bag_path(config, read_bag), config)
+    if config.trajectory == "gates":
+        return _judged(gates_path(config), config)
     return _judged(config.entry().make(config), config)
 
 

@@ -98,6 +98,7 @@ def test_ctrl_c_ends_the_search_and_leaves_nothing(
         ({}, ["--gate-margin", "0.3"], "gates[2]: unreachable"),
         ({}, ["--margin", "0.99"], "reference.limit_margin: given 0.99"),
         ({}, ["--out", "/dev/null/race.csv"], "--out: /dev/null/race.csv cannot be written"),
+        ({}, ["--out", "race.mcap"], "--out: given race.mcap, expected a table"),
     ],
 )
 def test_bad_input_is_told_in_a_sentence(
