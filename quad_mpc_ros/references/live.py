@@ -9,8 +9,8 @@ Once they act, it continues from there: ``on_request`` stays, ``at_once`` begins
 after a take-off if on the ground. When they stop acting, it waits again.
 
 Whether the vehicle stands is the MPC's to say (:meth:`LiveReference.tell_ground`). Where it is
-not heard, or does not know, the flight stack's word counts, and without that the height at which
-the vehicle was seen first and whether it follows a landing (:mod:`.touchdown`).
+not heard, or does not know, the flight stack's word counts, and without that, until a take-off,
+the height at which the vehicle was seen first. One of the two must say that a landing is over.
 """
 
 from __future__ import annotations
@@ -41,7 +41,6 @@ from quad_mpc_ros.references.feasibility import judged
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.server import ReferenceServer
 from quad_mpc_ros.references.timeline import Phase, Timeline
-from quad_mpc_ros.references.touchdown import Touchdown
 from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples
 from quad_mpc_ros.references.transition import FlatState
 from quad_mpc_ros.references.velocity import VelocityCommand
@@ -121,7 +120,6 @@ class LiveReference:
         self._stood = StandingHeight(LEFT_GROUND_UNPOWERED)
         self.too_late: Callable[[int], bool] = lambda start_ns: False
         """Whether it is too late to begin at a time; such requests are refused."""
-        self._touchdown = Touchdown(config.touchdown_speed)
 
     @property
     def _director(self) -> Director | None:
@@ -168,7 +166,6 @@ class LiveReference:
             self._newest, self._home = reset.odometry(self._newest), reset.points(self._home)
         if self._stood.height is not None:
             self._stood.height += float(reset.step_W[2])
-        self._touchdown = Touchdown(self._config.touchdown_speed)
         self._wait()
         moves = self._director is None or self._director.reset_estimate(now_ns, reset)
         stepped = f"the estimate steps by {np.linalg.norm(reset.step_W):.2f} m"
@@ -210,12 +207,10 @@ class LiveReference:
 
     def _is_down(self, director: Director, odometry: OdometrySample) -> bool:
         """Whether a landing has reached the ground."""
-        reference_height = float(director.timeline.at([odometry.stamp_ns]).p_WB[0, 2])
-        stays = self._touchdown.felt(odometry, reference_height=reference_height)
-        if self._ground is not GroundState.UNKNOWN:
+        if self._ground is not GroundState.UNKNOWN or self._landed is not True:
             return self._ground.stands
-        below = float(odometry.p_WB[2]) - reference_height > LEFT_GROUND
-        return stays or (self._landed is True and below)
+        reference_height = float(director.timeline.at([odometry.stamp_ns]).p_WB[0, 2])
+        return float(odometry.p_WB[2]) - reference_height > LEFT_GROUND
 
     @property
     def published(self) -> Published | None:
@@ -274,10 +269,7 @@ class LiveReference:
 
     def land(self, now_ns: int) -> Reply:
         """Descend to the ground and idle there."""
-        reply = self._requested(lambda director: director.land(now_ns))
-        if reply.accepted:
-            self._touchdown = Touchdown(self._config.touchdown_speed)
-        return reply
+        return self._requested(lambda director: director.land(now_ns))
 
     def go_to(self, now_ns: int, *, frame_id: str, p_WB: Array, q_WB_xyzw: Array) -> Reply:
         """Go to a pose, position (3,) [m] and quaternion (4,), of which only the yaw is used.
@@ -395,7 +387,6 @@ class LiveReference:
             self._at_once = False
         else:
             reply = Reply(accepted=True, text=f"{director.mode(now_ns)} where the vehicle is")
-        self._touchdown = Touchdown(self._config.touchdown_speed)
         self._follow(director)
         return reply
 

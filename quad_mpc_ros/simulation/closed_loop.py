@@ -204,4 +204,4 @@ def _trajectory(reference: ReferenceConfig, given: Trajectory | Path | None) -> 
         return configured_trajectory(reference)
     if isinstance(given, Trajectory):
         return given
-    return FlatTrajectory(given, gravity=reference.gravity, drag=reference.drag, yaw=reference.yaw)
+    return FlatTrajectory(given, reference, yaw=reference.yaw)
