@@ -110,13 +110,13 @@ def _estimation() -> None:
 def _plants() -> None:
     from quad_mpc_ros.configuration import UserError
     from quad_mpc_ros.recordings.evaluation.simulated import load_config
-    from quad_mpc_ros.simulation.config import PLANTS, make_plant
+    from quad_mpc_ros.simulation.config import PLANTS, compile_plant
 
     for name, entry in PLANTS.items():
         preset = entry.preset or "default"
         try:
             config = load_config(preset, assignments=(f"simulator.plant={name}",))
-            make_plant(config.simulator).advance_to(1)
+            compile_plant(config.simulator)
         except (ImportError, UserError):  # it is not installed
             continue
 
