@@ -182,17 +182,17 @@ class LiveReference:
         return lifts or self.mode(now_ns) in (WAITING, GROUND, LANDING)
 
     def observe(self, odometry: OdometrySample) -> Reply | None:
-        """Take an odometry; return what follows from it, if it is the first or a touchdown."""
+        """Take a valid odometry; return what follows, if it is the first or a touchdown."""
         now_ns = odometry.stamp_ns
         if self._newest is None:
             self._home = odometry.p_WB
         self._newest = odometry
         self._see_height(odometry)
         if self._director is None:
-            if self._engaged is None:
-                return self._begin(odometry)
             if self._engaged:
                 return self._take_over(odometry)
+            if self._engaged is None:
+                self._begin(odometry)
             self._wait()
             return None
         if self._ground is GroundState.LIFTING_OFF:
@@ -359,21 +359,12 @@ class LiveReference:
             self._follow(self._director)
         return reply
 
-    def _begin(self, odometry: OdometrySample) -> Reply | None:
+    def _begin(self, odometry: OdometrySample) -> None:
         """Begin at the first odometry, where nobody publishes whether commands act."""
         if self._at_once:
             self._follow_as_it_is(odometry.stamp_ns)
-            return None
-        fault = pose_fault(
-            frame_id=odometry.frame_id,
-            expected_frame_id=self._config.frame_id,
-            p_WB=odometry.p_WB[None],
-            q_WB_xyzw=odometry.q_WB_xyzw[None],
-        )
-        if fault is not None:
-            return Reply(accepted=False, text=f"cannot start from this odometry: {fault}")
+            return
         self._follow(Director.standing(self._config, p_WB=odometry.p_WB, yaw=_heading(odometry)))
-        return None
 
     def _take_over(self, odometry: OdometrySample) -> Reply:
         """Continue from where the vehicle is, because commands act from now on."""
