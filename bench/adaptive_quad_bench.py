@@ -382,12 +382,7 @@ def flown(job: Job) -> Flown:
         simulator=config.simulator,
         reference=reference,
         plant=Craft(config.simulator, trial),
-        trajectory=FlatTrajectory(
-            Primitive(trial.goal),
-            gravity=reference.gravity,
-            drag=reference.drag,
-            rotor_drag=reference.rotor_drag,
-        ),
+        trajectory=FlatTrajectory(Primitive(trial.goal), reference),
         controller=warmed_up(config.mpc),
     ):
         errors.append(float(np.linalg.norm(step.truth.p_WB - step.window.p_WB[0])))

@@ -212,7 +212,7 @@ class Flight:
         trajectory = joined_trajectory(config.reference)
         if case.sinks:
             path = Straight(self.plant.state.p_WB, v_WB_W=np.array([0.0, 0.0, -SINKING]))
-            trajectory = FlatTrajectory.of(config.reference, path, yaw=0.0)
+            trajectory = FlatTrajectory(path, config.reference, yaw=0.0)
         self.reference = LiveReference(
             config.reference, trajectory, joined=lambda: joined_trajectory(config.reference)
         )

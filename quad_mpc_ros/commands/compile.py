@@ -15,19 +15,6 @@ from concurrent.futures import Future, ProcessPoolExecutor, wait
 from quad_mpc_ros.configuration.compilation import cache_folder, cached_functions
 
 _PRESETS = ("default", "agile", "paper", "paper_rigid_body", "vehicles/racer", "vehicles/sun_2022")
-_EFFECTS = (
-    "simulator.rate_time_constant=0.03",
-    "simulator.thrust_time_constant=0.03",
-    "simulator.command_delay=0.02",
-    "simulator.odom_delay=0.01",
-    "simulator.odom_jitter=0.002",
-    "simulator.wind=[1.0, 0.0, 0.0]",
-    "simulator.gust_intensity=1.0",
-    "simulator.position_noise=0.01",
-    "simulator.attitude_noise=0.005",
-    "simulator.velocity_noise=0.02",
-    "simulator.rate_noise=0.01",
-)
 _IDEAL = ("mpc.rate_time_constant=0.0", "mpc.thrust_time_constant=0.0", "mpc.input_delay=0.0")
 _NOT_ESTIMATING = ("mpc.estimate_disturbance=false",)
 _DURATION = "simulator.duration=0.4"
@@ -118,18 +105,13 @@ def _estimation() -> None:
 def _plants() -> None:
     from quad_mpc_ros.configuration import UserError
     from quad_mpc_ros.recordings.evaluation.simulated import load_config
-    from quad_mpc_ros.simulation.config import PLANTS
-    from quad_mpc_ros.simulation.warm_up import warm_up
+    from quad_mpc_ros.simulation.config import PLANTS, compile_plant
 
-    for (name, entry), effects in itertools.product(PLANTS.items(), ((), _EFFECTS)):
-        own = tuple(f"simulator.{parameter}=" for parameter in entry.has_own)
-        assignments = (effect for effect in effects if not own or not effect.startswith(own))
+    for name, entry in PLANTS.items():
+        preset = entry.preset or "default"
         try:
-            config = load_config(
-                entry.preset or "default",
-                assignments=(f"simulator.plant={name}", _DURATION, *assignments),
-            )
-            warm_up(config.simulator)
+            config = load_config(preset, assignments=(f"simulator.plant={name}",))
+            compile_plant(config.simulator)
         except (ImportError, UserError):  # it is not installed
             continue
 

@@ -18,7 +18,7 @@ from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.gate_parameters import gates_path
 from quad_mpc_ros.references.minimum_snap import snap_spline
-from quad_mpc_ros.references.path import Path, Slowed, SplinePath, Turned
+from quad_mpc_ros.references.path import Path, Slowed, SplinePath
 from quad_mpc_ros.references.trajectory import Trajectory
 
 # Of the search for how much slower: the growth of the factor, the last one, and the precision.
@@ -103,7 +103,7 @@ def _feasible(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]
 
 def _flown(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]:
     try:
-        trajectory = FlatTrajectory.of(config, path, yaw=config.yaw)
+        trajectory = FlatTrajectory(path, config, yaw=config.yaw)
     except ValueError as error:
         raise _refusal(config, str(error)) from error
     return trajectory, judged(trajectory, config)
@@ -158,16 +158,12 @@ def received_trajectory(window: ReferenceWindow, config: ReferenceConfig) -> Fla
         raise UserError(f"it takes {seconds[-1] - seconds[0]:g} s, expected at most {_LONGEST:g}")
     R_WB = so3.rotation_from_quaternion_xyzw(window.q_WB_xyzw)
     yaw = np.unwrap([yaw_of(R) for R in R_WB])
-    return FlatTrajectory.of(config, _through(seconds - seconds[0], window.p_WB, yaw, config))
+    return FlatTrajectory(_through(seconds - seconds[0], window.p_WB, yaw, config), config)
 
 
 def _through(seconds: Array, p_WB: Array, yaw: Array, config: ReferenceConfig) -> Path:
     if len(seconds) < point_table.LEAST_POINTS:
-        duration = float(seconds[-1])
-        turn = np.column_stack((yaw, np.zeros((len(yaw), 2))))
-        return Turned(
-            SplinePath(snap_spline(p_WB, seconds), duration=duration),
-            SplinePath(snap_spline(turn, seconds), duration=duration),
-        )
+        spline = snap_spline(np.column_stack((p_WB, yaw)), seconds)
+        return SplinePath(spline, duration=float(seconds[-1]))
     table = point_table.PointTable(source="the message", seconds=seconds, p_WB=p_WB, yaw=yaw)
     return point_table.table_path(table, dataclasses.replace(config, origin=(0.0, 0.0)))

@@ -56,9 +56,6 @@ _FASTEST = 1e3  # m/s; so fast is no vehicle, but an odometry gone wrong
 _STOP_PEAK = 1.9  # a little above the peak of a stop's acceleration over its mean
 _SHORTEST_STOP = 0.5  # s
 
-_Wanted = tuple[str, FlatState, FlatState]
-"""The name of a leg, and the flat states that it leads from and to."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Reply:
@@ -112,7 +109,7 @@ class Director:
             # Closed form, not the quickest: it is planned at every window.
             seconds = max(_STOP_PEAK * speed / config.max_acceleration, _SHORTEST_STOP)
             path = Leg(start.end, End.at_rest(None), duration=seconds)
-            leg = FlatTrajectory.of(config, path, yaw=start.yaw)
+            leg = FlatTrajectory(path, config, yaw=start.yaw)
             phase = Phase(start_ns=start_ns, name=GOING, trajectory=leg)
             director._follow(start_ns, [phase], HOLD, None)
         return director
@@ -129,7 +126,7 @@ class Director:
     def sink(self, now_ns: int, *, p_WB: Array, yaw: float) -> None:
         """Let a vehicle sink that flies although the reference is on the ground."""
         down = Straight(p_WB, v_WB_W=np.array([0.0, 0.0, -self._config.touchdown_speed]))
-        trajectory = FlatTrajectory.of(self._config, down, yaw=yaw)
+        trajectory = FlatTrajectory(down, self._config, yaw=yaw)
         self.timeline.follow([Phase(start_ns=now_ns, name=LANDING, trajectory=trajectory)])
 
     def _stand(self, now_ns: int, p_WB: Array, yaw: float) -> None:
@@ -154,13 +151,10 @@ class Director:
         """Climb to ``height`` [m] above the ground, and hold."""
         if self.mode(now_ns) != GROUND:
             return self._refused(now_ns, "take-off")
-        if not 0.0 < height < np.inf:
-            return Reply(accepted=False, text=f"take-off to {height} m, expected a number > 0")
         start = flat_state_of(self.timeline, now_ns)
         above = self.timeline.at([now_ns]).p_WB[0]
         above[2] = self.ground + height
-        goal = FlatState.at_rest(above, yaw=start.yaw)
-        return self._go(now_ns, [(TAKEOFF, start, goal)], then=HOLD)
+        return self._go(now_ns, TAKEOFF, FlatState.at_rest(above, yaw=start.yaw), then=HOLD)
 
     def slipped(self, now_ns: int, *, p_WB: Array) -> None:
         """Let a take-off to a hold climb above where a vehicle is that has not left the ground.
@@ -178,8 +172,8 @@ class Director:
         """Go to the beginning of a trajectory, matching its initial motion, and fly it."""
         if not self._airborne(now_ns):
             return self._refused(now_ns, "start")
-        legs = [(GOING, flat_state_of(self.timeline, now_ns), flat_state_of(trajectory, 0))]
-        return self._go(now_ns, legs, then=TRACKING, trajectory=trajectory)
+        start = flat_state_of(trajectory, 0)
+        return self._go(now_ns, GOING, start, then=TRACKING, trajectory=trajectory)
 
     def change_way(self, phase: Phase, trajectory: Trajectory, *, from_ns: int) -> Reply:
         """Fly in place of the last phase another trajectory, which is the same up to a time."""
@@ -201,10 +195,7 @@ class Director:
         """Go to a place (3,) [m] and heading [rad], and stay there."""
         if not self._airborne(now_ns):
             return self._refused(now_ns, "goal")
-        if not np.all(np.isfinite([*p_WB, yaw])):
-            return Reply(accepted=False, text=f"goal {[*p_WB, yaw]}, expected finite numbers")
-        legs = [(GOING, flat_state_of(self.timeline, now_ns), FlatState.at_rest(p_WB, yaw=yaw))]
-        return self._go(now_ns, legs, then=HOLD)
+        return self._go(now_ns, GOING, FlatState.at_rest(p_WB, yaw=yaw), then=HOLD)
 
     def follow_velocity(
         self, now_ns: int, command: VelocityCommand, limits: VelocityLimits, *, timeout: float
@@ -231,9 +222,9 @@ class Director:
             known = self._following[1].fixed(steps)
         path = followed(known, command, limits, held=1e-9 * (now_ns - start_ns) + timeout)
         try:
-            trajectory = FlatTrajectory.of(self._config, path)
+            trajectory = FlatTrajectory(path, self._config)
         except ValueError as error:
-            return Reply(accepted=False, text=f"no feasible way there: {error}")
+            return _no_way(str(error))
         following = Phase(start_ns=start_ns, name=VELOCITY, trajectory=trajectory)
         reply = self._follow(now_ns, [following], HOLD, None)
         if not reply.accepted:
@@ -249,18 +240,13 @@ class Director:
         above = _end_of(stop.trajectory)
         sinking = self._sinking(above)
         leg = self._leg(LANDING, above, sinking)
-        planned = [
-            stop,
-            Phase(
-                start_ns=stop.start_ns + stop.trajectory.period_ns, name=LANDING, trajectory=leg
-            ),
-        ]
+        descent_ns = stop.start_ns + stop.trajectory.period_ns
+        descent = Phase(start_ns=descent_ns, name=LANDING, trajectory=leg)
         # A leg that is too low for a descent ends where it has reached the speed of sinking.
-        lowest = planned[-1].trajectory.at([planned[-1].trajectory.period_ns - 1]).p_WB[0]
+        lowest = leg.at([leg.period_ns - 1]).p_WB[0]
         down = Straight(lowest, v_WB_W=sinking.end.v_WB_W)
-        reply = self._follow(
-            now_ns, planned, LANDING, FlatTrajectory.of(self._config, down, yaw=above.yaw)
-        )
+        trajectory = FlatTrajectory(down, self._config, yaw=above.yaw)
+        reply = self._follow(now_ns, [stop, descent], LANDING, trajectory)
         if not reply.accepted:
             return reply
         still = max(float(lowest[2]) - self.ground, 0.0) / self._config.touchdown_speed
@@ -295,13 +281,29 @@ class Director:
         return FlatState(end=dataclasses.replace(rest, v_WB_W=v_WB_W), yaw=above.yaw)
 
     def _go(
-        self, now_ns: int, legs: list[_Wanted], *, then: str, trajectory: Trajectory | None = None
+        self,
+        now_ns: int,
+        name: str,
+        goal: FlatState,
+        *,
+        then: str,
+        trajectory: Trajectory | None = None,
     ) -> Reply:
-        """Fly legs one after the other, then a trajectory, or stay where the last one ends."""
-        phases = self._planned(now_ns, legs)
-        if isinstance(phases, Reply):
-            return phases
-        return self._follow(now_ns, phases, then, trajectory)
+        """Fly a leg from the present motion to a goal, then a trajectory, or stay at the goal."""
+        start = flat_state_of(self.timeline, now_ns)
+        if start.inverted:
+            return INVERTED
+        try:
+            leg = self._leg(name, start, goal)
+        except ValueError as error:
+            return _no_way(str(error))
+        verdict = self._judged(name, leg)
+        if not verdict.feasible:
+            return _no_way(verdict.reason())
+        if not leg.upright:
+            return _no_way("it leads through upside down")
+        phase = Phase(start_ns=now_ns, name=name, trajectory=leg)
+        return self._follow(now_ns, [phase], then, trajectory)
 
     def _follow(
         self, now_ns: int, phases: list[Phase], then: str, trajectory: Trajectory | None
@@ -322,23 +324,6 @@ class Director:
             [*phases, Phase(start_ns=arrival_ns, name=then, trajectory=trajectory)]
         )
         return Reply(accepted=True, text=f"{then} in {1e-9 * (arrival_ns - now_ns):.1f} s")
-
-    def _planned(self, now_ns: int, legs: list[_Wanted]) -> list[Phase] | Reply:
-        """Return the phases of legs one after the other, or why they cannot be flown."""
-        phases, time_ns = [], now_ns
-        for name, start, goal in legs:
-            if start.inverted:
-                return INVERTED
-            try:
-                leg = self._leg(name, start, goal)
-            except ValueError as error:
-                return Reply(accepted=False, text=f"no feasible way there: {error}")
-            reason = self._objection(name, leg)
-            if reason:
-                return Reply(accepted=False, text=f"no feasible way there: {reason}")
-            phases.append(Phase(start_ns=time_ns, name=name, trajectory=leg))
-            time_ns += leg.period_ns
-        return phases
 
     def _stop(self, now_ns: int, name: str) -> Phase:
         """Return the phase that leads to rest soon and exceeds the limits least.
@@ -380,13 +365,6 @@ class Director:
         share = sum(abs(need.margin) / max(abs(need.limit), 1.0) for need in needs)
         return float(share) + (0.0 if leg.upright else _UPSIDE_DOWN)
 
-    def _objection(self, name: str, leg: FlatTrajectory) -> str:
-        """Return why a leg cannot be flown, or an empty string."""
-        verdict = self._judged(name, leg)
-        if not verdict.feasible:
-            return verdict.reason()
-        return "" if leg.upright else "it leads through upside down"
-
     def _judged(self, name: str, leg: FlatTrajectory) -> Verdict:
         ground = -np.inf if _is_vertical(name) else self.ground
         return judged(leg, self._config, ground=ground)
@@ -404,7 +382,7 @@ class Director:
             max_acceleration=share * self._config.max_acceleration,
             max_yaw_rate=YAW_SHARE * self._config.rate_limits[2],
         )
-        return FlatTrajectory.of(self._config, path)
+        return FlatTrajectory(path, self._config)
 
     def _airborne(self, now_ns: int) -> bool:
         return self.mode(now_ns) != GROUND
@@ -421,13 +399,17 @@ def published_window(
     return idling(window, gravity) if stays else window
 
 
+def _no_way(reason: str) -> Reply:
+    return Reply(accepted=False, text=f"no feasible way there: {reason}")
+
+
 def _is_vertical(name: str) -> bool:
     """Return whether a leg leads from or to the ground, slowly."""
     return name in (TAKEOFF, LANDING)
 
 
 def _at_rest(config: ReferenceConfig, p_WB: Array, yaw: float) -> FlatTrajectory:
-    return FlatTrajectory.of(config, Rest(p_WB, duration=1.0), yaw=yaw)
+    return FlatTrajectory(Rest(p_WB, duration=1.0), config, yaw=yaw)
 
 
 def _end_of(trajectory: Trajectory) -> FlatState:

@@ -18,7 +18,7 @@ import numpy as np
 from quad_mpc_ros.configuration import parameter, per_axis
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.minimum_snap import snap_spline
-from quad_mpc_ros.references.path import Path, SplinePath, Turned, with_lowest_point
+from quad_mpc_ros.references.path import Path, SplinePath, with_lowest_point
 from quad_mpc_ros.references.smooth_turn import SmoothTurn
 from quad_mpc_ros.references.trajectory import TrajectoryParameters
 
@@ -88,12 +88,11 @@ class ExcitationParameters(TrajectoryParameters):
 def excitation(config: ExcitationParameters) -> Path:
     """Return the sweeps of a configuration, their lowest point at the configured height."""
     sweeps = _Sweeps(config)
-    middle = np.array([*config.origin, 0.0])
     places = sweeps.positions()
-    yaw = np.zeros_like(places)
-    yaw[:, 0] = sweeps.yaw(places)
-    turned = Turned(sweeps.path(middle + places), sweeps.path(yaw))
-    return with_lowest_point(turned, config.height)
+    middle = np.array([*config.origin, 0.0])
+    values = np.column_stack((middle + places, sweeps.yaw(places)))
+    path = SplinePath(snap_spline(values, sweeps.seconds), duration=sweeps.duration)
+    return with_lowest_point(path, config.height)
 
 
 class _Sweeps:
@@ -112,10 +111,6 @@ class _Sweeps:
         slowly = {"x": share, "y": 1.0 - share, "z": around}
         self._shares = {axis: each**_SLOWLY for axis, each in slowly.items()}
         self._shares["yaw"] = 1.0 - around
-
-    def path(self, values: Array) -> SplinePath:
-        """Return the path through values (n, 3) that rests at both ends."""
-        return SplinePath(snap_spline(values, self.seconds), duration=self.duration)
 
     def positions(self) -> Array:
         """Return the places (n, 3) [m] about the middle, within reach, speed and tilt."""

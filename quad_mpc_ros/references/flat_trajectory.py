@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from quad_mpc_ros.configuration import PerAxis, per_axis
+from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.vehicle import VehicleParameters
 from quad_mpc_ros.references.flatness import FlatInputs, ThrustFrames, flat_inputs, thrust_axis
@@ -31,34 +31,14 @@ class FlatTrajectory:
     smooth = True
     fixed = True
 
-    def __init__(
-        self,
-        path: Path,
-        *,
-        gravity: float,
-        drag: PerAxis,
-        rotor_drag: PerAxis = 0.0,
-        yaw: float = 0.0,
-    ) -> None:
-        """Prepare the frames; raises ``ValueError`` with the time of free fall."""
-        self._path = path
-        self._gravity, self._drag, self._rotor_drag, self._yaw = gravity, drag, rotor_drag, yaw
+    def __init__(self, path: Path, vehicle: VehicleParameters, *, yaw: float = 0.0) -> None:
+        """Prepare the frames for a vehicle; raises ``ValueError`` with the time of free fall."""
+        self._path, self._vehicle, self._yaw = path, vehicle, yaw
         self._frames = self._prepared_frames()
         start = path.at(np.zeros(1))
         self._heading = yaw + float(np.ravel(start.yaw)[0])
         self._starts_in_motion = bool(
             max(np.abs(start.v_WB_W).max(), np.abs(start.a_WB_W).max()) > _AT_REST
-        )
-
-    @classmethod
-    def of(cls, vehicle: VehicleParameters, path: Path, *, yaw: float = 0.0) -> FlatTrajectory:
-        """Return a path as a vehicle flies it; raises as the constructor."""
-        return cls(
-            path,
-            gravity=vehicle.gravity,
-            drag=vehicle.drag,
-            rotor_drag=vehicle.rotor_drag,
-            yaw=yaw,
         )
 
     @property
@@ -107,9 +87,9 @@ class FlatTrajectory:
             j_WB_W=path.j_WB_W,
             yaw=self._yaw + np.asarray(path.yaw),
             yaw_rate=path.yaw_rate,
-            gravity=self._gravity,
-            drag=self._drag,
-            rotor_drag=self._rotor_drag,
+            gravity=self._vehicle.gravity,
+            drag=self._vehicle.drag,
+            rotor_drag=self._vehicle.rotor_drag,
             chart=chart,
         )
 
@@ -119,16 +99,17 @@ class FlatTrajectory:
         steps = np.clip(np.ceil(duration / _KNOT_STEP), _LEAST_KNOTS, _MOST_KNOTS)
         knots = np.linspace(0.0, duration, int(steps) + 1)
         # The drag at the speed of hover: the charts need not be exact.
-        total = np.add(per_axis(self._drag), per_axis(self._rotor_drag))
+        rotors = per_axis(self._vehicle.rotor_drag)
+        total = np.add(per_axis(self._vehicle.drag), rotors)
         x_drag, y_drag = float(total[0]), float(total[1])
-        depends_on_frame = x_drag != y_drag or any(per_axis(self._rotor_drag))
+        depends_on_frame = x_drag != y_drag or any(rotors)
         with np.errstate(over="ignore", invalid="ignore"):
             path = self._path.at(knots)
             z, _, _ = thrust_axis(
                 v_WB_W=path.v_WB_W,
                 a_WB_W=path.a_WB_W,
                 j_WB_W=path.j_WB_W,
-                gravity=self._gravity,
+                gravity=self._vehicle.gravity,
                 drag=0.5 * (x_drag + y_drag),
                 seconds=knots,
             )

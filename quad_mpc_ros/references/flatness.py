@@ -8,7 +8,7 @@ With a drag -R D R' v, D = diag(mu_x, mu_y, mu_z), the body's x axis must be acr
 a + mu_x v + g e_3 and its y axis across a + mu_y v + g e_3 (Faessler, Franchi, Scaramuzza,
 "Differential flatness of quadrotor dynamics subject to rotor drag", RA-L 2018): the attitude
 depends on the yaw, and is found by iteration from that for the mean of the two. What acts along
-the body's z axis, mu_z and the lift k_h (v_x^2 + v_y^2), changes the thrust and nothing else.
+the body's z axis, mu_z and lift, changes the thrust and nothing else.
 
 Drag of the rotors, mu + nu sqrt(T / m g), depends on the thrust and its rate of change, which are
 found by iteration around all of the above.
@@ -72,14 +72,12 @@ def flat_inputs(
     gravity: float,
     drag: PerAxis,
     rotor_drag: PerAxis = 0.0,
-    translational_lift: float = 0.0,
     chart: Array | None = None,
 ) -> FlatInputs:
     """Return what flies a path: velocity, acceleration and jerk (n, 3) each, in the world.
 
     ``yaw`` [rad] and ``yaw_rate`` [rad/s], (n,) or one number, turn about the body's z axis;
-    ``gravity`` [m/s^2], ``drag`` and ``rotor_drag`` [1/s] and ``translational_lift`` [1/m] are the
-    vehicle's.
+    ``gravity`` [m/s^2], ``drag`` and ``rotor_drag`` [1/s] are the vehicle's.
     ``chart`` (n, 3, 3) are the rotations from which the tilt is the shortest, instead of level and
     heading east. Raises ``ValueError`` in free fall, where the thrust points exactly against the
     chart's z axis, downwards without a chart, and where drag that differs between the axes leaves
@@ -92,7 +90,6 @@ def flat_inputs(
         yaw=yaw,
         yaw_rate=yaw_rate,
         gravity=gravity,
-        translational_lift=translational_lift,
         chart=chart,
     )
     air, rotors = np.array([per_axis(drag)]), np.array([per_axis(rotor_drag)])
@@ -124,7 +121,6 @@ class _Motion:
     yaw: ArrayLike
     yaw_rate: ArrayLike
     gravity: float
-    translational_lift: float
     chart: Array | None
 
     def inputs(self, drag: Array, drag_rate: Array) -> FlatInputs:
@@ -150,10 +146,9 @@ class _Motion:
         tilt, tilt_rate = _shortest_tilt(z, z_rate)
         R_WB = np.asarray(tilt @ turn if chart is None else chart @ tilt @ turn)
         more = (drag[:, 2:] - mean)[:, 0]
-        if more.any() or self.translational_lift != 0.0:
+        if more.any():
             v_WB_B = np.einsum("nji,nj->ni", R_WB, self.v)
-            across = np.sum(v_WB_B[:, :2] ** 2, axis=1)
-            thrust = thrust + more * v_WB_B[:, 2] - self.translational_lift * across
+            thrust = thrust + more * v_WB_B[:, 2]
         return FlatInputs(
             R_WB=R_WB,
             w_WB_B=np.einsum("...ji,...j->...i", turn, tilt_rate) + _along_z(self.yaw_rate, z),
@@ -163,17 +158,16 @@ class _Motion:
     def thrust_rate(self, inputs: FlatInputs, drag: Array, drag_rate: Array) -> Array:
         """Return the time derivative of the thrust over mass (n,) [m/s^3].
 
-        That of z'(a + g e_3) + mu_z u_z - k_h (u_x^2 + u_y^2), with u = R' v.
+        That of z'(a + g e_3) + mu_z u_z, with u = R' v.
         """
         R, w = inputs.R_WB, inputs.w_WB_B
         u, a, j = (np.einsum("nji,nj->ni", R, vector) for vector in (self.v, self.a, self.j))
         f = a + self.gravity * R[:, 2]
         u_rate = a - np.cross(w, u)
-        lift = 2.0 * self.translational_lift * np.sum(u[:, :2] * u_rate[:, :2], axis=1)
         # d(z'f) of the world is z'j + (w x e_3)' f of the body.
         turned = w[:, 1] * f[:, 0] - w[:, 0] * f[:, 1]
         dragged = drag[:, 2] * u_rate[:, 2] + drag_rate[:, 2] * u[:, 2]
-        return np.asarray(j[:, 2] + turned + dragged - lift)
+        return np.asarray(j[:, 2] + turned + dragged)
 
     def _uneven(self, drag: Array, drag_rate: Array) -> _UnevenDrag:
         up = _along_z(self.gravity, self.v)

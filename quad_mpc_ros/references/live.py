@@ -9,8 +9,8 @@ Once they act, it continues from there: ``on_request`` stays, ``at_once`` begins
 after a take-off if on the ground. When they stop acting, it waits again.
 
 Whether the vehicle stands is the MPC's to say (:meth:`LiveReference.tell_ground`). Where it is
-not heard, or does not know, the flight stack's word counts, and without that the height at which
-the vehicle was seen first and whether it follows a landing (:mod:`.touchdown`).
+not heard, or does not know, the flight stack's word counts, and without that, until a take-off,
+the height at which the vehicle was seen first. One of the two must say that a landing is over.
 """
 
 from __future__ import annotations
@@ -41,7 +41,6 @@ from quad_mpc_ros.references.feasibility import judged
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.server import ReferenceServer
 from quad_mpc_ros.references.timeline import Phase, Timeline
-from quad_mpc_ros.references.touchdown import Touchdown
 from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples
 from quad_mpc_ros.references.transition import FlatState
 from quad_mpc_ros.references.velocity import VelocityCommand
@@ -121,7 +120,6 @@ class LiveReference:
         self._stood = StandingHeight(LEFT_GROUND_UNPOWERED)
         self.too_late: Callable[[int], bool] = lambda start_ns: False
         """Whether it is too late to begin at a time; such requests are refused."""
-        self._touchdown = Touchdown(config.touchdown_speed)
 
     @property
     def _director(self) -> Director | None:
@@ -168,7 +166,6 @@ class LiveReference:
             self._newest, self._home = reset.odometry(self._newest), reset.points(self._home)
         if self._stood.height is not None:
             self._stood.height += float(reset.step_W[2])
-        self._touchdown = Touchdown(self._config.touchdown_speed)
         self._wait()
         moves = self._director is None or self._director.reset_estimate(now_ns, reset)
         stepped = f"the estimate steps by {np.linalg.norm(reset.step_W):.2f} m"
@@ -185,17 +182,17 @@ class LiveReference:
         return lifts or self.mode(now_ns) in (WAITING, GROUND, LANDING)
 
     def observe(self, odometry: OdometrySample) -> Reply | None:
-        """Take an odometry; return what follows from it, if it is the first or a touchdown."""
+        """Take a valid odometry; return what follows, if it is the first or a touchdown."""
         now_ns = odometry.stamp_ns
         if self._newest is None:
             self._home = odometry.p_WB
         self._newest = odometry
         self._see_height(odometry)
         if self._director is None:
-            if self._engaged is None:
-                return self._begin(odometry)
             if self._engaged:
                 return self._take_over(odometry)
+            if self._engaged is None:
+                self._begin(odometry)
             self._wait()
             return None
         if self._ground is GroundState.LIFTING_OFF:
@@ -210,12 +207,10 @@ class LiveReference:
 
     def _is_down(self, director: Director, odometry: OdometrySample) -> bool:
         """Whether a landing has reached the ground."""
-        reference_height = float(director.timeline.at([odometry.stamp_ns]).p_WB[0, 2])
-        stays = self._touchdown.felt(odometry, reference_height=reference_height)
-        if self._ground is not GroundState.UNKNOWN:
+        if self._ground is not GroundState.UNKNOWN or self._landed is not True:
             return self._ground.stands
-        below = float(odometry.p_WB[2]) - reference_height > LEFT_GROUND
-        return stays or (self._landed is True and below)
+        reference_height = float(director.timeline.at([odometry.stamp_ns]).p_WB[0, 2])
+        return float(odometry.p_WB[2]) - reference_height > LEFT_GROUND
 
     @property
     def published(self) -> Published | None:
@@ -274,10 +269,7 @@ class LiveReference:
 
     def land(self, now_ns: int) -> Reply:
         """Descend to the ground and idle there."""
-        reply = self._requested(lambda director: director.land(now_ns))
-        if reply.accepted:
-            self._touchdown = Touchdown(self._config.touchdown_speed)
-        return reply
+        return self._requested(lambda director: director.land(now_ns))
 
     def go_to(self, now_ns: int, *, frame_id: str, p_WB: Array, q_WB_xyzw: Array) -> Reply:
         """Go to a pose, position (3,) [m] and quaternion (4,), of which only the yaw is used.
@@ -367,21 +359,12 @@ class LiveReference:
             self._follow(self._director)
         return reply
 
-    def _begin(self, odometry: OdometrySample) -> Reply | None:
+    def _begin(self, odometry: OdometrySample) -> None:
         """Begin at the first odometry, where nobody publishes whether commands act."""
         if self._at_once:
             self._follow_as_it_is(odometry.stamp_ns)
-            return None
-        fault = pose_fault(
-            frame_id=odometry.frame_id,
-            expected_frame_id=self._config.frame_id,
-            p_WB=odometry.p_WB[None],
-            q_WB_xyzw=odometry.q_WB_xyzw[None],
-        )
-        if fault is not None:
-            return Reply(accepted=False, text=f"cannot start from this odometry: {fault}")
+            return
         self._follow(Director.standing(self._config, p_WB=odometry.p_WB, yaw=_heading(odometry)))
-        return None
 
     def _take_over(self, odometry: OdometrySample) -> Reply:
         """Continue from where the vehicle is, because commands act from now on."""
@@ -395,7 +378,6 @@ class LiveReference:
             self._at_once = False
         else:
             reply = Reply(accepted=True, text=f"{director.mode(now_ns)} where the vehicle is")
-        self._touchdown = Touchdown(self._config.touchdown_speed)
         self._follow(director)
         return reply
 

@@ -162,9 +162,10 @@ def minimum_snap_path(points: Array, *, max_speed: float, max_acceleration: floa
     from scipy.optimize import minimize
 
     def duration(shares: Array, *, samples: int) -> float:
-        return _least_duration(
+        # Of the spline over 0 to 1: velocity falls as 1/T, then 1/T^2.
+        return _beyond(
             snap_spline(points, _times(shares)),
-            samples=samples * len(shares),
+            np.linspace(0.0, 1.0, samples * len(shares) + 1),
             max_speed=max_speed,
             max_acceleration=max_acceleration,
         )
@@ -219,13 +220,13 @@ def minimum_snap_onward(
 
 
 def snap_spline(points: Array, times: Array, start: End | None = None) -> BSpline:
-    """Return the minimum-snap spline through ``points`` (n, 3) at increasing ``times`` (n,).
+    """Return the minimum-snap spline through ``points`` (n, k) at increasing ``times`` (n,).
 
     It begins at rest, or in the motion of a ``start``, and ends at rest.
     """
     from scipy.interpolate import make_interp_spline
 
-    rest: Any = [(order, np.zeros(3)) for order in (1, 2, 3)]
+    rest: Any = [(order, np.zeros(points.shape[1])) for order in (1, 2, 3)]
     begin: Any = rest
     if start is not None:
         begin = [(1, start.v_WB_W), (2, start.a_WB_W), (3, start.j_WB_W)]
@@ -236,14 +237,6 @@ def _times(shares: Array) -> Array:
     """Return the times of the waypoints from 0 to 1."""
     times = np.append(0.0, np.cumsum(shares))
     return np.asarray(times / times[-1])
-
-
-def _least_duration(
-    unit: BSpline, *, samples: int, max_speed: float, max_acceleration: float
-) -> float:
-    """Return how long the spline over 0 to 1 must take: velocity falls as 1/T, then 1/T^2."""
-    places = np.linspace(0.0, 1.0, samples + 1)
-    return _beyond(unit, places, max_speed=max_speed, max_acceleration=max_acceleration)
 
 
 def _beyond(curve: BSpline, times: Array, *, max_speed: float, max_acceleration: float) -> float:

@@ -110,7 +110,10 @@ class Rest(Straight):
 
 
 class SplinePath:
-    """A spline of degree 5 or more from 0 to ``duration`` [s] with values (n, 3) [m]."""
+    """A spline of degree 5 or more from 0 to ``duration`` [s].
+
+    Its values are positions [m] (n, 3), or (n, 4) with the yaw [rad] as the last column.
+    """
 
     periodic = False
 
@@ -122,7 +125,15 @@ class SplinePath:
         """Return the path at times (n,) [s] from 0 to its duration."""
         seconds = np.clip(seconds, 0.0, self.duration)
         p, v, a, j = (np.asarray(curve(seconds)) for curve in self._curves)
-        return PathSamples(p_WB=p, v_WB_W=v, a_WB_W=a, j_WB_W=j)
+        still = np.zeros(len(seconds))
+        return PathSamples(
+            p_WB=p[:, :3],
+            v_WB_W=v[:, :3],
+            a_WB_W=a[:, :3],
+            j_WB_W=j[:, :3],
+            yaw=p[:, 3] if p.shape[1] > 3 else still,
+            yaw_rate=v[:, 3] if v.shape[1] > 3 else still,
+        )
 
 
 class Moved:

@@ -49,7 +49,10 @@ _LONGEST_STEP = 10.0  # s, between points, as a rule
 _LARGEST = 1e20  # of any number, so that sums of squares are finite
 _LATEST = 1e11  # s: later than any date
 _OTHER_UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
-_HEADER = ", ".join(f"{name} [{unit}]" for name, unit in _UNITS.items())
+_HEADER = (
+    ", ".join(f"{name} [{unit}]" for name, unit in _UNITS.items())
+    + f", or in place of yaw all of {', '.join(MOTION_UNITS)}"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,27 +254,18 @@ def _column_names(path: FilePath, number: int, cells: list[str]) -> list[str]:
     for cell in cells:
         name, _, unit = cell.partition("[")
         name, unit = name.strip(), unit.strip().removesuffix("]").strip()
-        if name not in _ALL_UNITS or name in names:
-            kind = "twice" if name in names else "unknown"
+        if _ALL_UNITS.get(name) != unit or name in names:
             raise UserError(
-                f"{path}: line {number}: column {shown(cell)} {kind}, expected {_HEADER}"
-            )
-        if unit != _ALL_UNITS[name]:
-            raise UserError(
-                f"{path}: line {number}: column {shown(cell)}, expected "
-                f"'{name} [{_ALL_UNITS[name]}]'"
+                f"{path}: line {number}: column {shown(cell)}, expected {_HEADER}, each once"
             )
         names.append(name)
-    missing = [name for name in _UNITS if name not in names and name not in _OPTIONAL]
+    required = [name for name in _UNITS if name not in _OPTIONAL]
+    if not MOTION_UNITS.keys().isdisjoint(names):
+        required += MOTION_UNITS
+    missing = [name for name in required if name not in names]
     if missing:
         raise UserError(
             f"{path}: line {number}: no column {', '.join(missing)}, expected {_HEADER}"
-        )
-    missing = [name for name in MOTION_UNITS if name not in names]
-    if missing and len(missing) < len(MOTION_UNITS):
-        raise UserError(
-            f"{path}: line {number}: no column {', '.join(missing)}, expected all columns of a "
-            f"motion or none of {', '.join(MOTION_UNITS)}"
         )
     return names
 

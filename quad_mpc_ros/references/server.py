@@ -65,8 +65,11 @@ class ReferenceServer:
 
         The trajectory is sampled once, which for many stamps takes little longer than for one.
         """
+        begin_ns = self._started_ns
+        starts = [
+            _BEFORE_START_NS if begin_ns is None else stamp_ns - begin_ns for stamp_ns in stamps_ns
+        ]
         previewed = self._preview and self.started
-        starts = [self._time_of(stamp_ns) for stamp_ns in stamps_ns]
         cuts = [self._previewed(now_ns) if previewed else self._held(now_ns) for now_ns in starts]
         sampled = np.concatenate([cut.sampled for cut in cuts])
         times, places = np.unique(sampled, return_inverse=True)  # windows overlap
@@ -111,10 +114,6 @@ class ReferenceServer:
         return self._trajectory.at(
             self._with_jumps(np.array(grid), end_ns=period).sampled.tolist()
         )
-
-    def _time_of(self, stamp_ns: int) -> int:
-        """Return the trajectory's time at a stamp."""
-        return _BEFORE_START_NS if self._started_ns is None else stamp_ns - self._started_ns
 
     def _held(self, now_ns: int) -> _Times:
         """Return the present twice: it is held over the window."""

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.references.path import PathSamples
+from quad_mpc_ros.references.path import SplinePath
 from quad_mpc_ros.references.transition import FlatState
 
 STEP_NS = 80_000_000
@@ -82,33 +82,16 @@ class VelocityLimits:
     highest: Sequence[float]
 
 
-class VelocityPath:
+class VelocityPath(SplinePath):
     """The uniform B-spline of control points (n, 4): position [m] and yaw [rad]."""
-
-    periodic = False
 
     def __init__(self, points: Array) -> None:
         from scipy.interpolate import BSpline  # slow to import
 
         count = len(points)
         self.points = points
-        self.duration = (count - _DEGREE) * _STEP
         knots = (np.arange(count + _DEGREE + 1) - _DEGREE) * _STEP
-        curve = BSpline(knots, points, _DEGREE)
-        self._curves = [curve.derivative(order) if order else curve for order in range(4)]
-
-    def at(self, seconds: Array) -> PathSamples:
-        """Return the path at times (n,) [s] from 0 to its duration."""
-        seconds = np.clip(seconds, 0.0, self.duration)
-        p, v, a, j = (np.asarray(curve(seconds)) for curve in self._curves)
-        return PathSamples(
-            p_WB=p[:, :3],
-            v_WB_W=v[:, :3],
-            a_WB_W=a[:, :3],
-            j_WB_W=j[:, :3],
-            yaw=p[:, 3],
-            yaw_rate=v[:, 3],
-        )
+        super().__init__(BSpline(knots, points, _DEGREE), duration=(count - _DEGREE) * _STEP)
 
     def fixed(self, steps: int) -> Array:
         """Return the control points (6, 4) of the step that begins after so many."""

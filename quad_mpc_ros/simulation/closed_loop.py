@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from quad_mpc_ros.configuration import optional_part
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.lie import so3
@@ -24,7 +25,6 @@ from quad_mpc_ros.references.path import Path
 from quad_mpc_ros.references.server import ReferenceServer, WindowsAhead
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
-from quad_mpc_ros.simulation.guidance import World, configured_guidance
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant
 from quad_mpc_ros.simulation.scene import Scene
 from quad_mpc_ros.simulation.sensors import (
@@ -37,6 +37,7 @@ from quad_mpc_ros.simulation.surroundings import (
     NOTHING_SEEN,
     Collision,
     Seen,
+    World,
     configured_surroundings,
 )
 
@@ -114,9 +115,11 @@ def fly(
     plant = plant or make_plant(simulator)
     if controller is None:
         mpc = mpc or MpcConfig()
-        guidance = configured_guidance(mpc)
-        world = None if guidance is None else guidance.world
-        controller = warmed_up(mpc, guide=None if guidance is None else guidance.guide)
+        world, guide = None, None
+        if mpc.guided_by:
+            guidance = optional_part("guidance", needed_by=mpc.guided_by)(mpc)
+            world, guide = guidance.world, guidance.guide
+        controller = warmed_up(mpc, guide=guide)
     server = ReferenceServer(reference, flown)
     stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)
     server.start(SIMULATION_START_NS)
@@ -204,4 +207,4 @@ def _trajectory(reference: ReferenceConfig, given: Trajectory | Path | None) -> 
         return configured_trajectory(reference)
     if isinstance(given, Trajectory):
         return given
-    return FlatTrajectory(given, gravity=reference.gravity, drag=reference.drag, yaw=reference.yaw)
+    return FlatTrajectory(given, reference, yaw=reference.yaw)

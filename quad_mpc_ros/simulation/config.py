@@ -82,6 +82,16 @@ def make_plant(config: SimulatorConfig) -> Plant:
     return config.entry().make(config)
 
 
+def compile_plant(config: SimulatorConfig) -> None:
+    """Move a plant like the configured one and discard it: real time must not wait for compiling.
+
+    Raises as :func:`make_plant`.
+    """
+    plant = make_plant(config)
+    plant.advance_to(1)
+    plant.odometry(1)
+
+
 @dataclass(frozen=True, kw_only=True)
 class ChoiceParameters(ExtensibleConfiguration, VehicleParameters):
     """What flies."""

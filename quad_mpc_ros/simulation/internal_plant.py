@@ -80,9 +80,6 @@ class InternalPlant(DelayedPlant):
         self._x["v_WB_B"][:] = self._x["R_WB"].T @ np.array(config.initial_velocity)
         for each in (self._x, self._inputs):
             each["throttle"], each["w_WB_B"] = config.initial_throttle, config.initial_body_rates
-        # What moves it is compiled or loaded now, not while it flies.
-        self._move(steps=0, duration=0.0)
-        self.odometry(0)
 
     @property
     def state(self) -> State:
@@ -117,14 +114,11 @@ class InternalPlant(DelayedPlant):
 
     def _integrate(self, duration_ns: int) -> None:
         steps = -(-duration_ns // self._longest_step_ns)
-        self._move(steps=steps, duration=duration_ns * 1e-9 / steps)
-
-    def _move(self, *, steps: int, duration: float) -> None:
         self._inputs["wind_W"] = self.wind_W
         motion.advance(
             self._x,
             inputs=self._inputs,
             vehicle=self._constants,
             steps=steps,
-            duration=duration,
+            duration=duration_ns * 1e-9 / steps,
         )

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.simulation.shapes import Shape
@@ -53,8 +52,10 @@ class Scene:
 
     def near(self, p_WC: Array, distance: float, seconds: float) -> list[Shape]:
         """Return those whose surface may be within a distance [m] of a point (3,) [m]."""
-        gaps = self._gaps(p_WC, seconds)
-        return [self.shapes[place].after(seconds) for place in np.flatnonzero(gaps <= distance)]
+        moved = np.maximum(seconds - self._appears_at, 0.0)[:, None] * self._v_WO_W
+        gaps = np.linalg.norm(self._p_WO + moved - p_WC, axis=1) - self._radii
+        near = np.flatnonzero((self._appears_at <= seconds) & (gaps <= distance))
+        return [self.shapes[place].after(seconds) for place in near]
 
     def distance(self, p_WQ: Array, seconds: float) -> Array:
         """Return the signed distances (n,) [m] of points (n, 3) [m] to the nearest surface."""
@@ -62,17 +63,6 @@ class Scene:
         for shape in self.there(seconds):
             nearest = np.minimum(nearest, shape.distance(p_WQ))
         return nearest
-
-    def clearance(self, p_WQ: Array, seconds: float) -> float:
-        """Return the signed distance [m] of a point (3,) [m] to the nearest surface."""
-        gaps = self._gaps(p_WQ, seconds)
-        nearest = np.inf
-        for place in np.argsort(gaps):
-            if gaps[place] >= nearest:  # nor is any further one nearer
-                break
-            shape = self.shapes[place].after(seconds)
-            nearest = min(nearest, float(shape.distance(p_WQ[None])[0]))
-        return float(nearest)
 
     def clearances(self, p_WQ: Array, seconds: Array) -> Array:
         """Return the signed distance (n,) [m] of each point (n, 3) [m] at its time (n,)."""
@@ -82,12 +72,6 @@ class Scene:
             away = shape.distance(p_WQ - moved)
             nearest = np.minimum(nearest, np.where(seconds >= shape.appears_at, away, np.inf))
         return nearest
-
-    def _gaps(self, p_WC: Array, seconds: float) -> NDArray[np.float64]:
-        """Return a lower bound on the distance of each shape [m]; infinite until it appears."""
-        moved = np.maximum(seconds - self._appears_at, 0.0)[:, None] * self._v_WO_W
-        gaps = np.linalg.norm(self._p_WO + moved - p_WC, axis=1) - self._radii
-        return np.where(self._appears_at <= seconds, gaps, np.inf)
 
 
 def _rows(vectors: Sequence[Array]) -> Array:

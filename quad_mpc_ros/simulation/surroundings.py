@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -61,6 +62,22 @@ class Seen(NamedTuple):
 
 
 NOTHING_SEEN = Seen()
+
+
+class World(Protocol):
+    """The obstacles that the guide of a controller has received in flight.
+
+    Each method raises ``ValueError`` for what is of no use.
+    """
+
+    def receive_odometry(self, odometry: OdometrySample) -> None:
+        """Take where the vehicle is."""
+
+    def receive_cloud(self, cloud: PointCloud) -> None:
+        """Take what a sensor saw as points."""
+
+    def receive_markers(self, markers: Sequence[Marker]) -> None:
+        """Take shapes."""
 
 
 class Surroundings(Protocol):

@@ -77,7 +77,7 @@ def flown(
     trajectory = joined_trajectory(reference)
     if sinks:
         path = Straight(body.state.p_WB, v_WB_W=np.array([0.0, 0.0, -sinks]))
-        trajectory = FlatTrajectory.of(reference, path, yaw=0.0)
+        trajectory = FlatTrajectory(path, reference, yaw=0.0)
     live = LiveReference(reference, trajectory, joined=lambda: joined_trajectory(reference))
     stream = OdometryStream(body, simulator, start_stamp_ns=SIMULATION_START_NS)
     left, moments = dict(requests or {}), []

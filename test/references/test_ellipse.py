@@ -9,9 +9,8 @@ from numpy.testing import assert_allclose
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.configured import configured_trajectory, judged_trajectory
+from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.references.ellipse import Ellipse
-from quad_mpc_ros.references.feasibility import judged
 
 AXES, W = (2.0, 0.8), 1.7
 
@@ -77,15 +76,3 @@ def test_the_heading_never_jumps_and_its_rate_is_its_slope(heading: str) -> None
 def test_refuses_heading_of_upright_ellipse() -> None:
     with pytest.raises(ConfigurationError, match=r"reference\.ellipse_heading: given 'centre'"):
         config(ellipse_plane="vertical", ellipse_heading="centre")
-
-
-def test_a_circle_needs_its_centripetal_force() -> None:
-    w, radius = 3.0, 1.5
-    reference = config(ellipse_semi_axes=[radius, radius], ellipse_frequency=w, drag=0.0)
-    trajectory, verdict = judged_trajectory(reference)
-    assert judged(trajectory, reference).feasible
-    assert_allclose(verdict.over_time.acceleration, radius * w * w)
-    assert_allclose(verdict.over_time.speed, radius * w)
-    vehicle = reference.vehicle()
-    needed = vehicle.mass * np.hypot(radius * w * w, vehicle.gravity)
-    assert_allclose([vehicle.thrust(s) for s in verdict.over_time.throttle], needed)

@@ -27,7 +27,6 @@ def strong(path: Path) -> Vehicle:
     return Vehicle(
         drag=path.drag,
         rotor_drag=path.rotors,
-        translational_lift=path.lift,
         thrust_curve=(20.0, 10.0, -5.0),  # some lift is more than the path needs
         gravity=GRAVITY,
     )
@@ -43,7 +42,6 @@ class Path:
     yaw: float
     yaw_rate: float
     drag: PerAxis
-    lift: float = 0.0
     rotors: PerAxis = 0.0
 
     def derivative(self, order: int, times: Array) -> Array:
@@ -60,7 +58,6 @@ class Path:
             gravity=GRAVITY,
             drag=self.drag,
             rotor_drag=self.rotors,
-            translational_lift=self.lift,
         )
 
 
@@ -85,14 +82,13 @@ def miss(path: Path, *, duration: float, step: float) -> float:
 
 
 upright = st.builds(
-    lambda ax, ay, az, wx, wy, wz, phase, yaw, yaw_rate, drag, lift, rotors: Path(
+    lambda ax, ay, az, wx, wy, wz, phase, yaw, yaw_rate, drag, rotors: Path(
         amplitude=np.array([ax, ay, az]),
         frequency=np.array([wx, wy, wz]),
         phase=np.array([0.0, phase, -phase]),
         yaw=yaw,
         yaw_rate=yaw_rate,
         drag=drag,
-        lift=lift,
         rotors=rotors,
     ),
     *[st.floats(0.0, 4.0)] * 2,
@@ -103,7 +99,6 @@ upright = st.builds(
     st.floats(-np.pi, np.pi),
     st.floats(-2.0, 2.0),
     st.floats(0.0, 1.0) | st.tuples(st.floats(0.0, 0.4), st.floats(0.0, 0.4), st.floats(0.0, 1.0)),
-    st.floats(0.0, 0.01),
     st.just(0.0)
     | st.floats(0.0, 0.5)
     | st.tuples(st.floats(0.0, 0.4), st.floats(0.0, 0.4), st.floats(0.0, 0.5)),
@@ -179,7 +174,6 @@ def test_newtons_law_holds_with_a_rotation(path: Path) -> None:
     v_WB_B = np.einsum("nji,nj->ni", R_WB, path.derivative(1, times))
     speed = np.sqrt(inputs.specific_thrust / GRAVITY)[:, None]
     air = -(np.array(per_axis(path.drag)) + speed * per_axis(path.rotors)) * v_WB_B
-    air[:, 2] += path.lift * (v_WB_B[:, 0] ** 2 + v_WB_B[:, 1] ** 2)
     outer = np.array([0.0, 0.0, -GRAVITY]) + np.einsum("nij,nj->ni", R_WB, air)
     assert_allclose(force + outer, path.derivative(2, times), atol=1e-10)
 

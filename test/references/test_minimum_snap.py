@@ -79,33 +79,6 @@ def test_it_is_the_optimum_that_a_dense_quadratic_program_finds() -> None:
             assert_allclose(spline(TIMES[leg] + inside)[:, axis], expected, atol=1e-6)
 
 
-@settings(deadline=None, max_examples=30)
-@given(st.integers(0, 2), st.integers(0, 10**6))
-def test_any_other_way_through_the_waypoints_has_more_snap(axis: int, seed: int) -> None:
-    spline = snap_spline(POINTS, TIMES)
-    rng = np.random.default_rng(seed)
-    # A polynomial that vanishes at the waypoints, with three derivatives at both ends.
-    roots = [*[TIMES[0]] * 4, TIMES[1], TIMES[2], *[TIMES[3]] * 4]
-    bump = np.polynomial.Polynomial.fromroots(roots) * np.polynomial.Polynomial(rng.normal(size=3))
-    fine = np.linspace(TIMES[0], TIMES[-1], 20_001)
-    snap, added = spline(fine, 4)[:, axis], bump.deriv(4)(fine)
-    added *= 1e-2 * np.linalg.norm(snap) / np.linalg.norm(added)
-    cost = np.trapezoid if hasattr(np, "trapezoid") else np.trapz  # type: ignore[attr-defined]
-    least = cost(snap**2, fine)
-    assert cost((snap + added) ** 2, fine) > least
-    assert cost((snap - added) ** 2, fine) > least
-
-
-def test_continuous_up_to_the_sixth_derivative() -> None:
-    spline, h = snap_spline(POINTS, TIMES), 1e-7
-    for order in range(7):
-        for time in TIMES[1:-1]:
-            left, right = spline(time - h, order), spline(time + h, order)
-            # The seventh derivative, which jumps, makes up the rest.
-            slope = np.abs(spline(np.array([time - h, time + h]), order + 1)).max()
-            assert_allclose(left, right, atol=3.0 * h * slope + 1e-9)
-
-
 @settings(deadline=None, max_examples=25)
 @given(points, st.floats(0.5, 8.0), st.floats(0.5, 8.0))
 def test_through_every_waypoint_within_the_limits_and_at_one_of_them(

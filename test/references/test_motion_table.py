@@ -23,7 +23,7 @@ POINTS = np.array([[0.0, 0.0, 1.0], [3.0, 1.0, 2.0], [0.0, 4.0, 1.5]])
 def smooth() -> FlatTrajectory:
     """Return a motion by flatness, from rest to rest."""
     path = minimum_snap_path(POINTS, max_speed=8.0, max_acceleration=9.0)
-    return FlatTrajectory(path, gravity=9.81, drag=0.2)
+    return FlatTrajectory(path, ReferenceConfig(drag=0.2))
 
 
 def table(trajectory: FlatTrajectory, step: float = 0.01) -> MotionTable:
@@ -103,6 +103,6 @@ def test_what_is_no_attitude_is_refused(tmp_path: Path) -> None:
 def test_what_no_vehicle_can_fly_is_refused_as_it_is(tmp_path: Path) -> None:
     path = minimum_snap_path(POINTS, max_speed=30.0, max_acceleration=60.0)
     file = tmp_path / "motion.csv"
-    file.write_text(table(FlatTrajectory(path, gravity=9.81, drag=0.2)).text())
+    file.write_text(table(FlatTrajectory(path, ReferenceConfig(drag=0.2))).text())
     with pytest.raises(UserError, match="highest throttle"):
         configured_trajectory(ReferenceConfig(trajectory="csv", file=str(file)))

@@ -92,5 +92,5 @@ def test_refuses_broken_entry_points() -> None:
 def test_needs_only_its_own_parameters(own_package: SimpleNamespace) -> None:
     swings = own_package.swings
     config = swings.SwingParameters(origin=(1.0, 2.0), height=3.0)
-    trajectory = FlatTrajectory(swings.Swing(config), gravity=config.gravity, drag=config.drag)
+    trajectory = FlatTrajectory(swings.Swing(config), config)
     assert_array_equal(trajectory.at([0]).p_WB, [[1.0, 2.0, 3.0]])

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.flatness import ThrustFrames
 from quad_mpc_ros.references.path import PathSamples
@@ -52,7 +53,7 @@ def attitudes(trajectory: FlatTrajectory, step_ns: int) -> tuple[Array, Array]:
 @given(st.one_of(st.floats(-0.5, 0.5), st.sampled_from([0.0, 1e-12, 1e-7, 1e-3, -1e-2])))
 def test_past_straight_down_at_any_distance_the_body_does_not_spin(miss: float) -> None:
     """The single chart of the Hopf fibration would spin it by a whole turn at once."""
-    R_WB, w_WB_B = attitudes(FlatTrajectory(Tumbling(miss), gravity=9.81, drag=0.0), 1_000_000)
+    R_WB, w_WB_B = attitudes(FlatTrajectory(Tumbling(miss), ReferenceConfig(drag=0.0)), 1_000_000)
     assert R_WB[:, 2, 2].min() < -0.8
     assert np.abs(w_WB_B[:, 2]).max() < 0.02
     # No more is turned than the thrust axis turns: 2 pi in 3 s.
@@ -80,7 +81,9 @@ def test_where_the_thrust_stays_above_the_horizon_yaw_is_yaw() -> None:
                 p_WB=rest, v_WB_W=rest, a_WB_W=force - [0.0, 0.0, 9.81], j_WB_W=rest
             )
 
-    R_WB, _ = attitudes(FlatTrajectory(Scattered(), gravity=9.81, drag=0.0, yaw=0.6), 20_000_000)
+    R_WB, _ = attitudes(
+        FlatTrajectory(Scattered(), ReferenceConfig(drag=0.0), yaw=0.6), 20_000_000
+    )
     tilts = so3.log(R_WB @ so3.exp([0.0, 0.0, -0.6]))
     assert_allclose(tilts[:, 2], 0.0, atol=1e-12)  # about a horizontal axis: the shortest
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -208,24 +207,6 @@ def test_step_response_is_of_first_order(name: str, tau: float) -> None:
             assert_array_equal(rates, target)
 
 
-def test_turning_about_one_axis_lags_by_the_time_constant() -> None:
-    """Once settled, the angle is that of a rate followed at once, less rate times tau."""
-    body = plant(rate_time_constant=0.05, initial_position=(0.0, 0.0, 1e3))
-    body.apply(command(HOVER, (0.0, 0.0, 1.0)))
-    body.advance_to(2 * SECOND)
-    yaw = math.atan2(body.state.R_WB[1, 0], body.state.R_WB[0, 0])
-    assert yaw == pytest.approx(2.0 - 0.05, abs=1e-10)
-
-
-def test_very_short_lags_approach_none() -> None:
-    swift, ideal = (plant(rate_time_constant=tau, thrust_time_constant=tau) for tau in (1e-9, 0.0))
-    for body in (swift, ideal):
-        body.apply(command(0.5, (1.0, 2.0, 3.0)))
-        body.advance_to(SECOND)
-    assert_allclose(swift.state.p_WB, ideal.state.p_WB, atol=1e-3)
-    assert_allclose(swift.state.R_WB, ideal.state.R_WB, atol=1e-6)
-
-
 @pytest.mark.parametrize("delay_ns", [1, 12_345_678, 20 * MILLISECOND, 57 * MILLISECOND])
 def test_commands_act_exactly_their_delay_later(delay_ns: int) -> None:
     body = plant(command_delay=delay_ns * 1e-9)
@@ -239,19 +220,6 @@ def test_commands_act_exactly_their_delay_later(delay_ns: int) -> None:
             body.apply(command(0.4, (0.1 * k, 0.0, 0.0)))
         else:
             assert body.odometry(0).w_WB_B[0] == 0.1 * (k if event == "acts" else k - 1)
-
-
-def test_a_delay_shifts_the_flight() -> None:
-    prompt, late = plant(), plant(command_delay=0.0171)
-    for k, (throttle, rates, _) in enumerate(SEQUENCE):
-        for body in (prompt, late):
-            body.advance_to(20 * k * MILLISECOND)
-            body.apply(command(throttle, rates))
-    prompt.advance_to(SECOND // 2)
-    late.advance_to(SECOND // 2 + 17_100_000)  # it hovered in the meantime
-    assert_allclose(late.state.p_WB, prompt.state.p_WB, atol=1e-8)
-    assert_allclose(late.state.v_WB_B, prompt.state.v_WB_B, atol=1e-8)
-    assert_allclose(late.state.R_WB, prompt.state.R_WB, atol=1e-12)
 
 
 def test_holds_the_initial_inputs_until_the_first_command_acts() -> None:
@@ -296,24 +264,6 @@ def test_flight_does_not_depend_on_how_time_is_divided(effects: dict[str, float]
     assert_allclose(whole.state.p_WB, divided.state.p_WB, atol=1e-7)
     assert_allclose(whole.state.R_WB, divided.state.R_WB, atol=1e-6)
     assert_allclose(whole.odometry(0).w_WB_B, divided.odometry(0).w_WB_B, rtol=1e-12)
-
-
-def test_a_lagged_flight_in_wind_is_integrated_with_fourth_order() -> None:
-    lags = {"rate_time_constant": 0.2, "thrust_time_constant": 0.3}
-    wind = (5.0, -2.0, 1.0)
-    world = start(rate_tau=0.2, thrust_tau=0.3)
-    world.wind = wind
-    throttle, rates = 0.7, (12.0, -9.0, 5.0)
-    world.fly(throttle, rates, 0.24)
-    errors = []
-    for step in (0.02, 0.01, 0.005):
-        body = started_plant(**lags, wind=wind, integration_step=step)
-        body.apply(command(throttle, rates))
-        body.advance_to(240 * MILLISECOND)
-        away = np.concatenate((body.state.p_WB - world.y[:3], body.state.v_WB_W - world.y[3:6]))
-        errors.append(float(np.linalg.norm(away)))
-    orders = [math.log2(coarse / fine) for coarse, fine in itertools.pairwise(errors)]
-    assert all(3.7 < order < 4.5 for order in orders), orders
 
 
 def test_a_call_for_many_steps_is_as_many_calls_for_one() -> None:

@@ -56,14 +56,6 @@ def test_flight_does_not_depend_on_how_time_is_divided(
     assert_same_state(whole, halved, atol=1e-9)
 
 
-def test_longer_steps_agree_with_shorter_ones() -> None:
-    coarse, fine = plant(integration_step=0.005), plant(integration_step=0.0001)
-    for each in (coarse, fine):
-        each.apply(command(0.5, (6.0, -4.0, 2.0)))
-        each.advance_to(SECOND)
-    assert_same_state(coarse, fine, atol=1e-6)
-
-
 def test_a_time_already_past_changes_nothing() -> None:
     body = plant()
     body.advance_to(SECOND)

@@ -26,7 +26,7 @@ def shapes(count: int = 40) -> list[Shape]:
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.7, 3.0])
-def test_clearance_is_the_least_of_the_distances_to_what_is_there(seconds: float) -> None:
+def test_distance_is_the_least_of_the_distances_to_what_is_there(seconds: float) -> None:
     scene = Scene(shapes())
     for place in RANDOM.uniform(-12, 12, (50, 3)):
         there = [
@@ -34,14 +34,14 @@ def test_clearance_is_the_least_of_the_distances_to_what_is_there(seconds: float
             for shape in scene.shapes
             if shape.appears_at <= seconds
         ]
-        assert scene.clearance(place, seconds) == pytest.approx(min(there), abs=1e-12)
         assert scene.distance(place[None], seconds)[0] == pytest.approx(min(there), abs=1e-12)
 
 
 def test_clearances_along_a_flight_are_those_at_each_moment() -> None:
     scene = Scene(shapes())
     times, places = np.linspace(0.0, 4.0, 60), RANDOM.uniform(-12, 12, (60, 3))
-    expected = [scene.clearance(p, float(t)) for p, t in zip(places, times, strict=True)]
+    moments = zip(places[:, None], times.tolist(), strict=True)
+    expected = [scene.distance(place, time)[0] for place, time in moments]
     assert scene.clearances(places, times) == pytest.approx(expected, abs=1e-12)
 
 
@@ -54,7 +54,7 @@ def test_what_is_near_is_all_that_is_in_reach() -> None:
 
 
 def test_an_empty_scene_is_infinitely_far() -> None:
-    assert Scene().clearance(np.zeros(3), 0.0) == np.inf
+    assert Scene().distance(np.zeros((1, 3)), 0.0)[0] == np.inf
     assert np.isinf(Scene().clearances(np.zeros((2, 3)), np.zeros(2))).all()
 
 

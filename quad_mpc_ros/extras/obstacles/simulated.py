@@ -70,7 +70,8 @@ class SimulatedSurroundings:
         for share in np.linspace(1.0 / _BETWEEN, 1.0, _BETWEEN):
             time = before[0] + share * (now[0] - before[0])
             p_WB = before[1] + share * (now[1] - before[1])
-            if self.scene.clearance(p_WB, time) < self._radius:
+            near = self.scene.near(p_WB, self._radius, time)
+            if any(shape.distance(p_WB[None])[0] < self._radius for shape in near):
                 return Collision(time, p_WB, truth.speed)
         return None
 

@@ -205,7 +205,7 @@ def smooth_part(detour: Detour, config: ReferenceConfig) -> MotionTable:
     begin = dataclasses.replace(rest, v_WB_W=np.array([start.yaw_rate, 0.0, 0.0]))
     turned = Turned(path, Leg(begin, rest, duration=path.duration))
     try:
-        trajectory = FlatTrajectory.of(config, turned)
+        trajectory = FlatTrajectory(turned, config)
     except ValueError as error:
         raise UserError(str(error)) from error
     times = [*range(0, trajectory.period_ns, _STEP_NS), trajectory.period_ns]

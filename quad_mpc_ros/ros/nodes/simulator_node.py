@@ -32,11 +32,10 @@ from quad_mpc_ros.ros.compiling import reported
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import new_message
 from quad_mpc_ros.ros.spin import run, stop
-from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
+from quad_mpc_ros.simulation.config import SimulatorConfig, compile_plant, make_plant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant, Powered
 from quad_mpc_ros.simulation.sensors import OdometryStream, SentOdometry
 from quad_mpc_ros.simulation.surroundings import NOTHING_SEEN, configured_surroundings
-from quad_mpc_ros.simulation.warm_up import warm_up
 
 # s: in lockstep an odometry without an answer is sent again when nodes have been matched since,
 # otherwise much later: on a busy machine the answer may just be slow.
@@ -175,7 +174,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         self._running = False
 
         with reported(self):
-            warm_up(self.config)
+            compile_plant(self.config)
         pacing = Lockstep if self.config.lockstep else RealTime
         plant = make_plant(self.config)
         powered = isinstance(plant, Powered) and plant.battery_voltage is not None

@@ -50,9 +50,6 @@ class RotorsPlant(DelayedPlant):
         self._body = BodyState.zeros()
         self._memory = rate_loop.begun(np.array(config.initial_body_rates), self._loop)
         self._start()
-        # What moves it is compiled or loaded now, not while it flies.
-        self._move(duration_ns=0)
-        self.odometry(0)
 
     @property
     def state(self) -> State:
