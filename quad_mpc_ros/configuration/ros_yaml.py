@@ -1,16 +1,18 @@
 """The reader of every YAML file of this package; it reads YAML as ROS does.
 
 PyYAML follows YAML 1.1 and takes ``5e-2``, ``1e3`` and ``y`` for text, ``1_000`` and ``1:30`` for
-numbers, ``2026-01-01`` for a date and ``null`` for nothing. To ROS (``get_value`` of
-rcl_yaml_param_parser) a word is a bool if it is one of a list, else a number if C takes all of it
-for one, else text. Octal and hexadecimal numbers are text here. As in ROS, aliases and empty names
-are refused and tags other than ``!!str`` mean nothing. A name that is given twice is refused, too.
+numbers, ``2026-01-01`` for a date and ``null`` for nothing. ROS (``get_value`` of
+rcl_yaml_param_parser) asks C: a word is a bool if it is one of a list, else what ``strtoll`` with
+base 0 or ``strtod`` takes as a whole, else text. As in ROS, aliases and empty names are refused
+and tags other than ``!!str`` mean nothing. A name that is given twice is refused, too.
 """
 
 from __future__ import annotations
 
 import math
 import re
+import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -23,26 +25,57 @@ _TRUE = ("Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"
 _FALSE = ("N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF")
 _BOOLS = {**dict.fromkeys(_TRUE, True), **dict.fromkeys(_FALSE, False)}
 
-_INTEGER = re.compile(r"[+-]?(?:0|[1-9][0-9]{0,18})")
-_REAL = re.compile(r"[+-]?(?:0|[1-9][0-9]*|[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
-_NOT_FINITE = re.compile(r"[+-]?(?:\.?inf|\.?nan|infinity)", re.ASCII | re.IGNORECASE)
-_LOOKS_LIKE_A_NUMBER = re.compile(r"[-+.0-9].*|(?i:nan).*", re.DOTALL)
+_INTEGERS = {
+    16: re.compile(r"[+-]?0[xX][0-9a-fA-F]+"),
+    8: re.compile(r"[+-]?0[0-7]*"),
+    10: re.compile(r"[+-]?[1-9][0-9]*"),
+}
+_DECIMAL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_HEXADECIMAL = re.compile(
+    r"[+-]?0[xX](?:[0-9a-fA-F]+\.?[0-9a-fA-F]*|\.[0-9a-fA-F]+)(?:[pP][+-]?[0-9]+)?"
+)
+_INFINITE = re.compile(r"([+-]?)(?:\.(?:inf|Inf|INF)|(?i:inf|infinity))")
+_NOT_A_NUMBER = re.compile(r"\.(?:nan|NaN|NAN)|[+-]?(?i:nan)(?:\([0-9a-zA-Z_]*\))?")
+
+_LONGEST = 100  # digits; Python refuses to count thousands of them
 
 _PLAIN = "!plain"
 _TEXT = "tag:yaml.org,2002:str"
+_TOML = "this is a TOML file, expected YAML"
 
 
 def scalar(word: str) -> bool | int | float | str:
     """Return the value of a word that is not in quotes."""
     if word in _BOOLS:
         return _BOOLS[word]
-    if _INTEGER.fullmatch(word) and -(2**63) <= int(word) < 2**63:
-        return int(word)
-    if _REAL.fullmatch(word) and abs(float(word)) < math.inf:
-        return float(word)
-    if _NOT_FINITE.fullmatch(word):
-        return float(word.replace(".", ""))
-    return word
+    for base, form in _INTEGERS.items():
+        if form.fullmatch(word) and len(word) <= _LONGEST:
+            value = int(word, base)
+            if -(2**63) <= value < 2**63:
+                return value
+    number = _real(word)
+    return word if number is None else number
+
+
+def _real(word: str) -> float | None:
+    """Return what ``strtod`` makes of a word; None if it takes only a part, or finds no double."""
+    if infinite := _INFINITE.fullmatch(word):
+        return -math.inf if infinite[1] == "-" else math.inf
+    if _NOT_A_NUMBER.fullmatch(word):
+        return math.nan
+    try:
+        if _DECIMAL.fullmatch(word):
+            number, digits = float(word), word.lower().partition("e")[0]
+        elif _HEXADECIMAL.fullmatch(word):
+            number, digits = float.fromhex(word), word.lower().partition("p")[0].partition("x")[2]
+        else:
+            return None
+    except OverflowError:
+        return None
+    # Beyond the range, or so small that digits are lost: ERANGE.
+    if sys.float_info.min <= abs(number) < math.inf or not digits.strip("+-0."):
+        return number
+    return None
 
 
 class _Loader(yaml.SafeLoader):
@@ -93,8 +126,8 @@ def _mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[str, Any]:
 
 
 def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
-    plain = isinstance(scalar(text), str) and not _LOOKS_LIKE_A_NUMBER.fullmatch(text)
-    return dumper.represent_scalar(_TEXT, text, style=None if plain else "'")
+    style = None if isinstance(scalar(text), str) else "'"
+    return dumper.represent_scalar(_TEXT, text, style=style)
 
 
 _Loader.add_implicit_resolver(_PLAIN, re.compile(""), None)
@@ -113,14 +146,26 @@ def read(text: str) -> Any:
 def read_text(text: str, where: str) -> Any:
     """Return the content of a text; raise :class:`UserError`, which begins with ``where``."""
     try:
-        return read(text)
+        content = read(text)
     except yaml.YAMLError as error:
+        if _is_toml(text):
+            raise UserError(f"{where}: {_TOML}") from error
         raise UserError(f"{where}: not YAML: {_reason(error)}") from error
+    if isinstance(content, str | list) and _is_toml(text):
+        raise UserError(f"{where}: {_TOML}")
+    return content
 
 
 def read_file(path: Path) -> Any:
     """Return the content of a file; raise :class:`UserError` when it cannot be read."""
     return read_text(file_text(path), str(path))
+
+
+def _is_toml(text: str) -> bool:
+    try:
+        return bool(tomllib.loads(text))
+    except (ValueError, RecursionError):
+        return False
 
 
 def _reason(error: yaml.YAMLError) -> str:
