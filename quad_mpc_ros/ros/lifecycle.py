@@ -98,13 +98,6 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         """Return why the node cannot be activated now, or None."""
         return None
 
-    def prepare(self, obstacle: str | None) -> bool:
-        """Return whether a node that starts by itself is to be activated now.
-
-        ``obstacle`` is what prevents it.
-        """
-        return obstacle is None
-
     @property
     def autostarting(self) -> bool:
         """Whether the node is to be activated by itself."""
@@ -179,7 +172,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         """
         if not self._autostarting:
             return False
-        if not self.prepare(self.obstacle()):
+        if self.obstacle() is not None:
             self._remind()
             return False
         self.trigger_activate()
