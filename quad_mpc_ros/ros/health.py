@@ -20,7 +20,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from quad_mpc_ros.configuration import Configuration
 from quad_mpc_ros.messages import cdr
-from quad_mpc_ros.messages.diagnostics import WARN
+from quad_mpc_ros.messages.diagnostics import PEERS_KEY, WARN
 from quad_mpc_ros.messages.topics import DIAGNOSTICS, Topic
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.messages import message_class, qos_of
@@ -30,7 +30,6 @@ from quad_mpc_ros.ros.vehicle_watch import VEHICLE_KEY, VehicleWatch, vehicle_te
 
 C = TypeVar("C", bound=Configuration)
 
-PEERS_KEY = "peers."
 _PERIOD = 1.0
 _POLL_PERIOD = 0.1
 

@@ -30,7 +30,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 from quad_mpc_ros.control.estimation.ground_state import GroundState
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
@@ -41,8 +41,8 @@ from quad_mpc_ros.messages.conversions import NewMessage, odometry_from_message
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.handover import Ground, Handover, Stack, State, Surroundings
-from quad_mpc_ros.ros.bridges.line import ReopenedLine
-from quad_mpc_ros.ros.bridges.odometry import OdometryStamps, PositionJumps
+from quad_mpc_ros.ros.bridges.line import OwnLine
+from quad_mpc_ros.ros.bridges.odometry import OdometryStamps
 from quad_mpc_ros.ros.bridges.thrust import ThrustMap
 
 FORCED = 21196.0
@@ -80,27 +80,6 @@ class OutgoingBytes:
     """What goes out over the line."""
 
     data: bytes
-
-
-@dataclass(frozen=True, kw_only=True)
-class Line:
-    """A line to the stack, in place of its topics: a serial port, or ``udpin:HOST:PORT``."""
-
-    device: str
-    baud: int
-    period: float = 0.005
-    """How often it is read [s]."""
-
-
-class OwnLine(Protocol):
-    """A line that a bridge opens itself, in place of a serial one."""
-
-    @property
-    def period(self) -> float:
-        """How often it is read [s]."""
-
-    def open(self) -> ReopenedLine:
-        """Return the line; it connects when it is first read."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,8 +133,8 @@ class Bridge(ABC):
     patient: bool = False
     """Whether a pilot switches the stack to setpoints, at any time."""
 
-    line: Line | OwnLine | None = None
-    """The line to the stack, if there is one."""
+    line: OwnLine | None = None
+    """The line to the stack in place of topics, if there is one."""
 
     subscriptions: Sequence[Subscription]
     """What the bridge listens to."""
@@ -174,12 +153,14 @@ class Bridge(ABC):
         """
         self.thrust = ThrustMap(config)
         self.silence = "waiting for a command"
-        self.commands = self.passed = self.refused = 0
+        self.commands = self.passed = self.refused = self.jumps = 0
+        self.announced_reset: EstimateReset | None = None
+        """The step of the estimate that the stack announced with the newest odometry."""
         self._new = new
         self._config = config
         self._namespace = namespace
         self._stamps = OdometryStamps(tolerance=config.clock_tolerance)
-        self._jumps = PositionJumps()
+        self._newest: OdometrySample | None = None  # that was passed on
         self._warnings: list[str] = []
         self._handover = Handover(config.handover, patient=self.patient)
         self._surroundings = Surroundings(config.handover)
@@ -326,16 +307,6 @@ class Bridge(ABC):
         """Return whether the vehicle stands on the ground; None where that is unknown."""
         return self._ground.landed
 
-    @property
-    def jumps(self) -> int:
-        """How often the estimated position jumped."""
-        return self._jumps.count
-
-    @property
-    def announced_reset(self) -> EstimateReset | None:
-        """The step of the estimate that the stack announced with the newest odometry."""
-        return self._jumps.announced
-
     def take_warnings(self) -> list[str]:
         """Return the warnings since the last call."""
         warnings, self._warnings = self._warnings, []
@@ -438,7 +409,8 @@ class Bridge(ABC):
     ) -> OdometrySample | None:
         """Return an odometry with the stamp and the frames that the MPC expects.
 
-        Returns None, and notes why, if it is not valid or not newer than the last.
+        ``cause`` is why the stack's estimate stepped, if it announced that. Returns None, and
+        notes why, if it is not valid or not newer than the last.
         """
         if odometry is None:
             return None
@@ -456,9 +428,12 @@ class Bridge(ABC):
             self.refused += 1
             return None
         odometry = dataclasses.replace(odometry, stamp_ns=stamp_ns)
-        warning = self._jumps.check(odometry, cause=cause)
-        if warning is not None:
-            self._warnings.append(warning)
+        before, self._newest, self.announced_reset = self._newest, odometry, None
+        if before is not None and cause is not None:
+            self.jumps += 1
+            self.announced_reset = reset = EstimateReset.between(before, odometry)
+            step = math.hypot(*reset.step_W)
+            self._warnings.append(f"the estimate steps by {step:.2f} m ({cause})")
         self._surroundings.see_odometry(odometry, now_ns=now_ns)
         self._see_ground(odometry, now_ns)
         return odometry

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from quad_mpc_ros.configuration import parameter
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.ros.bridges.ardupilot import cosine_of_tilt, thrust_fault, without_boost
@@ -78,16 +78,16 @@ class MavrosBridge(Bridge):
         super().__init__(config, new, namespace=config.mavros)
         self._modes = _ENGAGED[config.autopilot]
         self._state = LatestStatus(timeout=_STATE_TIMEOUT)
-        self._newest: OdometrySample | None = None
         self._thrust_fault = ""
         self._is_boosted = False
         if config.autopilot == "px4":
             self.warm_up, self.streams = 1.1, True
-        odometry = self._topic("local_position/odom", "nav_msgs/msg/Odometry")
         state = self._topic("state", "mavros_msgs/msg/State", reliable=True, depth=10)
         battery = self._topic("battery", "sensor_msgs/msg/BatteryState")
         self.subscriptions = [
-            Subscription(topic=odometry, receive=self._on_odometry),
+            self._odometry_subscription(
+                f"{config.mavros}/local_position/odom", twist_frame="child"
+            ),
             Subscription(topic=state, receive=self._state.receive),
             *self._battery_subscription(battery),
         ]
@@ -179,8 +179,3 @@ class MavrosBridge(Bridge):
             throttle = without_boost(throttle, up=up)
         fill_attitude_target(message, command, throttle=throttle, now_ns=now_ns)
         return [OutgoingMessage(topic=self._target, message=message)]
-
-    def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
-        passed = self._passed_on(conversions.odometry_from_message(message), now_ns=now_ns)
-        self._newest = passed or self._newest
-        return passed

@@ -1,4 +1,4 @@
-"""From the states that a stack sends to odometry for the MPC: what is missing, stamps, jumps."""
+"""From the states that a stack sends to odometry for the MPC: what is missing, and stamps."""
 
 from __future__ import annotations
 
@@ -9,14 +9,10 @@ import numpy as np
 
 from quad_mpc_ros.control.estimation.clock_offset import ClockOffset, PersistentOffset
 from quad_mpc_ros.control.lie import Array, so3
-from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.control.model.state import state_from_odometry
 
 _LONGEST_POSE_GAP_NS = 200_000_000
 _FASTEST = 30.0  # m/s: beyond it the estimate stepped
-_JUMP = 0.5  # m, beyond what the velocity explains
-_LONGEST_JUMP_GAP_NS = 1_000_000_000
 _LATE_NS = 1_000_000_000
 
 
@@ -113,31 +109,3 @@ class OdometryStamps:
             return False
         late_ns = self._late.duration_ns(age_ns, now_ns=now_ns, tolerance_ns=math.inf)
         return late_ns > _LATE_NS
-
-
-class PositionJumps:
-    """Counts jumps of the estimated position. The odometry is passed on as it is."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.announced: EstimateReset | None = None
-        """The announced reset, if the newest odometry is the first after it."""
-        self._before: OdometrySample | None = None
-        self._v_WB_W: Array = np.zeros(3)
-
-    def check(self, odometry: OdometrySample, *, cause: str | None) -> str | None:
-        """Return a warning if the position jumped; ``cause`` is an announced reset, if any."""
-        before, v_before = self._before, self._v_WB_W
-        self.announced = None
-        self._before, self._v_WB_W = odometry, state_from_odometry(odometry).v_WB_W
-        if before is None:
-            return None
-        gap_ns = odometry.stamp_ns - before.stamp_ns
-        mean_velocity = 0.5 * (v_before + self._v_WB_W)
-        jump = float(np.linalg.norm(odometry.p_WB - before.p_WB - 1e-9 * gap_ns * mean_velocity))
-        if cause is None and not (0 < gap_ns < _LONGEST_JUMP_GAP_NS and jump > _JUMP):
-            return None
-        self.count += 1
-        if cause is not None:
-            self.announced = EstimateReset.between(before, odometry)
-        return f"the estimate steps by {jump:.2f} m ({cause or 'no reset was announced'})"

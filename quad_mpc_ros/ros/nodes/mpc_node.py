@@ -28,7 +28,6 @@ from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import imu_in, new_message, odometry_in, reference_in
 from quad_mpc_ros.ros.nodes.obstacle_inputs import ObstacleInputs
-from quad_mpc_ros.ros.preflight.own import REFUSED_KEY
 from quad_mpc_ros.ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
@@ -396,7 +395,7 @@ class MpcNode(ManagedNode[MpcConfig]):
                 *tick.stats.items(),
                 *heard,
                 ("engaged", engaged),
-                (REFUSED_KEY, self._refused),
+                ("realtime_refused", self._refused),
             ],
         )
 

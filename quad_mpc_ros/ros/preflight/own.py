@@ -14,8 +14,6 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.ros.preflight.finding import Finding, error, warning
 
-REFUSED_KEY, FREE_KEY = "realtime_refused", "free_bytes"
-"""In a node's diagnostics: what the operating system refused, what is free on the bag's disk."""
 STACK_FAULT_KEY, LANDED_KEY = "stack_fault", "landed"
 """In a bridge's diagnostics: why its stack cannot be flown, and whether the vehicle has landed."""
 

@@ -26,12 +26,12 @@ from quad_mpc_ros.extras.bridges.betaflight.rates import Curve, Stick
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
-    Line,
     Outgoing,
     OutgoingBytes,
     Response,
 )
 from quad_mpc_ros.ros.bridges.handover import Stack, State, is_old
+from quad_mpc_ros.ros.bridges.line import Line
 
 _SECOND = 1_000_000_000
 _REPEAT_NS = 50_000_000  # sticks at least so often; Betaflight counts 150 ms as a loss

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from quad_mpc_ros.configuration import ConfigurationError, parameter
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
-from quad_mpc_ros.ros.bridges.network_line import NETWORK, address_of
+from quad_mpc_ros.ros.bridges.line import NETWORK, address_of
 
 
 @dataclass(frozen=True, kw_only=True)
