@@ -254,13 +254,28 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         self._made.callback(self.destroy_service, service)
 
     def managed_subscription(
-        self, topic: Topic, callback: Callable[[Any], None], **options: bool
+        self,
+        topic: Topic,
+        callback: Callable[[Any], None],
+        *,
+        decode: Callable[[Any], Any] | None = None,
+        **options: bool,
     ) -> None:
-        """Create a subscription until the cleanup, as :meth:`HealthReporter.subscription` does."""
+        """Create a subscription until the cleanup, as :meth:`HealthReporter.subscription` does.
+
+        The callback gets what ``decode`` returns; a ``ValueError`` of that is logged.
+        """
 
         def guarded(message: Any) -> None:
-            if self._configured:  # the executor may hold one from before the cleanup
-                callback(message)
+            if not self._configured:  # the executor may hold one from before the cleanup
+                return
+            if decode is not None:
+                try:
+                    message = decode(message)
+                except ValueError as error:
+                    self.warnings.warn(str(error))
+                    return
+            callback(message)
 
         self.health.subscription(topic, guarded, **options)
 

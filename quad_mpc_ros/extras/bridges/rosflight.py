@@ -212,9 +212,8 @@ class RosflightBridge(Bridge):
 
     def _question(self, name: str) -> ServiceCall:
         """Return the call that asks for a parameter of the firmware."""
-        call = self._call(self._parameters, name=name)
         receive = functools.partial(self._on_parameter, name)
-        return dataclasses.replace(call, receive=receive, optional=True)
+        return self._call(self._parameters, receive=receive, optional=True, name=name)
 
     def _on_parameter(self, name: str, response: Any) -> None:
         """Judge a parameter of the firmware."""

@@ -368,13 +368,22 @@ class Bridge(ABC):
         """Return name and type of a service in the stack's namespace."""
         return f"{self._namespace}/{path}", type_name
 
-    def _call(self, service: tuple[str, str], **fields: object) -> ServiceCall:
-        """Return a call with these fields in its request."""
+    def _call(
+        self,
+        service: tuple[str, str],
+        *,
+        receive: Callable[[Any], None] | None = None,
+        optional: bool = False,
+        **fields: object,
+    ) -> ServiceCall:
+        """Return a call with these fields in its request; the rest as in :class:`ServiceCall`."""
         name, type_name = service
         request = self._new(type_name)
         for field, value in fields.items():
             setattr(request, field, value)
-        return ServiceCall(service=name, type_name=type_name, request=request)
+        return ServiceCall(
+            service=name, type_name=type_name, request=request, receive=receive, optional=optional
+        )
 
     def _odometry_subscription(self, name: str, *, twist_frame: str) -> Subscription:
         """Return a subscription to an estimator's ``nav_msgs/Odometry``, in ENU.

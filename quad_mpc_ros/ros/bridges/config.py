@@ -133,11 +133,6 @@ class BridgeConfig(LiftParameters):
     thrust_map: ThrustParameters = dataclasses.field(default_factory=ThrustParameters)
     handover: HandoverParameters = dataclasses.field(default_factory=HandoverParameters)
 
-    @property
-    def fastest_rates(self) -> tuple[float, ...] | None:
-        """Largest body rates [rad/s] that the stack can be asked for; None where it is unknown."""
-        return None
-
 
 def _rises(values: tuple[float, ...]) -> bool:
     return all(a < b for a, b in itertools.pairwise(values))

@@ -27,7 +27,6 @@ from quad_mpc_ros.ros.bridges.bridge import (
     Outgoing,
     OutgoingMessage,
     Response,
-    ServiceCall,
     Subscription,
     command_result,
 )
@@ -112,12 +111,10 @@ class MavrosBridge(Bridge):
         response = super().engage(wanted, now_ns=now_ns)
         if not (wanted and response.accepted) or self._config.autopilot != "ardupilot":
             return response
-        return dataclasses.replace(response, calls=[*response.calls, self._question()])
-
-    def _question(self) -> ServiceCall:
-        """Return the call that asks MAVROS for what decides about thrust."""
-        call = self._call(self._parameters, names=[_OPTIONS, _BOOST])
-        return dataclasses.replace(call, receive=self._on_parameters, optional=True)
+        question = self._call(
+            self._parameters, receive=self._on_parameters, optional=True, names=[_OPTIONS, _BOOST]
+        )
+        return dataclasses.replace(response, calls=[*response.calls, question])
 
     def _on_parameters(self, response: Any) -> None:
         """Judge what ArduPilot's parameters make of thrust."""
@@ -149,13 +146,18 @@ class MavrosBridge(Bridge):
         )
 
     def _arm(self, wanted: bool) -> Response:
+        what = "arming" if wanted else "disarming"
+        receive = functools.partial(self._on_arming, what)
         if wanted:
-            what, call = "arming", self._call(self._arm_service, value=True)
+            call = self._call(self._arm_service, receive=receive, value=True)
         else:  # the service arming cannot force it
-            what = "disarming"
-            fields = {"command": COMPONENT_ARM_DISARM, "param1": 0.0, "param2": FORCED}
-            call = self._call(self._command, **fields)
-        call = dataclasses.replace(call, receive=functools.partial(self._on_arming, what))
+            call = self._call(
+                self._command,
+                receive=receive,
+                command=COMPONENT_ARM_DISARM,
+                param1=0.0,
+                param2=FORCED,
+            )
         return Response(accepted=True, text=f"asked for {what}", calls=[call])
 
     def _on_arming(self, what: str, response: Any) -> None:

@@ -12,7 +12,8 @@ from rclpy.publisher import Publisher
 from quad_mpc_ros.configuration import UserError, optional_part
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.control.model.samples import ReferenceWindow
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.safety.ladder import Source
 from quad_mpc_ros.control.standby import Standby
 from quad_mpc_ros.control.tick import Tick
@@ -97,18 +98,27 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._path_shown_ns = -self._path_period_ns
 
         # Raw bytes: rclpy's conversion to objects takes longer than the control step.
-        self.managed_subscription(topics.ODOMETRY, self._on_odometry, raw=True)
+        self.managed_subscription(topics.ODOMETRY, self._on_odometry, decode=odometry_in, raw=True)
         if self._hears_reference:
-            self.managed_subscription(topics.REFERENCE, self._on_reference, raw=True)
+            self.managed_subscription(
+                topics.REFERENCE, self._on_reference, decode=reference_in, raw=True
+            )
         if config.feels:
-            self.managed_subscription(topics.IMU, self._on_imu, raw=True, expected=False)
+            self.managed_subscription(
+                topics.IMU, self._on_imu, decode=imu_in, raw=True, expected=False
+            )
         self.health.watch = VehicleWatch(self, config.vehicle_values())
         self.managed_subscription(
             topics.DIAGNOSTICS, self._on_diagnostics, raw=True, expected=False
         )
         self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
         self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
-        self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
+        self.managed_subscription(
+            topics.ODOMETRY_RESET,
+            self._on_odometry_reset,
+            decode=conversions.reset_from_message,
+            expected=False,
+        )
         self._obstacle_inputs: ObstacleInputs | None = None
         self._corridor: Publisher | None = None
         if guide is not None:
@@ -189,14 +199,9 @@ class MpcNode(ManagedNode[MpcConfig]):
             window, now_ns = self._handed.pop()
             self._receive_reference(window, now_ns=now_ns)
 
-    def _on_odometry(self, data: bytes) -> None:
+    def _on_odometry(self, odometry: OdometrySample) -> None:
         self._receive_handed()
         now_ns = self._time.now_ns()
-        try:
-            odometry = odometry_in(data)
-        except ValueError as error:
-            self._warn(str(error))
-            return
         self._standby.receive_odometry(odometry, now_ns=now_ns)
         self._commanders.hear()
         if self._obstacle_inputs is not None:
@@ -206,14 +211,9 @@ class MpcNode(ManagedNode[MpcConfig]):
         else:
             self.activate_when_ready()
 
-    def _on_imu(self, data: bytes) -> None:
+    def _on_imu(self, sample: ImuSample) -> None:
         """Take what an accelerometer measured; while inactive it is of no use."""
         if not self.active:
-            return
-        try:
-            sample = imu_in(data)
-        except ValueError as error:
-            self._warn(str(error))
             return
         tick = self._controller.receive_imu(sample)
         if tick is not None:
@@ -221,12 +221,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         else:
             self._log_warnings()
 
-    def _on_reference(self, data: bytes) -> None:
-        try:
-            window = reference_in(data)
-        except ValueError as error:
-            self._warn(str(error))
-            return
+    def _on_reference(self, window: ReferenceWindow) -> None:
         self._receive_reference(window, now_ns=self._time.now_ns())
 
     def _receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
@@ -260,11 +255,8 @@ class MpcNode(ManagedNode[MpcConfig]):
         elif not self.active and self.autostarting and self._commanders.is_taken():
             self.stay_inactive(f"inactive: {self._commanders.obstacle()}, then activate this node")
 
-    def _on_odometry_reset(self, message: Any) -> None:
-        try:
-            self._controller.reset_estimate(conversions.reset_from_message(message))
-        except ValueError as error:
-            self._warn(str(error))
+    def _on_odometry_reset(self, reset: EstimateReset) -> None:
+        self._controller.reset_estimate(reset)
 
     def _on_gates(self, message: Any) -> None:
         """Take where the gates are by now."""
@@ -274,7 +266,7 @@ class MpcNode(ManagedNode[MpcConfig]):
                 poses = conversions.poses_from_message(message, frame_id=frame_id)
                 self._gates.move(*poses)
             except UserError as error:
-                self._warn(str(error))
+                self.warnings.warn(str(error))
 
     def _on_watch(self) -> float:
         """Act if odometry is missing, and return the time to the next check [s]."""
@@ -304,11 +296,11 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._log_warnings()
         if self._obstacle_inputs is not None:
             for refusal in self._obstacle_inputs.take_warnings():
-                self._warn(refusal)
+                self.warnings.warn(refusal)
 
     def _log_warnings(self) -> None:
         for warning in self._controller.take_warnings():
-            self._warn(warning)
+            self.warnings.warn(warning)
 
     def _publish_ground(self) -> None:
         """Publish changes of whether the vehicle stands; at the end of ROS nobody hears it."""
@@ -398,9 +390,6 @@ class MpcNode(ManagedNode[MpcConfig]):
                 ("realtime_refused", self._refused),
             ],
         )
-
-    def _warn(self, text: str) -> None:
-        self.warnings.warn(text)
 
 
 def _guidance(config: MpcConfig) -> Guidance | None:

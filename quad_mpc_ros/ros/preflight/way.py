@@ -81,22 +81,11 @@ def limits_findings(facts: Facts) -> list[Finding]:
 
 
 def rates_findings(facts: Facts) -> list[Finding]:
-    """Can the stack turn as fast as the MPC may command, and the MPC as the reference needs?"""
+    """Can the MPC turn as fast as the reference needs?"""
     mpc = facts.mpc
     if mpc is None:
         return [_UNKNOWN]
     found = []
-    for name, config in facts.bridge_configs.items():
-        fastest = config.fastest_rates
-        for axis, asked, most in zip(_AXES, mpc.omega_max, fastest or mpc.omega_max, strict=True):
-            if asked > most:
-                found.append(
-                    warning(
-                        f"mpc.omega_max of {axis} is {asked:.3g} rad/s, {name} can ask for "
-                        f"{most:.3g}",
-                        "lower omega_max, or raise the rates of the stack",
-                    )
-                )
     if facts.course is not None:
         found += [
             warning(
@@ -174,6 +163,3 @@ def _is_near(mpc: MpcConfig, limits: FlightLimits, samples: Sequence[OdometrySam
     return any(
         float(np.abs(limits.inside(sample.p_WB) - sample.p_WB).max()) > _NEAR for sample in samples
     )
-
-
-_AXES = ("roll", "pitch", "yaw")

@@ -75,7 +75,7 @@ CURVES = st.builds(
 def test_the_pulse_that_asks_for_a_rate_makes_it(curve: Curve, share: float) -> None:
     """To what a microsecond of the stick changes; no pulse goes beyond the stick."""
     stick = Stick(curve)
-    rate = share * stick.fastest
+    rate = share * float(curve.rate(np.array([1.0]))[0])
     pulse = stick.pulse(rate)
     assert 1000.0 <= pulse <= 2000.0
     made = math.copysign(curve.rate(np.array([abs(pulse - 1500.0) / 500.0]))[0], pulse - 1500.0)

@@ -12,7 +12,6 @@ import pytest
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.extras.bridges.betaflight.config import BetaflightConfig
 from quad_mpc_ros.messages import diagnostics
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.references.config import ReferenceConfig
@@ -338,17 +337,6 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         "",
     ),
     # rates
-    "rates that the stack cannot": (
-        "rates",
-        both(
-            without("rates_bridge"),
-            with_node(
-                "betaflight_bridge", config=BetaflightConfig(transport="crsf", receiver="bridge")
-            ),
-        ),
-        WARNING,
-        "betaflight_bridge can ask for 11.7",
-    ),
     "rates that the reference needs": (
         "rates",
         both(

@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter
-from quad_mpc_ros.extras.bridges.betaflight.rates import Curve, Stick
+from quad_mpc_ros.extras.bridges.betaflight.rates import Curve
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 
 
@@ -102,13 +102,6 @@ class BetaflightConfig(BridgeConfig):
     )
     rates: RatesParameters = dataclasses.field(default_factory=RatesParameters)
     lost: LostParameters = dataclasses.field(default_factory=LostParameters)
-
-    @property
-    def fastest_rates(self) -> tuple[float, ...] | None:
-        """Body rates [rad/s] at full stick, with CRSF; over MSP the flight controller tells."""
-        if self.transport != "crsf":
-            return None
-        return tuple(Stick(curve).fastest for curve in self.rates.curves)
 
     def check(self) -> None:
         """Refuse an override that the transport does not have."""
