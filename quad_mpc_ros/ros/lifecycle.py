@@ -201,27 +201,23 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             self.warnings.warn(f"inactive: {obstacle}")
 
     def managed_timer(
-        self, period: float, callback: Callable[[], None], *, steady: bool = False
+        self, period: float, callback: Callable[[], float | None], *, steady: bool = True
     ) -> None:
-        """Create a timer [s] until the cleanup, on the node's clock or on a steady one."""
+        """Create a timer [s] until the cleanup, on a steady clock or on that of the node.
+
+        If the callback returns a time [s], it is called again after that.
+        """
 
         def guarded() -> None:
-            if self._configured:
-                callback()
-
-        create = functools.partial(create_steady_timer, self) if steady else self.create_timer
-        timer = create(period, until_the_end(self, guarded))
-        self._made.callback(self.destroy_timer, timer)
-
-    def managed_alarm(self, delay: float, callback: Callable[[], float]) -> None:
-        """Call back after a steady delay [s], and then again after what the callback returns."""
-
-        def guarded() -> None:
-            if self._configured:
-                timer.timer_period_ns = round(callback() * 1e9)
+            pause = callback() if self._configured else None
+            if pause is not None:
+                timer.timer_period_ns = round(pause * 1e9)
                 timer.reset()  # without this the new period begins with the next call
 
-        timer = create_steady_timer(self, delay, guarded)
+        if steady:
+            timer = create_steady_timer(self, period, guarded)
+        else:
+            timer = self.create_timer(period, until_the_end(self, guarded))
         self._made.callback(self.destroy_timer, timer)
 
     def managed_beat(self, period: float, callback: Callable[[], None]) -> None:
@@ -230,7 +226,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         In simulated time it is a timer of the executor.
         """
         if self.get_clock().ros_time_is_active:
-            self.managed_timer(period, callback)
+            self.managed_timer(period, callback, steady=False)
             return
 
         def guarded() -> None:

@@ -19,14 +19,13 @@ from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage, nanoseconds
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
-    LatestStatus,
     Outgoing,
     OutgoingMessage,
     Response,
     Subscription,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
-from quad_mpc_ros.ros.bridges.handover import Stack
+from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack
 
 # ACRO until August 2026, BODY_RATES since: the number stayed.
 CONTROL_MODE_BODY_RATES = 6

@@ -26,13 +26,12 @@ from quad_mpc_ros.extras.bridges import crtp
 from quad_mpc_ros.messages.conversions import NewMessage, nanoseconds, odometry_from_message
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
-    LatestStatus,
     OutgoingMessage,
     Response,
     Subscription,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
-from quad_mpc_ros.ros.bridges.handover import Stack
+from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack
 from quad_mpc_ros.ros.bridges.odometry import PoseDifferentiator
 
 _LOCKS_AFTER_NS = 2_000_000_000

@@ -26,7 +26,6 @@ from quad_mpc_ros.messages.conversions import NewMessage, fill_time, nanoseconds
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
-    LatestStatus,
     OutgoingMessage,
     Response,
     ServiceCall,
@@ -38,7 +37,7 @@ from quad_mpc_ros.ros.bridges.frames import (
     flu_from_frd,
     q_enu_flu_xyzw_from_ned_frd_wxyz,
 )
-from quad_mpc_ros.ros.bridges.handover import Stack, State, is_old
+from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack, State, is_old
 
 MODE_ROLLRATE_PITCHRATE_YAWRATE_THROTTLE = 1
 IGNORE_NONE = 0

@@ -40,7 +40,13 @@ from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages.conversions import NewMessage, odometry_from_message
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
-from quad_mpc_ros.ros.bridges.handover import Ground, Handover, Stack, State, Surroundings
+from quad_mpc_ros.ros.bridges.handover import (
+    Ground,
+    Handover,
+    Stack,
+    State,
+    Surroundings,
+)
 from quad_mpc_ros.ros.bridges.line import OwnLine
 from quad_mpc_ros.ros.bridges.odometry import OdometryStamps
 from quad_mpc_ros.ros.bridges.thrust import ThrustMap
@@ -261,7 +267,7 @@ class Bridge(ABC):
 
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
         """Take a reference, by which a handover is judged."""
-        self._surroundings.see_reference(window, now_ns=now_ns)
+        self._surroundings.reference.receive(window, now_ns)
 
     def receive_ground(self, state: GroundState) -> None:
         """Take what the MPC knows of the ground, which counts while it flies the vehicle."""
@@ -276,7 +282,7 @@ class Bridge(ABC):
         fault = self._command_fault(command, now_ns)
         if fault is None:
             share = self.thrust.specific_thrust(command.throttle) / self._config.gravity
-            self._surroundings.see_command(command, share=share, now_ns=now_ns)
+            self._surroundings.command.receive((command, share), now_ns)
             self._advance(now_ns)
             self._handover.commanded(now_ns=now_ns)
         if fault is None:
@@ -443,7 +449,7 @@ class Bridge(ABC):
             self.announced_reset = reset = EstimateReset.between(before, odometry)
             step = math.hypot(*reset.step_W)
             self._warnings.append(f"the estimate steps by {step:.2f} m ({cause})")
-        self._surroundings.see_odometry(odometry, now_ns=now_ns)
+        self._surroundings.odometry.receive(odometry, now_ns)
         self._see_ground(odometry, now_ns)
         return odometry
 
@@ -491,26 +497,6 @@ class Bridge(ABC):
 def command_result(number: int) -> str:
     """Return a MAV_RESULT in words; PX4 and MAVROS answer with the same numbers."""
     return _RESULTS[number] if 0 <= number < len(_RESULTS) else f"result {number}"
-
-
-class LatestStatus:
-    """Holds the newest status, which is valid for ``timeout`` seconds."""
-
-    def __init__(self, *, timeout: float) -> None:
-        self._timeout_ns = round(timeout * 1e9)
-        self._value: Any = None
-        self._received_ns = 0
-
-    def receive(self, value: Any, now_ns: int) -> None:
-        """Take a status that arrives now."""
-        self._value, self._received_ns = value, now_ns
-
-    def value(self, *, now_ns: int) -> Any:
-        """Return the newest status, or None if it is too old or there is none.
-
-        After the clock was set back its age is unknown, so it counts as too old.
-        """
-        return self._value if abs(now_ns - self._received_ns) <= self._timeout_ns else None
 
 
 class SwitchedBridge(Bridge):

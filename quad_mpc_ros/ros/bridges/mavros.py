@@ -23,7 +23,6 @@ from quad_mpc_ros.ros.bridges.ardupilot import cosine_of_tilt, thrust_fault, wit
 from quad_mpc_ros.ros.bridges.bridge import (
     FORCED,
     Bridge,
-    LatestStatus,
     Outgoing,
     OutgoingMessage,
     Response,
@@ -31,7 +30,7 @@ from quad_mpc_ros.ros.bridges.bridge import (
     command_result,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
-from quad_mpc_ros.ros.bridges.handover import Stack
+from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack
 
 IGNORE_ATTITUDE = 128  # and no bit of a rate or of the thrust
 COMPONENT_ARM_DISARM = 400  # MAV_CMD

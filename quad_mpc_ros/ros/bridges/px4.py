@@ -23,7 +23,6 @@ from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.bridge import (
     FORCED,
     Bridge,
-    LatestStatus,
     Outgoing,
     OutgoingMessage,
     Response,
@@ -36,7 +35,7 @@ from quad_mpc_ros.ros.bridges.frames import (
     flu_from_frd,
     q_enu_flu_xyzw_from_ned_frd_wxyz,
 )
-from quad_mpc_ros.ros.bridges.handover import Stack
+from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack
 
 POSE_FRAME_NED, POSE_FRAME_FRD = 1, 2
 VELOCITY_FRAME_NED, VELOCITY_FRAME_FRD, VELOCITY_FRAME_BODY_FRD = 1, 2, 3

@@ -131,7 +131,7 @@ class MpcNode(ManagedNode[MpcConfig]):
                 self, guidance.world, guidance.surroundings, lockstep=config.lockstep
             )
         if not config.lockstep:
-            self.managed_alarm(1.0 / config.control_rate, self._on_watch)
+            self.managed_timer(1.0 / config.control_rate, self._on_watch)
 
     def obstacle(self) -> str | None:
         """Return which of odometry and reference is missing, or who commands already."""

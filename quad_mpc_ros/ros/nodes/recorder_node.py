@@ -36,7 +36,7 @@ class RecorderNode(ManagedNode[RecorderConfig]):
         self._place = bag_place(config)
         self._lost_logged = 0
         # One timer for everything: waking the node costs more than the work.
-        self.managed_timer(_PERIOD, self._on_timer, steady=True)
+        self.managed_timer(_PERIOD, self._on_timer)
 
     def activate(self) -> None:
         """Record."""

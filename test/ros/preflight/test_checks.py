@@ -365,12 +365,6 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         WARNING,
         "outside the fence",
     ),
-    "a reference near the fence": (
-        "fence",
-        configured("reference", origin=[2.7, 0.0]),
-        WARNING,
-        "the reference comes nearer than 0.5 m",
-    ),
     "a reference too fast to stop inside": (
         "fence",
         both(

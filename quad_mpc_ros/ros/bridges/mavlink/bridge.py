@@ -20,13 +20,12 @@ from quad_mpc_ros.ros.bridges.ardupilot import cosine_of_tilt
 from quad_mpc_ros.ros.bridges.bridge import (
     FORCED,
     Bridge,
-    LatestStatus,
     Outgoing,
     OutgoingBytes,
     Response,
     command_result,
 )
-from quad_mpc_ros.ros.bridges.handover import Stack, State, is_old
+from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack, State, is_old
 from quad_mpc_ros.ros.bridges.line import Line
 from quad_mpc_ros.ros.bridges.mavlink import codec
 from quad_mpc_ros.ros.bridges.mavlink.autopilots import AUTOPILOTS, Autopilot
