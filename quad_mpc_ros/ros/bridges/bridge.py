@@ -55,6 +55,7 @@ FORCED = 21196.0
 """Second parameter of MAV_CMD_COMPONENT_ARM_DISARM: disarm in the air as well."""
 
 _FASTEST_TURN = 100.0  # rad/s: more than the gyroscope of a vehicle can measure
+_COMMAND_TIMEOUT = 0.1  # s: an older command, by its stamp, is not passed on
 _ASKED_AGAIN_NS = 1_000_000_000
 _RESULTS = "accepted", "temporarily rejected", "denied", "unsupported", "failed"
 _ARMING_TIMEOUT_NS = 3_000_000_000  # until the stack reports what was requested
@@ -165,7 +166,7 @@ class Bridge(ABC):
         self._new = new
         self._config = config
         self._namespace = namespace
-        self._stamps = OdometryStamps(tolerance=config.clock_tolerance)
+        self._stamps = OdometryStamps()
         self._newest: OdometrySample | None = None  # that was passed on
         self._warnings: list[str] = []
         self._handover = Handover(config.handover, patient=self.patient)
@@ -489,7 +490,7 @@ class Bridge(ABC):
         if fastest > _FASTEST_TURN:
             return f"the command's body rate {fastest:.3g} rad/s is beyond {_FASTEST_TURN:g} rad/s"
         age = (now_ns - command.stamp_ns) * 1e-9
-        if abs(age) > self._config.command_timeout:
+        if abs(age) > _COMMAND_TIMEOUT:
             return f"the command is {age:.3f} s old by its stamp"
         return None
 

@@ -116,20 +116,6 @@ class BridgeConfig(LiftParameters):
         "command",
         doc="Topic of the MPC's commands; another one is to be remapped for the mpc node as well.",
     )
-    command_timeout: float = _advanced(
-        0.1,
-        doc="A command older than this, by its stamp, is not passed on.",
-        unit="s",
-        above=0.0,
-        maximum=0.1,
-    )
-    clock_tolerance: float = _advanced(
-        0.1,
-        doc="A state whose stamp differs by more from this node's clock is of another clock; the "
-        "offset of that clock is taken from the fastest arrival.",
-        unit="s",
-        above=0.0,
-    )
     thrust_map: ThrustParameters = dataclasses.field(default_factory=ThrustParameters)
     handover: HandoverParameters = dataclasses.field(default_factory=HandoverParameters)
 

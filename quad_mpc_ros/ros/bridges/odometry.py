@@ -14,6 +14,7 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 _LONGEST_POSE_GAP_NS = 200_000_000
 _FASTEST = 30.0  # m/s: beyond it the estimate stepped
 _LATE_NS = 1_000_000_000
+_TOLERANCE_NS = 100_000_000  # between two clocks that agree
 
 
 class PoseDifferentiator:
@@ -59,8 +60,7 @@ class OdometryStamps:
     not stamped as if it were new.
     """
 
-    def __init__(self, *, tolerance: float) -> None:
-        self._tolerance_ns = round(tolerance * 1e9)
+    def __init__(self) -> None:
         self._offset = ClockOffset(until_last=True)
         self._last: tuple[int, int] | None = None  # the stack's time of it, and its arrival
         self._late = PersistentOffset()
@@ -75,15 +75,15 @@ class OdometryStamps:
         agrees, age_ns = offset.behind_ns == 0, now_ns - stack_ns
         if not agrees:
             age_ns = offset.follow(stack_ns, now_ns=now_ns)
-        if self._was_set(stack_ns, now_ns) or age_ns < -self._tolerance_ns:
-            self._set(stack_ns, now_ns, age_ns=min(last_age_ns, self._tolerance_ns))
+        if self._was_set(stack_ns, now_ns) or age_ns < -_TOLERANCE_NS:
+            self._set(stack_ns, now_ns, age_ns=min(last_age_ns, _TOLERANCE_NS))
         elif (agrees or age_ns >= 0) and self._has_been_late(age_ns, now_ns):
             self._set(stack_ns, now_ns, age_ns=0)
         elif agrees:
             offset.set(0, stamp_ns=stack_ns, now_ns=now_ns)
         self._last = stack_ns, now_ns
         stamp_ns, newest_ns = stack_ns + offset.behind_ns, self._newest_ns
-        if newest_ns is not None and stamp_ns <= newest_ns <= now_ns + self._tolerance_ns:
+        if newest_ns is not None and stamp_ns <= newest_ns <= now_ns + _TOLERANCE_NS:
             return None
         self._newest_ns = stamp_ns
         return stamp_ns
@@ -91,7 +91,7 @@ class OdometryStamps:
     def _set(self, stack_ns: int, now_ns: int, *, age_ns: int) -> None:
         """Take over the offset by a state of an age, or none if that is within the tolerance."""
         apart_ns = now_ns - stack_ns
-        behind_ns = 0 if abs(apart_ns) <= self._tolerance_ns else apart_ns - age_ns
+        behind_ns = 0 if abs(apart_ns) <= _TOLERANCE_NS else apart_ns - age_ns
         self._offset.set(behind_ns, stamp_ns=stack_ns, now_ns=now_ns)
         self._late.clear()
 
@@ -100,11 +100,11 @@ class OdometryStamps:
         if self._last is None:
             return True
         before_ns, arrived_ns = self._last  # what waits in a queue is not this late
-        return min(stack_ns - before_ns, now_ns - arrived_ns) < -self._tolerance_ns
+        return min(stack_ns - before_ns, now_ns - arrived_ns) < -_TOLERANCE_NS
 
     def _has_been_late(self, age_ns: int, now_ns: int) -> bool:
         """Whether all of a second was late, so that a clock was set rather than a link slow."""
-        if age_ns <= self._tolerance_ns:
+        if age_ns <= _TOLERANCE_NS:
             self._late.clear()
             return False
         late_ns = self._late.duration_ns(age_ns, now_ns=now_ns, tolerance_ns=math.inf)

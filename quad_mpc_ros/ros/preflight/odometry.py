@@ -23,7 +23,7 @@ from quad_mpc_ros.simulation.config import SimulatorConfig
 _ENOUGH, _LONG_ENOUGH = 10, 1.0  # odometries, or seconds of them, to judge by
 _RATE_SHARE = 0.95  # of the control rate
 _JITTER_SHARE = 0.3  # of a period
-_CLOCK_OFF = 0.1  # s: what a bridge takes as the age of a command (command_timeout)
+_CLOCK_OFF = 0.1  # s: a bridge passes no command that is older
 # At rest: positions within this [m], and then at most this speed [m/s], turn [rad/s], tilt [rad].
 _STILL, _SPEED, _TURN, _TILT = 0.05, 0.3, 0.2, 0.35
 _NO_ODOMETRY = unknown("no odometry came")

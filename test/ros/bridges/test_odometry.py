@@ -65,7 +65,7 @@ def stamped(clock_ns: int, waits: list[tuple[int, int]]) -> list[int | None]:
     ``waits`` are times of measurement [ms] and how long each is on its way [ms]; the stack's clock
     shows ``clock_ns`` less than the node's.
     """
-    stamps, found = OdometryStamps(tolerance=0.1), []
+    stamps, found = OdometryStamps(), []
     for at, wait in waits:
         true_ns = T0 + at * MS
         stamp = stamps.stamp(true_ns - clock_ns, now_ns=true_ns + wait * MS)
@@ -102,7 +102,7 @@ def test_late_first_state_does_not_shift_later_stamps(clock_ns: int, waited: int
 
 @pytest.mark.parametrize("step", [3, -3])
 def test_stack_clock_step_moves_stamps_by_at_most_the_latency(step: int) -> None:
-    stamps = OdometryStamps(tolerance=0.1)
+    stamps = OdometryStamps()
     for k in range(200):
         true_ns = T0 + 20 * k * MS
         set_ns = step * SECOND if k >= 100 else 0
@@ -113,7 +113,7 @@ def test_stack_clock_step_moves_stamps_by_at_most_the_latency(step: int) -> None
 
 @pytest.mark.parametrize("pace", [0.99, 1.0005, 1.01])  # also of a simulation in real time
 def test_follows_drifting_clock(pace: float) -> None:
-    stamps = OdometryStamps(tolerance=0.1)
+    stamps = OdometryStamps()
     for k in range(0, 60_000, 20):
         stamp = stamps.stamp(round(k * MS * pace) + HOUR, now_ns=T0 + k * MS)
         assert stamp is not None
@@ -121,7 +121,7 @@ def test_follows_drifting_clock(pace: float) -> None:
 
 
 def test_stamps_run_backwards_only_if_clock_was_set() -> None:
-    stamps = OdometryStamps(tolerance=0.1)
+    stamps = OdometryStamps()
     assert stamps.stamp(T0, now_ns=T0) == T0
     assert stamps.stamp(T0, now_ns=T0) is None
     assert stamps.stamp(T0 - 1000, now_ns=T0) is None

@@ -62,11 +62,6 @@ class MavlinkConfig(BridgeConfig):
         minimum=0.0,
         maximum=60.0,
     )
-    undo_thrust_curve: bool = parameter(
-        True,
-        doc="ArduPilot: whether the thrust map is of the motors' level, and MOT_THST_EXPO, "
-        "MOT_SPIN_MIN and MOT_SPIN_MAX are taken out; else of ArduPilot's own throttle.",
-    )
 
     def check(self) -> None:
         """Refuse an address that is none."""
