@@ -47,7 +47,7 @@ _TRANSITIONS = {
         Transition.TRANSITION_ACTIVE_SHUTDOWN: "shutdown",
     },
 }
-# s: what is awaited is in the log after so long without it.
+# s: what prevents an activation is in the log after so long.
 _PATIENCE, _REMINDER_PERIOD = 3.0, 0.5
 _SHUTDOWN_DELAY = 0.1  # s: the response to the request for the shutdown goes out first
 
@@ -102,10 +102,6 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
     def autostarting(self) -> bool:
         """Whether the node is to be activated by itself."""
         return self._autostarting
-
-    def awaits(self) -> bool:
-        """Whether the obstacle is only that something has not come yet."""
-        return False
 
     def activate(self) -> None:
         """Begin, or continue."""
@@ -188,16 +184,11 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             self.health.report()
 
     def _remind(self) -> None:
-        """Log what prevents an activation: at once, and again as long as it lasts.
-
-        What is only awaited is given a while first.
-        """
+        """Log what prevents an activation after a while, and again as long as it lasts."""
         if not (self._autostarting and self._configured) or self.active:
             return
         obstacle = self.obstacle()
-        if obstacle is None:
-            return
-        if not self.awaits() or time.monotonic() - self._awaiting_since > _PATIENCE:
+        if obstacle is not None and time.monotonic() - self._awaiting_since > _PATIENCE:
             self.warnings.warn(f"inactive: {obstacle}")
 
     def managed_timer(

@@ -147,11 +147,6 @@ class MpcNode(ManagedNode[MpcConfig]):
         topic = topics.ODOMETRY if missing == "odometry" else topics.REFERENCE
         return f"{obstacle}: {self.health.publishers_of(topic)}"
 
-    def awaits(self) -> bool:
-        """Whether odometry or its reference has not come yet, or who is there is not known yet."""
-        missing = self._standby.missing is not None or self._in_lockstep
-        return missing or self._commanders.discovers
-
     def activate(self) -> None:
         """Answer the newest odometry."""
         self._commanders.begin()

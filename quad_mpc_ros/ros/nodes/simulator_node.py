@@ -56,8 +56,6 @@ class RealTime:
 
     def __init__(self, node: SimulatorNode, plant: Plant) -> None:
         self._node, self._plant = node, plant
-        self._started_ns = 0
-        self._stream: OdometryStream | None = None
 
     def start(self) -> None:
         """Start the wall clock of the flight; its stamps are those of the node's clock."""
@@ -78,13 +76,12 @@ class RealTime:
     def _tick(self) -> None:
         elapsed_ns = self._elapsed_ns()
         self._fly_to(elapsed_ns)
-        if self._stream is not None and self._stream.ended(elapsed_ns):
+        if self._stream.ended(elapsed_ns):
             self._node.finish()
 
     def _fly_to(self, time_ns: int) -> None:
-        if self._stream is not None:
-            for sent in self._stream.advance_to(time_ns):
-                self._node.publish(sent)
+        for sent in self._stream.advance_to(time_ns):
+            self._node.publish(sent)
 
     def _elapsed_ns(self) -> int:
         return time.monotonic_ns() - self._started_ns
