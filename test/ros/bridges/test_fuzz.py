@@ -51,7 +51,7 @@ VARIANTS: dict[str, list[dict[str, Any]]] = {
         {"odometry_topic": "stack_odom", "twist_frame": "world", "thrust_map.kind": "table"},
     ],
     "rosflight_bridge": [{"thrust_map.kind": "table"}, {"state": "truth"}],
-    "crazyswarm2_bridge": [{"thrust_map.kind": "linear"}, {"state": "pose"}],
+    "crazyswarm2_bridge": [{"thrust_map.kind": "linear"}],
     "rates_bridge": [
         {},
         {"thrust_unit": "newton", "body_frame": "frd", "angle_unit": "deg"},
