@@ -50,7 +50,7 @@ VARIANTS: dict[str, list[dict[str, Any]]] = {
         {"odometry_topic": "stack_odom"},
         {"odometry_topic": "stack_odom", "twist_frame": "world", "thrust_map.kind": "table"},
     ],
-    "rosflight_bridge": [{"thrust_map.kind": "table"}, {"state": "truth"}],
+    "rosflight_bridge": [{"thrust_map.kind": "table"}],
     "crazyswarm2_bridge": [{"thrust_map.kind": "linear"}],
     "rates_bridge": [
         {},
