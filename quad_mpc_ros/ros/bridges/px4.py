@@ -44,9 +44,8 @@ ARMING_STATE_ARMED = 2
 
 VEHICLE_CMD_DO_SET_MODE = 176
 VEHICLE_CMD_COMPONENT_ARM_DISARM = 400
-_CUSTOM_MODE_ENABLED = 1.0
-_MAIN_MODE_AUTO, _MAIN_MODE_OFFBOARD = 4.0, 6.0
-_SUB_MODE_LOITER = 3.0
+# Custom mode, main mode, sub mode: offboard, and hold (auto, loiter).
+OFFBOARD, HOLD = (1.0, 6.0, 0.0), (1.0, 4.0, 3.0)
 
 _POSE_FRAMES = {POSE_FRAME_NED: "NED", POSE_FRAME_FRD: "FRD"}
 
@@ -112,27 +111,10 @@ def fill_vehicle_rates_setpoint(message: Any, command: CommandSample, *, throttl
     message.reset_integral = False
 
 
-def fill_arming(message: Any, *, wanted: bool, target_system: int) -> None:
-    """Write a ``VehicleCommand`` that arms, or disarms also in the air."""
-    parameters = (1.0, 0.0, 0.0) if wanted else (0.0, FORCED, 0.0)
-    _fill_command(message, VEHICLE_CMD_COMPONENT_ARM_DISARM, parameters, target_system)
-
-
-def fill_offboard_mode(message: Any, *, target_system: int) -> None:
-    """Write a ``VehicleCommand`` that switches to offboard mode."""
-    parameters = (_CUSTOM_MODE_ENABLED, _MAIN_MODE_OFFBOARD, 0.0)
-    _fill_command(message, VEHICLE_CMD_DO_SET_MODE, parameters, target_system)
-
-
-def fill_hold_mode(message: Any, *, target_system: int) -> None:
-    """Write a ``VehicleCommand`` that switches to hold."""
-    parameters = (_CUSTOM_MODE_ENABLED, _MAIN_MODE_AUTO, _SUB_MODE_LOITER)
-    _fill_command(message, VEHICLE_CMD_DO_SET_MODE, parameters, target_system)
-
-
-def _fill_command(
-    message: Any, command: int, parameters: tuple[float, float, float], target_system: int
+def fill_command(
+    message: Any, command: int, parameters: tuple[float, float, float], *, target_system: int
 ) -> None:
+    """Write a ``VehicleCommand`` with its first three parameters."""
     message.timestamp = 0
     message.command = command
     message.param1, message.param2, message.param3 = parameters
@@ -171,7 +153,6 @@ class Px4Bridge(Bridge):
 
     def __init__(self, config: Px4Config, new: NewMessage) -> None:
         super().__init__(config, new, namespace=config.fmu)
-        self._target = config.target_system
         self._status = LatestStatus(timeout=_STATUS_TIMEOUT)
         self._mode = LatestStatus(timeout=_MODE_TIMEOUT)
         self._land = LatestStatus(timeout=_LAND_TIMEOUT)
@@ -220,19 +201,17 @@ class Px4Bridge(Bridge):
         return Stack(takes_setpoints=all(offboard), armed=all(armed), left=left)
 
     def _arm(self, wanted: bool) -> Response:
-        message = self._new(self._command.type_name)
-        fill_arming(message, wanted=wanted, target_system=self._target)
-        return self._asked("arming" if wanted else "disarming", message)
+        parameters = (1.0, 0.0, 0.0) if wanted else (0.0, FORCED, 0.0)
+        command = self._vehicle_command(VEHICLE_CMD_COMPONENT_ARM_DISARM, parameters)
+        what = "arming" if wanted else "disarming"
+        return Response(accepted=True, text=f"asked for {what}", messages=[command])
 
     def _switch(self) -> list[Outgoing]:
-        message = self._new(self._command.type_name)
-        fill_offboard_mode(message, target_system=self._target)
-        return [OutgoingMessage(topic=self._command, message=message)]
+        return [self._vehicle_command(VEHICLE_CMD_DO_SET_MODE, OFFBOARD)]
 
     def _switch_back(self, now_ns: int) -> Response:
-        message = self._new(self._command.type_name)
-        fill_hold_mode(message, target_system=self._target)
-        return self._asked("hold mode", message)
+        command = self._vehicle_command(VEHICLE_CMD_DO_SET_MODE, HOLD)
+        return Response(accepted=True, text="asked for hold mode", messages=[command])
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         heartbeat = self._new(self._heartbeat.type_name)
@@ -274,9 +253,12 @@ class Px4Bridge(Bridge):
         else:
             self._warnings.append(f"PX4 refuses command {message.command}: {result}")
 
-    def _asked(self, what: str, message: Any) -> Response:
-        outgoing = OutgoingMessage(topic=self._command, message=message)
-        return Response(accepted=True, text=f"asked for {what}", messages=[outgoing])
+    def _vehicle_command(
+        self, command: int, parameters: tuple[float, float, float]
+    ) -> OutgoingMessage:
+        message = self._new(self._command.type_name)
+        fill_command(message, command, parameters, target_system=self._config.target_system)
+        return OutgoingMessage(topic=self._command, message=message)
 
     def _versioned(self, path: str, kind: str) -> Topic:
         """Return the topic of a message, which since PX4 1.16 ends in its version."""
