@@ -167,7 +167,8 @@ class Bridge(ABC):
         self._config = config
         self._namespace = namespace
         self._stamps = OdometryStamps()
-        self._newest: OdometrySample | None = None  # that was passed on
+        self._newest: OdometrySample | None = None  # that was passed on, and when it came
+        self._newest_ns: int | None = None
         self._warnings: list[str] = []
         self._handover = Handover(config.handover, patient=self.patient)
         self._surroundings = Surroundings(config.handover)
@@ -444,7 +445,8 @@ class Bridge(ABC):
             self.refused += 1
             return None
         odometry = dataclasses.replace(odometry, stamp_ns=stamp_ns)
-        before, self._newest, self.announced_reset = self._newest, odometry, None
+        before, self._newest, self._newest_ns = self._newest, odometry, now_ns
+        self.announced_reset = None
         if before is not None and cause is not None:
             self.jumps += 1
             self.announced_reset = reset = EstimateReset.between(before, odometry)

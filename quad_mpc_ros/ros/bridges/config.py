@@ -120,5 +120,17 @@ class BridgeConfig(LiftParameters):
     handover: HandoverParameters = dataclasses.field(default_factory=HandoverParameters)
 
 
+@dataclass(frozen=True, kw_only=True)
+class EstimatorConfig(BridgeConfig):
+    """What a bridge must know that takes the odometry of an estimator beside the stack."""
+
+    odometry_topic: str = parameter(
+        "stack_odom", doc="Topic of the estimator's nav_msgs/Odometry, in ENU."
+    )
+    twist_frame: str = parameter(
+        "child", doc="Frame of its twist: child (body) or world.", choices=("child", "world")
+    )
+
+
 def _rises(values: tuple[float, ...]) -> bool:
     return all(a < b for a, b in itertools.pairwise(values))

@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 from quad_mpc_ros.configuration import Configuration, parameter
-from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.bridges.config import EstimatorConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,7 @@ class LostParameters(Configuration):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BetaflightConfig(BridgeConfig):
+class BetaflightConfig(EstimatorConfig):
     """Parameters of the Betaflight bridge."""
 
     owner = "betaflight_bridge"
@@ -55,11 +55,5 @@ class BetaflightConfig(BridgeConfig):
     )
     min_check: int = parameter(
         1050, doc="min_check of the flight controller.", unit="us", minimum=1000, maximum=1400
-    )
-    odometry_topic: str = parameter(
-        "stack_odom", doc="Topic of an estimator's nav_msgs/Odometry, in ENU."
-    )
-    twist_frame: str = parameter(
-        "child", doc="Frame of its twist: child (body) or world.", choices=("child", "world")
     )
     lost: LostParameters = dataclasses.field(default_factory=LostParameters)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from quad_mpc_ros.configuration import ConfigurationError, parameter
-from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.bridges.config import EstimatorConfig
 from quad_mpc_ros.ros.bridges.line import NETWORK, address_of
 
 
 @dataclass(frozen=True, kw_only=True)
-class MavlinkConfig(BridgeConfig):
+class MavlinkConfig(EstimatorConfig):
     """Parameters of the MAVLink bridge."""
 
     owner = "mavlink_bridge"
@@ -40,9 +40,6 @@ class MavlinkConfig(BridgeConfig):
         "",
         doc="Topic of an estimator's nav_msgs/Odometry, in ENU, in place of the autopilot's "
         "state; empty for that.",
-    )
-    twist_frame: str = parameter(
-        "child", doc="Frame of its twist: child (body) or world.", choices=("child", "world")
     )
     guided_mode: str = parameter(
         "GUIDED",
