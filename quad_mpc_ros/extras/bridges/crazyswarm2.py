@@ -81,11 +81,6 @@ def fill_setpoint(message: Any, command: CommandSample, *, throttle: float) -> N
     message.angular.z = -r
 
 
-def fill_unlock(message: Any) -> None:
-    """Write the setpoint of nothing, which unlocks the thrust."""
-    message.linear.x = message.linear.y = message.linear.z = message.angular.z = 0.0
-
-
 @dataclass(frozen=True, kw_only=True)
 class Crazyswarm2Config(BridgeConfig):
     """Parameters of the Crazyswarm2 bridge."""
@@ -155,7 +150,6 @@ class Crazyswarm2Bridge(Bridge):
         if wanted:
             return Response(accepted=True, text="asked for arming", calls=[call])
         nothing = self._new(self._setpoint.type_name)  # stops firmware without arming
-        fill_unlock(nothing)
         messages = [OutgoingMessage(topic=self._setpoint, message=nothing)]
         return Response(accepted=True, text="asked for disarming", messages=messages, calls=[call])
 
@@ -184,8 +178,7 @@ class Crazyswarm2Bridge(Bridge):
         self._sent_ns = now_ns
         message = self._new(self._setpoint.type_name)
         if self._unlocking > 0 or not self._stack(now_ns).armed:
-            self._unlocking = max(self._unlocking - 1, 0)
-            fill_unlock(message)
+            self._unlocking = max(self._unlocking - 1, 0)  # by a setpoint of nothing
         else:
             throttle = self.thrust.stack_throttle(command.throttle)
             fill_setpoint(message, command, throttle=throttle)

@@ -84,38 +84,20 @@ def odometry_from_vehicle_odometry(message: Any) -> OdometrySample:
     )
 
 
-def fill_offboard_control_mode(message: Any) -> None:
-    """Write the heartbeat of a controller that commands body rates.
-
-    The timestamp stays 0: PX4 puts its own.
-    """
-    message.timestamp = 0
-    for field in (
-        "position",
-        "velocity",
-        "acceleration",
-        "attitude",
-        "thrust_and_torque",
-        "direct_actuator",
-    ):
-        setattr(message, field, False)
-    message.body_rate = True
-
-
 def fill_vehicle_rates_setpoint(message: Any, command: CommandSample, *, throttle: float) -> None:
-    """Write body rates [rad/s] into a ``VehicleRatesSetpoint`` (FRD), throttle along -z."""
+    """Write body rates [rad/s] into a ``VehicleRatesSetpoint`` (FRD), throttle along -z.
+
+    The timestamp stays 0, in all messages to PX4: PX4 puts its own.
+    """
     p, q, r = flu_from_frd(command.w_WB_B).tolist()
-    message.timestamp = 0
     message.roll, message.pitch, message.yaw = p, q, r
     message.thrust_body = np.array((0.0, 0.0, -throttle), dtype=np.float32)
-    message.reset_integral = False
 
 
 def fill_command(
     message: Any, command: int, parameters: tuple[float, float, float], *, target_system: int
 ) -> None:
     """Write a ``VehicleCommand`` with its first three parameters."""
-    message.timestamp = 0
     message.command = command
     message.param1, message.param2, message.param3 = parameters
     message.target_system, message.target_component = target_system, 1
@@ -215,7 +197,7 @@ class Px4Bridge(Bridge):
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         heartbeat = self._new(self._heartbeat.type_name)
-        fill_offboard_control_mode(heartbeat)
+        heartbeat.body_rate = True
         messages = [OutgoingMessage(topic=self._heartbeat, message=heartbeat)]
         if self._stack(now_ns).takes_setpoints:
             rates = self._new(self._rates.type_name)

@@ -203,9 +203,8 @@ def test_unknown_frames_and_no_attitude_are_refused(
 
 
 def test_heartbeat_claims_body_rates_and_nothing_else(new: New) -> None:
-    message = new("px4_msgs/msg/OffboardControlMode")
-    message.position = True  # as if it had been used before
-    px4.fill_offboard_control_mode(message)
+    heartbeat, _ = ready_to_fly(Px4Bridge, T0).receive_command(command(T0), now_ns=T0)
+    message = heartbeat.message
     claimed = [name for name in message.FIELDS if getattr(message, name) is True]
     assert claimed == ["body_rate"]
     assert message.timestamp == 0
