@@ -98,11 +98,6 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         """Return why the node cannot be activated now, or None."""
         return None
 
-    @property
-    def autostarting(self) -> bool:
-        """Whether the node is to be activated by itself."""
-        return self._autostarting
-
     def activate(self) -> None:
         """Begin, or continue."""
 

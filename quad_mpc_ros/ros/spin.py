@@ -106,7 +106,8 @@ def _run(
         settle_memory()
         interrupts.spinning()
         for node in nodes:
-            getattr(node, "begin", _nothing)()
+            if begin := getattr(node, "begin", None):
+                begin()
         threads += map(_spinning, nodes[1:], executors[1:])
         _spin(nodes[0], executors[0])
     except UserError as error:
@@ -138,10 +139,6 @@ def _run(
             vars(node).clear()
         rclpy.try_shutdown()
     return max(exit_codes)
-
-
-def _nothing() -> None:
-    """Begin a node that has nothing to begin with."""
 
 
 def _begin(args: list[str] | None) -> None:

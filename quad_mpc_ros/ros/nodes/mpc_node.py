@@ -247,7 +247,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         reason = self._commanders.receive(data)
         if reason and self.active:
             self.stay_inactive(reason)
-        elif not self.active and self.autostarting and self._commanders.is_taken():
+        elif not self.active and self._autostarting and self._commanders.is_taken():
             self.stay_inactive(f"inactive: {self._commanders.obstacle()}, then activate this node")
 
     def _on_odometry_reset(self, reset: EstimateReset) -> None:
@@ -372,8 +372,8 @@ class MpcNode(ManagedNode[MpcConfig]):
             text += f", the accelerometer {_ACCELEROMETER_FAILS[tick.stats.accelerometer]}"
         heard: list[tuple[str, str]] = []
         if self._obstacle_inputs is not None:
-            of_obstacles, fault = self._obstacle_inputs.fault(tick.stats.stamp_ns)
-            level, text = max(level, of_obstacles), f"{text}; {fault}" if fault else text
+            if fault := self._obstacle_inputs.fault(tick.stats.stamp_ns):
+                level, text = max(level, WARN), f"{text}; {fault}"
             heard = self._obstacle_inputs.values(tick.stats.stamp_ns)
         return Health(
             level=level,
