@@ -182,6 +182,11 @@ def topics(facts: Facts) -> list[Finding]:
         for (name, topic), count in peers.items()
         if count == 0
     ]
+    found += [
+        error(f"{count} publishers on {topic} of {name}, expected one", "end the others")
+        for (name, topic), count in peers.items()
+        if count > 1 and (name, topic) != (MPC_NODE, COMMAND.name)
+    ]
     return found or [ok(f"{', '.join(sorted({topic for _, topic in peers}))} connected")]
 
 

@@ -104,6 +104,7 @@ def test_tells_a_fit_vehicle_from_an_unfit_one(
     )
     assert "reference has mass 0.75, the file 0.5" in mend.pop("file")
     assert "z is 6.00 m, limits -1 to 5" in mend.pop("fence")
+    assert "2 publishers on command of simulator, expected one" in mend.pop("topics")
     assert "odometries: odometry is in frame 'map', expected 'odom'" in mend.pop("motion")
     assert not mend
     (simulator,) = (text for _, text in found["nodes"] if text.startswith("simulator"))

@@ -399,6 +399,19 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         ERROR,
         "mpc has no peer on command",
     ),
+    "two sources of odometry": (
+        "topics",
+        heard("mpc", odom=2),
+        ERROR,
+        "2 publishers on odom of mpc, expected one",
+    ),
+    "two sources of commands": (
+        "topics",
+        heard("rates_bridge", command=2),
+        ERROR,
+        "2 publishers on command of rates_bridge, expected one",
+    ),
+    "two who hear commands": ("topics", heard("mpc", command=2), OK, "connected"),
     "a bridge that hears nothing": (
         "topics",
         heard("rates_bridge", command=0),
