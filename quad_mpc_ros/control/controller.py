@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -132,16 +133,14 @@ class Controller:
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed live parameters between two ticks; the warm start stays."""
         self._config = config
-        for stage in self.stages:
-            stage.reconfigure(config)
+        self._to_all(lambda stage: stage.reconfigure(config))
 
     def engage(self, engaged: bool) -> None:
         """Set whether commands act on the vehicle: armed, and in the mode that takes them."""
         if engaged == self._engaged:
             return
         self._engaged = engaged
-        for stage in self.stages:
-            stage.engage(engaged)
+        self._to_all(lambda stage: stage.engage(engaged))
 
     def landed(self, landed: bool | None) -> None:
         """Set whether the flight stack reports the vehicle landed; None where it does not say."""
@@ -153,8 +152,15 @@ class Controller:
         What is held and the reference move along at once, the reference for as long as no other
         comes. Call it before the first odometry in the new coordinates.
         """
+        self._to_all(lambda stage: stage.reset_estimate(reset))
+
+    def _to_all(self, event: Callable[[Stage], None]) -> None:
+        """Hand an event to every stage; one that raises does not keep it from the others."""
         for stage in self.stages:
-            stage.reset_estimate(reset)
+            try:
+                event(stage)
+            except Exception as error:
+                self._log.stage_error(type(stage).__name__, error)
 
     def take_warnings(self) -> list[str]:
         """Return the warnings for the log since the last call."""
@@ -198,7 +204,7 @@ class Controller:
         if accepted is None:
             return None
         for reset in self._inputs.jumps.take_resets():
-            self._estimation.reset_learned(reset)
+            self._estimation.move_learned(reset)
         if self._config.lockstep:
             return self._last_tick if self._is_answered() else self._answer_in_lockstep()
         if not self._decimation.is_due(accepted.stamp_ns):
@@ -305,7 +311,10 @@ class Controller:
         return self._control(Due(odometry, odometry.stamp_ns, sent_ns, now_ns, held_ns * 1e-9))
 
     def _control(self, due: Due) -> Tick:
-        """Run a control step: what comes in has been validated."""
+        """Run a control step on validated inputs.
+
+        Whether the reference covers the time of the step is checked here.
+        """
         inputs, acting = self._inputs, self._limiting.acting
         reference = inputs.reference_at(due.sent_ns, now_ns=due.now_ns)
 

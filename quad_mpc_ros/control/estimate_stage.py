@@ -25,10 +25,13 @@ _RESET = (
 
 
 class Estimate(NamedTuple):
-    """The state in which a command sent now will act, and how long that took to estimate [s]."""
+    """The state in which a command sent now will act, and when its estimation began [s].
+
+    ``started`` is by :func:`time.perf_counter`.
+    """
 
     state: PredictedState
-    duration: float
+    started: float
 
 
 class EstimateStage(Stage):
@@ -108,7 +111,7 @@ class EstimateStage(Stage):
             return self._fail(error)
         if state is None:
             return Failure("estimate", "not run without odometry")
-        return Estimate(state, time.perf_counter() - started)
+        return Estimate(state, started)
 
     def _predicted(self, odometry: OdometrySample | None, sent_ns: int) -> PredictedState | None:
         if odometry is None:
@@ -145,7 +148,7 @@ class EstimateStage(Stage):
         """Take a command that is sent, by the clock of the odometry's stamps."""
         self._estimator.record(command, stamp_ns=stamp_ns)
 
-    def reset_learned(self, reset: EstimateReset) -> None:
+    def move_learned(self, reset: EstimateReset) -> None:
         """Move what is estimated to the coordinates after a jump that was not announced."""
         self._estimator.reset_estimate(reset)
 

@@ -42,7 +42,8 @@ class Guide(Stage, ABC):
     """Leads around what is in the way.
 
     Where the reference keeps clear the window is the one that was given, without a corridor: the
-    commands are then the same as without a guide. A guide may raise: the reference is flown then.
+    commands are then the same as without a guide. A guide may raise: in that step the reference is
+    flown, without a corridor. It is asked again in the next one, with its state as it left it.
     """
 
     @abstractmethod

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import NamedTuple
 
 from quad_mpc_ros.control.config import MpcConfig
@@ -51,9 +52,9 @@ class PlanStage(Stage):
             return Planned(None, guided)
         if isinstance(estimate, Failure):
             return Planned(None, estimate)
-        state, used = estimate
+        used = time.perf_counter() - estimate.started
         try:
-            step = self._mpc.solve(state, guided.window, guided.corridor, used=used)
+            step = self._mpc.solve(estimate.state, guided.window, guided.corridor, used=used)
         except Exception as error:  # whatever it is, something has to fly the vehicle
             self._mpc.restart()
             return Planned(None, self._log.solver_failure(f"error in the MPC: {error!r}"))

@@ -6,6 +6,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.safety.odometry_gate import OdometryGate
 from quad_mpc_ros.control.safety.window_validation import reference_fault
@@ -48,6 +49,15 @@ class Standby:
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
         """Take a reference window."""
         self._reference = _Received(window, now_ns)
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Take an announced step of the estimate: what was received before moves along."""
+        if self._odometry is not None and self._odometry.message.stamp_ns < reset.stamp_ns:
+            moved = reset.odometry(self._odometry.message)
+            self._odometry = self._odometry._replace(message=moved)
+        if self._reference is not None:
+            moved_window = reset.window(self._reference.message)
+            self._reference = self._reference._replace(message=moved_window)
 
     @property
     def missing(self) -> str | None:

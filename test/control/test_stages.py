@@ -428,3 +428,48 @@ def test_a_guide_that_always_fails_flies_the_commands_of_no_guide(
         flight.fly_everything()
     assert np.array_equal(failing_guide.commands, none.commands)
     assert failing_guide.ticks[-1].stats.solver_failures == 0
+
+
+@pytest.mark.parametrize(
+    "event",
+    [
+        lambda controller: controller.reset_estimate(MOVED),
+        lambda controller: controller.reconfigure(controller.config.updated({"mass": 0.5})),
+        lambda controller: controller.engage(False),
+    ],
+    ids=["reset_estimate", "reconfigure", "engage"],
+)
+def test_a_stage_that_raises_does_not_keep_an_event_from_the_others(
+    event: Callable[[Controller], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = ("reset_estimate", "reconfigure", "engage")
+    config = MpcConfig().updated(CONFIGURATIONS["guided"])
+    sound, failing_guide = Flight(config, guide=Beside()), Flight(config, guide=Beside())
+    for flight in (sound, failing_guide):
+        flight.fly(0.1)
+        flight.controller.take_warnings()
+    event(sound.controller)
+    for name in names:
+        monkeypatch.setattr(Beside, name, failing(Beside, name, range(10)))
+    event(failing_guide.controller)
+    warnings = failing_guide.controller.take_warnings()
+    assert warnings == ["error in the Beside: ArithmeticError('of nothing')"]
+    differing = {
+        path: value
+        for path, value in values_of(sound.controller).items()
+        if values_of(failing_guide.controller)[path] != value
+    }
+    assert all(".guide." in path or path.startswith("._log.counts") for path in differing)
+
+
+def test_gates_that_fail_leave_the_way_around_obstacles(monkeypatch: pytest.MonkeyPatch) -> None:
+    gates = HeldGates(course_from(COURSE), radius=0.2)
+    guide = GuidedThrough(Beside(), gates)
+    odometry = OdometrySample.at_rest(PLACE)
+    window = ReferenceWindow.hover(PLACE)
+    monkeypatch.setattr(HeldGates, "guide", failing(HeldGates, "guide", range(10)))
+    guided = guide.guide(odometry, window, None)
+    assert guided.corridor is not None
+    assert_allclose(guided.window.p_WB, window.p_WB + np.array([0.0, 0.5, 0.0]))
+    assert guided.avoidance.state == "around"
+    assert "of nothing" in guided.avoidance.reason

@@ -10,6 +10,7 @@ import pytest
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.standby import Standby
 
@@ -110,3 +111,26 @@ def test_the_first_command_answers_the_newest_odometry(standby: Standby, lockste
     assert tick.stats.source == "mpc"
     assert tick.command is not None
     assert tick.command.stamp_ns == NOW
+
+
+def test_a_reset_of_the_estimate_moves_what_waits(
+    make_odometry: MakeOdometry, make_window: MakeWindow
+) -> None:
+    """The first command in the new coordinates is that of a vehicle that was always there."""
+    reset = EstimateReset(stamp_ns=NOW + 1, turn=0.0, step_W=np.array([40.0, -20.0, 3.0]))
+    commands = []
+    for moves in (False, True):
+        standby, controller = Standby(CONFIG), Controller(CONFIG)
+        standby.receive_odometry(make_odometry(NOW - 20 * MS), now_ns=NOW - 20 * MS)
+        standby.receive_odometry(make_odometry(NOW), now_ns=NOW)
+        standby.receive_reference(make_window(NOW), now_ns=NOW)
+        if moves:
+            standby.reset_estimate(reset)
+            odometry = reset.odometry(make_odometry(NOW + 20 * MS))
+            standby.receive_odometry(odometry, now_ns=NOW + 20 * MS)
+        else:
+            standby.receive_odometry(make_odometry(NOW + 20 * MS), now_ns=NOW + 20 * MS)
+        tick = standby.begin(controller)
+        assert tick is not None and tick.command is not None
+        commands.append([tick.command.throttle, *tick.command.w_WB_B])
+    assert commands[1] == pytest.approx(commands[0], abs=1e-6)

@@ -95,12 +95,12 @@ class ArrivalStamps(Stage):
 
     def __init__(self) -> None:
         self._before: _Before | None = None
+        self._regular = 0  # intervals in a row that equal the one before
         self._begin()
 
     def _begin(self) -> None:
         self._sums = _Sums()
         self._l = self._P = self._earliest = 0.0
-        self._regular = 0  # intervals in a row that equal the one before
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Compare no position with one of the coordinates before."""
@@ -112,13 +112,14 @@ class ArrivalStamps(Stage):
         interval = 0.0 if before is None else 1e-9 * (stamp_ns - before.odometry.stamp_ns)
         self._before = _Before(odometry, stamp_ns, interval)
         if before is None or not 0.0 < interval < _LONGEST_GAP:
+            self._regular = 0
             self._begin()
             return odometry
         even = -_REGULAR < interval - before.interval < _REGULAR
         self._regular = self._regular + 1 if even else 0
-        if self._regular == _ENOUGH_REGULAR:
-            self._begin()
-        if self._regular >= _ENOUGH_REGULAR:
+        if self._regular >= _ENOUGH_REGULAR:  # compared no further, until one is uneven
+            if self._regular == _ENOUGH_REGULAR:
+                self._begin()
             return odometry
         late_ns = self._late_ns(before.odometry, odometry, interval, now_ns)
         if late_ns == 0:

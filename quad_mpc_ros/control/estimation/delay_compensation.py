@@ -283,7 +283,7 @@ class DelayCompensation(Stage):
             if self._health.fails(
                 stamp_ns, duration=duration, refused=refused, at_bounds=at_bounds
             ):
-                self._ekf.reset()
+                self._ekf.start_over()
                 self._memories.clear()
             if self._health.was_reset(stamp_ns):
                 text = "reset"

@@ -94,10 +94,10 @@ class VehicleEkf:
         assume(state, closer)
         if feels:
             assume_accelerometer(state)
-        self.reset()
+        self.start_over()
         self.start(p_WB=np.zeros(3), v_WB_W=np.zeros(3), w_WB_B=np.zeros(3))
 
-    def reset(self) -> None:
+    def start_over(self) -> None:
         """Return to the configured parameters, with the covariance of the start.
 
         But for the thrust: its scale becomes that which alone carries the vehicle as scale and

@@ -22,7 +22,8 @@ where A_i and B_i are the exact Jacobians of :mod:`quad_mpc_ros.control.model.ja
 last row are the soft limits. The cost is half of the true one to second order, but for the
 curvature of e (Gauss and Newton): J is the identity for position and velocity, and J_r^-1(e) for
 the attitude error, which changes by that with a rotation of the body. :func:`write_qp` writes the
-QP, with one function for each line.
+QP: dynamics, the cost of states, the cost and the bounds of inputs, then what limits and progress
+add to them.
 
 Soft limits, half-spaces among them, and progress add themselves through the same interface. Each
 of :mod:`.limits` and :mod:`.progress` marks its entries in the pattern, and has three functions:
@@ -69,7 +70,7 @@ from quad_mpc_ros.control.ocp.progress import (
     regularise_progress,
     write_progress,
 )
-from quad_mpc_ros.control.ocp.settings import Settings
+from quad_mpc_ros.control.ocp.settings import Settings, stage_weight
 
 _STATE_SIZES = np.concatenate((np.repeat([1.0, 3.0, 0.5, 5.0], 3), [0.3]))
 _INPUT_SIZES = np.array([0.3, 5.0, 5.0, 5.0])
@@ -199,7 +200,7 @@ def tracking_cost(
             error[V + k] = body.v[k] - stage.v_WB_W[k]
         R_error = kernels.multiply(kernels.transposed(kernels.matrix(stage.R_WB)), body.R)
         kernels.store_vector(kernels.log(R_error), error[THETA:])
-        weight = _stage_weight(settings, i, len(deviation))
+        weight = stage_weight(settings, i, len(deviation))
         for k in range(TANGENT_SIZE):
             cost += weight * settings.Q[k] * error[k] ** 2
         for k in range(INPUT_SIZE):
@@ -212,7 +213,7 @@ def write_tracking_cost(settings: Settings, errors: Array, H: Array, g: Array) -
     """Write H_i (N, nx, nx) and g_i (N, nx) at errors e (N, 9)."""
     Q = settings.Q
     for i in range(len(errors)):
-        w = _stage_weight(settings, i, len(errors))
+        w = stage_weight(settings, i, len(errors))
         for k in range(THETA):
             H[i, k, k] = w * Q[k]
             g[i, k] = w * Q[k] * errors[i, k]
@@ -227,11 +228,6 @@ def write_tracking_cost(settings: Settings, errors: Array, H: Array, g: Array) -
                 H[i, THETA + a, THETA + b] = w * (
                     by_a[0] * q[0] * by_b[0] + by_a[1] * q[1] * by_b[1] + by_a[2] * q[2] * by_b[2]
                 )
-
-
-@compiled
-def _stage_weight(settings: Settings, stage: int, steps: int) -> float:
-    return settings.terminal_weight if stage == steps - 1 else 1.0
 
 
 @compiled

@@ -32,7 +32,7 @@ from quad_mpc_ros.control.model.reference_window import PointRecord, SampleRecor
 from quad_mpc_ros.control.model.state import INPUT_SIZE, P, V
 from quad_mpc_ros.control.model.target import TargetStage, path_times
 from quad_mpc_ros.control.ocp.horizon_qp import HorizonStages, Mask
-from quad_mpc_ros.control.ocp.settings import Settings
+from quad_mpc_ros.control.ocp.settings import Settings, stage_weight
 
 PATH_TIME, SPEED, SIZE = STATE_SIZE, STATE_SIZE + 1, STATE_SIZE + 2
 """Where progress and its speed are in the state of the problem, and the size of that."""
@@ -130,7 +130,7 @@ def write_progress(
         H, g, speed, point = stages.H[i], stages.g[i], progress.nominal[i], progress.path[i]
         by_time = by_speed = 0.0
         time_time = time_speed = speed_speed = 0.0
-        factor = settings.terminal_weight if i == len(errors) - 1 else 1.0
+        factor = stage_weight(settings, i, len(errors))
         for k in range(3):
             v, a = point.v_WB_W[k], speed * point.a_WB_W[k]
             of_p, of_v = factor * settings.Q[P + k], factor * settings.Q[V + k]

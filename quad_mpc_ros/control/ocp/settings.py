@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 
 from quad_mpc_ros.configuration import per_axis
+from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3, Vector4
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array
@@ -31,6 +32,12 @@ class Settings(Record):
     progress_weight: float
     speed_min: float
     speed_max: float
+
+
+@compiled
+def stage_weight(settings: Settings, stage: int, steps: int) -> float:
+    """Return the factor on Q at the end of a stage: the terminal cost is that of the last one."""
+    return settings.terminal_weight if stage == steps - 1 else 1.0
 
 
 def settings_of(config: MpcConfig) -> RecordArray[Settings]:

@@ -123,6 +123,20 @@ class Relation(enum.IntFlag):
     THRUST = 64  # much of it, for long
 
 
+# The same for compiled code, which takes no flags.
+_OFF_ATTITUDE, _OFF_POSITION, _OFF_RATES, _OFF_FORCE, _OFF_LIFT, _OFF_REVERSED = map(
+    int,
+    (
+        Relation.ATTITUDE,
+        Relation.POSITION,
+        Relation.RATES,
+        Relation.FORCE,
+        Relation.LIFT,
+        Relation.REVERSED,
+    ),
+)
+
+
 class Pair(Record):
     """Both sides of a relation, low-passed, their means, and weighted sums of products."""
 
@@ -608,17 +622,17 @@ def _contradicted(seen: Evidence, gravity: float, flies: bool) -> int:
     """
     found, turn, move = 0, seen.attitude, seen.position
     if seen.turn_error > _ABSURD or _is_contradicted(turn.yx, turn.xx, _trace(turn.yy), _ATTITUDE):
-        found |= 1
+        found |= _OFF_ATTITUDE
     if _is_contradicted(turn.yx.T, turn.yy, _trace(turn.xx), _ATTITUDE_BACK):
-        found |= 1 | 4  # rates that nothing turns by
+        found |= _OFF_ATTITUDE | _OFF_RATES  # rates that nothing turns by
     if _is_contradicted(move.yx, move.xx, _trace(move.yy), _POSITION) or _is_contradicted(
         move.yx.T, move.yy, _trace(move.xx), _POSITION_BACK
     ):
-        found |= 2
+        found |= _OFF_POSITION
     if _rates_are_contradicted(seen, _REVERSED):
-        found |= 4 | 32
+        found |= _OFF_RATES | _OFF_REVERSED
     elif flies and _rates_are_contradicted(seen, _RATES):
-        found |= 4
+        found |= _OFF_RATES
     # Motors at their limits give more or less lift than asked for, hence the wide band below.
     along, squares = _horizontal(seen.drag.yx), _trace(_horizontal(seen.drag.yy))
     on_force, drag = _trace(_horizontal(seen.drag_on_force.yx)), 0.0
@@ -629,12 +643,12 @@ def _contradicted(seen: Evidence, gravity: float, flies: bool) -> int:
     if _drives_apart(seen.force, drag * along, measured) and _drives_apart(
         seen.force_late, drag * along, measured
     ):
-        found |= 8
+        found |= _OFF_FORCE
     # A fast climb takes as much lift as drag may be.
     thrust, lift = seen.force.x[2], seen.force.y[2] + _MOST_DRAG * max(seen.v_WB_W[2], 0.0)
     falls = lift < _LEAST_LIFT * thrust and lift < _FALLING * gravity
     if falls and thrust > _SOME_THRUST * gravity:
-        found |= 16
+        found |= _OFF_LIFT
     return found
 
 

@@ -75,6 +75,7 @@ class LimitStage(Stage):
         self._blind = BlindFallback(config)
         self._plan: _HeldPlan | None = None
         self._sent: _Sent | None = None
+        # Vertical parts alone are read, which no reset of the estimate turns.
         self._kept: deque[Learned] = deque(maxlen=_KEPT_ESTIMATES)
         self._kept_ns: int | None = None
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.control.config import ObstacleParameters
 from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.extras.obstacles.frames import Frames, Pose
 from quad_mpc_ros.extras.obstacles.voxels import Points, VoxelMap, local_origin
 from quad_mpc_ros.messages.point_cloud import PointCloud
@@ -92,10 +93,11 @@ class Clouds:
         self._newest_ns = max(stamp_ns, self._newest_ns or stamp_ns)
         self.revision += 1
 
-    def clear(self) -> None:
-        """Forget all."""
-        self._voxels.clear()
-        self._newest_ns = None
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Take an announced step of the estimate: a map may never come again."""
+        points = reset.points(self._voxels.points + self.origin)
+        self.origin = local_origin(reset.points(self.origin))
+        self._voxels.move((points - self.origin).astype(np.float32))
         self.revision += 1
 
     def forget(self, now_ns: int) -> None:

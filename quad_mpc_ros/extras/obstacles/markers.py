@@ -11,6 +11,7 @@ import numpy as np
 
 from quad_mpc_ros.configuration.box import FARTHEST
 from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.extras.obstacles.frames import Frames, Pose
 from quad_mpc_ros.extras.obstacles.surfaces import area, surface_points
 from quad_mpc_ros.messages.obstacle_messages import (
@@ -105,6 +106,20 @@ class Markers:
     def clear(self) -> None:
         """Forget all."""
         self._known.clear()
+        self.revision += 1
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Take an announced step of the estimate: all move along."""
+        for name, known in self._known.items():
+            shape = known.shape
+            if shape is not None:
+                shape = dataclasses.replace(
+                    shape,
+                    p_WO=reset.points(shape.p_WO),
+                    R_WO=reset.vectors(shape.R_WO.T).T,
+                    v_WO_W=reset.vectors(shape.v_WO_W),
+                )
+            self._known[name] = known._replace(shape=shape, points=reset.points(known.points))
         self.revision += 1
 
     def forget(self, now_ns: int) -> None:

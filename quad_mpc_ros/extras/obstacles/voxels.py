@@ -69,6 +69,11 @@ class VoxelMap:
         """Forget all."""
         self._known = self._made(np.zeros((0, 3), np.float32), 0)
 
+    def move(self, points: Points) -> None:
+        """Take other coordinates (n, 3) [m] of the same points."""
+        seen_ns = self._known.seen_ns
+        self._settle(self._made(points, 0)._replace(seen_ns=seen_ns))
+
     def insert(self, points: Points, stamp_ns: int) -> None:
         """Add points (n, 3) [m], finite, in place of what was known of the same cubes."""
         new, known = self._made(points, stamp_ns), self._known

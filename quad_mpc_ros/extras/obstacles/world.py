@@ -158,11 +158,11 @@ class World:
             raise ValueError(f"neighbour '{name}': {error}") from None
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Forget what was seen: the frame of the odometry has moved."""
+        """Let what was seen move along; what the file says stays in its coordinates."""
         with self._changing():
             self._frames.forget_poses()
-            self._clouds.clear()
-            self._markers.clear()
+            self._clouds.reset_estimate(reset)
+            self._markers.reset_estimate(reset)
             self._resets += 1
 
     @contextmanager

@@ -130,10 +130,18 @@ class GuidedThrough(Guide):
     def guide(
         self, odometry: OdometrySample, window: ReferenceWindow, plan: Plan | None
     ) -> Guided:
-        """Return what leads around obstacles, or else through gates."""
-        around, through = (
-            each.guide(odometry, window, plan) for each in (self._around, self._gates)
-        )
+        """Return what leads around obstacles, or else through gates.
+
+        Gates that fail do not keep it from leading around obstacles.
+        """
+        fault, through = "", Guided(window)
+        try:
+            through = self._gates.guide(odometry, window, plan)
+        except Exception as error:
+            fault = f"error at the gates: {error!r}"
+        around = self._around.guide(odometry, window, plan)
+        if fault:
+            around = around._replace(avoidance=around.avoidance._replace(reason=fault))
         if around.corridor is not None or around.window is not window:
             return around
         return through._replace(avoidance=around.avoidance)

@@ -12,6 +12,7 @@ from rclpy.publisher import Publisher
 from quad_mpc_ros.configuration import UserError, optional_part
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.guide import FAILED
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.safety.ladder import Source
@@ -251,6 +252,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.stay_inactive(f"inactive: {self._commanders.obstacle()}, then activate this node")
 
     def _on_odometry_reset(self, reset: EstimateReset) -> None:
+        self._standby.reset_estimate(reset)
         self._controller.reset_estimate(reset)
 
     def _on_gates(self, message: Any) -> None:
@@ -370,6 +372,9 @@ class MpcNode(ManagedNode[MpcConfig]):
         if tick.stats.accelerometer in _ACCELEROMETER_FAILS:
             level = max(level, WARN)
             text += f", the accelerometer {_ACCELEROMETER_FAILS[tick.stats.accelerometer]}"
+        if tick.stats.avoidance == FAILED:
+            level = max(level, WARN)
+            text += ", the guide failed: obstacles are not avoided"
         heard: list[tuple[str, str]] = []
         if self._obstacle_inputs is not None:
             if fault := self._obstacle_inputs.fault(tick.stats.stamp_ns):

@@ -218,11 +218,9 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._live.tell_ground(conversions.ground_state_from_message(message))
 
     def _on_odometry_reset(self, reset: EstimateReset) -> None:
-        if not self.active:
-            return
         with self._publishing:
             reply = self._live.reset_estimate(self._flight_ns(), reset)
-            if not self._config.lockstep:
+            if self.active and not self._config.lockstep:
                 self._publish(self._now_ns())
         self._report_request("reset", reply)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -292,7 +293,7 @@ def test_refuses_missing_nonfinite_or_late_plan(
     monkeypatch.setattr(Mpc, "solve", lambda *_, **__: step)
     log = StageLog()
     planning = PlanStage(MpcConfig(), deadline=0.01, log=log)
-    planned = planning.step(Estimate(step.state, 0.0), Guided(make_window(START)))
+    planned = planning.step(Estimate(step.state, time.perf_counter()), Guided(make_window(START)))
     assert planned.step is step
     assert planned.failure == (Failure("plan", fault) if fault else None)
     assert (planned.plan is None) is bool(fault)

@@ -250,13 +250,33 @@ class TestClouds:
             found = {tuple(p) for p in known(w, SECOND, near=near, radius=radius)}
             assert {tuple(p) for p in within.astype(float)} <= found
 
-    def test_an_estimate_that_steps_takes_what_was_seen_with_it(self) -> None:
-        w = world({"obstacles": [{"shape": "sphere", "position": [1, 1, 1], "radius": 0.1}]})
+    @pytest.mark.parametrize("clouds", ["scan", "map"])
+    @pytest.mark.parametrize("turn", [0.0, 0.5 * math.pi])
+    def test_an_estimate_that_steps_moves_all_that_was_received(
+        self, clouds: str, turn: float
+    ) -> None:
+        """Maps and markers may be published once: what is forgotten never comes again."""
+        reset = EstimateReset(stamp_ns=SECOND + 1, turn=turn, step_W=np.array([2000.0, 3.0, 0.5]))
+        here, ahead = reset.points(HERE), {"near": reset.points(HERE), "radius": 20.0}
+        w = world(clouds=clouds)
         w.receive_odometry(at(SECOND))
-        w.receive_cloud(cloud([[3, 0, 1]], SECOND))
-        w.receive_markers([marker()])
-        w.reset_estimate(EstimateReset(stamp_ns=0, turn=0.0, step_W=np.zeros(3)))
-        assert known(w, SECOND)[:, 0].max() < 1.2  # the file's alone
+        w.receive_cloud(cloud([[3, 0, 1], [4, 1, 2]], SECOND))
+        w.receive_markers([marker(), marker(2, p=np.array([5.0, 0.0, 1.0]))])
+        w.receive_markers([marker(2, stamp_ns=SECOND + SECOND // 2, p=np.array([5.5, 0.0, 1.0]))])
+        before, (moving,) = known(w, SECOND), w._markers.moving(SECOND)
+        w.reset_estimate(reset)
+        w.receive_odometry(at(SECOND + 1, here, yaw=turn))
+        after, (moved,) = w.points(SECOND + 1, **ahead), w._markers.moving(SECOND)
+        assert after == pytest.approx(reset.points(before), abs=2e-4)
+        assert moved.shape.p_WO == pytest.approx(reset.points(moving.shape.p_WO))
+        assert moved.shape.v_WO_W == pytest.approx(reset.vectors(np.array([1.0, 0.0, 0.0])))
+        assert w.distance(SECOND, reset.points(np.array([[3.0, 0.0, 1.0]]))) < 1e-3
+
+    def test_an_estimate_that_steps_leaves_the_file_where_it_says(self) -> None:
+        w = world({"obstacles": [{"shape": "sphere", "position": [1, 1, 1], "radius": 0.1}]})
+        w.reset_estimate(EstimateReset(stamp_ns=0, turn=0.0, step_W=np.array([5.0, 0.0, 0.0])))
+        x = known(w, SECOND)[:, 0]
+        assert x.min() > 0.8 and x.max() < 1.2
 
 
 UTM = np.array([500_000.0, 5_400_000.0, 0.0])
@@ -607,7 +627,8 @@ def between(
 
 
 def reset(w: World, around: Surroundings) -> None:
-    w.reset_estimate(EstimateReset(stamp_ns=0, turn=0.0, step_W=np.zeros(3)))
+    step_W = AFTER_RESET - at(SECOND).p_WB
+    w.reset_estimate(EstimateReset(stamp_ns=0, turn=0.0, step_W=step_W))
     around.forget()
     w.receive_odometry(at(SECOND, AFTER_RESET))
 
