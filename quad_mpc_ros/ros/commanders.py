@@ -5,9 +5,13 @@ activated is refused while another is active there, or while somebody else publi
 For that it waits for a second after the first message of another node, at most three after it
 begins to listen: nodes find each other one by one.
 
-Two that need longer than three seconds to find each other, or that begin at the same moment, both
-command until one has the other's report, which each publishes as it begins: then the one that
-began later stops. After ten seconds none stops any more.
+Before an MPC starts by itself it publishes a claim, and waits until every other MPC that it knows
+has granted it. An MPC grants a claim unless it is active, or claims the same and its identity
+sorts first; while a claim that it has granted stands it does not begin itself. So one begins at
+most of those that know each other, whatever the order of their messages.
+Two that need longer than three seconds to find each other, or that were asked to activate at the
+same moment, both command until one has the other's next report: then the one that began later
+stops. After ten seconds none stops any more.
 """
 
 from __future__ import annotations
@@ -26,6 +30,7 @@ from quad_mpc_ros.messages.topics import DIAGNOSTICS
 from quad_mpc_ros.ros.messages import decoded
 
 _TOPIC, _INSTANCE, _SINCE = "commands.topic", "commands.instance", "commands.since_ns"
+_CLAIM, _GRANTED = "commands.claim", "commands.granted"
 DISCOVERING = "commands.discovering"
 """Whether the node waits to know who else commands, of its values on ``/diagnostics``."""
 _MARK = _TOPIC.encode() + b"\0"
@@ -41,6 +46,8 @@ class _Commander(NamedTuple):
 
     node: str
     since_ns: int | None
+    claim: str
+    granted: list[str]
     heard: float
 
 
@@ -57,6 +64,8 @@ class Commanders:
         self._waits = True
         self._settled = math.inf  # until it listens
         self._heard = False
+        self._claim = ""
+        self._granted: dict[str, str] = {}  # claims of others, by instance
 
     def hear(self) -> None:
         """Take note that a message has come from another node: discovery works."""
@@ -74,13 +83,31 @@ class Commanders:
         if command is not None and math.isinf(self._settled):
             self._settled = time.monotonic() + _DISCOVERY
 
+    def claim(self, wanted: bool) -> bool:
+        """Claim to begin, or withdraw the claim; return whether that is to be published."""
+        if wanted == bool(self._claim):
+            return False
+        self._claim = secrets.token_hex(4) if wanted else ""
+        return True
+
+    @property
+    def claims(self) -> bool:
+        """Whether the node claims to begin."""
+        return bool(self._claim)
+
+    def agreed(self) -> bool:
+        """Whether all other MPCs have granted the claim."""
+        return all(self._claim in other.granted for other in self._known())
+
     def begin(self) -> None:
         """Take note that the node is active from now on."""
         self._since_ns, self._began = time.time_ns(), time.monotonic()
+        self._claim = ""
+        self._granted.clear()
 
     def end(self) -> None:
         """Take note that it is not active any more."""
-        self._since_ns = None
+        self._since_ns, self._claim = None, ""
 
     def values(self) -> list[tuple[str, str]]:
         """Return what the others are to know, for the node's health."""
@@ -91,6 +118,8 @@ class Commanders:
             (_TOPIC, self._command.topic_name),
             (_INSTANCE, self._instance),
             (_SINCE, since),
+            (_CLAIM, self._claim),
+            (_GRANTED, " ".join(self._granted.values())),
             (DISCOVERING, str(self._waits and self.discovers).lower()),
         ]
 
@@ -110,11 +139,28 @@ class Commanders:
             if values.get(_TOPIC) != self._command.topic_name or instance == self._instance:
                 continue
             since_ns = int(since) if since.isdecimal() else None
-            other = _Commander(f"{status.name} ({instance})", since_ns, time.monotonic())
+            other = _Commander(
+                node=f"{status.name} ({instance})",
+                since_ns=since_ns,
+                claim=values.get(_CLAIM, ""),
+                granted=values.get(_GRANTED, "").split(),
+                heard=time.monotonic(),
+            )
             self._others[instance] = other
+            self._answer(instance, other.claim)
+            if since_ns is not None:
+                self._claim = ""
             if since_ns is not None and self._is_later_than(since_ns, instance):
                 return f"{other.node} has commanded for longer: this node stops"
         return ""
+
+    def _answer(self, instance: str, claim: str) -> None:
+        """Grant the claim of another MPC, or take the grant back when the claim is over."""
+        first = not self._claim or instance < self._instance
+        if claim and self._since_ns is None and first:
+            self._granted[instance] = claim
+        else:
+            self._granted.pop(instance, None)
 
     def _is_later_than(self, since_ns: int, instance: str) -> bool:
         """Whether this node has been active for a short time, and began later than another one."""
@@ -128,6 +174,8 @@ class Commanders:
             return f"{active} commands already: end or deactivate it first"
         if self._waits and self.discovers:
             return "other nodes are still being discovered"
+        if (claimant := self._claimant()) is not None:
+            return f"{claimant} is about to command"
         publishers = self._publishers()
         if len(publishers) > len(self._known()):
             return (
@@ -166,6 +214,12 @@ class Commanders:
 
     def _active(self) -> str | None:
         return next((other.node for other in self._known() if other.since_ns is not None), None)
+
+    def _claimant(self) -> str | None:
+        """Return another MPC whose claim to begin this node has granted."""
+        known = self._known()
+        granted = (self._others[instance] for instance in self._granted)
+        return next((other.node for other in granted if other in known), None)
 
     def _publishers(self) -> list[str]:
         """Return the nodes of the other publishers of commands."""

@@ -98,6 +98,13 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         """Return why the node cannot be activated now, or None."""
         return None
 
+    def prepare(self, obstacle: str | None) -> bool:
+        """Return whether a node that starts by itself is to be activated now.
+
+        ``obstacle`` is what prevents it.
+        """
+        return obstacle is None
+
     def activate(self) -> None:
         """Begin, or continue."""
 
@@ -163,7 +170,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         """
         if not self._autostarting:
             return False
-        if self.obstacle() is not None:
+        if not self.prepare(self.obstacle()):
             self._remind()
             return False
         self.trigger_activate()

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fixtures import ardupilot
-from fixtures.ardupilot import Pilot, flown
+from fixtures.ardupilot import SECOND, Pilot, flown
 
 from quad_mpc_ros.ros.bridges.mavlink import codec
 from quad_mpc_ros.ros.bridges.mavlink.autopilots import ARDUPILOT_MODES
@@ -188,6 +188,37 @@ def is_held_level(pilot: Pilot) -> bool:
     """Whether it neither leans nor climbs; drifting is left to the wind."""
     leaning = float(np.degrees(np.arccos(min(pilot.plant.odometry(0).up, 1.0))))
     return leaning < 3.0 and abs(pilot.plant.v_WB_W[2]) < 0.1
+
+
+@pytest.mark.parametrize("kind", ["attitude", "position"])
+def test_somebody_else_who_commands_it_is_noticed(tmp_path: Path, kind: str) -> None:
+    """Over a link that the bridge does not hear: it sees that the target is none of its own."""
+    with flown(tmp_path, truth=False, links=2) as pilot:
+        pilot.engage_and_arm()
+        pilot.take_off()
+        pilot.live_for(5.0, "hover")
+        assert pilot.engaged
+        other = codec.Codec(system=255)
+        begin_ns = pilot.now_ns
+
+        def rival() -> bool:
+            if pilot.now_ns % (SECOND // 400 * 19) == 0:  # nearly 20 times a second
+                pilot.simulator.link(1).sendall(other.packed(strange(kind)))
+            return not pilot.engaged
+
+        pilot.simulator.received(1)
+        pilot.until(rival, seconds=3.0, phase="two")
+        assert "somebody else commands the vehicle" in pilot.bridge.handover[1]
+        assert 1e-9 * (pilot.now_ns - begin_ns) < 2.0
+
+
+def strange(kind: str) -> Any:
+    mavlink = codec.dialect()
+    if kind == "attitude":
+        level = [1.0, 0.0, 0.0, 0.0]
+        return mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0x80, level, 0, 0, 0, 0.37)
+    numbers = (0.0, 0.0, -1.5, *(8 * [0.0]))
+    return mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0xDF8, *numbers)
 
 
 def test_wrong_settings_are_refused_before_it_is_armed(tmp_path: Path) -> None:

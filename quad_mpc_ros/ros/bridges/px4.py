@@ -52,6 +52,7 @@ _POSE_FRAMES = {POSE_FRAME_NED: "NED", POSE_FRAME_FRD: "FRD"}
 _STATUS_TIMEOUT = 1.5  # s: PX4 sends it twice a second, and at every change
 _MODE_TIMEOUT = 0.5  # s: 50 times a second
 _LAND_TIMEOUT = 2.5  # s: once a second, and at every change
+_FROM_MESSAGE = -1
 _ACCEPTED, _IN_PROGRESS = 0, 5
 
 
@@ -105,6 +106,12 @@ def fill_command(
     message.from_external = True
 
 
+def _version(kind: str) -> Any:
+    return parameter(
+        _FROM_MESSAGE, doc=f"The same of {kind}.", minimum=_FROM_MESSAGE, advanced=True
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Px4Config(BridgeConfig):
     """Parameters of the PX4 bridge."""
@@ -117,6 +124,20 @@ class Px4Config(BridgeConfig):
     target_system: int = parameter(
         1, doc="MAV_SYS_ID of the vehicle that is armed and switched.", minimum=1, maximum=255
     )
+    odometry_version: int = parameter(
+        _FROM_MESSAGE,
+        doc="Version N of VehicleOdometry on the vehicle, whose topic then ends in _vN; 0 is no "
+        "suffix and -1 that of the installed px4_msgs.",
+        minimum=_FROM_MESSAGE,
+        advanced=True,
+    )
+    status_version: int = _version("VehicleStatus")
+    rates_version: int = _version("VehicleRatesSetpoint")
+    mode_version: int = _version("VehicleControlMode")
+    land_version: int = _version("VehicleLandDetected")
+    command_version: int = _version("VehicleCommand")
+    ack_version: int = _version("VehicleCommandAck")
+    battery_version: int = _version("BatteryStatus")
 
 
 class Px4Bridge(Bridge):
@@ -139,13 +160,13 @@ class Px4Bridge(Bridge):
         self._mode = LatestStatus(timeout=_MODE_TIMEOUT)
         self._land = LatestStatus(timeout=_LAND_TIMEOUT)
         self._resets: tuple[int, int] | None = None
-        odometry = self._versioned("out/vehicle_odometry", "VehicleOdometry")
-        status = self._versioned("out/vehicle_status", "VehicleStatus")
+        odometry = self._versioned("out/vehicle_odometry", "VehicleOdometry", "odometry")
+        status = self._versioned("out/vehicle_status", "VehicleStatus", "status")
         self._status_name = status.name
-        mode = self._versioned("out/vehicle_control_mode", "VehicleControlMode")
-        land = self._versioned("out/vehicle_land_detected", "VehicleLandDetected")
-        ack = self._versioned("out/vehicle_command_ack", "VehicleCommandAck")
-        battery = self._versioned("out/battery_status", "BatteryStatus")
+        mode = self._versioned("out/vehicle_control_mode", "VehicleControlMode", "mode")
+        land = self._versioned("out/vehicle_land_detected", "VehicleLandDetected", "land")
+        ack = self._versioned("out/vehicle_command_ack", "VehicleCommandAck", "ack")
+        battery = self._versioned("out/battery_status", "BatteryStatus", "battery")
         self.subscriptions = [
             Subscription(topic=odometry, receive=self._on_odometry),
             Subscription(topic=status, receive=self._status.receive),
@@ -155,8 +176,8 @@ class Px4Bridge(Bridge):
             *self._battery_subscription(battery, field="voltage_v"),
         ]
         self._heartbeat = self._versioned("in/offboard_control_mode", "OffboardControlMode")
-        self._rates = self._versioned("in/vehicle_rates_setpoint", "VehicleRatesSetpoint")
-        self._command = self._versioned("in/vehicle_command", "VehicleCommand")
+        self._rates = self._versioned("in/vehicle_rates_setpoint", "VehicleRatesSetpoint", "rates")
+        self._command = self._versioned("in/vehicle_command", "VehicleCommand", "command")
         self.publications = self._heartbeat, self._rates, self._command
 
     def landed(self, *, now_ns: int) -> bool | None:
@@ -242,10 +263,13 @@ class Px4Bridge(Bridge):
         fill_command(message, command, parameters, target_system=self._config.target_system)
         return OutgoingMessage(topic=self._command, message=message)
 
-    def _versioned(self, path: str, kind: str) -> Topic:
-        """Return the topic of a message, which since PX4 1.16 ends in its version."""
+    def _versioned(self, path: str, kind: str, version_parameter: str | None = None) -> Topic:
         type_name = f"px4_msgs/msg/{kind}"
-        version = int(getattr(type(self._new(type_name)), "MESSAGE_VERSION", 0))
+        version = 0
+        if version_parameter is not None:
+            version = getattr(self._config, f"{version_parameter}_version")
+        if version == _FROM_MESSAGE:
+            version = int(getattr(type(self._new(type_name)), "MESSAGE_VERSION", 0))
         suffix = f"_v{version}" if version > 0 else ""
         # Never latched: an agent that starts later would get requests of long ago.
         return self._topic(f"{path}{suffix}", type_name)

@@ -148,6 +148,12 @@ class MpcNode(ManagedNode[MpcConfig]):
         topic = topics.ODOMETRY if missing == "odometry" else topics.REFERENCE
         return f"{obstacle}: {self.health.publishers_of(topic)}"
 
+    def prepare(self, obstacle: str | None) -> bool:
+        """Return whether to begin now, as all other MPCs agree."""
+        if self._commanders.claim(obstacle is None):
+            self.health.report()
+        return obstacle is None and self._commanders.agreed()
+
     def activate(self) -> None:
         """Answer the newest odometry."""
         self._commanders.begin()
@@ -245,11 +251,16 @@ class MpcNode(ManagedNode[MpcConfig]):
         """Compare vehicles, and give way to who commands already."""
         if self.health.watch is not None:
             self.health.watch.receive(data)
+        before = self._commanders.values()
         reason = self._commanders.receive(data)
+        if self._commanders.values() != before:
+            self.health.report()
         if reason and self.active:
             self.stay_inactive(reason)
         elif not self.active and self._autostarting and self._commanders.is_taken():
             self.stay_inactive(f"inactive: {self._commanders.obstacle()}, then activate this node")
+        elif not self.active and self._commanders.claims:
+            self.activate_when_ready()
 
     def _on_odometry_reset(self, reset: EstimateReset) -> None:
         self._standby.reset_estimate(reset)
@@ -271,6 +282,8 @@ class MpcNode(ManagedNode[MpcConfig]):
         now_ns = self._time.now_ns()
         if self.active:
             self._finish(self._controller.watch(now_ns=now_ns))
+        elif self._commanders.claims:  # withdraws the claim when inputs grow old
+            self.activate_when_ready()
         period = 1.0 / self._controller.config.control_rate
         if self._time.is_simulated:  # it may run faster than the timer
             return period

@@ -477,6 +477,33 @@ def test_a_setpoint_of_somebody_else_ends_the_engagement() -> None:
     assert "somebody else" in bridge.engage(True, now_ns=T0 + STEP).text
 
 
+@pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4])
+@pytest.mark.parametrize(("strange", "ends"), [(0, False), (2, False), (3, True), (60, True)])
+def test_targets_that_nobody_here_has_set_end_the_engagement(
+    autopilot: int, strange: int, ends: bool
+) -> None:
+    """A target comes late, and among those of the others are ours."""
+    speaker, dice = Speaker(), random.Random(3)
+    mode = GUIDED if autopilot == ARDUPILOT else OFFBOARD
+    bridge = engaged(speaker, autopilot=autopilot, mode=mode)
+    late: list[Setpoint] = []
+    for k in range(150):
+        now_ns = T0 + k * STEP
+        bridge.exchange(speaker.told(now_ns, autopilot=autopilot, mode=mode), now_ns=now_ns)
+        w = np.array([dice.uniform(-1, 1) for _ in range(3)])
+        late += setpoints(sent(bridge, now_ns, throttle=dice.uniform(0.25, 0.35), w=w))
+        if k > 5:
+            target = late[-5]
+            off = 0.11 if k % 4 == 0 and 80 <= k < 80 + 4 * strange else 0.0
+            rates = [rate + off for rate in target.rates]
+            told = speaker.say(
+                "attitude_target", 0, 0, [1.0, 0.0, 0.0, 0.0], *rates, target.thrust + off
+            )
+            bridge.exchange(told, now_ns=now_ns)
+    assert bridge.handover[0] == ("released" if ends else "engaged")
+    assert ("setpoints that were not sent here" in bridge.handover[1]) is ends
+
+
 @pytest.mark.parametrize(("autopilot", "wait"), [(ARDUPILOT, 1.0), (ARDUPILOT, 0.0), (PX4, 1.0)])
 def test_ardupilot_is_asked_for_land_once_it_has_landed(autopilot: int, wait: float) -> None:
     speaker, mode = Speaker(), GUIDED if autopilot == ARDUPILOT else OFFBOARD
@@ -550,6 +577,33 @@ def test_requests_a_heartbeat_at_once_after_a_change_of_px4s_state() -> None:
     disarmed = speaker.heartbeat(autopilot=PX4, mode=OFFBOARD, armed=False)
     assert setpoints(tick(bridge, disarmed, T0 + 3 * MILLISECOND)) == []
     assert "released by disarming" in bridge.handover[1]
+
+
+@pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4])
+@pytest.mark.parametrize("leaves", [True, False])
+def test_strange_targets_are_judged_by_the_mode_that_is_reported_after_them(
+    autopilot: int, leaves: bool
+) -> None:
+    """An autopilot in another mode follows its own setpoints, and reports them at 20 Hz."""
+    speaker = Speaker()
+    mode = GUIDED if autopilot == ARDUPILOT else OFFBOARD
+    other = LOITER if autopilot == ARDUPILOT else POSITION
+    bridge = engaged(speaker, autopilot=autopilot, mode=mode)
+    now_ns = T0
+    for k in range(1, 40):
+        now_ns = T0 + k * STEP
+        tick(bridge, speaker.told(now_ns, autopilot=autopilot, mode=mode), now_ns)
+    target = speaker.say("attitude_target", 0, 0, [1.0, 0.0, 0.0, 0.0], 2.0, 2.0, 2.0, 0.9)
+    for _ in range(5):
+        now_ns += STEP
+        out = tick(bridge, speaker.odometry(now_ns) + target, now_ns)
+    assert bridge.handover[0] == "engaged"
+    assert heartbeat_requests(out) == 1  # asked for at once, at every further target
+    heartbeat = speaker.heartbeat(autopilot=autopilot, mode=other if leaves else mode)
+    tick(bridge, heartbeat, now_ns + STEP)
+    assert bridge.handover[0] == "released"
+    assert ("for a pilot or a ground station" in bridge.handover[1]) is leaves
+    assert ("setpoints that were not sent here" in bridge.handover[1]) is not leaves
 
 
 def test_stale_heartbeats_end_the_engagement() -> None:

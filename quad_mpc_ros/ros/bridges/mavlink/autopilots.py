@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from quad_mpc_ros.ros.bridges.ardupilot import thrust_fault, without_boost
 from quad_mpc_ros.ros.bridges.mavlink import codec
@@ -32,6 +33,20 @@ _MANY_TIMES = 1.3  # between two throttles at hover, which then are not of the s
 Mode = tuple[float, float, float]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Echo:
+    """What an ``ATTITUDE_TARGET`` gives back of a setpoint, which is as it was sent."""
+
+    value: tuple[float, ...]
+
+    def is_of(self, other: Echo) -> bool:
+        """Whether both are of one setpoint, to what single precision keeps."""
+        return all(
+            math.isclose(a, b, rel_tol=1e-5, abs_tol=1e-5)
+            for a, b in zip(self.value, other.value, strict=True)
+        )
+
+
 class Autopilot(ABC):
     """What a bridge must know of the autopilot at the other end."""
 
@@ -43,18 +58,21 @@ class Autopilot(ABC):
     """Whether integer parameters travel as the bytes of a float."""
     state: ClassVar[tuple[int, ...]]
     """The messages of its state."""
-    settings: ClassVar[tuple[str, ...]]
-    """The parameters of the vehicle that matter."""
     landed_mode: ClassVar[Mode | None] = None
     """The mode that notices a landing, where the one for setpoints does not."""
 
-    setpoint_mode: Mode
-    """The parameters of DO_SET_MODE for the mode that takes setpoints."""
-    release_mode: tuple[str, Mode]
-    """Name and parameters of the mode in which it flies by itself."""
-
     def __init__(self, config: MavlinkConfig) -> None:
         self._config = config
+
+    @property
+    @abstractmethod
+    def setpoint_mode(self) -> Mode:
+        """The parameters of DO_SET_MODE for the mode that takes setpoints."""
+
+    @property
+    @abstractmethod
+    def release_mode(self) -> tuple[str, Mode]:
+        """Name and parameters of the mode in which it flies by itself."""
 
     @abstractmethod
     def takes_setpoints(self, custom_mode: int) -> bool:
@@ -64,13 +82,18 @@ class Autopilot(ABC):
     def mode_name(self, custom_mode: int) -> str:
         """Return the name of a mode."""
 
+    @property
+    @abstractmethod
+    def settings(self) -> tuple[str, ...]:
+        """The parameters of the vehicle that matter."""
+
     def needs_ground_station(self, settings: Mapping[str, float]) -> bool:
         """Whether it sends texts only where a ground station announces itself."""
         return False
 
+    @abstractmethod
     def fault(self, settings: Mapping[str, float]) -> str:
         """Return why it must not be flown with these settings, or nothing."""
-        return ""
 
     @abstractmethod
     def advice(self, settings: Mapping[str, float], *, hover: float) -> list[str]:
@@ -80,6 +103,10 @@ class Autopilot(ABC):
         """Return the throttle that makes the motors' level in [0, 1]; ``up`` is cos(tilt)."""
         return level
 
+    @abstractmethod
+    def echo(self, message: Any) -> Echo:
+        """Return what an ``ATTITUDE_TARGET`` or ``SET_ATTITUDE_TARGET`` says of a setpoint."""
+
 
 class Px4(Autopilot):
     """PX4, which flies setpoints in offboard mode, while they run."""
@@ -88,11 +115,18 @@ class Px4(Autopilot):
     streams, warm_up = True, 1.1  # for more than a second
     by_bytes = True
     state = (codec.ODOMETRY,)
-    settings = "MPC_THR_HOVER", "COM_OF_LOSS_T", "NAV_DLL_ACT"
 
     _OFFBOARD, _AUTO, _LOITER = 6, 4, 3
-    setpoint_mode = 1.0, float(_OFFBOARD), 0.0
-    release_mode = "AUTO.LOITER", (1.0, float(_AUTO), float(_LOITER))
+
+    @property
+    def setpoint_mode(self) -> Mode:
+        """Offboard."""
+        return 1.0, float(self._OFFBOARD), 0.0
+
+    @property
+    def release_mode(self) -> tuple[str, Mode]:
+        """Hold."""
+        return "AUTO.LOITER", (1.0, float(self._AUTO), float(self._LOITER))
 
     def takes_setpoints(self, custom_mode: int) -> bool:
         """In offboard mode."""
@@ -104,9 +138,18 @@ class Px4(Autopilot):
         name = _PX4_MODES.get(main, f"mode {main}")
         return f"{name}.{_PX4_AUTO_MODES.get(sub, sub)}" if main == self._AUTO else name
 
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """Hover throttle, time without setpoints, and what the loss of a ground station does."""
+        return "MPC_THR_HOVER", "COM_OF_LOSS_T", "NAV_DLL_ACT"
+
     def needs_ground_station(self, settings: Mapping[str, float]) -> bool:
         """Unless PX4 acts on the loss of one: a bridge must not stand in for it."""
         return settings.get("NAV_DLL_ACT") == 0.0
+
+    def fault(self, settings: Mapping[str, float]) -> str:
+        """Return nothing: offboard rates and throttle are taken as they are."""
+        return ""
 
     def advice(self, settings: Mapping[str, float], *, hover: float) -> list[str]:
         """Return what is odd about hover throttle and timeout."""
@@ -128,6 +171,10 @@ class Px4(Autopilot):
             )
         return said
 
+    def echo(self, message: Any) -> Echo:
+        """Return the body rates; the thrust is that of another setpoint."""
+        return Echo(value=(message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate))
+
 
 class ArduPilot(Autopilot):
     """ArduPilot Copter, which flies setpoints in a guided mode, and holds the last ones a while.
@@ -146,16 +193,17 @@ class ArduPilot(Autopilot):
     landed_mode = 1.0, float(ARDUPILOT_MODES["LAND"]), 0.0
 
     _RATES = ("ATC_RATE_R_MAX", "ATC_RATE_P_MAX", "ATC_RATE_Y_MAX")
-    settings = (
-        *("GUID_OPTIONS", "ATC_ANGLE_BOOST", "MOT_THST_EXPO", "MOT_SPIN_MIN", "MOT_SPIN_MAX"),
-        *("GUID_TIMEOUT", "MOT_BAT_VOLT_MAX", *_RATES),
-    )
 
-    def __init__(self, config: MavlinkConfig) -> None:
-        super().__init__(config)
-        guided, release = config.guided_mode, config.release_mode
-        self.setpoint_mode = 1.0, float(ARDUPILOT_MODES[guided]), 0.0
-        self.release_mode = release, (1.0, float(ARDUPILOT_MODES[release]), 0.0)
+    @property
+    def setpoint_mode(self) -> Mode:
+        """The guided mode of the configuration."""
+        return 1.0, float(ARDUPILOT_MODES[self._config.guided_mode]), 0.0
+
+    @property
+    def release_mode(self) -> tuple[str, Mode]:
+        """The mode of the configuration."""
+        name = self._config.release_mode
+        return name, (1.0, float(ARDUPILOT_MODES[name]), 0.0)
 
     def takes_setpoints(self, custom_mode: int) -> bool:
         """In either guided mode."""
@@ -165,6 +213,14 @@ class ArduPilot(Autopilot):
         """Return the name, of a mode that is used here, or the number."""
         names = {number: name for name, number in ARDUPILOT_MODES.items()}
         return names.get(custom_mode, f"mode {custom_mode}")
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """What the throttle means, what is held how long, and what bounds the rates."""
+        return (
+            *("GUID_OPTIONS", "ATC_ANGLE_BOOST", "MOT_THST_EXPO", "MOT_SPIN_MIN", "MOT_SPIN_MAX"),
+            *("GUID_TIMEOUT", "MOT_BAT_VOLT_MAX", *self._RATES),
+        )
 
     def fault(self, settings: Mapping[str, float]) -> str:
         """Return whether thrust would mean a climb rate, or is unknown."""
@@ -204,6 +260,10 @@ class ArduPilot(Autopilot):
         if settings["ATC_ANGLE_BOOST"] != 0.0:
             share = without_boost(share, up=up)
         return min(max(share, 0.0), 1.0)
+
+    def echo(self, message: Any) -> Echo:
+        """Return the thrust; the rates are shaped."""
+        return Echo(value=(message.thrust,))
 
 
 AUTOPILOTS: dict[int, type[Autopilot]] = {3: ArduPilot, 12: Px4}

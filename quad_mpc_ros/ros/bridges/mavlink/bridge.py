@@ -31,7 +31,7 @@ from quad_mpc_ros.ros.bridges.mavlink import codec
 from quad_mpc_ros.ros.bridges.mavlink.autopilots import AUTOPILOTS, Autopilot
 from quad_mpc_ros.ros.bridges.mavlink.codec import Codec
 from quad_mpc_ros.ros.bridges.mavlink.config import MavlinkConfig
-from quad_mpc_ros.ros.bridges.mavlink.link import Settings, VehicleTime
+from quad_mpc_ros.ros.bridges.mavlink.link import OtherCommanders, Settings, VehicleTime
 
 _SECOND = 1_000_000_000
 _LINE_PERIOD = 0.002  # s: what comes waits for half of it
@@ -40,11 +40,11 @@ _STATE_NS = _SECOND // 2  # without state for so long it is asked for again
 # PX4 takes no interval for HEARTBEAT, so each is requested. CURRENT_MODE comes with each change.
 _REQUEST_NS = _SECOND // 10
 _HEARTBEAT_TIMEOUT, _LAND_TIMEOUT, _ODOMETRY_TIMEOUT = 1.5, 2.5, 1.0  # s
-_RIVAL_TIMEOUT = 2.0  # s: after setpoints of another node on the line
-_RATES = {codec.EXTENDED_SYS_STATE: 5.0, codec.SYS_STATUS: 2.0, codec.CURRENT_MODE: 50.0}
+_RATES = {codec.EXTENDED_SYS_STATE: 5.0, codec.SYS_STATUS: 2.0, codec.ATTITUDE_TARGET: 20.0}
+_RATES[codec.CURRENT_MODE] = 50.0
 _ARMED = 128  # of base_mode
 _FAILING = (5, 6, 8)  # MAV_STATE: critical, emergency, terminating
-_ON_GROUND = 1
+_ON_GROUND, _IN_AIR = 1, 2
 _ACCEPTED, _IN_PROGRESS = 0, 5
 _WORTH_TELLING = 4  # the least severe text that is: a warning
 _LONGEST_TEXT, _LONGEST_WARNING = 50, 300  # characters of one message, and of all of a text
@@ -78,8 +78,7 @@ class MavlinkBridge(Bridge):
         self._autopilot: Autopilot | None = None
         self._settings = Settings(())
         self._component = codec.AUTOPILOT_COMPONENT
-        self._time = VehicleTime()
-        self._rival = LatestStatus(timeout=_RIVAL_TIMEOUT)
+        self._time, self._others = VehicleTime(), OtherCommanders()
         self._heartbeat = LatestStatus(timeout=_HEARTBEAT_TIMEOUT)
         self._mode = self._intended_mode = 0
         self._land = LatestStatus(timeout=_LAND_TIMEOUT)
@@ -100,6 +99,7 @@ class MavlinkBridge(Bridge):
             "EXTENDED_SYS_STATE": self._land.receive,
             "SYS_STATUS": self._on_sys_status,
             "PARAM_VALUE": self._on_parameter,
+            "ATTITUDE_TARGET": self._on_target,
             "TIMESYNC": self._on_time,
             "COMMAND_ACK": self._on_ack,
             "STATUSTEXT": self._on_text,
@@ -137,8 +137,7 @@ class MavlinkBridge(Bridge):
             return Stack(fault=fault)
         fault = f"{autopilot.name} has not sent its parameters yet"
         if self._settings.are_settled:
-            rival = self._rival.value(now_ns=now_ns)
-            fault = autopilot.fault(self._settings.values) or rival or ""
+            fault = autopilot.fault(self._settings.values) or self._others.fault(now_ns=now_ns)
         in_failsafe = heartbeat.system_status in _FAILING or autopilot.takes_setpoints(
             self._intended_mode
         )
@@ -187,14 +186,14 @@ class MavlinkBridge(Bridge):
             system=self._system,
             component=self._component,
         )
+        self._others.sent(self._autopilot.echo(target), now_ns=now_ns)
         return [self._packed(target)]
 
     def _receive(self, message: Any, now_ns: int) -> None:
         kind, system = message.get_type(), message.get_srcSystem()
         if kind in _SETPOINTS and message.target_system == self._system:
             sender = f"{kind} of system {system}, component {message.get_srcComponent()}"
-            fault = f"somebody else commands the vehicle as well: {sender}"
-            self._rival.receive(fault, now_ns)
+            self._others.found(sender, now_ns=now_ns)
             return
         if kind == "HEARTBEAT" or (
             system == self._system and message.get_srcComponent() == self._component
@@ -218,7 +217,7 @@ class MavlinkBridge(Bridge):
             self._settings = Settings(self._autopilot.settings)
             self.streams, self.warm_up = self._autopilot.streams, self._autopilot.warm_up
         self._heartbeat.receive(message, now_ns)
-        self._mode = int(message.custom_mode)
+        self._see_mode(int(message.custom_mode), now_ns)
         failing = message.system_status in _FAILING
         if failing and not self._was_failing:
             self._warnings.append(f"{self._autopilot.name} reports a failsafe")
@@ -227,8 +226,13 @@ class MavlinkBridge(Bridge):
     def _on_current_mode(self, message: Any, now_ns: int) -> None:
         """Take the mode, which changed or whose vehicle armed: the heartbeat says which."""
         self._intended_mode = int(message.intended_custom_mode)
-        self._mode = int(message.custom_mode)
+        self._see_mode(int(message.custom_mode), now_ns)
         self._done_ns.pop("request", None)
+
+    def _see_mode(self, mode: int, now_ns: int) -> None:
+        assert self._autopilot is not None
+        self._mode = mode
+        self._others.judge(takes_setpoints=self._autopilot.takes_setpoints(mode), now_ns=now_ns)
 
     def _on_odometry(self, message: Any, now_ns: int) -> None:
         if self._config.odometry_topic:
@@ -274,6 +278,14 @@ class MavlinkBridge(Bridge):
         if self._settings.receive(name, value) and (settled or self._settings.are_settled):
             hover = self.thrust.stack_throttle(self._config.vehicle().hover_throttle)
             self._warnings += autopilot.advice(self._settings.values, hover=hover)
+
+    def _on_target(self, message: Any, now_ns: int) -> None:
+        land = self._land.value(now_ns=now_ns)
+        flies = land is not None and land.landed_state == _IN_AIR
+        if self._autopilot is not None and flies and self._handover.state is State.ENGAGED:
+            self._others.target(self._autopilot.echo(message), now_ns=now_ns)
+            if self._others.suspected:
+                self._done_ns.pop("request", None)
 
     def _on_time(self, message: Any, now_ns: int) -> None:
         if message.tc1 > 0:

@@ -1,13 +1,19 @@
-"""What is known of the vehicle at the other end: its clock and its settings."""
+"""What is known of the vehicle at the other end: its clock, its settings, who else commands it."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
 
+from quad_mpc_ros.ros.bridges.mavlink.autopilots import Echo
+
 _SECOND = 1_000_000_000
 _QUESTIONS = 10  # about a parameter, or about the time at once
 _ASKED_AGAIN_NS = 300_000_000
+_MEMORY_NS = _SECOND  # of setpoints, which come back late
+_LONG_ENOUGH_NS = _SECOND // 2
+_STRANGE = 3  # targets that nobody here has set, among ours, before that is no accident
+_FORGOTTEN_NS = 2 * _SECOND
 
 
 class VehicleTime:
@@ -73,3 +79,55 @@ class Settings:
             return False
         self.values[name] = value
         return True
+
+
+class OtherCommanders:
+    """Whether the vehicle follows setpoints that were not sent here.
+
+    An autopilot that has left the mode follows its own setpoints, and reports them before it
+    reports the mode. So strange targets are a suspicion until a later report of the mode.
+    """
+
+    def __init__(self) -> None:
+        self._sent: deque[tuple[int, Echo]] = deque()
+        self._strange: deque[int] = deque(maxlen=_STRANGE)  # when
+        self._found: tuple[int, str] | None = None
+        self.suspected = False
+        """Whether a report of the mode is needed to decide."""
+
+    def sent(self, setpoint: Echo, *, now_ns: int) -> None:
+        """Note a setpoint of ours."""
+        self._sent.append((now_ns, setpoint))
+        while abs(now_ns - self._sent[0][0]) > _MEMORY_NS:
+            self._sent.popleft()
+
+    def target(self, target: Echo, *, now_ns: int) -> None:
+        """Take the target that the vehicle reports while it is ours."""
+        recent = [each for sent_ns, each in self._sent if abs(now_ns - sent_ns) <= _MEMORY_NS]
+        if not recent or now_ns - self._sent[0][0] < _LONG_ENOUGH_NS:
+            return
+        if any(each.is_of(target) for each in recent):
+            return
+        self._strange.append(now_ns)
+        often = len(self._strange) == _STRANGE
+        if often and abs(now_ns - self._strange[0]) <= _FORGOTTEN_NS:
+            self.suspected = True
+
+    def judge(self, *, takes_setpoints: bool, now_ns: int) -> None:
+        """Decide about a suspicion by the mode, which is reported now."""
+        if not self.suspected:
+            return
+        if takes_setpoints:
+            self.found("it follows setpoints that were not sent here", now_ns=now_ns)
+        self.suspected = False
+        self._strange.clear()
+
+    def found(self, why: str, *, now_ns: int) -> None:
+        """Note that somebody else commands."""
+        self._found = now_ns, why
+
+    def fault(self, *, now_ns: int) -> str:
+        """Return who else commands the vehicle, for some time after it was noticed, or nothing."""
+        if self._found is None or abs(now_ns - self._found[0]) > _FORGOTTEN_NS:
+            return ""
+        return f"somebody else commands the vehicle as well: {self._found[1]}"
