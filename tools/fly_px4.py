@@ -40,7 +40,6 @@ from quad_mpc_ros.references.live import LiveReference
 from quad_mpc_ros.ros.bridges.bridge import Bridge, OutgoingBytes, OutgoingMessage, Response
 from quad_mpc_ros.ros.bridges.mavlink import MavlinkBridge
 from quad_mpc_ros.ros.bridges.mavlink.codec import Codec
-from quad_mpc_ros.ros.bridges.network_line import open_line
 from quad_mpc_ros.ros.bridges.px4 import Px4Bridge
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
 
@@ -72,7 +71,7 @@ class Pilot:
         self.mpc, reference = config["mpc"], config["reference"]
         self._bridge = kind(config[kind.name], new_message)
         line = self._bridge.line
-        self._line = open_line(line) if line is not None else None
+        self._line = line.open() if line is not None else None
         self._clock = Codec(system=1) if line is not None else None
         self._controller: Controller = warmed_up(self.mpc)
         trajectory = configured_trajectory(reference)

@@ -14,6 +14,7 @@ from quad_mpc_ros.commands.observer import Observer, subscribe
 from quad_mpc_ros.commands.processes import FlightError, NodeProcess
 from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.configuration.compilation import cached_functions
+from quad_mpc_ros.messages.diagnostics import PEERS_KEY
 from quad_mpc_ros.messages.topics import (
     BATTERY,
     CLOCK,
@@ -27,7 +28,6 @@ from quad_mpc_ros.messages.topics import (
     STATS,
 )
 from quad_mpc_ros.ros.commanders import DISCOVERING
-from quad_mpc_ros.ros.health import PEERS_KEY
 from quad_mpc_ros.ros.messages import odometry_in
 
 # The first start after an installation compiles, on a small computer for minutes.

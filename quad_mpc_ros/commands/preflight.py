@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from quad_mpc_ros.commands import EXIT_FAILED
@@ -53,24 +52,15 @@ def run(options: argparse.Namespace) -> int:
     require_ros("preflight", instead="; 'simulate' and 'campaign' rehearse without it")
     from quad_mpc_ros.commands.observer import checked_namespace
     from quad_mpc_ros.commands.running_vehicle import RunningVehicle
-    from quad_mpc_ros.configuration.compilation import cached_functions
     from quad_mpc_ros.ros.preflight.checks import findings
     from quad_mpc_ros.ros.preflight.finding import Level
-    from quad_mpc_ros.ros.preflight.own import free_bytes
 
     namespace = checked_namespace(options.namespace)
     bridge = _bridge(options.bridge)
     stated = _stated(options.config)
     with RunningVehicle(namespace) as vehicle:
         facts = vehicle.facts(bridge=bridge, timeout=options.timeout)
-    here = Path.cwd()
-    found = findings(
-        facts.changed(
-            stated=stated,
-            free={str(here): free_bytes(here)},
-            compiled=cached_functions() > 0,
-        )
-    )
+    found = findings(facts.changed(stated=stated))
     rows = [(each.level.name.lower(), name, each.text) for name, each in found]
     print("\n".join(text_table(rows, align="lll")))
     levels = [each.level for _, each in found]

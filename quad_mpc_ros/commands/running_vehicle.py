@@ -8,23 +8,12 @@ from collections.abc import Mapping
 from typing import Any, Self
 
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSCompatibility, qos_check_compatible
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from quad_mpc_ros.commands.observer import Observer, subscribe
 from quad_mpc_ros.commands.run_configuration import SCHEMA
 from quad_mpc_ros.configuration import Configuration, UserError, files
-from quad_mpc_ros.control.model.voltage import measured_voltage
-from quad_mpc_ros.messages.topics import (
-    BATTERY,
-    CLOCK,
-    COMMAND,
-    DIAGNOSTICS,
-    ENGAGED,
-    ODOMETRY,
-    REFERENCE,
-    Topic,
-)
+from quad_mpc_ros.messages.diagnostics import OK
+from quad_mpc_ros.messages.topics import CLOCK, DIAGNOSTICS, ODOMETRY, Topic
 from quad_mpc_ros.recordings.recording import flown_points
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
@@ -36,12 +25,9 @@ from quad_mpc_ros.ros.preflight.facts import (
     MPC_NODE,
     REFERENCE_NODE,
     Arrival,
-    Battery,
     Course,
-    Endpoint,
     Facts,
     NodeFacts,
-    TopicFacts,
 )
 from quad_mpc_ros.ros.preflight.way import course_of
 
@@ -59,7 +45,6 @@ class RunningVehicle(Observer):
         self._space = f"/{namespace}" if namespace else ""
         self._health: dict[str, Any] = {}
         self._arrivals: list[Arrival] = []
-        self._battery: Battery | None = None
 
     def __enter__(self) -> Self:
         super().__enter__()
@@ -80,8 +65,7 @@ class RunningVehicle(Observer):
         answers = self.parameters({f"{self._space}/{name}" for name in names}, deadline)
         parameters = {full.rpartition("/")[2]: values for full, values in answers.items()}
         self._follow_time(parameters)
-        topics = self._topics()
-        self._watch(topics, deadline)
+        self._watch(self._odometry_topic(), deadline)
         told = {f"{self._space}/{name}" for name in names}
         self.spin_until(lambda: told <= self._health.keys(), deadline)
         nodes = {
@@ -92,9 +76,8 @@ class RunningVehicle(Observer):
         return Facts(
             nodes=nodes,
             bridge=bridge,
-            topics={role: self._topic(topic) for role, topic in topics.items()},
+            has_clock=self.node.count_publishers(CLOCK.name) > 0,
             arrivals=tuple(self._arrivals),
-            battery=self._battery,
             course=course,
             course_fault=course_fault,
         )
@@ -133,7 +116,7 @@ class RunningVehicle(Observer):
         if parameters.get(MPC_NODE, {}).get(_USE_SIM_TIME):
             self.node.set_parameters([Parameter(_USE_SIM_TIME, value=True)])
 
-    def _watch(self, topics: Mapping[str, Topic], deadline: float) -> None:
+    def _watch(self, odometries: Topic, deadline: float) -> None:
         """Take odometry for a while, and one report of each node."""
         clock = SteadyTime(self.node.get_clock())
 
@@ -145,9 +128,7 @@ class RunningVehicle(Observer):
                 return
             self._arrivals.append(Arrival(odometry=odometry, at_ns=at_ns))
 
-        subscribe(self.node, topics[ODOMETRY.name], on_odometry, raw=True)
-        battery = dataclasses.replace(BATTERY, name=f"{self._space}/{BATTERY.name}")
-        subscribe(self.node, battery, self._on_battery)
+        subscribe(self.node, odometries, on_odometry, raw=True)
         self.spin_until(lambda: bool(self._arrivals), deadline)
         self.spin_until(lambda: False, min(time.monotonic() + _WATCHING, deadline))
 
@@ -161,66 +142,30 @@ class RunningVehicle(Observer):
             config=config,
             fault=fault,
             state=values.get("state", ""),
+            level=status.level if status is not None else OK,
             health=status.message if status is not None else "",
             values=values,
             use_sim_time=bool((parameters or {}).get(_USE_SIM_TIME)),
             count=count,
         )
 
-    def _topics(self) -> dict[str, Topic]:
-        """Return the topics by what they are for, under the names to which nodes remapped them."""
-        found = {
-            role: dataclasses.replace(topic, name=f"{self._space}/{topic.name}")
-            for role, topic in ((each.name, each) for each in (REFERENCE, ENGAGED))
-        } | {CLOCK.name: CLOCK}
-        ours = self.node
-        for topic, node, ends in (
-            (ODOMETRY, MPC_NODE, ours.get_subscriber_names_and_types_by_node),
-            (COMMAND, MPC_NODE, ours.get_publisher_names_and_types_by_node),
-            (REFERENCE, REFERENCE_NODE, ours.get_publisher_names_and_types_by_node),
-        ):
-            name = f"{self._space}/{topic.name}"
-            if node in self._names():
-                used = [
-                    each
-                    for each, types in ends(node, self._space or "/")
-                    if topic.type_name in types
-                ]
-                name = used[0] if len(used) == 1 else name
-            found[topic.name] = dataclasses.replace(topic, name=name)
-        return found
-
-    def _topic(self, topic: Topic) -> TopicFacts:
-        publishers = self.node.get_publishers_info_by_topic(topic.name)
-        subscriptions = [
-            end
-            for end in self.node.get_subscriptions_info_by_topic(topic.name)
-            if end.node_name != _NAME
-        ]
-        return TopicFacts(
-            name=topic.name,
-            type_name=topic.type_name,
-            publishers=tuple(map(_endpoint, publishers)),
-            subscriptions=tuple(map(_endpoint, subscriptions)),
-            mismatches=tuple(
-                mismatch
-                for publisher in publishers
-                for subscription in subscriptions
-                if (mismatch := _mismatch(publisher, subscription))
-            ),
-        )
+    def _odometry_topic(self) -> Topic:
+        """Return the topic of odometry, under the name to which the MPC remapped it."""
+        used: list[str] = []
+        if MPC_NODE in self._names():
+            used = [
+                name
+                for name, types in self.node.get_subscriber_names_and_types_by_node(
+                    MPC_NODE, self._space or "/"
+                )
+                if ODOMETRY.type_name in types
+            ]
+        name = used[0] if len(used) == 1 else f"{self._space}/{ODOMETRY.name}"
+        return dataclasses.replace(ODOMETRY, name=name)
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
             self._health[status.name] = status
-
-    def _on_battery(self, message: Any) -> None:
-        cells = [float(cell) for cell in message.cell_voltage if cell > 0.0]
-        self._battery = Battery(
-            voltage=measured_voltage(float(message.voltage)),
-            share=_measured(message.percentage),
-            cell=min(cells, default=None),
-        )
 
 
 def node_configurations() -> dict[str, type[Configuration]]:
@@ -251,27 +196,6 @@ def _course(node: NodeFacts | None) -> tuple[Course | None, str]:
         return course_of(node.config, read_bag=flown_points), ""
     except UserError as error:
         return None, str(error)
-
-
-def _endpoint(info: TopicEndpointInfo) -> Endpoint:
-    return Endpoint(node=_full_name(info), type_name=info.topic_type)
-
-
-def _full_name(info: TopicEndpointInfo) -> str:
-    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-
-
-def _mismatch(publisher: TopicEndpointInfo, subscription: TopicEndpointInfo) -> str:
-    """Return why a subscription does not get what a publisher sends; empty if it does."""
-    compatibility, reason = qos_check_compatible(publisher.qos_profile, subscription.qos_profile)
-    if compatibility != QoSCompatibility.ERROR:
-        return ""
-    told = " ".join(reason.removeprefix("ERROR: ").split()).rstrip(";.")
-    return f"{_full_name(subscription)} does not get what {_full_name(publisher)} sends: {told}"
-
-
-def _measured(value: float) -> float | None:
-    return float(value) if value > 0.0 else None  # NaN is what was not measured
 
 
 def _order(name: str) -> tuple[int, str]:

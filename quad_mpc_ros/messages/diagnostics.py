@@ -10,6 +10,9 @@ from quad_mpc_ros.messages import cdr
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 """The levels of a ``diagnostic_msgs/DiagnosticStatus``."""
 
+PEERS_KEY = "peers."
+"""In the health of a node: what the number of matched peers of a topic begins with."""
+
 STATS_NAME = "quad_mpc_ros: mpc tick"
 
 

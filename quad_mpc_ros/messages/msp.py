@@ -46,7 +46,7 @@ def raw_rc(pulses: tuple[int, ...]) -> bytes:
 
 
 def crc8(data: bytes) -> int:
-    """Return the CRC-8 of DVB-S2: polynomial 0xD5, from 0, not reflected. CRSF has it too."""
+    """Return the CRC-8 of DVB-S2: polynomial 0xD5, from 0, not reflected."""
     crc = 0
     for byte in data:
         crc = _CRC[crc ^ byte]

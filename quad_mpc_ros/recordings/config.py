@@ -87,7 +87,13 @@ class RecorderConfig(ManagedConfiguration):
 
     def check(self) -> None:
         """Refuse what is no regular expression."""
-        _check_regex(self, "topics_regex", "topics_exclude_regex")
+        for name in ("topics_regex", "topics_exclude_regex"):
+            value = getattr(self, name)
+            try:
+                re.compile(value)
+            except re.error as error:
+                expected = f"a regular expression ({error})"
+                raise ConfigurationError(f"{self.owner}.{name}", value, expected) from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,19 +103,13 @@ class PlayerConfig(Configuration):
     owner = "player"
 
     bag: str = parameter("", doc="Folder of the bag, or one .mcap file.")
-    topics: tuple[str, ...] = parameter(
-        (), doc="Full names of the topics to play; none here and no topics_regex is all."
-    )
-    topics_regex: str = parameter(
-        "", doc="Play topics too in whose full name this regular expression is found."
-    )
+    topics: tuple[str, ...] = parameter((), doc="Full names of the topics to play; none is all.")
     rate: float = parameter(
         1.0, above=0.0, maximum=1000.0, doc="Speed, in multiples of the recorded one."
     )
     start: float = parameter(
         0.0, minimum=0.0, unit="s", doc="Time into the bag at which to start."
     )
-    loop: bool = parameter(False, doc="Begin again at the end.")
     paused: bool = parameter(False, doc="Start paused; the service ~/resume begins.")
     delay: float = parameter(
         1.0,
@@ -128,17 +128,3 @@ class PlayerConfig(Configuration):
         "does not.",
     )
     progress: bool = parameter(False, doc="Show on standard error how far it is.")
-
-    def check(self) -> None:
-        """Refuse what is no regular expression."""
-        _check_regex(self, "topics_regex")
-
-
-def _check_regex(config: Configuration, *names: str) -> None:
-    for name in names:
-        value = getattr(config, name)
-        try:
-            re.compile(value)
-        except re.error as error:
-            expected = f"a regular expression ({error})"
-            raise ConfigurationError(f"{config.owner}.{name}", value, expected) from error

@@ -6,6 +6,7 @@ exist.
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,17 +21,16 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from quad_mpc_ros.configuration import Configuration
 from quad_mpc_ros.messages import cdr
-from quad_mpc_ros.messages.diagnostics import WARN
+from quad_mpc_ros.messages.diagnostics import PEERS_KEY, WARN
 from quad_mpc_ros.messages.topics import DIAGNOSTICS, Topic
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.messages import message_class, qos_of
 from quad_mpc_ros.ros.parameters import ParameterNode, declare
 from quad_mpc_ros.ros.spin import until_the_end
-from quad_mpc_ros.ros.vehicle_watch import VEHICLE_KEY, VehicleWatch, vehicle_text
+from quad_mpc_ros.ros.vehicle_watch import VEHICLE_KEY, VehicleWatch
 
 C = TypeVar("C", bound=Configuration)
 
-PEERS_KEY = "peers."
 _PERIOD = 1.0
 _POLL_PERIOD = 0.1
 
@@ -150,12 +150,13 @@ class HealthReporter:
     def report(self) -> None:
         """Publish the health now."""
         health, peers = self._with_faults(self._probe()), self.peers()
+        vehicle = [(VEHICLE_KEY, json.dumps(self.vehicle))] if self.vehicle else []
         message = cdr.written_diagnostics(
             stamp_ns=self._node.get_clock().now().nanoseconds,
             level=health.level,
             name=self._node.get_fully_qualified_name(),
             text=health.text,
-            values=[*peers, *health.values, *self._vehicle()],
+            values=[*peers, *health.values, *vehicle],
         )
         self._publisher.publish(message)
         self._reported_s, self._counted = time.monotonic(), peers
@@ -210,9 +211,6 @@ class HealthReporter:
             qos_of(topic),
             event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
         )
-
-    def _vehicle(self) -> list[tuple[str, str]]:
-        return [(VEHICLE_KEY, vehicle_text(self.vehicle))] if self.vehicle else []
 
     def _poll(self) -> None:
         due = time.monotonic() - self._reported_s >= _PERIOD

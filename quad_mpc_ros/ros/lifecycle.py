@@ -47,7 +47,7 @@ _TRANSITIONS = {
         Transition.TRANSITION_ACTIVE_SHUTDOWN: "shutdown",
     },
 }
-# s: what is awaited is in the log after so long without it.
+# s: what prevents an activation is in the log after so long.
 _PATIENCE, _REMINDER_PERIOD = 3.0, 0.5
 _SHUTDOWN_DELAY = 0.1  # s: the response to the request for the shutdown goes out first
 
@@ -104,15 +104,6 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         ``obstacle`` is what prevents it.
         """
         return obstacle is None
-
-    @property
-    def autostarting(self) -> bool:
-        """Whether the node is to be activated by itself."""
-        return self._autostarting
-
-    def awaits(self) -> bool:
-        """Whether the obstacle is only that something has not come yet."""
-        return False
 
     def activate(self) -> None:
         """Begin, or continue."""
@@ -195,40 +186,31 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             self.health.report()
 
     def _remind(self) -> None:
-        """Log what prevents an activation: at once, and again as long as it lasts.
-
-        What is only awaited is given a while first.
-        """
+        """Log what prevents an activation after a while, and again as long as it lasts."""
         if not (self._autostarting and self._configured) or self.active:
             return
         obstacle = self.obstacle()
-        if obstacle is None:
-            return
-        if not self.awaits() or time.monotonic() - self._awaiting_since > _PATIENCE:
+        if obstacle is not None and time.monotonic() - self._awaiting_since > _PATIENCE:
             self.warnings.warn(f"inactive: {obstacle}")
 
     def managed_timer(
-        self, period: float, callback: Callable[[], None], *, steady: bool = False
+        self, period: float, callback: Callable[[], float | None], *, steady: bool = True
     ) -> None:
-        """Create a timer [s] until the cleanup, on the node's clock or on a steady one."""
+        """Create a timer [s] until the cleanup, on a steady clock or on that of the node.
+
+        If the callback returns a time [s], it is called again after that.
+        """
 
         def guarded() -> None:
-            if self._configured:
-                callback()
-
-        create = functools.partial(create_steady_timer, self) if steady else self.create_timer
-        timer = create(period, until_the_end(self, guarded))
-        self._made.callback(self.destroy_timer, timer)
-
-    def managed_alarm(self, delay: float, callback: Callable[[], float]) -> None:
-        """Call back after a steady delay [s], and then again after what the callback returns."""
-
-        def guarded() -> None:
-            if self._configured:
-                timer.timer_period_ns = round(callback() * 1e9)
+            pause = callback() if self._configured else None
+            if pause is not None:
+                timer.timer_period_ns = round(pause * 1e9)
                 timer.reset()  # without this the new period begins with the next call
 
-        timer = create_steady_timer(self, delay, guarded)
+        if steady:
+            timer = create_steady_timer(self, period, guarded)
+        else:
+            timer = self.create_timer(period, until_the_end(self, guarded))
         self._made.callback(self.destroy_timer, timer)
 
     def managed_beat(self, period: float, callback: Callable[[], None]) -> None:
@@ -237,7 +219,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         In simulated time it is a timer of the executor.
         """
         if self.get_clock().ros_time_is_active:
-            self.managed_timer(period, callback)
+            self.managed_timer(period, callback, steady=False)
             return
 
         def guarded() -> None:
@@ -261,13 +243,28 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         self._made.callback(self.destroy_service, service)
 
     def managed_subscription(
-        self, topic: Topic, callback: Callable[[Any], None], **options: bool
+        self,
+        topic: Topic,
+        callback: Callable[[Any], None],
+        *,
+        decode: Callable[[Any], Any] | None = None,
+        **options: bool,
     ) -> None:
-        """Create a subscription until the cleanup, as :meth:`HealthReporter.subscription` does."""
+        """Create a subscription until the cleanup, as :meth:`HealthReporter.subscription` does.
+
+        The callback gets what ``decode`` returns; a ``ValueError`` of that is logged.
+        """
 
         def guarded(message: Any) -> None:
-            if self._configured:  # the executor may hold one from before the cleanup
-                callback(message)
+            if not self._configured:  # the executor may hold one from before the cleanup
+                return
+            if decode is not None:
+                try:
+                    message = decode(message)
+                except ValueError as error:
+                    self.warnings.warn(str(error))
+                    return
+            callback(message)
 
         self.health.subscription(topic, guarded, **options)
 

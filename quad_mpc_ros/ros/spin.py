@@ -108,7 +108,8 @@ def _run(
         settle_memory()
         interrupts.spinning()
         for node in nodes:
-            getattr(node, "begin", _nothing)()
+            if begin := getattr(node, "begin", None):
+                begin()
         for node, executor in zip(nodes, executors, strict=True):
             _register(node, executor)
         install_signal_handlers(SignalHandlerOptions.ALL)
@@ -144,10 +145,6 @@ def _run(
             vars(node).clear()
         rclpy.try_shutdown()
     return max(exit_codes)
-
-
-def _nothing() -> None:
-    """Begin a node that has nothing to begin with."""
 
 
 def _begin(args: list[str] | None) -> None:
@@ -277,7 +274,7 @@ def _register(node: Node, executor: Any) -> None:
     end ROS before.
     """
     executor.add_node(node)
-    registered = executor.create_task(_nothing)  # is run after that
+    registered = executor.create_task(lambda: None)  # is run after that
     while rclpy.ok() and not registered.done():
         executor.spin_until_future_complete(registered, timeout_sec=_SPIN_TIMEOUT)
 

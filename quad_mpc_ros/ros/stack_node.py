@@ -12,6 +12,7 @@ end.
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Callable
 
@@ -29,39 +30,24 @@ from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run_together
 _NONE = "none"
 
 
-class Stack:
-    """Makes the nodes of a vehicle."""
+def nodes_of_stack(bridge: str, *, with_reference: bool) -> list[Callable[[], Node]]:
+    """Return what makes the nodes of a vehicle, in this order.
 
-    def __init__(self, bridge: str, *, with_reference: bool) -> None:
-        """``bridge`` is the name of one, or ``none``.
+    ``bridge`` is the name of one, or ``none``. Raises :class:`UserError` for one that nobody has
+    registered.
+    """
+    made: list[MpcNode] = []
 
-        Raises :class:`UserError` for one that nobody has registered.
-        """
-        self._bridge = load_bridge(bridge) if bridge != _NONE else None
-        self._with_reference = with_reference
+    def mpc() -> Node:
+        made.append(MpcNode(hears_reference=not with_reference))
+        return made[0]
 
-    def nodes(self) -> list[Callable[[], Node]]:
-        """Return what makes the nodes, in order."""
-        nodes = [self.mpc]
-        if self._with_reference:
-            nodes.append(self.reference)
-        if self._bridge is not None:
-            nodes.append(self.bridge)
-        return nodes
-
-    def mpc(self) -> Node:
-        """Return the MPC, to be made first."""
-        self._mpc = MpcNode(hears_reference=not self._with_reference)
-        return self._mpc
-
-    def reference(self) -> Node:
-        """Return the reference, whose windows the MPC gets."""
-        return ReferenceNode(hand_over=self._mpc.take_reference)
-
-    def bridge(self) -> Node:
-        """Return the bridge."""
-        assert self._bridge is not None
-        return BridgeNode(self._bridge)
+    nodes = [mpc]
+    if with_reference:
+        nodes.append(lambda: ReferenceNode(hand_over=made[0].take_reference))
+    if bridge != _NONE:
+        nodes.append(functools.partial(BridgeNode, load_bridge(bridge)))
+    return nodes
 
 
 def main(args: list[str] | None = None) -> int:
@@ -75,11 +61,11 @@ def main(args: list[str] | None = None) -> int:
     )
     options = parser.parse_args(own_arguments(sys.argv if args is None else args)[1:])
     try:
-        stack = Stack(options.bridge, with_reference=options.reference == "true")
+        nodes = nodes_of_stack(options.bridge, with_reference=options.reference == "true")
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
-    return run_together(stack.nodes(), args)
+    return run_together(nodes, args)
 
 
 if __name__ == "__main__":

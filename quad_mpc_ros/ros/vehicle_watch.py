@@ -16,13 +16,9 @@ from quad_mpc_ros.ros.preflight.finding import Finding
 from quad_mpc_ros.ros.preflight.vehicles import carried_differently
 
 VEHICLE_KEY = "vehicle"
+"""Of the diagnostic value of a node that has its vehicle as JSON."""
 _MARK = b"vehicle\0"
 _STALE = 5.0  # s without a report: the node has ended
-
-
-def vehicle_text(values: Mapping[str, Any]) -> str:
-    """Return the vehicle of a node as the text of its diagnostic value."""
-    return json.dumps(values)
 
 
 class VehicleWatch:

@@ -185,12 +185,11 @@ class Connection:
 
     def __init__(self, device: str) -> None:
         from quad_mpc_ros.ros.bridges.mavlink import MavlinkBridge
-        from quad_mpc_ros.ros.bridges.network_line import open_line
         from quad_mpc_ros.ros.messages import new_message
 
         self.bridge = MavlinkBridge(MavlinkBridge.Config(device=device), new_message)
         assert self.bridge.line is not None
-        self._line = open_line(self.bridge.line)
+        self._line = self.bridge.line.open()
 
     def until(self, condition: Callable[[], Any], *, seconds: float = 60.0) -> Any:
         """Exchange messages until a condition is true; return what it returned."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from quad_mpc_ros.configuration import Configuration, ConfigurationError
-from quad_mpc_ros.recordings.config import PlayerConfig, RecorderConfig, TopicSelection
+from quad_mpc_ros.recordings.config import RecorderConfig, TopicSelection
 
 THERE = ("/odom", "/uav1/odom", "/uav1/mpc/stats", "/rosout", "/uav1/_internal", "/_hidden")
 
@@ -33,7 +33,6 @@ def test_topic_selection(selection: TopicSelection, expected: set[str]) -> None:
     [
         (RecorderConfig, "topics_regex"),
         (RecorderConfig, "topics_exclude_regex"),
-        (PlayerConfig, "topics_regex"),
     ],
 )
 def test_refuses_an_invalid_regular_expression(config: type[Configuration], name: str) -> None:

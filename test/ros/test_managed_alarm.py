@@ -24,7 +24,7 @@ class _Woken(ManagedNode[MpcConfig]):
         self.start()
 
     def configure(self, config: MpcConfig) -> None:
-        self.managed_alarm(0.05, self._on_alarm)
+        self.managed_timer(0.05, self._on_alarm)
 
     def report(self) -> Health:
         return Health(level=OK, text="awake")

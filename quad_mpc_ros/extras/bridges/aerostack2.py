@@ -8,7 +8,6 @@ Fields and constants after https://github.com/aerostack2/aerostack2 (as2_msgs).
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from dataclasses import dataclass
 from typing import Any
@@ -20,14 +19,13 @@ from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage, nanoseconds
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
-    LatestStatus,
     Outgoing,
     OutgoingMessage,
     Response,
     Subscription,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
-from quad_mpc_ros.ros.bridges.handover import Stack
+from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack
 
 # ACRO until August 2026, BODY_RATES since: the number stayed.
 CONTROL_MODE_BODY_RATES = 6
@@ -136,8 +134,8 @@ class Aerostack2Bridge(Bridge):
 
     def _arm(self, wanted: bool) -> Response:
         what = "arming" if wanted else "disarming"
-        call = self._call(self._arm_service, data=wanted)
-        call = dataclasses.replace(call, receive=functools.partial(self._on_arming, what))
+        receive = functools.partial(self._on_arming, what)
+        call = self._call(self._arm_service, receive=receive, data=wanted)
         if wanted or self._ground.landed:
             return Response(accepted=True, text=f"asked for {what}", calls=[call])
         # In the air a platform may refuse to disarm, and does not refuse its kill switch.

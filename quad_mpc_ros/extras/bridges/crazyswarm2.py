@@ -19,27 +19,49 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.configuration import ConfigurationError, parameter
+from quad_mpc_ros.configuration import parameter
+from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.extras.bridges import crtp
-from quad_mpc_ros.messages.conversions import NewMessage, nanoseconds, odometry_from_message
+from quad_mpc_ros.messages.conversions import NewMessage, odometry_from_message
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
-    LatestStatus,
     OutgoingMessage,
     Response,
     Subscription,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
-from quad_mpc_ros.ros.bridges.handover import Stack
-from quad_mpc_ros.ros.bridges.odometry import PoseDifferentiator
+from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack
 
 _LOCKS_AFTER_NS = 2_000_000_000
+_LONGEST_GAP_NS = 200_000_000  # between two odometries
 # The radio may lose one.
 _UNLOCKING_SETPOINTS = 3
 _STATUS_TIMEOUT = 10.0  # s: the server logs it once a second or less
 _LAST_SETPOINT_MILLISECONDS = 100  # until the firmware's own commander takes over
+
+
+class RateDifferentiator:
+    """Body rates by differences of successive attitudes, half the time between two behind."""
+
+    def __init__(self) -> None:
+        self._before: OdometrySample | None = None
+
+    def completed(self, odometry: OdometrySample) -> OdometrySample | None:
+        """Return an odometry with its body rates, or None for the first and after a gap.
+
+        Raises ``ValueError`` for a quaternion without a rotation.
+        """
+        R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
+        before, self._before = self._before, odometry
+        if before is None:
+            return None
+        gap_ns = odometry.stamp_ns - before.stamp_ns
+        if not 0 < gap_ns <= _LONGEST_GAP_NS:
+            return None
+        R_before = so3.rotation_from_quaternion_xyzw(before.q_WB_xyzw)
+        return dataclasses.replace(odometry, w_WB_B=1e9 / gap_ns * so3.log(R_before.T @ R_WB))
 
 
 def odometry_from_odom(message: Any) -> OdometrySample:
@@ -51,37 +73,12 @@ def odometry_from_odom(message: Any) -> OdometrySample:
     return with_body_twist(odometry)
 
 
-def odometry_from_pose(message: Any) -> OdometrySample:
-    """Return the values of the server's ``pose``, a ``PoseStamped``, at rest."""
-    p, q = message.pose.position, message.pose.orientation
-    return OdometrySample(
-        stamp_ns=nanoseconds(message.header.stamp),
-        p_WB=np.array((p.x, p.y, p.z)),
-        q_WB_xyzw=np.array((q.x, q.y, q.z, q.w)),
-        v_WB_B=np.zeros(3),
-        w_WB_B=np.zeros(3),
-    )
-
-
-def fill_setpoint(
-    message: Any, command: CommandSample, *, throttle: float, backend: str = "cpp"
-) -> None:
+def fill_setpoint(message: Any, command: CommandSample, *, throttle: float) -> None:
     """Write body rates [deg/s] and throttle [PWM] into the ``Twist`` of ``cmd_vel_legacy``."""
     p, q, r = (math.degrees(rate) for rate in command.w_WB_B.tolist())
-    message.linear.x, message.linear.y = -q if backend == "cflib" else q, p
+    message.linear.x, message.linear.y = q, p
     message.linear.z = min(throttle * crtp.PWM_FULL, float(crtp.PWM_LARGEST))
     message.angular.z = -r
-
-
-def fill_unlock(message: Any) -> None:
-    """Write the setpoint of nothing, which unlocks the thrust."""
-    message.linear.x = message.linear.y = message.linear.z = message.angular.z = 0.0
-
-
-_STATES = {
-    "odom": ("nav_msgs/msg/Odometry", odometry_from_odom),
-    "pose": ("geometry_msgs/msg/PoseStamped", odometry_from_pose),
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,27 +88,10 @@ class Crazyswarm2Config(BridgeConfig):
     owner = "crazyswarm2_bridge"
 
     crazyflie: str = parameter("/cf231", doc="Name of the Crazyflie, as a namespace.")
-    state: str = parameter(
-        "odom",
-        doc="Where the state comes from: odom, without body rates, or pose, without any.",
-        choices=tuple(_STATES),
-    )
-    backend: str = parameter(
-        "cpp",
-        doc="The server's backend: cflib takes the pitch rate with the other sign, and its odom "
-        "has the pitch with the wrong one, so that state must be pose.",
-        choices=("cpp", "cflib"),
-    )
-
-    def check(self) -> None:
-        """Refuse the odometry of cflib."""
-        super().check()
-        if (self.backend, self.state) == ("cflib", "odom"):
-            raise ConfigurationError(f"{self.owner}.state", self.state, "pose with cflib")
 
 
 class Crazyswarm2Bridge(Bridge):
-    """Legacy setpoints with rates in degrees and thrust in PWM out, odom or pose in."""
+    """Legacy setpoints with rates in degrees and thrust in PWM out, odometry in."""
 
     name = "crazyswarm2_bridge"
     speaks = "Crazyswarm2: cmd_vel_legacy (Twist)"
@@ -133,14 +113,13 @@ class Crazyswarm2Bridge(Bridge):
         self._go_to = self._service("go_to", "crazyflie_interfaces/srv/GoTo")
         self.services = self._arm_service, self._stop, self._go_to
         # A best-effort subscription matches whatever the server publishes.
-        type_name, self._odometry_of = _STATES[config.state]
-        state = self._topic(config.state, type_name)
+        odometry = self._topic("odom", "nav_msgs/msg/Odometry")
         status = self._topic("status", "crazyflie_interfaces/msg/Status")
         self.subscriptions = (
-            Subscription(topic=state, receive=self._on_state),
+            Subscription(topic=odometry, receive=self._on_odometry),
             Subscription(topic=status, receive=self._on_status),
         )
-        self._differentiator = PoseDifferentiator(velocity_too=config.state == "pose")
+        self._differentiator = RateDifferentiator()
         self._status = LatestStatus(timeout=_STATUS_TIMEOUT)
         self._unlocking = 0
         self._sent_ns: int | None = None
@@ -171,7 +150,6 @@ class Crazyswarm2Bridge(Bridge):
         if wanted:
             return Response(accepted=True, text="asked for arming", calls=[call])
         nothing = self._new(self._setpoint.type_name)  # stops firmware without arming
-        fill_unlock(nothing)
         messages = [OutgoingMessage(topic=self._setpoint, message=nothing)]
         return Response(accepted=True, text="asked for disarming", messages=messages, calls=[call])
 
@@ -200,17 +178,15 @@ class Crazyswarm2Bridge(Bridge):
         self._sent_ns = now_ns
         message = self._new(self._setpoint.type_name)
         if self._unlocking > 0 or not self._stack(now_ns).armed:
-            self._unlocking = max(self._unlocking - 1, 0)
-            fill_unlock(message)
+            self._unlocking = max(self._unlocking - 1, 0)  # by a setpoint of nothing
         else:
             throttle = self.thrust.stack_throttle(command.throttle)
-            fill_setpoint(message, command, throttle=throttle, backend=self._config.backend)
+            fill_setpoint(message, command, throttle=throttle)
         return [OutgoingMessage(topic=self._setpoint, message=message)]
 
-    def _on_state(self, message: Any, now_ns: int) -> OdometrySample | None:
+    def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
         odometry = self._converted(
-            self._config.state,
-            lambda: self._differentiator.completed(self._odometry_of(message)),
+            "odom", lambda: self._differentiator.completed(odometry_from_odom(message))
         )
         return self._passed_on(odometry, now_ns=now_ns)
 

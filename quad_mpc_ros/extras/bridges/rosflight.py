@@ -26,7 +26,6 @@ from quad_mpc_ros.messages.conversions import NewMessage, fill_time, nanoseconds
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
-    LatestStatus,
     OutgoingMessage,
     Response,
     ServiceCall,
@@ -38,13 +37,15 @@ from quad_mpc_ros.ros.bridges.frames import (
     flu_from_frd,
     q_enu_flu_xyzw_from_ned_frd_wxyz,
 )
-from quad_mpc_ros.ros.bridges.handover import Stack, State, is_old
+from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack, State, is_old
 
 MODE_ROLLRATE_PITCHRATE_YAWRATE_THROTTLE = 1
 IGNORE_NONE = 0
 _VALUES = 10
 _THROTTLE, _RATES = 2, slice(3, 6)  # u = Fx, Fy, Fz, Qx, Qy, Qz, …; Fz is the throttle
 
+# Topics of ROScopter's estimator and of rosflight_io, which may be remapped.
+_ESTIMATE, _STATUS, _RC = "/estimated_state", "/status", "/rc_raw"
 _STATUS_TIMEOUT = 2.0  # s
 _RC_TIMEOUT = 0.5  # s
 _RC_FRAMES = 20  # of which the rate is taken
@@ -85,22 +86,6 @@ def odometry_from_state(message: Any) -> OdometrySample:
     )
 
 
-def odometry_from_sim_state(message: Any) -> OdometrySample:
-    """Return the values of a ``rosflight_msgs/SimState``, the simulator's truth in NED, FRD.
-
-    Raises ``ValueError`` for a quaternion without a rotation.
-    """
-    p, q = message.pose.position, message.pose.orientation
-    v, w = message.twist.linear, message.twist.angular
-    return OdometrySample(
-        stamp_ns=nanoseconds(message.header.stamp),
-        p_WB=enu_from_ned((p.x, p.y, p.z)),
-        q_WB_xyzw=q_enu_flu_xyzw_from_ned_frd_wxyz((q.w, q.x, q.y, q.z)),
-        v_WB_B=flu_from_frd((v.x, v.y, v.z)),
-        w_WB_B=flu_from_frd((w.x, w.y, w.z)),
-    )
-
-
 def fill_command(message: Any, command: CommandSample, *, throttle: float, now_ns: int) -> None:
     """Write throttle [0, 1] and body rates [rad/s, FRD] into a ``rosflight_msgs/Command``."""
     fill_time(message.header.stamp, now_ns)
@@ -117,12 +102,6 @@ def fill_command(message: Any, command: CommandSample, *, throttle: float, now_n
         message.fx, message.fy, message.fz = 0.0, 0.0, throttle
 
 
-_STATES = {
-    "estimator": ("roscopter_msgs/msg/State", odometry_from_state),
-    "truth": ("rosflight_msgs/msg/SimState", odometry_from_sim_state),
-}
-
-
 @dataclass(frozen=True, kw_only=True)
 class RosflightConfig(BridgeConfig):
     """Parameters of the ROSflight bridge."""
@@ -135,18 +114,6 @@ class RosflightConfig(BridgeConfig):
         "namespace /command is ROSflight's, of another type.",
         advanced=True,
     )
-    state: str = parameter(
-        "estimator",
-        doc="Where the state comes from: ROScopter's estimator, or the simulator's truth.",
-        choices=tuple(_STATES),
-    )
-    estimator_topic: str = parameter("/estimated_state", doc="Topic of the estimator.")
-    truth_topic: str = parameter("/sim/truth_state", doc="Topic of the simulator's truth.")
-    command_topic: str = parameter("/command", doc="Topic that rosflight_io listens to.")
-    rc_topic: str = parameter("/rc_raw", doc="Topic of rosflight_io's RC frames.")
-    parameter_service: str = parameter(
-        "/param_get", doc="Service of rosflight_io that tells parameters of the firmware."
-    )
     rc_max_throttle: float = parameter(
         0.7,
         doc="RC_MAX_THR of the firmware, which scales our throttle, too: the thrust map is that "
@@ -154,8 +121,6 @@ class RosflightConfig(BridgeConfig):
         above=0.0,
         maximum=1.0,
     )
-    status_topic: str = parameter("/status", doc="Topic of rosflight_io's status.")
-    battery_topic: str = parameter("/battery", doc="Topic of rosflight_io's battery status.")
 
 
 class RosflightBridge(Bridge):
@@ -174,19 +139,16 @@ class RosflightBridge(Bridge):
 
     def __init__(self, config: RosflightConfig, new: NewMessage) -> None:
         super().__init__(config, new)
-        type_name, self._odometry_of = _STATES[config.state]
-        truth = config.state == "truth"
-        self._state_topic = config.truth_topic if truth else config.estimator_topic
         self._status = LatestStatus(timeout=_STATUS_TIMEOUT)
         self._rc_ns: deque[int] = deque(maxlen=_RC_FRAMES)
         self._capped_ns: int | None = None
         self._scale_fault = ""
-        self._parameters = (config.parameter_service, "rosflight_msgs/srv/ParamGet")
+        self._parameters = ("/param_get", "rosflight_msgs/srv/ParamGet")
         self.services = (self._parameters,)
-        state = Topic(name=self._state_topic, type_name=type_name)
-        status = Topic(name=config.status_topic, type_name="rosflight_msgs/msg/Status")
-        rc = Topic(name=config.rc_topic, type_name="rosflight_msgs/msg/RCRaw")
-        battery = Topic(name=config.battery_topic, type_name="rosflight_msgs/msg/BatteryStatus")
+        state = Topic(name=_ESTIMATE, type_name="roscopter_msgs/msg/State")
+        status = Topic(name=_STATUS, type_name="rosflight_msgs/msg/Status")
+        rc = Topic(name=_RC, type_name="rosflight_msgs/msg/RCRaw")
+        battery = Topic(name="/battery", type_name="rosflight_msgs/msg/BatteryStatus")
         self.subscriptions = [
             Subscription(topic=state, receive=self._on_state),
             Subscription(topic=status, receive=self._on_status),
@@ -194,7 +156,7 @@ class RosflightBridge(Bridge):
             *self._battery_subscription(battery),
         ]
         self._command = Topic(
-            name=config.command_topic, type_name="rosflight_msgs/msg/Command", reliable=True
+            name="/command", type_name="rosflight_msgs/msg/Command", reliable=True
         )
         self.publications = (self._command,)
 
@@ -212,9 +174,8 @@ class RosflightBridge(Bridge):
 
     def _question(self, name: str) -> ServiceCall:
         """Return the call that asks for a parameter of the firmware."""
-        call = self._call(self._parameters, name=name)
         receive = functools.partial(self._on_parameter, name)
-        return dataclasses.replace(call, receive=receive, optional=True)
+        return self._call(self._parameters, receive=receive, optional=True, name=name)
 
     def _on_parameter(self, name: str, response: Any) -> None:
         """Judge a parameter of the firmware."""
@@ -244,7 +205,7 @@ class RosflightBridge(Bridge):
         newest_ns = self._rc_ns[-1] if self._rc_ns else None
         if newest_ns is None or is_old(newest_ns, now_ns, round(1e9 * _RC_TIMEOUT)):
             return (
-                f"no RC frame within {_RC_TIMEOUT:g} s on {self._config.rc_topic}: ROSflight "
+                f"no RC frame within {_RC_TIMEOUT:g} s on {_RC}: ROSflight "
                 "takes a command only when one comes"
             )
         span_ns = newest_ns - self._rc_ns[0]
@@ -262,7 +223,7 @@ class RosflightBridge(Bridge):
     def _stack(self, now_ns: int) -> Stack:
         status = self._status.value(now_ns=now_ns)
         if status is None:
-            fault = f"no status within {_STATUS_TIMEOUT:g} s on {self._config.status_topic}"
+            fault = f"no status within {_STATUS_TIMEOUT:g} s on {_STATUS}"
             return Stack(fault=fault)
         if status.failsafe:
             return Stack(fault="ROSflight is in failsafe")
@@ -284,7 +245,7 @@ class RosflightBridge(Bridge):
         return [OutgoingMessage(topic=self._command, message=message)]
 
     def _on_state(self, message: Any, now_ns: int) -> OdometrySample | None:
-        odometry = self._converted(self._state_topic, lambda: self._odometry_of(message))
+        odometry = self._converted(_ESTIMATE, lambda: odometry_from_state(message))
         return self._passed_on(odometry, now_ns=now_ns)
 
     def _on_status(self, message: Any, now_ns: int) -> None:

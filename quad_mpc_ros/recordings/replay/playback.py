@@ -1,26 +1,16 @@
-"""When the messages of a bag are due: rate, pause, loop and clock. Nothing here waits.
+"""When the messages of a bag are due: rate, pause and clock. Nothing here waits.
 
 All times are integers in nanoseconds. *Steady* times are those of the clock that drives the
-playback; *recorded* times are log times of the bag, which go on growing from lap to lap.
+playback; *recorded* times are log times of the bag.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 from quad_mpc_ros.recordings.reader import RecordedMessage
 
-_SHORTEST_LAP_NS = 100_000_000
 _S = 1_000_000_000
-
-
-@dataclass(frozen=True, kw_only=True)
-class Due:
-    """A message and the recorded time at which it is due."""
-
-    at_ns: int
-    message: RecordedMessage
 
 
 class PlaybackTimeline:
@@ -59,44 +49,12 @@ class PlaybackTimeline:
         self.paused = paused
 
 
-@dataclass(frozen=True, kw_only=True)
-class Section:
-    """The part of a recording that is played: log times, both ends included."""
-
-    start_ns: int
-    end_ns: int
-    loop: bool = False
-
-    @property
-    def lap_ns(self) -> int:
-        """Return how long it takes until a loop begins anew."""
-        return max(self.end_ns - self.start_ns, _SHORTEST_LAP_NS)
-
-    def log_time_ns(self, recorded_ns: int) -> int:
-        """Return the log time of a recorded time: in its lap, or no later than the end."""
-        if not self.loop:
-            return min(recorded_ns, self.end_ns)
-        return self.start_ns + (recorded_ns - self.start_ns) % self.lap_ns
-
-
-def in_laps(read: Callable[[], Iterator[RecordedMessage]], section: Section) -> Iterator[Due]:
-    """Yield the messages that ``read`` gives, over and over when looped, with their times."""
-    offset_ns = 0
-    while True:
-        message = None
-        for message in read():
-            yield Due(at_ns=message.log_time_ns + offset_ns, message=message)
-        if message is None or not section.loop:
-            return
-        offset_ns += section.lap_ns
-
-
 class Playback:
     """Passes messages on when they are due, and the recorded time in regular intervals."""
 
     def __init__(
         self,
-        messages: Iterator[Due],
+        messages: Iterator[RecordedMessage],
         *,
         timeline: PlaybackTimeline,
         publish: Callable[[RecordedMessage], None],
@@ -126,8 +84,8 @@ class Playback:
         """
         if self._clock_period_ns and steady_ns >= self._clock_at_ns:
             self._tick(steady_ns)
-        while self._next and self._timeline.is_due(self._next.at_ns, steady_ns):
-            self._publish(self._next.message)
+        while self._next and self._timeline.is_due(self._next.log_time_ns, steady_ns):
+            self._publish(self._next)
             self.count += 1
             self._next = next(self._messages, None)
         return self._next_step_ns()
@@ -142,5 +100,5 @@ class Playback:
             return None
         times = [self._clock_at_ns] if self._clock_period_ns else []
         if not self._timeline.paused:
-            times.append(self._timeline.steady_ns(self._next.at_ns))
+            times.append(self._timeline.steady_ns(self._next.log_time_ns))
         return min(times, default=None)

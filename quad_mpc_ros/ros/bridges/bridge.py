@@ -30,7 +30,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 from quad_mpc_ros.control.estimation.ground_state import GroundState
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
@@ -40,15 +40,22 @@ from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages.conversions import NewMessage, odometry_from_message
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
-from quad_mpc_ros.ros.bridges.handover import Ground, Handover, Stack, State, Surroundings
-from quad_mpc_ros.ros.bridges.line import ReopenedLine
-from quad_mpc_ros.ros.bridges.odometry import OdometryStamps, PositionJumps
+from quad_mpc_ros.ros.bridges.handover import (
+    Ground,
+    Handover,
+    Stack,
+    State,
+    Surroundings,
+)
+from quad_mpc_ros.ros.bridges.line import OwnLine
+from quad_mpc_ros.ros.bridges.odometry import OdometryStamps
 from quad_mpc_ros.ros.bridges.thrust import ThrustMap
 
 FORCED = 21196.0
 """Second parameter of MAV_CMD_COMPONENT_ARM_DISARM: disarm in the air as well."""
 
 _FASTEST_TURN = 100.0  # rad/s: more than the gyroscope of a vehicle can measure
+_COMMAND_TIMEOUT = 0.1  # s: an older command, by its stamp, is not passed on
 _ASKED_AGAIN_NS = 1_000_000_000
 _RESULTS = "accepted", "temporarily rejected", "denied", "unsupported", "failed"
 _ARMING_TIMEOUT_NS = 3_000_000_000  # until the stack reports what was requested
@@ -80,27 +87,6 @@ class OutgoingBytes:
     """What goes out over the line."""
 
     data: bytes
-
-
-@dataclass(frozen=True, kw_only=True)
-class Line:
-    """A line to the stack, in place of its topics: a serial port, or ``udpin:HOST:PORT``."""
-
-    device: str
-    baud: int
-    period: float = 0.005
-    """How often it is read [s]."""
-
-
-class OwnLine(Protocol):
-    """A line that a bridge opens itself, in place of a serial one."""
-
-    @property
-    def period(self) -> float:
-        """How often it is read [s]."""
-
-    def open(self) -> ReopenedLine:
-        """Return the line; it connects when it is first read."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,8 +140,8 @@ class Bridge(ABC):
     patient: bool = False
     """Whether a pilot switches the stack to setpoints, at any time."""
 
-    line: Line | OwnLine | None = None
-    """The line to the stack, if there is one."""
+    line: OwnLine | None = None
+    """The line to the stack in place of topics, if there is one."""
 
     subscriptions: Sequence[Subscription]
     """What the bridge listens to."""
@@ -174,12 +160,15 @@ class Bridge(ABC):
         """
         self.thrust = ThrustMap(config)
         self.silence = "waiting for a command"
-        self.commands = self.passed = self.refused = 0
+        self.commands = self.passed = self.refused = self.jumps = 0
+        self.announced_reset: EstimateReset | None = None
+        """The step of the estimate that the stack announced with the newest odometry."""
         self._new = new
         self._config = config
         self._namespace = namespace
-        self._stamps = OdometryStamps(tolerance=config.clock_tolerance)
-        self._jumps = PositionJumps()
+        self._stamps = OdometryStamps()
+        self._newest: OdometrySample | None = None  # that was passed on, and when it came
+        self._newest_ns: int | None = None
         self._warnings: list[str] = []
         self._handover = Handover(config.handover, patient=self.patient)
         self._surroundings = Surroundings(config.handover)
@@ -280,7 +269,7 @@ class Bridge(ABC):
 
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
         """Take a reference, by which a handover is judged."""
-        self._surroundings.see_reference(window, now_ns=now_ns)
+        self._surroundings.reference.receive(window, now_ns)
 
     def receive_ground(self, state: GroundState) -> None:
         """Take what the MPC knows of the ground, which counts while it flies the vehicle."""
@@ -295,7 +284,7 @@ class Bridge(ABC):
         fault = self._command_fault(command, now_ns)
         if fault is None:
             share = self.thrust.specific_thrust(command.throttle) / self._config.gravity
-            self._surroundings.see_command(command, share=share, now_ns=now_ns)
+            self._surroundings.command.receive((command, share), now_ns)
             self._advance(now_ns)
             self._handover.commanded(now_ns=now_ns)
         if fault is None:
@@ -325,16 +314,6 @@ class Bridge(ABC):
     def landed(self, *, now_ns: int) -> bool | None:
         """Return whether the vehicle stands on the ground; None where that is unknown."""
         return self._ground.landed
-
-    @property
-    def jumps(self) -> int:
-        """How often the estimated position jumped."""
-        return self._jumps.count
-
-    @property
-    def announced_reset(self) -> EstimateReset | None:
-        """The step of the estimate that the stack announced with the newest odometry."""
-        return self._jumps.announced
 
     def take_warnings(self) -> list[str]:
         """Return the warnings since the last call."""
@@ -397,13 +376,22 @@ class Bridge(ABC):
         """Return name and type of a service in the stack's namespace."""
         return f"{self._namespace}/{path}", type_name
 
-    def _call(self, service: tuple[str, str], **fields: object) -> ServiceCall:
-        """Return a call with these fields in its request."""
+    def _call(
+        self,
+        service: tuple[str, str],
+        *,
+        receive: Callable[[Any], None] | None = None,
+        optional: bool = False,
+        **fields: object,
+    ) -> ServiceCall:
+        """Return a call with these fields in its request; the rest as in :class:`ServiceCall`."""
         name, type_name = service
         request = self._new(type_name)
         for field, value in fields.items():
             setattr(request, field, value)
-        return ServiceCall(service=name, type_name=type_name, request=request)
+        return ServiceCall(
+            service=name, type_name=type_name, request=request, receive=receive, optional=optional
+        )
 
     def _odometry_subscription(self, name: str, *, twist_frame: str) -> Subscription:
         """Return a subscription to an estimator's ``nav_msgs/Odometry``, in ENU.
@@ -438,7 +426,8 @@ class Bridge(ABC):
     ) -> OdometrySample | None:
         """Return an odometry with the stamp and the frames that the MPC expects.
 
-        Returns None, and notes why, if it is not valid or not newer than the last.
+        ``cause`` is why the stack's estimate stepped, if it announced that. Returns None, and
+        notes why, if it is not valid or not newer than the last.
         """
         if odometry is None:
             return None
@@ -456,10 +445,14 @@ class Bridge(ABC):
             self.refused += 1
             return None
         odometry = dataclasses.replace(odometry, stamp_ns=stamp_ns)
-        warning = self._jumps.check(odometry, cause=cause)
-        if warning is not None:
-            self._warnings.append(warning)
-        self._surroundings.see_odometry(odometry, now_ns=now_ns)
+        before, self._newest, self._newest_ns = self._newest, odometry, now_ns
+        self.announced_reset = None
+        if before is not None and cause is not None:
+            self.jumps += 1
+            self.announced_reset = reset = EstimateReset.between(before, odometry)
+            step = math.hypot(*reset.step_W)
+            self._warnings.append(f"the estimate steps by {step:.2f} m ({cause})")
+        self._surroundings.odometry.receive(odometry, now_ns)
         self._see_ground(odometry, now_ns)
         return odometry
 
@@ -499,7 +492,7 @@ class Bridge(ABC):
         if fastest > _FASTEST_TURN:
             return f"the command's body rate {fastest:.3g} rad/s is beyond {_FASTEST_TURN:g} rad/s"
         age = (now_ns - command.stamp_ns) * 1e-9
-        if abs(age) > self._config.command_timeout:
+        if abs(age) > _COMMAND_TIMEOUT:
             return f"the command is {age:.3f} s old by its stamp"
         return None
 
@@ -507,26 +500,6 @@ class Bridge(ABC):
 def command_result(number: int) -> str:
     """Return a MAV_RESULT in words; PX4 and MAVROS answer with the same numbers."""
     return _RESULTS[number] if 0 <= number < len(_RESULTS) else f"result {number}"
-
-
-class LatestStatus:
-    """Holds the newest status, which is valid for ``timeout`` seconds."""
-
-    def __init__(self, *, timeout: float) -> None:
-        self._timeout_ns = round(timeout * 1e9)
-        self._value: Any = None
-        self._received_ns = 0
-
-    def receive(self, value: Any, now_ns: int) -> None:
-        """Take a status that arrives now."""
-        self._value, self._received_ns = value, now_ns
-
-    def value(self, *, now_ns: int) -> Any:
-        """Return the newest status, or None if it is too old or there is none.
-
-        After the clock was set back its age is unknown, so it counts as too old.
-        """
-        return self._value if abs(now_ns - self._received_ns) <= self._timeout_ns else None
 
 
 class SwitchedBridge(Bridge):

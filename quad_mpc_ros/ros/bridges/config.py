@@ -116,27 +116,20 @@ class BridgeConfig(LiftParameters):
         "command",
         doc="Topic of the MPC's commands; another one is to be remapped for the mpc node as well.",
     )
-    command_timeout: float = _advanced(
-        0.1,
-        doc="A command older than this, by its stamp, is not passed on.",
-        unit="s",
-        above=0.0,
-        maximum=0.1,
-    )
-    clock_tolerance: float = _advanced(
-        0.1,
-        doc="A state whose stamp differs by more from this node's clock is of another clock; the "
-        "offset of that clock is taken from the fastest arrival.",
-        unit="s",
-        above=0.0,
-    )
     thrust_map: ThrustParameters = dataclasses.field(default_factory=ThrustParameters)
     handover: HandoverParameters = dataclasses.field(default_factory=HandoverParameters)
 
-    @property
-    def fastest_rates(self) -> tuple[float, ...] | None:
-        """Largest body rates [rad/s] that the stack can be asked for; None where it is unknown."""
-        return None
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatorConfig(BridgeConfig):
+    """What a bridge must know that takes the odometry of an estimator beside the stack."""
+
+    odometry_topic: str = parameter(
+        "stack_odom", doc="Topic of the estimator's nav_msgs/Odometry, in ENU."
+    )
+    twist_frame: str = parameter(
+        "child", doc="Frame of its twist: child (body) or world.", choices=("child", "world")
+    )
 
 
 def _rises(values: tuple[float, ...]) -> bool:

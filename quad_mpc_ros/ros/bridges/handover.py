@@ -12,6 +12,7 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,15 +24,14 @@ from quad_mpc_ros.control.estimation.ground_state import (
     StandingHeight,
 )
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.ros.bridges.config import HandoverParameters
 
 _SECOND = 1_000_000_000
 _PATIENCE_NS = 5 * _SECOND  # until the stack has switched
 _LASTING_NS = 300_000_000  # obstacles to an offered handover are ignored for so long
-_FRESH_NS = 500_000_000
 _GAP_NS = 100_000_000  # without a fresh command, after which the stack may act on the gap
-_REFERENCE_FRESH_NS = _SECOND
+_FRESH, _REFERENCE_FRESH = 0.5, 1.0  # s
 _HOLDING_SHARES = (0.5, 1.6)  # of the weight as thrust: keeps its height for a moment
 
 
@@ -148,38 +148,52 @@ class Ground:
             self.landed = self.landed is True and not (state.flies or self._stood.left)
 
 
+class LatestStatus:
+    """Holds the newest status, which is valid for ``timeout`` seconds."""
+
+    def __init__(self, *, timeout: float) -> None:
+        self._timeout_ns = round(timeout * 1e9)
+        self._value: Any = None
+        self._received_ns = 0
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there has been none."""
+        return self._value is None
+
+    def receive(self, value: Any, now_ns: int) -> None:
+        """Take a status that arrives now."""
+        self._value, self._received_ns = value, now_ns
+
+    def value(self, *, now_ns: int) -> Any:
+        """Return the newest status, or None if it is too old or there is none.
+
+        After the clock was set back its age is unknown, so it counts as too old.
+        """
+        return self._value if abs(now_ns - self._received_ns) <= self._timeout_ns else None
+
+
 class Surroundings:
     """The newest odometry, command and reference, with which a handover would begin."""
 
     def __init__(self, parameters: HandoverParameters) -> None:
         self._limits = parameters
-        self._odometry: tuple[OdometrySample, int] | None = None
-        self._command: tuple[CommandSample, float, int] | None = None
-        self._reference: tuple[ReferenceWindow, int] | None = None
-
-    def see_odometry(self, odometry: OdometrySample, *, now_ns: int) -> None:
-        """Take an odometry."""
-        self._odometry = odometry, now_ns
-
-    def see_command(self, command: CommandSample, *, share: float, now_ns: int) -> None:
-        """Take a fresh command; its thrust is a ``share`` of the weight."""
-        self._command = command, share, now_ns
-
-    def see_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
-        """Take a reference."""
-        self._reference = window, now_ns
+        self.odometry = LatestStatus(timeout=_FRESH)
+        self.command = LatestStatus(timeout=_FRESH)
+        """Of each fresh command, it and its thrust over the weight."""
+        self.reference = LatestStatus(timeout=_REFERENCE_FRESH)
 
     def obstacle(self, *, landed: bool | None, now_ns: int) -> str:
         """Return what is an obstacle to letting the MPC fly from now on, or an empty string.
 
         ``landed`` is whether the vehicle stands on the ground; None where that is unknown.
         """
-        odometry = self._odometry
-        if odometry is None or is_old(odometry[1], now_ns, _FRESH_NS):
+        odometry = self.odometry.value(now_ns=now_ns)
+        if odometry is None:
             return "there is no fresh odometry"
         return (
-            self._tilted(odometry[0])
-            or self._reference_obstacle(odometry[0], landed=landed, now_ns=now_ns)
+            self._tilted(odometry)
+            or self._reference_obstacle(odometry, landed=landed, now_ns=now_ns)
             or self._command_obstacle(landed=landed, now_ns=now_ns)
         )
 
@@ -193,10 +207,10 @@ class Surroundings:
     def _reference_obstacle(
         self, odometry: OdometrySample, *, landed: bool | None, now_ns: int
     ) -> str:
-        if self._reference is None:
+        if self.reference.is_empty:
             return ""  # commands need not come from a reference
-        window, seen_ns = self._reference
-        if is_old(seen_ns, now_ns, _REFERENCE_FRESH_NS):
+        window = self.reference.value(now_ns=now_ns)
+        if window is None:
             return "the reference is old"
         away = window.pose_at(odometry.stamp_ns)[0] - odometry.p_WB
         if landed:  # a reference below the ground leads nowhere
@@ -210,9 +224,10 @@ class Surroundings:
         return f"the reference is {distance:.2f} m away, engage_distance_max is {most:g} m"
 
     def _command_obstacle(self, *, landed: bool | None, now_ns: int) -> str:
-        if self._command is None or is_old(self._command[2], now_ns, _FRESH_NS):
+        newest = self.command.value(now_ns=now_ns)
+        if newest is None:
             return "there is no fresh command"
-        command, share, _ = self._command
+        command, share = newest
         least, most = _HOLDING_SHARES
         if landed is not False:
             least = 0.0

@@ -1,13 +1,59 @@
-"""A line to a stack that may be lost: nothing passes meanwhile, and it is opened again."""
+"""Lines to a stack in place of topics: a serial port by pyserial, UDP or TCP.
+
+``udpin:HOST:PORT`` waits to be called, and answers who calls; ``udpout:HOST:PORT`` and
+``tcp:HOST:PORT`` call. A line may be lost: nothing passes meanwhile, and it is opened again.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import importlib
 import math
+import socket
 import time
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 AGAIN = 1.0  # s
+NETWORK = "udpin:", "udpout:", "tcp:"
+_CONNECTING = 0.2  # s: nothing else happens meanwhile
+_QUIET = 3.0  # s, after which another caller is answered
+_MOST = 65536  # bytes of one reading; what is left comes with the next
+_LARGEST = 2048  # bytes of a datagram
+
+
+def address_of(device: str) -> tuple[str, int] | None:
+    """Return host and port of ``udpin:HOST:PORT`` and the like; None for what is none."""
+    parts = device.split(":")
+    if len(parts) != 3 or not parts[2].isdecimal() or not 0 < int(parts[2]) < 65536:
+        return None
+    return parts[1], int(parts[2])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """A line to the stack: a serial port, or ``udpin:HOST:PORT`` and the like."""
+
+    device: str
+    baud: int
+    period: float = 0.005
+    """How often it is read [s]."""
+
+    def open(self) -> ReopenedLine:
+        """Return the line; it connects when it is first read."""
+        return NetworkLine(self) if self.device.startswith(NETWORK) else SerialLine(self)
+
+
+class OwnLine(Protocol):
+    """What describes a line: a :class:`Line`, or one of another kind."""
+
+    @property
+    def period(self) -> float:
+        """How often it is read [s]."""
+
+    def open(self) -> ReopenedLine:
+        """Return the line; it connects when it is first read."""
 
 
 class ReopenedLine(ABC):
@@ -52,3 +98,125 @@ class ReopenedLine(ABC):
         self.fault = f"{self._name}: {error}"
         with contextlib.suppress(OSError):
             self.close()
+
+
+class SerialLine(ReopenedLine):
+    """A serial port."""
+
+    def __init__(self, line: Line) -> None:
+        super().__init__(line.device)
+        self._serial = importlib.import_module("serial")
+        self._line = line
+        self._port: Any = None
+
+    def read(self) -> bytes:
+        """Return what has come."""
+        if self._port is None and not self._is_reopened():
+            return b""
+        try:
+            return bytes(self._port.read(self._port.in_waiting))
+        except OSError as error:  # of which pyserial's own are
+            self._lose(error)
+            return b""
+
+    def write(self, data: bytes) -> None:
+        """Send; what the port cannot take at once is dropped, as newer data follow."""
+        if self._port is None or not data:
+            return
+        try:
+            self._port.write(data)
+        except self._serial.SerialTimeoutException:
+            self._port.reset_output_buffer()
+        except OSError as error:
+            self._lose(error)
+
+    def close(self) -> None:
+        """Close the port."""
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def _open(self) -> None:
+        self._port = self._serial.Serial(
+            self._line.device, self._line.baud, timeout=0, write_timeout=0.01, exclusive=True
+        )
+
+
+class NetworkLine(ReopenedLine):
+    """A UDP or TCP connection."""
+
+    def __init__(self, line: Line) -> None:
+        address = address_of(line.device)
+        if address is None:
+            raise ValueError(f"{line.device}: expected a kind, a host and a port")
+        super().__init__(line.device)
+        self._address = address
+        self._waits, self._is_stream = line.device.startswith("udpin:"), line.device[0] == "t"
+        self._socket: socket.socket | None = None
+        self._caller: tuple[tuple[str, int], float] | None = None  # and when it was heard
+
+    def read(self) -> bytes:
+        """Return what has come."""
+        data = b""
+        while len(data) < _MOST:
+            if self._socket is None and not self._is_reopened():
+                break
+            assert self._socket is not None
+            try:
+                if self._waits:
+                    piece, caller = self._socket.recvfrom(_LARGEST)
+                    if not self._is_heard(caller):
+                        continue
+                else:
+                    piece = self._socket.recv(_LARGEST)
+            except BlockingIOError:
+                break
+            except OSError as error:  # ConnectionRefused of UDP: nobody is there yet
+                self._lose(error)
+                break
+            if self._is_stream and not piece:
+                self._lose(ConnectionResetError("closed by the other end"))
+                break
+            data += piece
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send; what cannot be taken at once is dropped, as newer data follow."""
+        if self._socket is None or not data:
+            return
+        try:
+            if self._waits:
+                if self._caller is not None:
+                    self._socket.sendto(data, self._caller[0])
+            else:
+                self._socket.send(data)
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            self._lose(error)
+
+    def close(self) -> None:
+        """Close the connection."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _open(self) -> None:
+        if self._is_stream:
+            self._socket = socket.create_connection(self._address, timeout=_CONNECTING)
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        else:
+            self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            (self._socket.bind if self._waits else self._socket.connect)(self._address)
+        self._socket.setblocking(False)
+
+    def _is_heard(self, caller: tuple[str, int]) -> bool:
+        """Whether a datagram is of whom we talk to; another is heard once that one is silent."""
+        now = time.monotonic()
+        if self._caller is not None and caller != self._caller[0]:
+            if now - self._caller[1] < _QUIET:
+                self.fault = f"{self._name}: {caller[0]}:{caller[1]} calls as well, not heard"
+                return False
+            self.fault = ""
+        self._caller = caller, now
+        return True

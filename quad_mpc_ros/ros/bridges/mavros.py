@@ -16,23 +16,21 @@ from dataclasses import dataclass
 from typing import Any
 
 from quad_mpc_ros.configuration import parameter
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.ros.bridges.ardupilot import cosine_of_tilt, thrust_fault, without_boost
 from quad_mpc_ros.ros.bridges.bridge import (
     FORCED,
     Bridge,
-    LatestStatus,
     Outgoing,
     OutgoingMessage,
     Response,
-    ServiceCall,
     Subscription,
     command_result,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
-from quad_mpc_ros.ros.bridges.handover import Stack
+from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack
 
 IGNORE_ATTITUDE = 128  # and no bit of a rate or of the thrust
 COMPONENT_ARM_DISARM = 400  # MAV_CMD
@@ -78,16 +76,16 @@ class MavrosBridge(Bridge):
         super().__init__(config, new, namespace=config.mavros)
         self._modes = _ENGAGED[config.autopilot]
         self._state = LatestStatus(timeout=_STATE_TIMEOUT)
-        self._newest: OdometrySample | None = None
         self._thrust_fault = ""
         self._is_boosted = False
         if config.autopilot == "px4":
             self.warm_up, self.streams = 1.1, True
-        odometry = self._topic("local_position/odom", "nav_msgs/msg/Odometry")
         state = self._topic("state", "mavros_msgs/msg/State", reliable=True, depth=10)
         battery = self._topic("battery", "sensor_msgs/msg/BatteryState")
         self.subscriptions = [
-            Subscription(topic=odometry, receive=self._on_odometry),
+            self._odometry_subscription(
+                f"{config.mavros}/local_position/odom", twist_frame="child"
+            ),
             Subscription(topic=state, receive=self._state.receive),
             *self._battery_subscription(battery),
         ]
@@ -112,12 +110,10 @@ class MavrosBridge(Bridge):
         response = super().engage(wanted, now_ns=now_ns)
         if not (wanted and response.accepted) or self._config.autopilot != "ardupilot":
             return response
-        return dataclasses.replace(response, calls=[*response.calls, self._question()])
-
-    def _question(self) -> ServiceCall:
-        """Return the call that asks MAVROS for what decides about thrust."""
-        call = self._call(self._parameters, names=[_OPTIONS, _BOOST])
-        return dataclasses.replace(call, receive=self._on_parameters, optional=True)
+        question = self._call(
+            self._parameters, receive=self._on_parameters, optional=True, names=[_OPTIONS, _BOOST]
+        )
+        return dataclasses.replace(response, calls=[*response.calls, question])
 
     def _on_parameters(self, response: Any) -> None:
         """Judge what ArduPilot's parameters make of thrust."""
@@ -149,13 +145,18 @@ class MavrosBridge(Bridge):
         )
 
     def _arm(self, wanted: bool) -> Response:
+        what = "arming" if wanted else "disarming"
+        receive = functools.partial(self._on_arming, what)
         if wanted:
-            what, call = "arming", self._call(self._arm_service, value=True)
+            call = self._call(self._arm_service, receive=receive, value=True)
         else:  # the service arming cannot force it
-            what = "disarming"
-            fields = {"command": COMPONENT_ARM_DISARM, "param1": 0.0, "param2": FORCED}
-            call = self._call(self._command, **fields)
-        call = dataclasses.replace(call, receive=functools.partial(self._on_arming, what))
+            call = self._call(
+                self._command,
+                receive=receive,
+                command=COMPONENT_ARM_DISARM,
+                param1=0.0,
+                param2=FORCED,
+            )
         return Response(accepted=True, text=f"asked for {what}", calls=[call])
 
     def _on_arming(self, what: str, response: Any) -> None:
@@ -179,8 +180,3 @@ class MavrosBridge(Bridge):
             throttle = without_boost(throttle, up=up)
         fill_attitude_target(message, command, throttle=throttle, now_ns=now_ns)
         return [OutgoingMessage(topic=self._target, message=message)]
-
-    def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
-        passed = self._passed_on(conversions.odometry_from_message(message), now_ns=now_ns)
-        self._newest = passed or self._newest
-        return passed

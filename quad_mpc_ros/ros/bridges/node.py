@@ -18,18 +18,14 @@ from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
-    Line,
     Outgoing,
     OutgoingBytes,
     OutgoingMessage,
-    OwnLine,
     Response,
     ServiceCall,
     Subscription,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
-from quad_mpc_ros.ros.bridges.line import ReopenedLine
-from quad_mpc_ros.ros.bridges.network_line import open_line
 from quad_mpc_ros.ros.clocks import SteadyTime, create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
@@ -105,7 +101,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self._held_answers: list[tuple[Any, Any]] = []
         create_steady_timer(self, _OUTCOME_PERIOD, self._answer_held)
         line = self._bridge.line
-        self._line = None if line is None else _opened(line)
+        self._line = None if line is None else line.open()
         if line is not None:
             create_steady_timer(self, line.period, self._on_line)
 
@@ -322,10 +318,6 @@ class BridgeNode(ReportingNode[BridgeConfig]):
 def run_bridge(kind: type[Bridge], args: list[str] | None = None) -> int:
     """Run the node of a bridge and return its exit code."""
     return run(functools.partial(BridgeNode, kind), args)
-
-
-def _opened(line: Line | OwnLine) -> ReopenedLine:
-    return open_line(line) if isinstance(line, Line) else line.open()
 
 
 def _require(kind: type[Bridge]) -> None:

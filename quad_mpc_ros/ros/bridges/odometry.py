@@ -1,57 +1,13 @@
-"""From the states that a stack sends to odometry for the MPC: what is missing, stamps, jumps."""
+"""The stamps of the odometry that the MPC gets."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
-import numpy as np
-
 from quad_mpc_ros.control.estimation.clock_offset import ClockOffset, PersistentOffset
-from quad_mpc_ros.control.lie import Array, so3
-from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.control.model.state import state_from_odometry
 
-_LONGEST_POSE_GAP_NS = 200_000_000
-_FASTEST = 30.0  # m/s: beyond it the estimate stepped
-_JUMP = 0.5  # m, beyond what the velocity explains
-_LONGEST_JUMP_GAP_NS = 1_000_000_000
 _LATE_NS = 1_000_000_000
-
-
-class PoseDifferentiator:
-    """Body rates, and velocity if wanted, by differences of successive poses.
-
-    A difference lags by half the time between two poses.
-    """
-
-    def __init__(self, *, velocity_too: bool) -> None:
-        self._velocity_too = velocity_too
-        self._before: OdometrySample | None = None
-        self._v_WB_W: Array = np.zeros(3)
-
-    def completed(self, odometry: OdometrySample) -> OdometrySample | None:
-        """Return an odometry with its twist, or None for the first and after a gap.
-
-        Raises ``ValueError`` for a quaternion without a rotation.
-        """
-        R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
-        before, self._before = self._before, odometry
-        if before is None:
-            return None
-        gap_ns = odometry.stamp_ns - before.stamp_ns
-        if not 0 < gap_ns <= _LONGEST_POSE_GAP_NS:
-            return None
-        per_second = 1e9 / gap_ns
-        R_before = so3.rotation_from_quaternion_xyzw(before.q_WB_xyzw)
-        w_WB_B = per_second * so3.log(R_before.T @ R_WB)
-        if not self._velocity_too:
-            return dataclasses.replace(odometry, w_WB_B=w_WB_B)
-        v_WB_W = per_second * (odometry.p_WB - before.p_WB)
-        if float(np.linalg.norm(v_WB_W)) < _FASTEST:
-            self._v_WB_W = v_WB_W
-        return dataclasses.replace(odometry, w_WB_B=w_WB_B, v_WB_B=R_WB.T @ self._v_WB_W)
+_TOLERANCE_NS = 100_000_000  # between two clocks that agree
 
 
 class OdometryStamps:
@@ -63,8 +19,7 @@ class OdometryStamps:
     not stamped as if it were new.
     """
 
-    def __init__(self, *, tolerance: float) -> None:
-        self._tolerance_ns = round(tolerance * 1e9)
+    def __init__(self) -> None:
         self._offset = ClockOffset(until_last=True)
         self._last: tuple[int, int] | None = None  # the stack's time of it, and its arrival
         self._late = PersistentOffset()
@@ -79,15 +34,15 @@ class OdometryStamps:
         agrees, age_ns = offset.behind_ns == 0, now_ns - stack_ns
         if not agrees:
             age_ns = offset.follow(stack_ns, now_ns=now_ns)
-        if self._was_set(stack_ns, now_ns) or age_ns < -self._tolerance_ns:
-            self._set(stack_ns, now_ns, age_ns=min(last_age_ns, self._tolerance_ns))
+        if self._was_set(stack_ns, now_ns) or age_ns < -_TOLERANCE_NS:
+            self._set(stack_ns, now_ns, age_ns=min(last_age_ns, _TOLERANCE_NS))
         elif (agrees or age_ns >= 0) and self._has_been_late(age_ns, now_ns):
             self._set(stack_ns, now_ns, age_ns=0)
         elif agrees:
             offset.set(0, stamp_ns=stack_ns, now_ns=now_ns)
         self._last = stack_ns, now_ns
         stamp_ns, newest_ns = stack_ns + offset.behind_ns, self._newest_ns
-        if newest_ns is not None and stamp_ns <= newest_ns <= now_ns + self._tolerance_ns:
+        if newest_ns is not None and stamp_ns <= newest_ns <= now_ns + _TOLERANCE_NS:
             return None
         self._newest_ns = stamp_ns
         return stamp_ns
@@ -95,7 +50,7 @@ class OdometryStamps:
     def _set(self, stack_ns: int, now_ns: int, *, age_ns: int) -> None:
         """Take over the offset by a state of an age, or none if that is within the tolerance."""
         apart_ns = now_ns - stack_ns
-        behind_ns = 0 if abs(apart_ns) <= self._tolerance_ns else apart_ns - age_ns
+        behind_ns = 0 if abs(apart_ns) <= _TOLERANCE_NS else apart_ns - age_ns
         self._offset.set(behind_ns, stamp_ns=stack_ns, now_ns=now_ns)
         self._late.clear()
 
@@ -104,40 +59,12 @@ class OdometryStamps:
         if self._last is None:
             return True
         before_ns, arrived_ns = self._last  # what waits in a queue is not this late
-        return min(stack_ns - before_ns, now_ns - arrived_ns) < -self._tolerance_ns
+        return min(stack_ns - before_ns, now_ns - arrived_ns) < -_TOLERANCE_NS
 
     def _has_been_late(self, age_ns: int, now_ns: int) -> bool:
         """Whether all of a second was late, so that a clock was set rather than a link slow."""
-        if age_ns <= self._tolerance_ns:
+        if age_ns <= _TOLERANCE_NS:
             self._late.clear()
             return False
         late_ns = self._late.duration_ns(age_ns, now_ns=now_ns, tolerance_ns=math.inf)
         return late_ns > _LATE_NS
-
-
-class PositionJumps:
-    """Counts jumps of the estimated position. The odometry is passed on as it is."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.announced: EstimateReset | None = None
-        """The announced reset, if the newest odometry is the first after it."""
-        self._before: OdometrySample | None = None
-        self._v_WB_W: Array = np.zeros(3)
-
-    def check(self, odometry: OdometrySample, *, cause: str | None) -> str | None:
-        """Return a warning if the position jumped; ``cause`` is an announced reset, if any."""
-        before, v_before = self._before, self._v_WB_W
-        self.announced = None
-        self._before, self._v_WB_W = odometry, state_from_odometry(odometry).v_WB_W
-        if before is None:
-            return None
-        gap_ns = odometry.stamp_ns - before.stamp_ns
-        mean_velocity = 0.5 * (v_before + self._v_WB_W)
-        jump = float(np.linalg.norm(odometry.p_WB - before.p_WB - 1e-9 * gap_ns * mean_velocity))
-        if cause is None and not (0 < gap_ns < _LONGEST_JUMP_GAP_NS and jump > _JUMP):
-            return None
-        self.count += 1
-        if cause is not None:
-            self.announced = EstimateReset.between(before, odometry)
-        return f"the estimate steps by {jump:.2f} m ({cause or 'no reset was announced'})"

@@ -23,7 +23,6 @@ from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.bridge import (
     FORCED,
     Bridge,
-    LatestStatus,
     Outgoing,
     OutgoingMessage,
     Response,
@@ -36,7 +35,7 @@ from quad_mpc_ros.ros.bridges.frames import (
     flu_from_frd,
     q_enu_flu_xyzw_from_ned_frd_wxyz,
 )
-from quad_mpc_ros.ros.bridges.handover import Stack
+from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack
 
 POSE_FRAME_NED, POSE_FRAME_FRD = 1, 2
 VELOCITY_FRAME_NED, VELOCITY_FRAME_FRD, VELOCITY_FRAME_BODY_FRD = 1, 2, 3
@@ -45,9 +44,8 @@ ARMING_STATE_ARMED = 2
 
 VEHICLE_CMD_DO_SET_MODE = 176
 VEHICLE_CMD_COMPONENT_ARM_DISARM = 400
-_CUSTOM_MODE_ENABLED = 1.0
-_MAIN_MODE_AUTO, _MAIN_MODE_OFFBOARD = 4.0, 6.0
-_SUB_MODE_LOITER = 3.0
+# Custom mode, main mode, sub mode: offboard, and hold (auto, loiter).
+OFFBOARD, HOLD = (1.0, 6.0, 0.0), (1.0, 4.0, 3.0)
 
 _POSE_FRAMES = {POSE_FRAME_NED: "NED", POSE_FRAME_FRD: "FRD"}
 
@@ -87,55 +85,20 @@ def odometry_from_vehicle_odometry(message: Any) -> OdometrySample:
     )
 
 
-def fill_offboard_control_mode(message: Any) -> None:
-    """Write the heartbeat of a controller that commands body rates.
-
-    The timestamp stays 0: PX4 puts its own.
-    """
-    message.timestamp = 0
-    for field in (
-        "position",
-        "velocity",
-        "acceleration",
-        "attitude",
-        "thrust_and_torque",
-        "direct_actuator",
-    ):
-        setattr(message, field, False)
-    message.body_rate = True
-
-
 def fill_vehicle_rates_setpoint(message: Any, command: CommandSample, *, throttle: float) -> None:
-    """Write body rates [rad/s] into a ``VehicleRatesSetpoint`` (FRD), throttle along -z."""
+    """Write body rates [rad/s] into a ``VehicleRatesSetpoint`` (FRD), throttle along -z.
+
+    The timestamp stays 0, in all messages to PX4: PX4 puts its own.
+    """
     p, q, r = flu_from_frd(command.w_WB_B).tolist()
-    message.timestamp = 0
     message.roll, message.pitch, message.yaw = p, q, r
     message.thrust_body = np.array((0.0, 0.0, -throttle), dtype=np.float32)
-    message.reset_integral = False
 
 
-def fill_arming(message: Any, *, wanted: bool, target_system: int) -> None:
-    """Write a ``VehicleCommand`` that arms, or disarms also in the air."""
-    parameters = (1.0, 0.0, 0.0) if wanted else (0.0, FORCED, 0.0)
-    _fill_command(message, VEHICLE_CMD_COMPONENT_ARM_DISARM, parameters, target_system)
-
-
-def fill_offboard_mode(message: Any, *, target_system: int) -> None:
-    """Write a ``VehicleCommand`` that switches to offboard mode."""
-    parameters = (_CUSTOM_MODE_ENABLED, _MAIN_MODE_OFFBOARD, 0.0)
-    _fill_command(message, VEHICLE_CMD_DO_SET_MODE, parameters, target_system)
-
-
-def fill_hold_mode(message: Any, *, target_system: int) -> None:
-    """Write a ``VehicleCommand`` that switches to hold."""
-    parameters = (_CUSTOM_MODE_ENABLED, _MAIN_MODE_AUTO, _SUB_MODE_LOITER)
-    _fill_command(message, VEHICLE_CMD_DO_SET_MODE, parameters, target_system)
-
-
-def _fill_command(
-    message: Any, command: int, parameters: tuple[float, float, float], target_system: int
+def fill_command(
+    message: Any, command: int, parameters: tuple[float, float, float], *, target_system: int
 ) -> None:
-    message.timestamp = 0
+    """Write a ``VehicleCommand`` with its first three parameters."""
     message.command = command
     message.param1, message.param2, message.param3 = parameters
     message.target_system, message.target_component = target_system, 1
@@ -193,7 +156,6 @@ class Px4Bridge(Bridge):
 
     def __init__(self, config: Px4Config, new: NewMessage) -> None:
         super().__init__(config, new, namespace=config.fmu)
-        self._target = config.target_system
         self._status = LatestStatus(timeout=_STATUS_TIMEOUT)
         self._mode = LatestStatus(timeout=_MODE_TIMEOUT)
         self._land = LatestStatus(timeout=_LAND_TIMEOUT)
@@ -242,23 +204,21 @@ class Px4Bridge(Bridge):
         return Stack(takes_setpoints=all(offboard), armed=all(armed), left=left)
 
     def _arm(self, wanted: bool) -> Response:
-        message = self._new(self._command.type_name)
-        fill_arming(message, wanted=wanted, target_system=self._target)
-        return self._asked("arming" if wanted else "disarming", message)
+        parameters = (1.0, 0.0, 0.0) if wanted else (0.0, FORCED, 0.0)
+        command = self._vehicle_command(VEHICLE_CMD_COMPONENT_ARM_DISARM, parameters)
+        what = "arming" if wanted else "disarming"
+        return Response(accepted=True, text=f"asked for {what}", messages=[command])
 
     def _switch(self) -> list[Outgoing]:
-        message = self._new(self._command.type_name)
-        fill_offboard_mode(message, target_system=self._target)
-        return [OutgoingMessage(topic=self._command, message=message)]
+        return [self._vehicle_command(VEHICLE_CMD_DO_SET_MODE, OFFBOARD)]
 
     def _switch_back(self, now_ns: int) -> Response:
-        message = self._new(self._command.type_name)
-        fill_hold_mode(message, target_system=self._target)
-        return self._asked("hold mode", message)
+        command = self._vehicle_command(VEHICLE_CMD_DO_SET_MODE, HOLD)
+        return Response(accepted=True, text="asked for hold mode", messages=[command])
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         heartbeat = self._new(self._heartbeat.type_name)
-        fill_offboard_control_mode(heartbeat)
+        heartbeat.body_rate = True
         messages = [OutgoingMessage(topic=self._heartbeat, message=heartbeat)]
         if self._stack(now_ns).takes_setpoints:
             rates = self._new(self._rates.type_name)
@@ -296,9 +256,12 @@ class Px4Bridge(Bridge):
         else:
             self._warnings.append(f"PX4 refuses command {message.command}: {result}")
 
-    def _asked(self, what: str, message: Any) -> Response:
-        outgoing = OutgoingMessage(topic=self._command, message=message)
-        return Response(accepted=True, text=f"asked for {what}", messages=[outgoing])
+    def _vehicle_command(
+        self, command: int, parameters: tuple[float, float, float]
+    ) -> OutgoingMessage:
+        message = self._new(self._command.type_name)
+        fill_command(message, command, parameters, target_system=self._config.target_system)
+        return OutgoingMessage(topic=self._command, message=message)
 
     def _versioned(self, path: str, kind: str, version_parameter: str | None = None) -> Topic:
         type_name = f"px4_msgs/msg/{kind}"

@@ -12,7 +12,7 @@ from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.bridge import OutgoingMessage, SwitchedBridge
-from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.bridges.config import EstimatorConfig
 from quad_mpc_ros.ros.bridges.frames import flu_from_frd
 
 
@@ -40,7 +40,7 @@ def fill_rates(
 
 
 @dataclass(frozen=True, kw_only=True)
-class RatesConfig(BridgeConfig):
+class RatesConfig(EstimatorConfig):
     """Parameters of the bridge to everything else."""
 
     owner = "rates_bridge"
@@ -61,12 +61,6 @@ class RatesConfig(BridgeConfig):
     )
     setpoint_topic: str = parameter("rates_setpoint", doc="Topic of the TwistStamped.")
     setpoint_frame_id: str = parameter("base_link", doc="Frame that its header names.")
-    odometry_topic: str = parameter(
-        "stack_odom", doc="Topic of the stack's nav_msgs/Odometry, in ENU."
-    )
-    twist_frame: str = parameter(
-        "child", doc="Frame of its twist: child (body) or world.", choices=("child", "world")
-    )
     battery_topic: str = parameter(
         "battery", doc="Topic of a sensor_msgs/BatteryState, with thrust_map.battery_voltage."
     )

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
+from quad_mpc_ros.control.model.vehicle import inverse_throttle_curve
 from quad_mpc_ros.control.model.voltage import SmoothedVoltage, measured_voltage
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 
@@ -18,12 +17,6 @@ class ThrustMap:
     def __init__(self, config: BridgeConfig) -> None:
         self._model = config.vehicle()
         self._parameters = config.thrust_map
-        curve = config.thrust_map.motor_curve
-        self._stack = (
-            dataclasses.replace(self._model, thrust_curve=curve, mass=_carried(curve, config))
-            if config.thrust_map.kind == "quadratic"
-            else self._model
-        )
         self._voltage = SmoothedVoltage(expected=config.thrust_map.battery_voltage)
         self._has_refused_voltage = False
 
@@ -75,13 +68,7 @@ class ThrustMap:
                 np.interp(thrust, self._parameters.table_thrust, self._parameters.table_throttle)
             )
         else:
-            throttle = self._stack.nearest_throttle(thrust)
+            is_own = self._parameters.kind == "quadratic"
+            a, b, c = self._parameters.motor_curve if is_own else self._model.thrust_curve
+            throttle = inverse_throttle_curve(a, b, c, thrust / self._model.motor_count)
         return min(max(throttle, 0.0), 1.0)
-
-
-def _carried(curve: tuple[float, ...], config: BridgeConfig) -> float:
-    """Return a mass that the curve can carry: only its inverse is used, hovering is checked."""
-    a, b, c = curve
-    highest = config.motor_count * (a + b + c)
-    lowest = config.motor_count * c
-    return max(0.5 * (highest + max(lowest, 0.0)), 1e-6) / config.gravity

@@ -13,7 +13,8 @@ from quad_mpc_ros.configuration import UserError, optional_part
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.guide import FAILED
-from quad_mpc_ros.control.model.samples import ReferenceWindow
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.safety.ladder import Source
 from quad_mpc_ros.control.standby import Standby
 from quad_mpc_ros.control.tick import Tick
@@ -29,7 +30,6 @@ from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import imu_in, new_message, odometry_in, reference_in
 from quad_mpc_ros.ros.nodes.obstacle_inputs import ObstacleInputs
-from quad_mpc_ros.ros.preflight.own import REFUSED_KEY
 from quad_mpc_ros.ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
@@ -99,18 +99,27 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._path_shown_ns = -self._path_period_ns
 
         # Raw bytes: rclpy's conversion to objects takes longer than the control step.
-        self.managed_subscription(topics.ODOMETRY, self._on_odometry, raw=True)
+        self.managed_subscription(topics.ODOMETRY, self._on_odometry, decode=odometry_in, raw=True)
         if self._hears_reference:
-            self.managed_subscription(topics.REFERENCE, self._on_reference, raw=True)
+            self.managed_subscription(
+                topics.REFERENCE, self._on_reference, decode=reference_in, raw=True
+            )
         if config.feels:
-            self.managed_subscription(topics.IMU, self._on_imu, raw=True, expected=False)
+            self.managed_subscription(
+                topics.IMU, self._on_imu, decode=imu_in, raw=True, expected=False
+            )
         self.health.watch = VehicleWatch(self, config.vehicle_values())
         self.managed_subscription(
             topics.DIAGNOSTICS, self._on_diagnostics, raw=True, expected=False
         )
         self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
         self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
-        self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
+        self.managed_subscription(
+            topics.ODOMETRY_RESET,
+            self._on_odometry_reset,
+            decode=conversions.reset_from_message,
+            expected=False,
+        )
         self._obstacle_inputs: ObstacleInputs | None = None
         self._corridor: Publisher | None = None
         if guide is not None:
@@ -123,7 +132,7 @@ class MpcNode(ManagedNode[MpcConfig]):
                 self, guidance.world, guidance.surroundings, lockstep=config.lockstep
             )
         if not config.lockstep:
-            self.managed_alarm(1.0 / config.control_rate, self._on_watch)
+            self.managed_timer(1.0 / config.control_rate, self._on_watch)
 
     def obstacle(self) -> str | None:
         """Return which of odometry and reference is missing, or who commands already."""
@@ -144,11 +153,6 @@ class MpcNode(ManagedNode[MpcConfig]):
         if self._commanders.claim(obstacle is None):
             self.health.report()
         return obstacle is None and self._commanders.agreed()
-
-    def awaits(self) -> bool:
-        """Whether odometry or its reference has not come yet, or who is there is not known yet."""
-        missing = self._standby.missing is not None or self._in_lockstep
-        return missing or self._commanders.discovers
 
     def activate(self) -> None:
         """Answer the newest odometry."""
@@ -197,14 +201,9 @@ class MpcNode(ManagedNode[MpcConfig]):
             window, now_ns = self._handed.pop()
             self._receive_reference(window, now_ns=now_ns)
 
-    def _on_odometry(self, data: bytes) -> None:
+    def _on_odometry(self, odometry: OdometrySample) -> None:
         self._receive_handed()
         now_ns = self._time.now_ns()
-        try:
-            odometry = odometry_in(data)
-        except ValueError as error:
-            self._warn(str(error))
-            return
         self._standby.receive_odometry(odometry, now_ns=now_ns)
         self._commanders.hear()
         if self._obstacle_inputs is not None:
@@ -214,14 +213,9 @@ class MpcNode(ManagedNode[MpcConfig]):
         else:
             self.activate_when_ready()
 
-    def _on_imu(self, data: bytes) -> None:
+    def _on_imu(self, sample: ImuSample) -> None:
         """Take what an accelerometer measured; while inactive it is of no use."""
         if not self.active:
-            return
-        try:
-            sample = imu_in(data)
-        except ValueError as error:
-            self._warn(str(error))
             return
         tick = self._controller.receive_imu(sample)
         if tick is not None:
@@ -229,12 +223,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         else:
             self._log_warnings()
 
-    def _on_reference(self, data: bytes) -> None:
-        try:
-            window = reference_in(data)
-        except ValueError as error:
-            self._warn(str(error))
-            return
+    def _on_reference(self, window: ReferenceWindow) -> None:
         self._receive_reference(window, now_ns=self._time.now_ns())
 
     def _receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
@@ -268,17 +257,12 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.health.report()
         if reason and self.active:
             self.stay_inactive(reason)
-        elif not self.active and self.autostarting and self._commanders.is_taken():
+        elif not self.active and self._autostarting and self._commanders.is_taken():
             self.stay_inactive(f"inactive: {self._commanders.obstacle()}, then activate this node")
         elif not self.active and self._commanders.claims:
             self.activate_when_ready()
 
-    def _on_odometry_reset(self, message: Any) -> None:
-        try:
-            reset = conversions.reset_from_message(message)
-        except ValueError as error:
-            self._warn(str(error))
-            return
+    def _on_odometry_reset(self, reset: EstimateReset) -> None:
         self._standby.reset_estimate(reset)
         self._controller.reset_estimate(reset)
 
@@ -290,7 +274,7 @@ class MpcNode(ManagedNode[MpcConfig]):
                 poses = conversions.poses_from_message(message, frame_id=frame_id)
                 self._gates.move(*poses)
             except UserError as error:
-                self._warn(str(error))
+                self.warnings.warn(str(error))
 
     def _on_watch(self) -> float:
         """Act if odometry is missing, and return the time to the next check [s]."""
@@ -322,11 +306,11 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._log_warnings()
         if self._obstacle_inputs is not None:
             for refusal in self._obstacle_inputs.take_warnings():
-                self._warn(refusal)
+                self.warnings.warn(refusal)
 
     def _log_warnings(self) -> None:
         for warning in self._controller.take_warnings():
-            self._warn(warning)
+            self.warnings.warn(warning)
 
     def _publish_ground(self) -> None:
         """Publish changes of whether the vehicle stands; at the end of ROS nobody hears it."""
@@ -406,8 +390,8 @@ class MpcNode(ManagedNode[MpcConfig]):
             text += ", the guide failed: obstacles are not avoided"
         heard: list[tuple[str, str]] = []
         if self._obstacle_inputs is not None:
-            of_obstacles, fault = self._obstacle_inputs.fault(tick.stats.stamp_ns)
-            level, text = max(level, of_obstacles), f"{text}; {fault}" if fault else text
+            if fault := self._obstacle_inputs.fault(tick.stats.stamp_ns):
+                level, text = max(level, WARN), f"{text}; {fault}"
             heard = self._obstacle_inputs.values(tick.stats.stamp_ns)
         return Health(
             level=level,
@@ -416,12 +400,9 @@ class MpcNode(ManagedNode[MpcConfig]):
                 *tick.stats.items(),
                 *heard,
                 ("engaged", engaged),
-                (REFUSED_KEY, self._refused),
+                ("realtime_refused", self._refused),
             ],
         )
-
-    def _warn(self, text: str) -> None:
-        self.warnings.warn(text)
 
 
 def _guidance(config: MpcConfig) -> Guidance | None:

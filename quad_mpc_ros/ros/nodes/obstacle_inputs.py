@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.obstacle_messages import (
     markers_from_message,
     path_from_message,
@@ -91,12 +90,12 @@ class ObstacleInputs:
             ("obstacles.neighbours", f"{heard} of {len(self._world.neighbours)}"),
         ]
 
-    def fault(self, stamp_ns: int) -> tuple[bytes, str]:
-        """Return a level of diagnostics, and in words what is wrong."""
+    def fault(self, stamp_ns: int) -> str:
+        """Return what is wrong, empty if nothing is."""
         silence = self._world.silence(stamp_ns)
-        if silence > _SILENT:
-            return WARN, f"no usable cloud on {OBSTACLES.name} for {silence:.1f} s"
-        return OK, ""
+        if silence <= _SILENT:
+            return ""
+        return f"no usable cloud on {OBSTACLES.name} for {silence:.1f} s"
 
     def _subscribe(self) -> None:
         node = self._node

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection
 
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.messages.schemas import schema_for
@@ -15,16 +14,10 @@ from quad_mpc_ros.ros.messages import message_class
 _SHOWN = 10
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlayedTopics:
-    """The topics that can be played, and why other selected ones cannot."""
-
-    playable: Mapping[str, TopicInfo]
-    refused: Mapping[str, str]
-
-
-def played_topics(reader: BagReader, config: PlayerConfig) -> PlayedTopics:
-    """Return the topics that a configuration selects.
+def played_topics(
+    reader: BagReader, config: PlayerConfig
+) -> tuple[dict[str, TopicInfo], dict[str, str]]:
+    """Return the selected topics that can be played, and why others cannot.
 
     Raises :class:`BagError` when a given topic is not in the bag, and when none can be played.
     """
@@ -35,24 +28,26 @@ def played_topics(reader: BagReader, config: PlayerConfig) -> PlayedTopics:
     for name in names:
         if name not in reader.topics:
             raise BagError(f"{config.bag}: topic {name} is not in it: {_listed(reader.topics)}")
-    selection = TopicSelection(
-        names=names,
-        pattern=config.topics_regex,
-        everything=not names and not config.topics_regex,
-    )
-    wanted = {
-        topic: info
-        for topic, info in reader.topics.items()
-        if selection.includes(topic) and not (config.clock_rate and topic == CLOCK.name)
-    }
-    refused = {topic: why for topic, info in wanted.items() if (why := _obstacle(topic, info))}
-    playable = {topic: info for topic, info in wanted.items() if topic not in refused}
+    selection = TopicSelection(names=names, everything=not names)
+    playable: dict[str, TopicInfo] = {}
+    refused: dict[str, str] = {}
+    for topic, info in reader.topics.items():
+        if not selection.includes(topic) or (config.clock_rate and topic == CLOCK.name):
+            continue
+        if why := _obstacle(info):
+            refused[topic] = why
+        else:
+            playable[topic] = info
     if not any(info.message_count for info in playable.values()):
-        raise BagError(f"{config.bag}: {_nothing_to_play(reader, wanted, refused, config)}")
-    return PlayedTopics(playable=playable, refused=refused)
+        why = "".join(f"; {topic}: {reason}" for topic, reason in refused.items())
+        raise BagError(
+            f"{config.bag}: there is no message in it that can be played on the selected topics; "
+            f"it has {_listed(reader.topics)}{why}"
+        )
+    return playable, refused
 
 
-def _obstacle(topic: str, info: TopicInfo) -> str:
+def _obstacle(info: TopicInfo) -> str:
     """Return why a topic cannot be played, or nothing."""
     if info.encoding != "cdr":
         return f"its messages are encoded as {info.encoding!r}, expected 'cdr'"
@@ -66,22 +61,6 @@ def _obstacle(topic: str, info: TopicInfo) -> str:
     return ""
 
 
-def _nothing_to_play(
-    reader: BagReader,
-    wanted: Mapping[str, TopicInfo],
-    refused: Mapping[str, str],
-    config: PlayerConfig,
-) -> str:
-    if not any(info.message_count for info in reader.topics.values()):
-        return "there is no message in it"
-    if not wanted:
-        return f"no topic matches {config.topics_regex!r}: {_listed(reader.topics)}"
-    if refused:
-        topic, why = next(iter(refused.items()))
-        return f"no topic can be played; {topic}: {why}"
-    return f"no message on {_listed(wanted)}"
-
-
-def _listed(topics: Mapping[str, TopicInfo]) -> str:
-    shown = ", ".join(sorted(topics)[:_SHOWN])
+def _listed(topics: Collection[str]) -> str:
+    shown = ", ".join(sorted(topics)[:_SHOWN]) or "no topic"
     return shown if len(topics) <= _SHOWN else f"{shown}, …"

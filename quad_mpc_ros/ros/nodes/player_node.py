@@ -21,12 +21,12 @@ from quad_mpc_ros.messages.topics import CLOCK
 from quad_mpc_ros.recordings.config import PlayerConfig
 from quad_mpc_ros.recordings.qos_profile import QosProfile, parse_qos_profiles
 from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage, TopicInfo
-from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline, Section, in_laps
+from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline
 from quad_mpc_ros.recordings.replay.playback_threads import PlaybackThread, ReadAhead
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
 from quad_mpc_ros.ros.nodes.bag_qos import offered_again
-from quad_mpc_ros.ros.nodes.played_topics import PlayedTopics, played_topics
+from quad_mpc_ros.ros.nodes.played_topics import played_topics
 from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run, stop
 
 _READ_AHEAD = 1000
@@ -56,20 +56,23 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         if not config.bag:
             raise ConfigurationError("player.bag", config.bag, "a bag directory or .mcap file")
         reader = BagReader(Path(config.bag))
-        topics = played_topics(reader, config)
-        self._section = _section(reader, config)
-        self._outputs = self._create_outputs(topics)
+        topics, refused = played_topics(reader, config)
+        for topic, why in refused.items():
+            self.get_logger().warning(f"not played: {topic}: {why}")
+        self._start_ns, self._end_ns = _section(reader, config)
+        self._outputs = {
+            topic: self.create_publisher(
+                message_class(info.type_name), topic, offered_again(_recorded_qos(info))
+            )
+            for topic, info in topics.items()
+        }
         self._clock_output = self._clock_publisher()
         self._clock_message = new_message(CLOCK.type_name)
         self._read_ahead = ReadAhead(
-            in_laps(
-                lambda: reader.messages(topics.playable, from_ns=self._section.start_ns),
-                self._section,
-            ),
-            depth=_READ_AHEAD,
+            reader.messages(topics, from_ns=self._start_ns), depth=_READ_AHEAD
         )
         timeline = PlaybackTimeline(
-            recorded_ns=self._section.start_ns,
+            recorded_ns=self._start_ns,
             steady_ns=time.monotonic_ns() + round(config.delay * _S),
             rate=config.rate,
             paused=config.paused,
@@ -110,16 +113,6 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         if self._read_ahead is not None:
             self._read_ahead.close()
 
-    def _create_outputs(self, topics: PlayedTopics) -> dict[str, Publisher]:
-        for topic, why in topics.refused.items():
-            self.get_logger().warning(f"not played: {topic}: {why}")
-        return {
-            topic: self.create_publisher(
-                message_class(info.type_name), topic, offered_again(_recorded_qos(info))
-            )
-            for topic, info in topics.playable.items()
-        }
-
     def _clock_publisher(self) -> Publisher | None:
         if not self.config.clock_rate:
             return None
@@ -130,7 +123,7 @@ class PlayerNode(ReportingNode[PlayerConfig]):
 
     def _publish_clock(self, recorded_ns: int) -> None:
         if self._clock_output is not None:
-            fill_time(self._clock_message.clock, self._section.log_time_ns(recorded_ns))
+            fill_time(self._clock_message.clock, min(recorded_ns, self._end_ns))
             self._send(self._clock_output, self._clock_message)
 
     def _send(self, publisher: Publisher, message: Any) -> None:
@@ -172,11 +165,11 @@ class PlayerNode(ReportingNode[PlayerConfig]):
 
     def _position(self) -> float:
         assert self._thread is not None
-        log_time_ns = self._section.log_time_ns(self._thread.recorded_ns())
-        return self.config.start + (log_time_ns - self._section.start_ns) / _S
+        recorded_ns = min(self._thread.recorded_ns(), self._end_ns)
+        return self.config.start + (recorded_ns - self._start_ns) / _S
 
     def _show_progress(self) -> None:
-        end = self.config.start + (self._section.end_ns - self._section.start_ns) / _S
+        end = self.config.start + (self._end_ns - self._start_ns) / _S
         print(f"  {self._position():8.1f} s of {end:.1f} s", file=sys.stderr, flush=True)
 
     def report(self) -> Health:
@@ -191,7 +184,8 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         )
 
 
-def _section(reader: BagReader, config: PlayerConfig) -> Section:
+def _section(reader: BagReader, config: PlayerConfig) -> tuple[int, int]:
+    """Return the log times between which a bag is played, both included."""
     if reader.has_wrong_log_times:
         raise BagError(reader.warning)
     span = reader.span
@@ -201,7 +195,7 @@ def _section(reader: BagReader, config: PlayerConfig) -> Section:
         raise ConfigurationError(
             "player.start", config.start, f"at most the {span.duration_ns / _S:.3f} s of the bag"
         )
-    return Section(start_ns=start_ns, end_ns=span.end_ns, loop=config.loop)
+    return start_ns, span.end_ns
 
 
 def _recorded_qos(info: TopicInfo) -> Sequence[QosProfile]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import functools
 import sys
 
-from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
+from quad_mpc_ros.messages.diagnostics import ERROR, OK, PEERS_KEY, WARN
 from quad_mpc_ros.recordings.config import RecorderConfig
-from quad_mpc_ros.ros.health import PEERS_KEY, Health
+from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.nodes.recorder import Recorder
-from quad_mpc_ros.ros.preflight.own import FREE_KEY, bag_place, free_bytes
+from quad_mpc_ros.ros.preflight.own import bag_place, free_bytes
 from quad_mpc_ros.ros.spin import run, stop
 
 _PERIOD = 0.1
@@ -36,7 +36,7 @@ class RecorderNode(ManagedNode[RecorderConfig]):
         self._place = bag_place(config)
         self._lost_logged = 0
         # One timer for everything: waking the node costs more than the work.
-        self.managed_timer(_PERIOD, self._on_timer, steady=True)
+        self.managed_timer(_PERIOD, self._on_timer)
 
     def activate(self) -> None:
         """Record."""
@@ -70,7 +70,7 @@ class RecorderNode(ManagedNode[RecorderConfig]):
                 ),
                 ("messages", str(recorder.message_count)),
                 ("lost", str(lost)),
-                (FREE_KEY, str(free_bytes(self._place))),
+                ("free_bytes", str(free_bytes(self._place))),
                 ("parameters_missing", " ".join(recorder.unanswered)),
             ],
         )

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from std_srvs.srv import Trigger
 
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import cdr, conversions, topics
@@ -97,7 +98,12 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
         self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
         self.managed_subscription(topics.GROUND_STATE, self._on_ground_state, expected=False)
-        self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
+        self.managed_subscription(
+            topics.ODOMETRY_RESET,
+            self._on_odometry_reset,
+            decode=conversions.reset_from_message,
+            expected=False,
+        )
         self.managed_subscription(topics.GOAL_POSE, self._on_goal)
         self.managed_subscription(topics.TRAJECTORY, self._on_trajectory)
         self.managed_subscription(topics.VELOCITY, self._on_velocity, expected=False)
@@ -210,12 +216,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     def _on_ground_state(self, message: Any) -> None:
         self._live.tell_ground(conversions.ground_state_from_message(message))
 
-    def _on_odometry_reset(self, message: Any) -> None:
-        try:
-            reset = conversions.reset_from_message(message)
-        except ValueError as error:
-            self.get_logger().warning(str(error))
-            return
+    def _on_odometry_reset(self, reset: EstimateReset) -> None:
         with self._publishing:
             reply = self._live.reset_estimate(self._flight_ns(), reset)
             if self.active and not self._config.lockstep:

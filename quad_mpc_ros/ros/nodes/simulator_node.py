@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import sys
 import time
-from collections.abc import Callable
 from typing import Any
 
 from rclpy.duration import Duration
@@ -55,8 +54,6 @@ class RealTime:
 
     def __init__(self, node: SimulatorNode, plant: Plant) -> None:
         self._node, self._plant = node, plant
-        self._started_ns = 0
-        self._stream: OdometryStream | None = None
 
     def start(self) -> None:
         """Start the wall clock of the flight; its stamps are those of the node's clock."""
@@ -66,7 +63,8 @@ class RealTime:
         self._stream = OdometryStream(self._plant, config, start_stamp_ns=start_stamp_ns)
         regular = config.odom_delay == config.odom_jitter == 0.0
         period = 1.0 / config.odom_rate
-        self._node.every(period if regular else min(period, _POLL_PERIOD), self._tick)
+        period = period if regular else min(period, _POLL_PERIOD)
+        create_steady_timer(self._node, period, self._tick)
         self._tick()
 
     def receive_command(self, command: CommandSample) -> None:
@@ -77,13 +75,12 @@ class RealTime:
     def _tick(self) -> None:
         elapsed_ns = self._elapsed_ns()
         self._fly_to(elapsed_ns)
-        if self._stream is not None and self._stream.ended(elapsed_ns):
+        if self._stream.ended(elapsed_ns):
             self._node.finish()
 
     def _fly_to(self, time_ns: int) -> None:
-        if self._stream is not None:
-            for sent in self._stream.advance_to(time_ns):
-                self._node.publish(sent)
+        for sent in self._stream.advance_to(time_ns):
+            self._node.publish(sent)
 
     def _elapsed_ns(self) -> int:
         return time.monotonic_ns() - self._started_ns
@@ -104,7 +101,7 @@ class Lockstep:
     def start(self) -> None:
         """Send the first odometry."""
         self._started = time.monotonic()
-        self._node.every(_LOOK_PERIOD, self._resend)
+        create_steady_timer(self._node, _LOOK_PERIOD, self._resend)
         self._step()
 
     def receive_command(self, command: CommandSample) -> None:
@@ -272,10 +269,6 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
             for name, topic in _NEEDED.items()
             if name in there and not self.count_publishers(topic.name)
         )
-
-    def every(self, period: float, callback: Callable[[], None]) -> None:
-        """Call back periodically on the wall clock, never on the simulated one."""
-        create_steady_timer(self, period, callback)
 
     def finish(self) -> None:
         """End the flight as planned."""

@@ -9,28 +9,24 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from quad_mpc_ros.configuration.vehicle import describes_vehicle
-from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, ODOMETRY, REFERENCE
+from quad_mpc_ros.messages.diagnostics import ERROR, OK
+from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE
 from quad_mpc_ros.ros.preflight.facts import (
     MPC_NODE,
     RECORDER_NODE,
     REFERENCE_NODE,
     SIMULATOR_NODE,
     Facts,
-    TopicFacts,
 )
 from quad_mpc_ros.ros.preflight.finding import Finding, error, ok, unknown, warning
 from quad_mpc_ros.ros.preflight.odometry import (
     clock_findings,
-    frame_findings,
     motion_findings,
     rate_findings,
 )
 from quad_mpc_ros.ros.preflight.own import (
-    FREE_KEY,
     LANDED_KEY,
-    REFUSED_KEY,
     STACK_FAULT_KEY,
-    disk_findings,
     lag_findings,
     throttle_findings,
 )
@@ -39,11 +35,6 @@ from quad_mpc_ros.ros.preflight.vehicles import vehicle_findings
 from quad_mpc_ros.ros.preflight.way import fence_findings, limits_findings, rates_findings
 
 _ANY, _NONE = "", "none"
-# Of a LiPo cell [V] and of the charge: below the first look at it, below the second do not fly.
-_LOW_CELL, _EMPTY_CELL = 3.6, 3.4
-_LOW_SHARE, _EMPTY_SHARE = 0.4, 0.2
-# Of the voltage of the thrust map: beyond this the bridge's correction grows large.
-_VOLTAGE_OFF = 0.15
 
 
 def findings(facts: Facts) -> list[tuple[str, Finding]]:
@@ -67,14 +58,15 @@ def nodes(facts: Facts) -> list[Finding]:
         if node.fault
     ]
     found += [*_missing(facts), *_inactive(facts)]
-    source = facts.nodes[MPC_NODE].values.get("source", "mpc") if MPC_NODE in facts.nodes else ""
-    if source not in ("", "mpc"):
-        found.append(
-            warning(
-                f"the mpc does not plan but {source}: {facts.nodes[MPC_NODE].health}",
-                "docs/diagnostics.md says what to do about it",
-            )
+    found += [
+        (error if node.level >= ERROR else warning)(
+            f"{name}: {node.health}", "docs/diagnostics.md says what to do about it"
         )
+        for name, node in facts.nodes.items()
+        if name in (MPC_NODE, REFERENCE_NODE, SIMULATOR_NODE)
+        and node.state in ("", "active")
+        and node.level > OK
+    ]
     if found:
         return found
     return [ok(", ".join(f"{name} {node.state}".strip() for name, node in facts.nodes.items()))]
@@ -89,8 +81,7 @@ def _missing(facts: Facts) -> list[Finding]:
                 "start it; compare --namespace, ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE",
             )
         )
-    reference = facts.topics.get(REFERENCE.name)
-    if REFERENCE_NODE not in facts.nodes and (reference is None or not reference.publishers):
+    if REFERENCE_NODE not in facts.nodes and not facts.peers(MPC_NODE, REFERENCE.name):
         found.append(error("no reference node", "start it, or publish reference yourself"))
     bridges = facts.bridges
     if facts.bridge not in (_ANY, _NONE) and facts.bridge not in bridges:
@@ -175,57 +166,28 @@ def throttle(facts: Facts) -> list[Finding]:
 
 
 def topics(facts: Facts) -> list[Finding]:
-    """Has each topic one publisher that its subscriptions understand?"""
-    if not facts.topics:
-        return [unknown("no topic is known")]
-    found: list[Finding] = []
-    for role in (ODOMETRY.name, REFERENCE.name, COMMAND.name, ENGAGED.name):
-        topic = facts.topics.get(role)
-        if topic is not None:
-            found += _topic(topic, optional=role == ENGAGED.name and not facts.bridges)
-    found += _unheard(facts)
-    checked = ", ".join(topic.name for topic in facts.topics.values() if topic.publishers)
-    return found or [ok(f"one publisher each: {checked}")]
-
-
-def _topic(topic: TopicFacts, *, optional: bool) -> list[Finding]:
-    found = []
-    who = ", ".join(end.node for end in topic.publishers)
-    if len(topic.publishers) > 1:
-        found.append(
-            error(
-                f"{len(topic.publishers)} publishers on {topic.name}, expected one: {who}",
-                "end the others",
-            )
-        )
-    if not topic.publishers and not optional:
-        found.append(error(f"no publisher on {topic.name}", "start it, or remap its topic"))
-    for end in (*topic.publishers, *topic.subscriptions):
-        if end.type_name != topic.type_name:
-            found.append(
-                error(
-                    f"{topic.name} of {end.node} has the type {end.type_name}, expected "
-                    f"{topic.type_name}",
-                    "remap one of them",
-                )
-            )
-    remedy = "set the quality of service of one of them"
-    return found + [error(f"{topic.name}: {each}", remedy) for each in topic.mismatches]
-
-
-def _unheard(facts: Facts) -> list[Finding]:
-    """Return whether those who act on commands do not listen where the MPC publishes them."""
-    command = facts.topics.get(COMMAND.name)
-    if command is None or not command.publishers:
-        return []
-    hearing = {end.node.rpartition("/")[2] for end in command.subscriptions}
-    # Behind a bridge a simulator is the stack's, and hears the stack.
-    acting = list(facts.bridges) or [name for name in facts.nodes if name == SIMULATOR_NODE]
-    return [
-        error(f"{name} does not listen to {command.name}", "remap its topic, or the MPC's")
-        for name in acting
-        if name not in hearing
+    """Do the nodes find each other on the topics of the flight, as they report it?"""
+    wanted = {MPC_NODE: (ODOMETRY, REFERENCE, COMMAND), REFERENCE_NODE: (ODOMETRY,)}
+    wanted |= dict.fromkeys((*facts.bridges, SIMULATOR_NODE), (COMMAND,))
+    peers = {
+        (name, topic.name): count
+        for name, topics in wanted.items()
+        for topic in topics
+        if (count := facts.peers(name, topic.name)) is not None
+    }
+    if not peers:
+        return [unknown("no node has reported its peers")]
+    found = [
+        error(f"{name} has no peer on {topic}", "start it, or remap its topic")
+        for (name, topic), count in peers.items()
+        if count == 0
     ]
+    found += [
+        error(f"{count} publishers on {topic} of {name}, expected one", "end the others")
+        for (name, topic), count in peers.items()
+        if count > 1 and (name, topic) != (MPC_NODE, COMMAND.name)
+    ]
+    return found or [ok(f"{', '.join(sorted({topic for _, topic in peers}))} connected")]
 
 
 def stack(facts: Facts) -> list[Finding]:
@@ -248,36 +210,6 @@ def stack(facts: Facts) -> list[Finding]:
     return found or [ok(f"{', '.join(reported)}: the stack reports its state")]
 
 
-def battery(facts: Facts) -> list[Finding]:
-    """Is the battery charged, and near the voltage of the thrust map?"""
-    state = facts.battery
-    if state is None:
-        return []
-    measured = [
-        ("the charge", state.share, _LOW_SHARE, _EMPTY_SHARE, ""),
-        ("the weakest cell", state.cell, _LOW_CELL, _EMPTY_CELL, " V"),
-    ]
-    found = []
-    for name, value, low, empty, unit in measured:
-        if value is not None and value < low:
-            judged = error if value < empty else warning
-            found.append(
-                judged(f"{name} is {value:.3g}{unit}, expected {low:g}{unit} or more", "charge it")
-            )
-    for name, config in facts.bridge_configs.items():
-        at = config.thrust_map.battery_voltage
-        if at and state.voltage is not None and abs(state.voltage / at - 1.0) > _VOLTAGE_OFF:
-            found.append(
-                warning(
-                    f"{state.voltage:.1f} V, the thrust map of {name} is for {at:.1f} V",
-                    "charge it, or check thrust_map.battery_voltage and the number of cells",
-                )
-            )
-    told = [f"{state.voltage:.2f} V"] if state.voltage is not None else []
-    told += [f"{name} {v:.3g}{unit}" for name, v, _, _, unit in measured if v is not None]
-    return found or [ok(", ".join(told) or "published, without a voltage")]
-
-
 def recorder(facts: Facts) -> list[Finding]:
     """Is the flight recorded?"""
     node = facts.nodes.get(RECORDER_NODE)
@@ -290,41 +222,11 @@ def recorder(facts: Facts) -> list[Finding]:
     return [ok(node.health or "recording")]
 
 
-def disk(facts: Facts) -> list[Finding]:
-    """Is there space for the bag?"""
-    node = facts.nodes.get(RECORDER_NODE)
-    free = dict(facts.free)
-    if node is not None and node.values.get(FREE_KEY, "").isdigit():
-        free = {"told by the recorder": int(node.values[FREE_KEY])}
-    found = [each for place, count in free.items() for each in disk_findings(place, count)]
-    return found or [ok(f"{count / 1e9:.0f} GB free") for count in list(free.values())[:1]]
-
-
 def lags(facts: Facts) -> list[Finding]:
     """Does the model know that the vehicle lags?"""
     if facts.mpc is None or not facts.bridges:
         return []
     return lag_findings(facts.mpc) or [ok("modelled")]
-
-
-def code(facts: Facts) -> list[Finding]:
-    """Is the machine code compiled, so that a node that is restarted flies at once?"""
-    if facts.compiled is None:
-        return []
-    if facts.compiled:
-        return [ok("compiled")]
-    return [warning("no compiled machine code on this computer", "run quad_mpc compile, on each")]
-
-
-def realtime(facts: Facts) -> list[Finding]:
-    """Was the MPC granted what it asked of the operating system?"""
-    node = facts.nodes.get(MPC_NODE)
-    if node is None or REFUSED_KEY not in node.values:
-        return []
-    refused = node.values[REFUSED_KEY]
-    if refused:
-        return [warning(refused, "or set it back to its default")]
-    return [ok("all that mpc asked for was granted")]
 
 
 Check = Callable[[Facts], Sequence[Finding]]
@@ -339,16 +241,11 @@ CHECKS: dict[str, Check] = {
     "rates": rates_findings,
     "fence": fence_findings,
     "topics": topics,
-    "frames": frame_findings,
     "rate": rate_findings,
     "clock": clock_findings,
     "motion": motion_findings,
     "stack": stack,
-    "battery": battery,
     "recorder": recorder,
-    "disk": disk,
-    "code": code,
-    "realtime": realtime,
 }
 """Every check by the name of its lines; docs/preflight.md says what each means."""
 

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from quad_mpc_ros.configuration import Configuration
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.messages.diagnostics import OK, PEERS_KEY
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.feasibility import Verdict
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
@@ -27,37 +28,19 @@ class NodeFacts:
     """A node of the vehicle.
 
     ``config`` is None where its parameters did not come or cannot be used; then ``fault`` says
-    why. ``state`` is that of its lifecycle, empty for a node without one. ``health`` is the text
-    of its newest diagnostics, empty before the first, and ``values`` are their values. ``count``
-    is how many nodes have this name.
+    why. ``state`` is that of its lifecycle, empty for a node without one. ``level`` and ``health``
+    are those of its newest diagnostics, empty before the first, and ``values`` are their values.
+    ``count`` is how many nodes have this name.
     """
 
     config: Configuration | None = None
     fault: str = ""
     state: str = ""
+    level: bytes = OK
     health: str = ""
     values: Mapping[str, str] = dataclasses.field(default_factory=dict)
     use_sim_time: bool = False
     count: int = 1
-
-
-@dataclass(frozen=True, kw_only=True)
-class Endpoint:
-    """A publisher or a subscription: its node's full name, and its type."""
-
-    node: str
-    type_name: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class TopicFacts:
-    """A topic; ``mismatches`` are the pairs of ends that do not understand each other."""
-
-    name: str
-    type_name: str
-    publishers: tuple[Endpoint, ...] = ()
-    subscriptions: tuple[Endpoint, ...] = ()
-    mismatches: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,17 +49,6 @@ class Arrival:
 
     odometry: OdometrySample
     at_ns: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class Battery:
-    """What was last measured of the battery; None where that is not told."""
-
-    voltage: float | None = None
-    share: float | None = None
-    """Of its charge, 0 to 1."""
-    cell: float | None = None
-    """Voltage of the weakest cell."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,26 +66,20 @@ class Facts:
     Attributes:
         nodes: By their names in the namespace.
         bridge: The bridge asked for: the name of its node, ``none``, or empty for any.
-        topics: By what they are for: the names in ``messages/topics.py``.
+        has_clock: Whether a node publishes ``/clock``.
         arrivals: Odometries in order.
-        battery: None where no battery is published.
         course: None where the reference's parameters give none here; then ``course_fault`` says
             why.
         stated: What files given on the command line state, by node and parameter.
-        free: Bytes free on this computer's disk, by folder.
-        compiled: Whether this computer has compiled machine code; None where that is unknown.
     """
 
     nodes: Mapping[str, NodeFacts] = dataclasses.field(default_factory=dict)
     bridge: str = ""
-    topics: Mapping[str, TopicFacts] = dataclasses.field(default_factory=dict)
+    has_clock: bool = False
     arrivals: tuple[Arrival, ...] = ()
-    battery: Battery | None = None
     course: Course | None = None
     course_fault: str = ""
     stated: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
-    free: Mapping[str, int] = dataclasses.field(default_factory=dict)
-    compiled: bool | None = None
 
     @property
     def mpc(self) -> MpcConfig | None:
@@ -138,6 +104,12 @@ class Facts:
             for name, node in self.bridges.items()
             if isinstance(node.config, BridgeConfig)
         }
+
+    def peers(self, name: str, topic: str) -> int | None:
+        """Return how many peers a node reports on a topic; None where it reports none."""
+        node = self.nodes.get(name)
+        count = None if node is None else node.values.get(f"{PEERS_KEY}{topic}")
+        return None if count is None else int(count)
 
     def _config(self, name: str, kind: type[C]) -> C | None:
         node = self.nodes.get(name)

@@ -1,8 +1,7 @@
-"""Whether the odometry can be flown by: its frames, rate, clock, and what it tells at rest."""
+"""Whether the odometry can be flown by: its rate, clock, and what it tells at rest."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import statistics
 from collections import Counter
@@ -17,8 +16,6 @@ from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.consistency import motion_contradiction
 from quad_mpc_ros.control.safety.odometry_gate import STANDS, OdometryGate
 from quad_mpc_ros.control.safety.twist_frame import TwistFrameCheck
-from quad_mpc_ros.control.safety.validation import is_frame
-from quad_mpc_ros.messages.topics import CLOCK
 from quad_mpc_ros.ros.preflight.facts import SIMULATOR_NODE, Arrival, Facts
 from quad_mpc_ros.ros.preflight.finding import Finding, error, ok, unknown, warning
 from quad_mpc_ros.simulation.config import SimulatorConfig
@@ -26,45 +23,10 @@ from quad_mpc_ros.simulation.config import SimulatorConfig
 _ENOUGH, _LONG_ENOUGH = 10, 1.0  # odometries, or seconds of them, to judge by
 _RATE_SHARE = 0.95  # of the control rate
 _JITTER_SHARE = 0.3  # of a period
-_CLOCK_OFF = 0.1  # s: what a bridge takes as the age of a command (command_timeout)
+_CLOCK_OFF = 0.1  # s: a bridge passes no command that is older
 # At rest: positions within this [m], and then at most this speed [m/s], turn [rad/s], tilt [rad].
 _STILL, _SPEED, _TURN, _TILT = 0.05, 0.3, 0.2, 0.35
 _NO_ODOMETRY = unknown("no odometry came")
-
-
-def frame_findings(facts: Facts) -> list[Finding]:
-    """Are odometry and reference in the frame that the MPC expects?"""
-    mpc, reference = facts.mpc, facts.reference
-    if mpc is None:
-        return [unknown("the parameters of mpc are unknown")]
-    expected, found = mpc.odometry.frame_id, []
-    if reference is not None and not is_frame(reference.frame_id, expected):
-        found.append(
-            error(
-                f"reference.frame_id is '{reference.frame_id}', mpc.odometry.frame_id is "
-                f"'{expected}'",
-                "set both alike: the MPC refuses other references",
-            )
-        )
-    if not facts.arrivals:
-        return found or [_NO_ODOMETRY]
-    odometry = facts.arrivals[-1].odometry
-    given, child = odometry.frame_id, odometry.child_frame_id
-    if not is_frame(given, expected):
-        found.append(
-            error(
-                f"the odometry is in frame '{given}', mpc.odometry.frame_id is '{expected}'",
-                "set odometry.frame_id to the frame, which must be ENU: the MPC refuses others",
-            )
-        )
-    if mpc.odometry.twist_frame == "child" and (not child or is_frame(child, given)):
-        found.append(
-            warning(
-                f"the odometry's child_frame_id is '{child}': its twist may be that of the world",
-                "set odometry.twist_frame of mpc to world if it is",
-            )
-        )
-    return found or [ok(f"odometry in '{given}', twist in '{child}'")]
 
 
 def rate_findings(facts: Facts) -> list[Finding]:
@@ -146,8 +108,7 @@ def _simulated_time(facts: Facts) -> list[Finding]:
                 "set it alike on all nodes",
             )
         ]
-    clock = facts.topics.get(CLOCK.name)
-    if on and (clock is None or not clock.publishers):
+    if on and not facts.has_clock:
         return [error("use_sim_time is on and nobody publishes /clock", "switch it off")]
     return []
 
@@ -183,17 +144,10 @@ def motion_findings(facts: Facts) -> list[Finding]:
 
 
 def _refused(mpc: MpcConfig, arrivals: Sequence[Arrival]) -> list[Finding]:
-    """Return what the MPC would refuse besides the frame, which has a line of its own."""
+    """Return what the MPC would refuse."""
     gate = OdometryGate(mpc)
-    frame_id = mpc.odometry.frame_id
     reasons = Counter(
-        reason
-        for each in arrivals
-        if (
-            reason := gate.refusal(
-                dataclasses.replace(each.odometry, frame_id=frame_id), now_ns=each.at_ns
-            )
-        )
+        reason for each in arrivals if (reason := gate.refusal(each.odometry, now_ns=each.at_ns))
     )
     if not reasons:
         return []

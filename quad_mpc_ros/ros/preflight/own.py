@@ -12,18 +12,16 @@ from pathlib import Path
 from quad_mpc_ros.configuration import Configuration
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.recordings.config import RecorderConfig
-from quad_mpc_ros.ros.preflight.finding import Finding, error, warning
+from quad_mpc_ros.ros.preflight.finding import Finding, warning
 
-REFUSED_KEY, FREE_KEY = "realtime_refused", "free_bytes"
-"""In a node's diagnostics: what the operating system refused, what is free on the bag's disk."""
 STACK_FAULT_KEY, LANDED_KEY = "stack_fault", "landed"
 """In a bridge's diagnostics: why its stack cannot be flown, and whether the vehicle has landed."""
 
 # Thrust over weight: below the first at full throttle wind and climbs saturate it, above the
 # second at the least throttle it hardly descends.
 _LEAST_LIFT, _MOST_IDLE = 1.4, 0.7
-# bytes: ten minutes at 50 Hz take about a third of the second.
-_SCARCE, _FULL = 1_000_000_000, 100_000_000
+# bytes: ten minutes at 50 Hz take about 30 MB.
+_SCARCE = 1_000_000_000
 
 
 def own_findings(config: Configuration) -> list[Finding]:
@@ -122,13 +120,12 @@ def free_bytes(place: Path) -> int:
         return 0
 
 
-def disk_findings(place: Path | str, free: int) -> list[Finding]:
+def disk_findings(place: Path, free: int) -> list[Finding]:
     """Return whether the space on a disk is scarce, in bytes."""
     if free >= _SCARCE:
         return []
-    found = error if free < _FULL else warning
     return [
-        found(
+        warning(
             f"{free / 1e6:.0f} MB are free where the bag is written ({place}), expected "
             f"{_SCARCE / 1e6:.0f} MB",
             "remove old bags, or set the recorder's directory to another disk",

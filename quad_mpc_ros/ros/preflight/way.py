@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from quad_mpc_ros.control.config import EnvelopeParameters, MpcConfig
+from quad_mpc_ros.control.config import EnvelopeParameters
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.flight_limits import FlightLimits
@@ -20,7 +20,6 @@ from quad_mpc_ros.ros.preflight.finding import Finding, error, ok, unknown, warn
 from quad_mpc_ros.ros.preflight.own import limit_findings
 
 _MOST_SAMPLES = 500
-_NEAR = 1e-6  # m
 _UNKNOWN = unknown("the parameters of mpc or reference are unknown")
 
 
@@ -81,22 +80,11 @@ def limits_findings(facts: Facts) -> list[Finding]:
 
 
 def rates_findings(facts: Facts) -> list[Finding]:
-    """Can the stack turn as fast as the MPC may command, and the MPC as the reference needs?"""
+    """Can the MPC turn as fast as the reference needs?"""
     mpc = facts.mpc
     if mpc is None:
         return [_UNKNOWN]
     found = []
-    for name, config in facts.bridge_configs.items():
-        fastest = config.fastest_rates
-        for axis, asked, most in zip(_AXES, mpc.omega_max, fastest or mpc.omega_max, strict=True):
-            if asked > most:
-                found.append(
-                    warning(
-                        f"mpc.omega_max of {axis} is {asked:.3g} rad/s, {name} can ask for "
-                        f"{most:.3g}",
-                        "lower omega_max, or raise the rates of the stack",
-                    )
-                )
     if facts.course is not None:
         found += [
             warning(
@@ -125,8 +113,6 @@ def fence_findings(facts: Facts) -> list[Finding]:
         if breach is not None:
             judged = warning if breach.action is Action.WARN else error
             found.append(judged(f"{name} would break a limit: {breach.reason}", remedy))
-        elif _is_near(mpc, limits, samples):
-            found.append(warning(f"{name} comes nearer than 0.5 m to the fence", remedy))
     if facts.course_fault:
         found.append(unknown(f"the way of the reference: {facts.course_fault}"))
     return found or [ok("vehicle, take-off and reference are inside")]
@@ -165,15 +151,3 @@ def _resting(p_WB: Array) -> OdometrySample:
 def _gravest(limits: FlightLimits, samples: Sequence[OdometrySample]) -> Breach | None:
     found = [each for sample in samples if (each := limits.foreseen(sample)) is not None]
     return max(found, key=lambda breach: breach.action, default=None)
-
-
-def _is_near(mpc: MpcConfig, limits: FlightLimits, samples: Sequence[OdometrySample]) -> bool:
-    """Whether a way, and not only where the vehicle stands, is near a wall."""
-    if not mpc.fence.has_walls or len(samples) < 2:
-        return False
-    return any(
-        float(np.abs(limits.inside(sample.p_WB) - sample.p_WB).max()) > _NEAR for sample in samples
-    )
-
-
-_AXES = ("roll", "pitch", "yaw")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Sequence
 from typing import Any
 
@@ -26,11 +25,8 @@ from fixtures.bridges import HOVER, SECOND, T0, command, ready_to_fly
 from fixtures.stack_messages import new_message, sound_message
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose
 
-from quad_mpc_ros.configuration import ConfigurationError
-from quad_mpc_ros.extras.bridges.betaflight import BetaflightBridge, crsf
-from quad_mpc_ros.extras.bridges.betaflight.lines import CrsfProtocol, Telemetry
+from quad_mpc_ros.extras.bridges.betaflight import BetaflightBridge
 from quad_mpc_ros.extras.bridges.betaflight.rates import Curve, Stick
 from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes
 
@@ -75,7 +71,7 @@ CURVES = st.builds(
 def test_the_pulse_that_asks_for_a_rate_makes_it(curve: Curve, share: float) -> None:
     """To what a microsecond of the stick changes; no pulse goes beyond the stick."""
     stick = Stick(curve)
-    rate = share * stick.fastest
+    rate = share * float(curve.rate(np.array([1.0]))[0])
     pulse = stick.pulse(rate)
     assert 1000.0 <= pulse <= 2000.0
     made = math.copysign(curve.rate(np.array([abs(pulse - 1500.0) / 500.0]))[0], pulse - 1500.0)
@@ -87,83 +83,6 @@ def test_the_pulse_that_asks_for_a_rate_makes_it(curve: Curve, share: float) -> 
 def test_beyond_the_curve_the_stick_is_full() -> None:
     stick = Stick(Curve(kind="ACTUAL", rc_rate=20, super_rate=20, expo=0))
     assert (stick.pulse(100.0), stick.pulse(-100.0)) == (2000.0, 1000.0)
-
-
-# CRSF.
-
-
-def unpacked(frame: bytes) -> list[int]:
-    """Return the ticks of a frame of channels, bit by bit."""
-    assert frame[:3] == b"\xc8\x18\x16" and len(frame) == 26
-    bits = "".join(f"{byte:08b}"[::-1] for byte in frame[3:25])
-    return [int(bits[11 * k : 11 * k + 11][::-1], 2) for k in range(16)]
-
-
-def test_channels_have_the_published_ticks() -> None:
-    frame = crsf.channels([988.0, 1500.0, 2012.0])
-    assert unpacked(frame)[:3] == [172, 992, 1811] or unpacked(frame)[:3] == [172, 991, 1811]
-    pulses = [0.62477120195241 * tick + 881.0 for tick in unpacked(frame)[:3]]
-    assert_allclose(pulses, [988.0, 1500.0, 2012.0], atol=1.0)
-
-
-def test_the_check_is_that_of_the_specification() -> None:
-    # A PING of the specification: to all, from a transmitter.
-    assert crsf.frame(0x28, b"\x00\xea")[-1] == 0x54
-
-
-@given(st.lists(st.floats(900.0, 2100.0), max_size=16))
-def test_any_channels_fit(pulses: list[float]) -> None:
-    ticks = unpacked(crsf.channels(pulses))
-    for pulse, tick in zip(pulses, ticks, strict=False):
-        assert abs(0.62477120195241 * tick + 881.0 - pulse) < 1.0
-
-
-@given(st.lists(st.tuples(st.integers(1, 127), st.binary(max_size=60)), max_size=4), st.data())
-def test_frames_are_found_however_they_come(
-    frames: list[tuple[int, bytes]], data: st.DataObject
-) -> None:
-    line = b"".join(crsf.frame(kind, payload) for kind, payload in frames)
-    reader, found = crsf.Reader(), []
-    while line:
-        size = data.draw(st.integers(1, len(line)))
-        found += reader.read(line[:size])
-        line = line[size:]
-    assert found == frames
-
-
-@given(st.binary(max_size=100))
-def test_crsf_reader_accepts_any_bytes(line: bytes) -> None:
-    reader = crsf.Reader()
-    list(reader.read(line))
-    assert (5, b"\x07") in list(reader.read(20 * crsf.frame(5, b"\x07")))
-
-
-@pytest.mark.parametrize(
-    ("text", "modes", "blocks"),
-    [
-        (b"ACRO", {ARM}, ()),
-        (b"AIR", {ARM}, ()),
-        (b"AIR*", set(), ()),
-        (b"AIR!", set(), ("arming is blocked",)),
-        (b"!FS!", {FAILSAFE}, ()),
-        (b"ANGL", {ARM, ANGLE}, ()),
-        (b"ANGL*", {ANGLE}, ()),
-    ],
-)
-def test_flight_mode_shows_whether_armed(
-    text: bytes, modes: set[int], blocks: tuple[str, ...]
-) -> None:
-    told = Telemetry()
-    CrsfProtocol(told).receive(crsf.frame(0x21, text + b"\0"), now_ns=T0)
-    assert (told.modes, told.blocks, told.state_ns) == (modes, blocks, T0)
-
-
-def test_attitude_and_voltage_of_crsf() -> None:
-    told = Telemetry()
-    protocol = CrsfProtocol(told)
-    protocol.receive(crsf.frame(0x1E, struct.pack(">hhh", 1000, -2000, 0)), now_ns=T0)
-    protocol.receive(crsf.frame(0x08, bytes.fromhex("00a0 0000 000000 00")), now_ns=T0)
-    assert (told.pitch, told.roll, told.voltage) == pytest.approx((0.1, -0.2, 16.0))
 
 
 # The bridge.
@@ -416,23 +335,3 @@ def _map(**values: Any) -> Any:
     return BetaflightBridge.Config.build(
         {f"thrust_map.{name}": value for name, value in values.items()}
     ).thrust_map
-
-
-def test_crsf_has_no_override() -> None:
-    with pytest.raises(ConfigurationError, match="CRSF is what a receiver speaks"):
-        BetaflightBridge.Config(transport="crsf")
-
-
-def test_by_crsf_it_flies_with_the_rates_of_the_parameters() -> None:
-    parameters = {"transport": "crsf", "receiver": "bridge", "rates.rc_rate": [67, 67, 67]}
-    bridge = BetaflightBridge(BetaflightBridge.Config.build(parameters), new_message)
-    for now_ns in range(T0, T0 + SECOND // 2, STEP):
-        bridge.exchange(crsf.frame(0x21, b"AIR\0"), now_ns=now_ns)
-        bridge.subscriptions[0].receive(sound_message("nav_msgs/msg/Odometry", now_ns), now_ns)
-        bridge.receive_command(command(now_ns, HOVER), now_ns=now_ns)
-    assert bridge.engage(True, now_ns=now_ns).accepted
-    now_ns += STEP
-    (sent,) = bridge.receive_command(command(now_ns, HOVER, (3.0, 0, 0)), now_ns=now_ns)
-    assert isinstance(sent, OutgoingBytes)
-    pulse = 0.62477120195241 * unpacked(sent.data)[0] + 881.0
-    assert pulse == pytest.approx(1500.0 + 500.0 * math.degrees(3.0) / 670.0, abs=1.0)

@@ -29,7 +29,7 @@ from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, load_config, simulate
 from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes
-from quad_mpc_ros.ros.bridges.serial_line import SerialLine
+from quad_mpc_ros.ros.bridges.line import SerialLine
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 MILLISECOND = 1_000_000

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
-from fixtures.bridges import SECOND, T0, command, engage, ready_to_fly, set_q, tell
+from fixtures.bridges import AXES, SECOND, T0, command, engage, ready_to_fly, set_q, tell
 from numpy.testing import assert_allclose
 
-from quad_mpc_ros.configuration import ConfigurationError
-from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.extras.bridges import crazyswarm2
 from quad_mpc_ros.extras.bridges.crazyswarm2 import Crazyswarm2Bridge
 
@@ -40,21 +42,27 @@ def test_crazyswarm2_takes_degrees_in_the_old_frame(
     assert all(getattr(getattr(message, f.split(".")[0]), f[-1]) == 0.0 for f in others)
 
 
-@pytest.mark.parametrize(("backend", "passed_on"), [("cpp", -1.0), ("cflib", 1.0)])
-def test_the_firmware_is_told_nose_up_whatever_the_backend_makes_of_it(
-    new: New, backend: str, passed_on: float
-) -> None:
-    """The cflib server of July 2026 sent the firmware linear.x as it is, the other negates it."""
-    message = new("geometry_msgs/msg/Twist")
-    pitching = command(w=(0.0, 1.0, 0.0))  # nose down
-    crazyswarm2.fill_setpoint(message, pitching, throttle=0.5, backend=backend)
-    assert passed_on * message.linear.x == pytest.approx(-57.29577951308232)
+def turning(w_WB_B: Array) -> list[OdometrySample]:
+    return [
+        dataclasses.replace(
+            OdometrySample.at_rest(np.zeros(3), stamp_ns=i * 10_000_000),
+            q_WB_xyzw=so3.quaternion_xyzw_from_rotation(
+                so3.exp([0.0, 0.0, 3.0]) @ so3.exp(0.01 * i * w_WB_B)
+            ),
+        )
+        for i in range(80)
+    ]
 
 
-def test_the_odometry_of_cflib_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="pose with cflib"):
-        Crazyswarm2Bridge.Config(backend="cflib")
-    Crazyswarm2Bridge.Config(backend="cflib", state="pose")
+@pytest.mark.parametrize("axis", AXES)
+def test_attitudes_of_a_steady_turn_give_its_rates(axis: tuple[float, ...]) -> None:
+    w_WB_B = 4.0 * np.array(axis)
+    differentiator = crazyswarm2.RateDifferentiator()
+    found = [differentiator.completed(each) for each in turning(w_WB_B)]
+    assert found[0] is None
+    for odometry in found[1:]:  # through the double cover of quaternions as well
+        assert odometry is not None
+        assert_allclose(odometry.w_WB_B, w_WB_B, atol=1e-6)
 
 
 @pytest.mark.parametrize(

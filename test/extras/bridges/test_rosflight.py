@@ -56,23 +56,13 @@ def test_rosflight_of_the_first_releases_names_its_six_values() -> None:
     assert (message.fx, message.fy, message.fz) == (0.0, 0.0, 0.5)
 
 
-@pytest.mark.parametrize("kind", ["roscopter_msgs/msg/State", "rosflight_msgs/msg/SimState"])
-def test_rosflight_nose_down_heading_north_leans_north(new: New, kind: str) -> None:
-    message = new(kind)
-    R_ned_frd = so3.exp([0.0, -0.3, 0.0])
-    if kind.startswith("roscopter"):
-        set_q(message.quat, R_ned_frd)
-        message.p_n, message.p_e, message.p_d = 1.0, 2.0, -3.0
-        message.v_x, message.v_y, message.v_z = 4.0, 5.0, 6.0
-        message.p, message.q, message.r = 0.1, 0.2, 0.3
-        odometry = rosflight.odometry_from_state(message)
-    else:
-        set_q(message.pose.orientation, R_ned_frd)
-        p, v, w = message.pose.position, message.twist.linear, message.twist.angular
-        p.x, p.y, p.z = 1.0, 2.0, -3.0
-        v.x, v.y, v.z = 4.0, 5.0, 6.0
-        w.x, w.y, w.z = 0.1, 0.2, 0.3
-        odometry = rosflight.odometry_from_sim_state(message)
+def test_rosflight_nose_down_heading_north_leans_north(new: New) -> None:
+    message = new("roscopter_msgs/msg/State")
+    set_q(message.quat, so3.exp([0.0, -0.3, 0.0]))
+    message.p_n, message.p_e, message.p_d = 1.0, 2.0, -3.0
+    message.v_x, message.v_y, message.v_z = 4.0, 5.0, 6.0
+    message.p, message.q, message.r = 0.1, 0.2, 0.3
+    odometry = rosflight.odometry_from_state(message)
     assert_allclose(odometry.p_WB, [2.0, 1.0, 3.0])  # east, north, up
     assert_allclose(odometry.v_WB_B, [4.0, -5.0, -6.0])
     assert_allclose(odometry.w_WB_B, [0.1, -0.2, -0.3], rtol=1e-6)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import itertools
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
-from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline, Section, in_laps
+from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline
 from quad_mpc_ros.recordings.replay.playback_threads import ReadAhead
 from quad_mpc_ros.recordings.writer import BagWriter
 
@@ -41,7 +40,6 @@ class Player:
         reader: BagReader,
         *,
         rate: float = 1.0,
-        loop: bool = False,
         paused: bool = False,
         start_ns: int = RECORDED[0],
         clock_rate: float = 0.0,
@@ -49,12 +47,11 @@ class Player:
         self.now_ns = STEADY_START
         self.published: list[tuple[int, int]] = []
         self.clock: list[tuple[int, int]] = []
-        self.section = Section(start_ns=start_ns, end_ns=RECORDED[-1], loop=loop)
         self.timeline = PlaybackTimeline(
             recorded_ns=start_ns, steady_ns=STEADY_START + 500 * MS, rate=rate, paused=paused
         )
         self.playback = Playback(
-            in_laps(lambda: reader.messages(from_ns=start_ns), self.section),
+            reader.messages(from_ns=start_ns),
             timeline=self.timeline,
             publish=self._on_message,
             publish_clock=lambda time_ns: self.clock.append((self.now_ns, time_ns)),
@@ -131,15 +128,6 @@ def test_pause_before_the_start_keeps_the_start(reader: BagReader) -> None:
     assert times(player)[0] == 500.0
 
 
-def test_loop_restarts_at_the_end(reader: BagReader) -> None:
-    player = Player(reader, loop=True)
-    player.run(500 * MS + 3 * 300 * MS - MS)
-    lap = [0.0, 20.0, 20.0, 50.0, 300.0]
-    expected = [500.0 + 300.0 * turn + time for turn in range(3) for time in lap][:-1]
-    assert times(player) == sorted(expected)
-    assert not player.playback.finished
-
-
 def test_starts_in_the_middle(reader: BagReader) -> None:
     player = Player(reader, start_ns=1040 * MS)
     player.run(10_000 * MS)
@@ -156,20 +144,6 @@ def test_clock_is_even_and_stops_in_a_pause(reader: BagReader) -> None:
     for now_ns, time_ns in player.clock:
         elapsed = min(max(0, now_ns - STEADY_START - 500 * MS), 50 * MS)
         assert time_ns == RECORDED[0] + 2 * elapsed
-
-
-def test_clock_goes_back_with_the_loop() -> None:
-    section = Section(start_ns=1000, end_ns=1000 + 300 * MS, loop=True)
-    assert section.log_time_ns(1000 + 299 * MS) == 1000 + 299 * MS
-    assert section.log_time_ns(1000 + 300 * MS) == 1000
-    assert section.log_time_ns(1000 + 7 * 300 * MS + 5) == 1005
-
-
-def test_loop_of_one_message_takes_time() -> None:
-    once = Section(start_ns=1000, end_ns=1000 + 300 * MS)
-    assert once.log_time_ns(1000 + 299 * MS) == 1000 + 299 * MS
-    assert once.log_time_ns(1000 + 301 * MS) == once.end_ns
-    assert Section(start_ns=5, end_ns=5).lap_ns >= 10 * MS
 
 
 @given(
@@ -223,8 +197,3 @@ def test_read_ahead_closes() -> None:
     next(ahead)
     ahead.close()
     assert threading.active_count() == before
-
-
-def test_loop_without_messages_ends(reader: BagReader, tmp_path: Path) -> None:
-    section = Section(start_ns=0, end_ns=1, loop=True)
-    assert list(in_laps(lambda: reader.messages(["/none"]), section)) == []

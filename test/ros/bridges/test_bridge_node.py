@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import re
 import signal
 import socket
@@ -46,7 +47,7 @@ from quad_mpc_ros.ros.bridges.node import run_bridge
 from quad_mpc_ros.ros.bridges.rates import RatesBridge
 from quad_mpc_ros.ros.health import HealthReporter
 from quad_mpc_ros.ros.messages import qos_of
-from quad_mpc_ros.ros.vehicle_watch import VEHICLE_KEY, vehicle_text
+from quad_mpc_ros.ros.vehicle_watch import VEHICLE_KEY
 
 # Not at the end of a line: those are in test_serial_line.py and test_crazyflie.py.
 LINES = {"serial", "cflib"}
@@ -196,7 +197,7 @@ class Others:
 
     def _tell(self) -> None:
         for name, values in self.vehicles.items():
-            stated = KeyValue(key=VEHICLE_KEY, value=vehicle_text(values))
+            stated = KeyValue(key=VEHICLE_KEY, value=json.dumps(values))
             status = DiagnosticStatus(name=f"/{name}", values=[stated])
             self._publisher.publish(DiagnosticArray(status=[status]))
 

@@ -50,8 +50,8 @@ VARIANTS: dict[str, list[dict[str, Any]]] = {
         {"odometry_topic": "stack_odom"},
         {"odometry_topic": "stack_odom", "twist_frame": "world", "thrust_map.kind": "table"},
     ],
-    "rosflight_bridge": [{"thrust_map.kind": "table"}, {"state": "truth"}],
-    "crazyswarm2_bridge": [{"thrust_map.kind": "linear"}, {"state": "pose"}],
+    "rosflight_bridge": [{"thrust_map.kind": "table"}],
+    "crazyswarm2_bridge": [{"thrust_map.kind": "linear"}],
     "rates_bridge": [
         {},
         {"thrust_unit": "newton", "body_frame": "frd", "angle_unit": "deg"},

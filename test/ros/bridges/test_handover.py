@@ -156,13 +156,13 @@ class Scene:
         odometry = dataclasses.replace(
             OdometrySample.at_rest(PLACE, stamp_ns=T0), q_WB_xyzw=np.asarray(tilted)
         )
-        surroundings.see_odometry(odometry, now_ns=T0)
+        surroundings.odometry.receive(odometry, T0)
         wanted = np.array([PLACE + self.away] * 3)
         wanted[1:, 2] += self.rises
         window = ReferenceWindow.through([0.0, 1.0, 2.0], wanted, stamp_ns=T0)
-        surroundings.see_reference(window, now_ns=T0)
+        surroundings.reference.receive(window, T0)
         made = command(T0, w=self.w_WB_B)
-        surroundings.see_command(made, share=self.share, now_ns=T0)
+        surroundings.command.receive((made, self.share), T0)
         return surroundings.obstacle(landed=self.landed, now_ns=T0)
 
 

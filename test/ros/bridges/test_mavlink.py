@@ -244,14 +244,6 @@ def test_the_boost_is_undone_for_the_tilt_at_which_it_acts() -> None:
     assert thrust == pytest.approx(0.5 * math.cos(0.5 + 2.0 * 0.03), abs=1e-5)
 
 
-def test_ardupilots_own_throttle_is_left_alone_where_that_is_asked_for() -> None:
-    bridge = engaged(Speaker(), bridge=made(undo_thrust_curve=False))
-    assert setpoint(bridge, throttle=0.4).thrust == pytest.approx(0.4)
-
-
-# What is asked, and what it is needed for.
-
-
 def test_a_connection_begins_with_heartbeat_intervals_and_parameters() -> None:
     speaker, bridge = Speaker(system=7), made(state_rate=50.0)
     quiet = bridge.exchange(b"", now_ns=T0)
@@ -260,7 +252,7 @@ def test_a_connection_begins_with_heartbeat_intervals_and_parameters() -> None:
     assert set(asked_for(asked)) == set(SETTINGS)
     intervals = {each.parameters[0]: each.parameters[1] for each in requests(asked)}
     assert intervals[31.0] == intervals[32.0] == 20_000.0  # us
-    assert {1.0, 83.0, 245.0, 436.0} < set(intervals) and not {0.0, 331.0} & set(intervals)
+    assert {1.0, 245.0, 436.0} < set(intervals) and not {0.0, 331.0} & set(intervals)
     assert {each.target for each in requests(asked)} == {(7, 1)}
     assert {each.command for each in requests(asked)} == {511}
     # The same again while nothing comes, not more often than once a second.

@@ -16,12 +16,9 @@ from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 
 from quad_mpc_ros.ros.bridges import line as line_module
-from quad_mpc_ros.ros.bridges import network_line
 from quad_mpc_ros.ros.bridges import node as node_module
-from quad_mpc_ros.ros.bridges.bridge import Line
+from quad_mpc_ros.ros.bridges.line import Line, NetworkLine, SerialLine, address_of
 from quad_mpc_ros.ros.bridges.mavlink import MavlinkBridge
-from quad_mpc_ros.ros.bridges.network_line import NetworkLine, address_of, open_line
-from quad_mpc_ros.ros.bridges.serial_line import SerialLine
 
 
 @pytest.fixture(autouse=True)
@@ -31,7 +28,7 @@ def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @contextlib.contextmanager
 def opened(device: str) -> Iterator[NetworkLine]:
-    line = open_line(Line(device=device, baud=0))
+    line = Line(device=device, baud=0).open()
     assert isinstance(line, NetworkLine)
     yield line
     line.close()
@@ -69,7 +66,7 @@ def test_addresses() -> None:
 
 def test_a_device_is_a_serial_port() -> None:
     pytest.importorskip("serial")
-    assert isinstance(open_line(Line(device="/dev/ttyACM9", baud=9600)), SerialLine)
+    assert isinstance(Line(device="/dev/ttyACM9", baud=9600).open(), SerialLine)
 
 
 def test_who_calls_first_is_answered_until_it_is_silent(
@@ -85,7 +82,7 @@ def test_who_calls_first_is_answered_until_it_is_silent(
         assert until(lambda: line.read() == b"" and "calls as well" in line.fault)
         line.write(b"two")
         assert other.recv(100) == b"two"
-        monkeypatch.setattr(network_line, "_QUIET", 0.0)
+        monkeypatch.setattr(line_module, "_QUIET", 0.0)
         third.sendto(b"three", ("127.0.0.1", port))
         assert until(lambda: line.read() == b"three") and line.fault == ""
 
@@ -150,7 +147,7 @@ def test_one_reading_ends_however_much_comes(other: socket.socket) -> None:
         line.read()
         for _ in range(200):
             other.sendto(bytes(2000), ("127.0.0.1", port))
-        assert until(lambda: 0 < len(line.read()) <= network_line._MOST + 2048)
+        assert until(lambda: 0 < len(line.read()) <= line_module._MOST + 2048)
 
 
 def test_a_node_flies_an_autopilot_at_the_other_end(other: socket.socket) -> None:

@@ -203,40 +203,33 @@ def test_unknown_frames_and_no_attitude_are_refused(
 
 
 def test_heartbeat_claims_body_rates_and_nothing_else(new: New) -> None:
-    message = new("px4_msgs/msg/OffboardControlMode")
-    message.position = True  # as if it had been used before
-    px4.fill_offboard_control_mode(message)
+    heartbeat, _ = ready_to_fly(Px4Bridge, T0).receive_command(command(T0), now_ns=T0)
+    message = heartbeat.message
     claimed = [name for name in message.FIELDS if getattr(message, name) is True]
     assert claimed == ["body_rate"]
     assert message.timestamp == 0
 
 
+def made(new: New, **parameters: Any) -> Px4Bridge:
+    return Px4Bridge(Px4Bridge.Config(**parameters), new)
+
+
 @pytest.mark.parametrize(
-    ("fill", "number", "parameters"),
+    ("request_of", "number", "parameters"),
     [
-        (px4.fill_offboard_mode, 176, [1.0, 6.0, 0.0]),
-        (px4.fill_hold_mode, 176, [1.0, 4.0, 3.0]),
+        (lambda bridge: bridge._switch()[0], 176, [1.0, 6.0, 0.0]),
+        (lambda bridge: bridge._switch_back(T0).messages[0], 176, [1.0, 4.0, 3.0]),
+        (lambda bridge: bridge._arm(True).messages[0], 400, [1.0, 0.0, 0.0]),
+        (lambda bridge: bridge._arm(False).messages[0], 400, [0.0, 21196.0, 0.0]),
     ],
 )
-def test_mode_commands(
-    new: New, fill: Callable[..., None], number: int, parameters: list[float]
+def test_commands(
+    new: New, request_of: Callable[[Px4Bridge], Any], number: int, parameters: list[float]
 ) -> None:
-    message = new("px4_msgs/msg/VehicleCommand")
-    fill(message, target_system=7)
+    message = request_of(made(new, target_system=7)).message
     assert message.command == number
     assert [message.param1, message.param2, message.param3] == parameters
     assert (message.target_system, message.from_external) == (7, True)
-
-
-@pytest.mark.parametrize("wanted", [True, False])
-def test_arming_command(new: New, wanted: bool) -> None:
-    message = new("px4_msgs/msg/VehicleCommand")
-    px4.fill_arming(message, wanted=wanted, target_system=1)
-    assert (message.command, message.param1, message.from_external) == (400, float(wanted), True)
-
-
-def made(new: New, **parameters: Any) -> Px4Bridge:
-    return Px4Bridge(Px4Bridge.Config(**parameters), new)
 
 
 def px4_status(new: New, nav_state: int) -> Any:

@@ -21,8 +21,7 @@ from rclpy.parameter import Parameter
 from quad_mpc_ros.extras.bridges.betaflight import BetaflightBridge
 from quad_mpc_ros.ros.bridges import line as line_module
 from quad_mpc_ros.ros.bridges import node as node_module
-from quad_mpc_ros.ros.bridges.bridge import Line
-from quad_mpc_ros.ros.bridges.serial_line import SerialLine
+from quad_mpc_ros.ros.bridges.line import Line, SerialLine
 
 pytest.importorskip("serial")
 

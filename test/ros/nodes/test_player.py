@@ -103,7 +103,7 @@ def test_replayed_bag_records_the_same_messages(tmp_path: Path) -> None:
 
 def test_late_joiner_receives_latched_messages(start: Start, peer: Any, tmp_path: Path) -> None:
     bag = write_numbers(tmp_path / "bag")
-    start("player", "-p", f"bag:={bag}", "-p", "loop:=true")
+    start("player", "-p", f"bag:={bag}", "-p", "rate:=0.1")
     listener = Listener(peer, "/fast")
     assert peer.wait(lambda: listener.heard["/fast"])
     late: list[int] = []
@@ -330,7 +330,7 @@ def test_a_mistake_is_one_line_and_exit_code_2(
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ends_cleanly_while_playing(number: int, start: Start, peer: Any, tmp_path: Path) -> None:
     bag = write_numbers(tmp_path / "bag")
-    player = start("player", "-p", f"bag:={bag}", "-p", "loop:=true", "-p", "delay:=0.0")
+    player = start("player", "-p", f"bag:={bag}", "-p", "rate:=0.1", "-p", "delay:=0.0")
     listener = Listener(peer, "/fast")
     assert peer.wait(lambda: listener.heard["/fast"])
     player.send_signal(number)

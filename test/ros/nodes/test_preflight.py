@@ -90,9 +90,8 @@ def test_tells_a_fit_vehicle_from_an_unfit_one(
     code, found = preflight(capsys, "--namespace", "fit", "--config", str(file))
     assert code == 0, found
     assert not errors(found)
-    for check in ("vehicles", "file", "throttle", "limits", "fence", "topics", "frames", "clock"):
+    for check in ("vehicles", "file", "throttle", "limits", "fence", "topics", "clock"):
         assert [level for level, _ in found[check]] == ["ok"], found[check]
-    assert "/fit/odom" in found["topics"][0][1]
 
     code, found = preflight(capsys, "--namespace", "/unfit", "--config", str(file))
     assert code == 1
@@ -105,8 +104,9 @@ def test_tells_a_fit_vehicle_from_an_unfit_one(
     )
     assert "reference has mass 0.75, the file 0.5" in mend.pop("file")
     assert "z is 6.00 m, limits -1 to 5" in mend.pop("fence")
-    topics = mend.pop("topics")
-    assert "2 publishers on /unfit/command, expected one" in topics
-    assert "/unfit/intruder does not get what /unfit/simulator sends" in topics
-    assert "the odometry is in frame 'map', mpc.odometry.frame_id is 'odom'" in mend.pop("frames")
+    assert "2 publishers on command of simulator, expected one" in mend.pop("topics")
+    assert "odometries: odometry is in frame 'map', expected 'odom'" in mend.pop("motion")
     assert not mend
+    (simulator,) = (text for _, text in found["nodes"] if text.startswith("simulator"))
+    assert "2 publishers on command, expected one" in simulator
+    assert "odom: quality of service of /unfit/intruder" in simulator

@@ -1,4 +1,4 @@
-"""What an inactive MPC waits for is in its log, at once and as long as it lasts."""
+"""What an inactive MPC waits for is in its log, as long as it lasts."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_says_what_it_waits_for_and_why_it_is_not_heard(
     assert peer.wait(lambda: f"{told} /test_peer: " in log.read_text())
 
 
-def test_says_at_once_and_again_that_odometry_is_in_a_wrong_frame(
+def test_says_again_that_odometry_is_in_a_wrong_frame(
     start: Start, peer: Any, feed: Any, tmp_path: Path
 ) -> None:
     start("mpc", "-p", "odometry.frame_id:=map")

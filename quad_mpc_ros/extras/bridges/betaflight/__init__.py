@@ -1,4 +1,4 @@
-"""Betaflight: sticks over a serial line, by MSP or as a CRSF receiver; telemetry back."""
+"""Betaflight: sticks over a serial line by MSP; telemetry back."""
 
 from quad_mpc_ros.extras.bridges.betaflight.bridge import BetaflightBridge
 

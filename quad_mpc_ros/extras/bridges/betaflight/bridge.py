@@ -17,8 +17,6 @@ from quad_mpc_ros.extras.bridges.betaflight.lines import (
     FAILSAFE,
     HORIZON,
     MSP_OVERRIDE,
-    CrsfProtocol,
-    LineProtocol,
     MspProtocol,
     Telemetry,
 )
@@ -26,12 +24,12 @@ from quad_mpc_ros.extras.bridges.betaflight.rates import Curve, Stick
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
-    Line,
     Outgoing,
     OutgoingBytes,
     Response,
 )
 from quad_mpc_ros.ros.bridges.handover import Stack, State, is_old
+from quad_mpc_ros.ros.bridges.line import Line
 
 _SECOND = 1_000_000_000
 _REPEAT_NS = 50_000_000  # sticks at least so often; Betaflight counts 150 ms as a loss
@@ -50,7 +48,7 @@ class BetaflightBridge(Bridge):
     """Sticks out, telemetry in, over a serial line; odometry from an estimator beside it."""
 
     name = "betaflight_bridge"
-    speaks = "Betaflight: MSP or CRSF over a serial port"
+    speaks = "Betaflight: MSP over a serial port"
     packages = ("nav_msgs", "serial")
     how_to_get = "pip install 'quad_mpc_ros[serial]'"
     Config = BetaflightConfig
@@ -64,10 +62,7 @@ class BetaflightBridge(Bridge):
             self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)
         ]
         self._telemetry = Telemetry()
-        self._protocol: LineProtocol = MspProtocol(self._telemetry)
-        if config.transport == "crsf":
-            self._protocol = CrsfProtocol(self._telemetry)
-            self._telemetry.curves = config.rates.curves
+        self._protocol = MspProtocol(self._telemetry)
         self._curves: tuple[Curve, ...] = ()
         self._sticks: tuple[Stick, ...] = ()
         self._arming_ns: int | None = None

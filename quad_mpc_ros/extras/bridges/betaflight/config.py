@@ -5,39 +5,8 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
-from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter
-from quad_mpc_ros.extras.bridges.betaflight.rates import Curve, Stick
-from quad_mpc_ros.ros.bridges.config import BridgeConfig
-
-
-@dataclass(frozen=True, kw_only=True)
-class RatesParameters(Configuration):
-    """The curves from stick to rate, which CRSF cannot ask for; MSP does, and ignores these."""
-
-    owner = "rates"
-
-    kind: str = parameter(
-        "ACTUAL", doc="rates_type, with transport crsf.", choices=("ACTUAL", "BETAFLIGHT", "QUICK")
-    )
-    rc_rate: tuple[int, ...] = parameter(
-        (7, 7, 7), doc="rc_rate of roll, pitch, yaw.", length=3, minimum=1, maximum=255
-    )
-    super_rate: tuple[int, ...] = parameter(
-        (67, 67, 67), doc="srate of roll, pitch, yaw.", length=3, minimum=0, maximum=255
-    )
-    expo: tuple[int, ...] = parameter(
-        (0, 0, 0), doc="expo of roll, pitch, yaw.", length=3, minimum=0, maximum=100
-    )
-
-    @property
-    def curves(self) -> tuple[Curve, ...]:
-        """The curves of roll, pitch and yaw."""
-        return tuple(
-            Curve(kind=self.kind, rc_rate=rc_rate, super_rate=super_rate, expo=expo)
-            for rc_rate, super_rate, expo in zip(
-                self.rc_rate, self.super_rate, self.expo, strict=True
-            )
-        )
+from quad_mpc_ros.configuration import Configuration, parameter
+from quad_mpc_ros.ros.bridges.config import EstimatorConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,20 +30,13 @@ class LostParameters(Configuration):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BetaflightConfig(BridgeConfig):
+class BetaflightConfig(EstimatorConfig):
     """Parameters of the Betaflight bridge."""
 
     owner = "betaflight_bridge"
 
     device: str = parameter("/dev/ttyAMA0", doc="Serial port to the flight controller.")
-    baud: int = parameter(
-        115200, doc="Its speed; CRSF has 420000.", unit="bit/s", minimum=9600, maximum=4000000
-    )
-    transport: str = parameter(
-        "msp",
-        doc="msp: MSP_SET_RAW_RC and questions; crsf: as a receiver.",
-        choices=("msp", "crsf"),
-    )
+    baud: int = parameter(115200, doc="Its speed.", unit="bit/s", minimum=9600, maximum=4000000)
     receiver: str = parameter(
         "pilot",
         doc="Who is the receiver: pilot, a transmitter that arms, and lets the bridge have the "
@@ -94,26 +56,4 @@ class BetaflightConfig(BridgeConfig):
     min_check: int = parameter(
         1050, doc="min_check of the flight controller.", unit="us", minimum=1000, maximum=1400
     )
-    odometry_topic: str = parameter(
-        "stack_odom", doc="Topic of an estimator's nav_msgs/Odometry, in ENU."
-    )
-    twist_frame: str = parameter(
-        "child", doc="Frame of its twist: child (body) or world.", choices=("child", "world")
-    )
-    rates: RatesParameters = dataclasses.field(default_factory=RatesParameters)
     lost: LostParameters = dataclasses.field(default_factory=LostParameters)
-
-    @property
-    def fastest_rates(self) -> tuple[float, ...] | None:
-        """Body rates [rad/s] at full stick, with CRSF; over MSP the flight controller tells."""
-        if self.transport != "crsf":
-            return None
-        return tuple(Stick(curve).fastest for curve in self.rates.curves)
-
-    def check(self) -> None:
-        """Refuse an override that the transport does not have."""
-        super().check()
-        if self.transport == "crsf" and self.receiver != "bridge":
-            raise ConfigurationError(
-                f"{self.owner}.receiver", self.receiver, "bridge: CRSF is what a receiver speaks"
-            )

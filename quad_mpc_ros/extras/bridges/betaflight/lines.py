@@ -1,4 +1,4 @@
-"""The protocols of the line, MSP and CRSF: sticks out, telemetry in."""
+"""The protocol of the line, MSP: sticks out, telemetry in."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import math
 import struct
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
-from quad_mpc_ros.extras.bridges.betaflight import crsf
 from quad_mpc_ros.extras.bridges.betaflight.rates import Curve
 from quad_mpc_ros.messages import msp
 
@@ -47,19 +46,6 @@ class Telemetry:
     voltage: float = 0.0
     curves: tuple[Curve, ...] = ()
     faults: list[str] = field(default_factory=list)
-
-
-class LineProtocol(Protocol):
-    """A protocol of the line."""
-
-    def sticks(self, pulses: Sequence[float]) -> bytes:
-        """Return the frame of the channels [us]."""
-
-    def requests(self, *, now_ns: int) -> bytes:
-        """Return the requests for telemetry that are due."""
-
-    def receive(self, data: bytes, *, now_ns: int) -> None:
-        """Take what came over the line."""
 
 
 class MspProtocol:
@@ -153,46 +139,3 @@ class MspProtocol:
 def _flagged(values: Iterable[T], flags: int) -> Iterator[T]:
     """Return those values whose bit is set in the flags."""
     return (value for bit, value in enumerate(values) if flags >> bit & 1)
-
-
-class CrsfProtocol:
-    """CRSF, as a receiver."""
-
-    def __init__(self, telemetry: Telemetry) -> None:
-        self._telemetry = telemetry
-        self._reader = crsf.Reader()
-
-    def sticks(self, pulses: Sequence[float]) -> bytes:
-        """Return the frame of the channels [us]."""
-        return crsf.channels(pulses)
-
-    def requests(self, *, now_ns: int) -> bytes:
-        """Return nothing: telemetry comes unasked."""
-        return b""
-
-    def receive(self, data: bytes, *, now_ns: int) -> None:
-        """Take frames, in any pieces."""
-        telemetry = self._telemetry
-        for kind, payload in self._reader.read(data):
-            if kind == crsf.FLIGHT_MODE:
-                self._on_flight_mode(payload, now_ns)
-            elif kind == crsf.ATTITUDE and len(payload) >= 6:
-                pitch, roll, _ = struct.unpack_from(">hhh", payload)
-                telemetry.roll, telemetry.pitch = 1e-4 * roll, 1e-4 * pitch
-                telemetry.attitude_ns = now_ns
-            elif kind == crsf.BATTERY and len(payload) >= 2:
-                (tenths,) = struct.unpack_from(">H", payload)
-                telemetry.voltage = 0.1 * tenths
-
-    def _on_flight_mode(self, payload: bytes, now_ns: int) -> None:
-        text = payload.split(b"\0")[0].decode("ascii", errors="replace")
-        modes = set()
-        if text == "!FS!":
-            modes.add(FAILSAFE)
-        elif text[-1:] not in ("*", "!", "?"):
-            modes.add(ARM)
-        modes |= {mode for name, mode in (("ANGL", ANGLE), ("HOR", HORIZON)) if name in text}
-        telemetry = self._telemetry
-        telemetry.modes, telemetry.state_ns = frozenset(modes), now_ns
-        blocked = FAILSAFE not in modes and text[-1:] == "!"
-        telemetry.blocks = ("arming is blocked",) if blocked else ()

@@ -71,11 +71,6 @@ class Stick:
         self._offsets = np.arange(SPAN + 1.0)
         self._rates = curve.rate(self._offsets / SPAN)
 
-    @property
-    def fastest(self) -> float:
-        """Body rate at full stick [rad/s]."""
-        return float(self._rates[-1])
-
     def pulse(self, rate: float) -> float:
         """Return the pulse width [us] whose rate is nearest, the end of the way beyond it."""
         offset = float(np.interp(abs(rate), self._rates, self._offsets))

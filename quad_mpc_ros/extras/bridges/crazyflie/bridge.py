@@ -22,7 +22,6 @@ from quad_mpc_ros.ros.bridges.bridge import (
     Outgoing,
     OutgoingBytes,
     Response,
-    Subscription,
 )
 from quad_mpc_ros.ros.bridges.handover import Stack, is_old
 
@@ -51,12 +50,13 @@ class CrazyflieBridge(Bridge):
         super().__init__(config, new)
         self.line = CrazyflieLink(uri=config.uri)
         self.publications = ()
-        self.subscriptions = [self._external_subscription()]
+        self.subscriptions = [
+            self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)
+        ]
         self._reader = crtp.Reader()
         self._session = Session()
         self._unlocking = 0
         self._sent_ns: int | None = None
-        self._odometry: tuple[OdometrySample, int] | None = None
         self._pose_ns: int | None = None
         self._ground_height = 0.0
         self._is_left = True  # to the firmware's own commander, or to nobody
@@ -157,33 +157,18 @@ class CrazyflieBridge(Bridge):
         The firmware turns a heading that it then holds: a body rate of 0 about z would not be
         followed by a vehicle that leans and turns about y.
         """
-        if self._odometry is None:
+        if self._newest is None:
             return float(command.w_WB_B[2])
-        up_B = so3.rotation_from_quaternion_xyzw(self._odometry[0].q_WB_xyzw)[2]
+        up_B = so3.rotation_from_quaternion_xyzw(self._newest.q_WB_xyzw)[2]
         share = max(1.0 - float(up_B[0]) ** 2, _LEAST_SHARE)
         return float(up_B[1:] @ command.w_WB_B[1:]) / share
-
-    def _external_subscription(self) -> Subscription:
-        """Return the subscription to odometry, the newest of which is also kept."""
-        ours = self._odometry_subscription(
-            self._config.odometry_topic, twist_frame=self._config.twist_frame
-        )
-
-        def receive(message: object, now_ns: int) -> OdometrySample | None:
-            odometry = ours.receive(message, now_ns)
-            if odometry is not None:
-                self._odometry = odometry, now_ns
-            return odometry
-
-        return Subscription(topic=ours.topic, receive=receive)
 
     def _external(self, now_ns: int) -> list[crtp.Packet]:
         """Return the newest pose for the estimator on board, when it is due."""
         period_ns = round(_SECOND / self._config.external_rate)
-        if self._config.external == "none" or not self._is_seen(now_ns):
+        odometry, seen_ns = self._recent(now_ns), self._newest_ns
+        if self._config.external == "none" or odometry is None or seen_ns is None:
             return []
-        assert self._odometry is not None
-        odometry, seen_ns = self._odometry
         if self._pose_ns is not None and abs(seen_ns - self._pose_ns) < period_ns:
             return []
         self._pose_ns = seen_ns
@@ -197,10 +182,10 @@ class CrazyflieBridge(Bridge):
         if self._is_left or not is_old(self._sent_ns, now_ns, lost_ns):
             return []
         self._is_left = True
-        if self.landed(now_ns=now_ns) is not False or not self._is_seen(now_ns):
+        odometry = self._recent(now_ns)
+        if self.landed(now_ns=now_ns) is not False or odometry is None:
             return []
-        assert self._odometry is not None
-        above = float(self._odometry[0].p_WB[2]) - self._ground_height
+        above = float(odometry.p_WB[2]) - self._ground_height
         duration = max(above / self._config.lost.descent, _LEAST_LANDING)
         self._warnings.append("commands lost: the firmware is asked to land by itself")
         return [
@@ -208,9 +193,9 @@ class CrazyflieBridge(Bridge):
             crtp.land(height=self._ground_height, duration=duration),
         ]
 
-    def _is_seen(self, now_ns: int) -> bool:
-        seen = self._odometry
-        return seen is not None and not is_old(seen[1], now_ns, _ODOMETRY_NS)
+    def _recent(self, now_ns: int) -> OdometrySample | None:
+        """Return the newest odometry, None where it is old."""
+        return None if is_old(self._newest_ns, now_ns, _ODOMETRY_NS) else self._newest
 
 
 def _sent(packet: crtp.Packet) -> OutgoingBytes:

@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 from quad_mpc_ros.configuration import Configuration, parameter
-from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.bridges.config import EstimatorConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +29,7 @@ class LostParameters(Configuration):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CrazyflieConfig(BridgeConfig):
+class CrazyflieConfig(EstimatorConfig):
     """Parameters of the Crazyflie bridge."""
 
     owner = "crazyflie_bridge"
@@ -37,14 +37,6 @@ class CrazyflieConfig(BridgeConfig):
     uri: str = parameter(
         "radio://0/80/2M/E7E7E7E7E7",
         doc="Address of the Crazyflie as cflib writes it: radio://, usb:// or udp://.",
-    )
-    odometry_topic: str = parameter(
-        "stack_odom",
-        doc="Topic of the nav_msgs/Odometry of motion capture, Lighthouse or another estimator, "
-        "in ENU.",
-    )
-    twist_frame: str = parameter(
-        "child", doc="Frame of its twist: child (body) or world.", choices=("child", "world")
     )
     external: str = parameter(
         "pose",

@@ -253,12 +253,10 @@ class ArduPilot(Autopilot):
 
     def throttle(self, level: float, settings: Mapping[str, float], *, up: float) -> float:
         """Return the share of thrust for the motors' level, with the boost taken out."""
-        share = level
-        if self._config.undo_thrust_curve:
-            least, most = settings["MOT_SPIN_MIN"], settings["MOT_SPIN_MAX"]
-            expo = min(max(settings["MOT_THST_EXPO"], -1.0), 1.0)
-            rise = min(max((level - least) / max(most - least, 1e-3), 0.0), 1.0)
-            share = (1.0 - expo) * rise + expo * rise * rise
+        least, most = settings["MOT_SPIN_MIN"], settings["MOT_SPIN_MAX"]
+        expo = min(max(settings["MOT_THST_EXPO"], -1.0), 1.0)
+        rise = min(max((level - least) / max(most - least, 1e-3), 0.0), 1.0)
+        share = (1.0 - expo) * rise + expo * rise * rise
         if settings["ATC_ANGLE_BOOST"] != 0.0:
             share = without_boost(share, up=up)
         return min(max(share, 0.0), 1.0)

@@ -20,14 +20,13 @@ from quad_mpc_ros.ros.bridges.ardupilot import cosine_of_tilt
 from quad_mpc_ros.ros.bridges.bridge import (
     FORCED,
     Bridge,
-    LatestStatus,
-    Line,
     Outgoing,
     OutgoingBytes,
     Response,
     command_result,
 )
-from quad_mpc_ros.ros.bridges.handover import Stack, State, is_old
+from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack, State, is_old
+from quad_mpc_ros.ros.bridges.line import Line
 from quad_mpc_ros.ros.bridges.mavlink import codec
 from quad_mpc_ros.ros.bridges.mavlink.autopilots import AUTOPILOTS, Autopilot
 from quad_mpc_ros.ros.bridges.mavlink.codec import Codec
@@ -86,7 +85,6 @@ class MavlinkBridge(Bridge):
         self._attitude = LatestStatus(timeout=_ODOMETRY_TIMEOUT)
         self._own_odometry = LatestStatus(timeout=_ODOMETRY_TIMEOUT)
         self._odometries: list[tuple[OdometrySample, EstimateReset | None]] = []
-        self._newest: OdometrySample | None = None
         self._resets: int | None = None
         self._system, self._was_failing = config.target_system, False
         self._text, self._flown = "", False
@@ -190,14 +188,6 @@ class MavlinkBridge(Bridge):
         )
         self._others.sent(self._autopilot.echo(target), now_ns=now_ns)
         return [self._packed(target)]
-
-    def _passed_on(
-        self, odometry: OdometrySample | None, *, now_ns: int, cause: str | None = None
-    ) -> OdometrySample | None:
-        passed = super()._passed_on(odometry, now_ns=now_ns, cause=cause)
-        if passed is not None:
-            self._newest = passed
-        return passed
 
     def _receive(self, message: Any, now_ns: int) -> None:
         kind, system = message.get_type(), message.get_srcSystem()

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from quad_mpc_ros.configuration import ConfigurationError, parameter
-from quad_mpc_ros.ros.bridges.config import BridgeConfig
-from quad_mpc_ros.ros.bridges.network_line import NETWORK, address_of
+from quad_mpc_ros.ros.bridges.config import EstimatorConfig
+from quad_mpc_ros.ros.bridges.line import NETWORK, address_of
 
 
 @dataclass(frozen=True, kw_only=True)
-class MavlinkConfig(BridgeConfig):
+class MavlinkConfig(EstimatorConfig):
     """Parameters of the MAVLink bridge."""
 
     owner = "mavlink_bridge"
@@ -41,9 +41,6 @@ class MavlinkConfig(BridgeConfig):
         doc="Topic of an estimator's nav_msgs/Odometry, in ENU, in place of the autopilot's "
         "state; empty for that.",
     )
-    twist_frame: str = parameter(
-        "child", doc="Frame of its twist: child (body) or world.", choices=("child", "world")
-    )
     guided_mode: str = parameter(
         "GUIDED",
         doc="ArduPilot: the mode in which it is flown; GUIDED_NOGPS needs no position of its own.",
@@ -61,11 +58,6 @@ class MavlinkConfig(BridgeConfig):
         unit="s",
         minimum=0.0,
         maximum=60.0,
-    )
-    undo_thrust_curve: bool = parameter(
-        True,
-        doc="ArduPilot: whether the thrust map is of the motors' level, and MOT_THST_EXPO, "
-        "MOT_SPIN_MIN and MOT_SPIN_MAX are taken out; else of ArduPilot's own throttle.",
     )
 
     def check(self) -> None:
