@@ -193,7 +193,7 @@ class Configuration:
                 raise ConfigurationError(
                     f"{cls.owner}.{name}", value, f"a known parameter{_suggestion(name, known)}"
                 )
-        return cls._built({paths[name]: value for name, value in values.items()})
+        return cls.built({paths[name]: value for name, value in values.items()})
 
     @classmethod
     def chosen_by(cls, values: Mapping[str, object]) -> type[Self]:
@@ -201,7 +201,7 @@ class Configuration:
         return cls
 
     @classmethod
-    def _built(cls, values: Mapping[str, object]) -> Self:
+    def built(cls, values: Mapping[str, object]) -> Self:
         """Return the parameter set with values by the path of their field."""
         arguments: dict[str, Any] = {}
         for field in dataclasses.fields(cls):
@@ -215,7 +215,7 @@ class Configuration:
                 for path, value in values.items()
                 if path.startswith(prefix)
             }
-            arguments[field.name] = _group_of(cls, field)._built(inner)
+            arguments[field.name] = _group_of(cls, field).built(inner)
         return cls(**arguments)
 
     @classmethod
