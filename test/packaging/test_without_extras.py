@@ -71,7 +71,6 @@ def test_imports_without_extras(product: Path) -> None:
         "simulate --set mpc.obstacles.half_spaces=4",
         "simulate --set simulator.obstacles.file=obstacles.yaml",
         "simulate --plant mujoco",
-        "simulate --plant mujoco --video",
         "simulate --plant betaflight",
         "simulate --plant rotorpy",
         "simulate --gates split_s",

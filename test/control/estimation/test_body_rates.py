@@ -202,7 +202,7 @@ def test_reset_clears_offsets_and_recall_restores_them() -> None:
     filtered = Rates(quick())
     pitch_offsets(throttle, commands, rates, rates_of=filtered)
     before, kept = filtered.ekf.parameters(), filtered.ekf.memory()
-    filtered.ekf.reset()
+    filtered.ekf.start_over()
     assert not filtered.ekf.parameters().rate_offset.any()
     filtered.ekf.recall(kept)
     np.testing.assert_array_equal(filtered.ekf.parameters().rate_offset, before.rate_offset)

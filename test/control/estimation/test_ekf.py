@@ -328,7 +328,7 @@ def test_reset_keeps_total_thrust() -> None:
     ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     found = hovering(ekf, scale=0.8, seconds=0.6)[-1]
     assert abs(found.a_W[2]) > 0.05
-    ekf.reset()
+    ekf.start_over()
     after = ekf.parameters()
     carried = found.thrust_scale * VEHICLE.gravity / (VEHICLE.gravity - found.a_W[2])
     assert after.thrust_scale == pytest.approx(carried, rel=1e-12)

@@ -214,7 +214,7 @@ def test_bias_is_told_from_wind() -> None:
     flown.go_on(20.0)
     np.testing.assert_allclose(flown.state.motion.x[MOTION.accelerometer :], bias, atol=0.06)
     np.testing.assert_allclose(flown.ekf.parameters().a_W[:2], 0.0, atol=0.1)
-    flown.ekf.reset()
+    flown.ekf.start_over()
     assert not flown.state.motion.x[MOTION.accelerometer :].any()
 
 
