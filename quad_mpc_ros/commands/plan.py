@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from quad_mpc_ros.analysis.figures.reference_figure import write_reference
@@ -97,15 +100,16 @@ def run(options: argparse.Namespace) -> int:
         *(options.config or ["default"]), assignments=[margin, *options.assignments]
     )
     progress = Progress()
-    plan = plan_race(
-        course,
-        *config,
-        model=options.model,
-        gate_margin=options.gate_margin,
-        radius=options.radius,
-        step=options.step,
-        progress=_shown_by(progress),
-    )
+    with _interrupts() as interrupted:
+        plan = plan_race(
+            course,
+            *config,
+            model=options.model,
+            gate_margin=options.gate_margin,
+            radius=options.radius,
+            step=options.step,
+            progress=_shown_by(progress, interrupted),
+        )
     progress.close()
     seconds = progress.seconds
     write_new("--out", options.out, plan.table.text(), overwrite=options.overwrite)
@@ -128,10 +132,25 @@ def _check_numbers(options: argparse.Namespace) -> None:
     number(options.step, "--step", above=0.004, below=0.5)
 
 
-def _shown_by(progress: Progress) -> Callable[[str, int, float, Array], None]:
-    """Return what shows how far the search is."""
+@contextlib.contextmanager
+def _interrupts() -> Iterator[threading.Event]:
+    """Yield what Ctrl-C sets: inside of an iteration the optimiser turns it into its own error."""
+    interrupted = threading.Event()
+    before = signal.signal(signal.SIGINT, lambda *_: interrupted.set())
+    try:
+        yield interrupted
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _shown_by(
+    progress: Progress, interrupted: threading.Event
+) -> Callable[[str, int, float, Array], None]:
+    """Return what shows how far the search is, and ends it once it is interrupted."""
 
     def show(stage: str, iteration: int, planned: float, _variables: Array) -> None:
+        if interrupted.is_set():
+            raise KeyboardInterrupt
         if progress.due:
             progress.show(
                 f"{stage}: iteration {iteration}, {planned:.3f} s   after {progress.seconds:.0f} s"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -69,17 +70,21 @@ def test_without_a_plan_a_smooth_path_is_flown(course: Path, tmp_path: Path) -> 
     assert all(gate["passed"] for gate in summary["gates"])
 
 
+@pytest.mark.parametrize("later", [0.0, 0.003])
 def test_ctrl_c_ends_the_search_and_leaves_nothing(
-    course: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    later: float, course: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Whether it comes between two iterations or in the middle of one."""
     shown_by = command._shown_by
 
-    def interrupting(progress: Progress) -> Callable[[str, int, float, Array], None]:
-        show = shown_by(progress)
+    def interrupting(
+        progress: Progress, interrupted: threading.Event
+    ) -> Callable[[str, int, float, Array], None]:
+        show = shown_by(progress, interrupted)
 
         def interrupt(stage: str, iteration: int, planned: float, variables: Array) -> None:
             if stage == "vehicle" and iteration == 12:
-                os.kill(os.getpid(), signal.SIGINT)
+                threading.Timer(later, os.kill, [os.getpid(), signal.SIGINT]).start()
             show(stage, iteration, planned, variables)
 
         return interrupt
