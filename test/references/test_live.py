@@ -312,12 +312,9 @@ def test_while_commands_do_not_act_the_reference_waits_at_the_vehicle(
     assert idles(window, 9.81)
 
 
-@pytest.mark.parametrize("changes", [{"mode": "on_request"}])
 @pytest.mark.parametrize("speed", [0.0, 0.3, 4.0])
-def test_engaged_in_the_air_it_comes_to_rest_from_how_the_vehicle_moves(
-    changes: dict[str, object], speed: float
-) -> None:
-    reference = waiting(**changes)
+def test_engaged_in_the_air_it_comes_to_rest_from_how_the_vehicle_moves(speed: float) -> None:
+    reference = waiting()
     reference.landed(False)
     reference.observe(moving(START, [1.0, 2.0, 3.0], [0.0, speed, 0.0], yaw=-1.0))
     before = reference.window(START + SECOND // 50)
