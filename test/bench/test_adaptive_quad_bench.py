@@ -10,9 +10,7 @@ import pytest
 from fixtures.scripts import script_module
 from numpy.testing import assert_allclose
 
-from quad_mpc_ros import load_config
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.samples import CommandSample
 
 MILLISECOND = 1_000_000
 G = 1e-3 * np.array([0.0, 0.0, 9.81])  # m/s in a millisecond
@@ -44,31 +42,6 @@ def test_families_share_their_references_and_differ_in_one_perturbation(
             assert not trial.assumed or family == "uncertainty"
             assert len(trial.wind) == (600 if family == "wind" else 1)
             assert (np.diff(trial.toggles) >= 0.5).all()
-
-
-def test_gusts_grow_to_about_a_metre_per_second(script: ModuleType) -> None:
-    winds = np.array([trial.wind for trial in script.trials("wind", 200)])
-    gusts = winds - winds[:, :1]
-    spread = gusts.std(axis=0)
-    assert (spread[500] > 2.0 * spread[20]).all()
-    assert_allclose(spread[500, :2], 1.0, atol=0.3)
-    assert 1.0 < spread[500, 2] < 2.0
-    assert np.abs(np.linalg.norm(winds[:, 0], axis=1)).max() < 3.3
-
-
-def test_a_primitive_leads_from_rest_to_its_goal(script: ModuleType) -> None:
-    goal = np.array([[1.0, -2.0, 0.5], [0.3, 1.0, -1.5], [2.0, -0.5, 0.1]])
-    path = script.Primitive(goal)
-    ends = path.at(np.array([0.0, 5.0]))
-    start = np.array([0.0, 0.0, script.HEIGHT])
-    assert_allclose(ends.p_WB, [start, start + goal[0]], atol=1e-9)
-    assert_allclose(ends.v_WB_W, [np.zeros(3), goal[1]], atol=1e-9)
-    assert_allclose(ends.a_WB_W, [np.zeros(3), goal[2]], atol=1e-9)
-    # Of the least jerk squared: it is a parabola, whose third derivative vanishes.
-    times = np.linspace(0.0, 5.0, 51)
-    jerk = path.at(times).j_WB_W
-    assert_allclose(np.diff(jerk, n=3, axis=0), 0.0, atol=1e-9)
-    assert_allclose(np.gradient(path.at(times).a_WB_W, times, axis=0)[1:-1], jerk[1:-1], atol=0.01)
 
 
 def moved(body: Any, speeds: Array) -> dict[str, Array]:
@@ -105,22 +78,6 @@ def test_pushes_payloads_and_weak_rotors_follow_newton(script: ModuleType) -> No
     sagging = moved(weak, hover)
     assert_allclose(sagging["v"], 0.15 * -G, atol=1e-5)
     assert_allclose(sagging["w"][1], -1e-3 * 0.15 * 0.826 * 9.81 * 0.11738 / 0.005, rtol=3e-3)
-
-
-def test_an_autopilot_that_assumes_stronger_rotors_turns_them_slower(script: ModuleType) -> None:
-    config = load_config(str(script.SETTINGS))
-    assumed = script.trials("uncertainty")[0].assumed
-    vehicle = script.misjudged(config, assumed).mpc.vehicle()
-    assert vehicle.mass == pytest.approx(assumed["mass"] * 0.826)
-    speeds = []
-    for factor in (1.0, 1.21):
-        misjudged = script.misjudged(config, dict.fromkeys(assumed, 1.0) | {"thrust": factor})
-        craft = script.Craft(misjudged.simulator, script.Trial(goal=np.zeros((3, 3))))
-        throttle = misjudged.mpc.vehicle().hover_throttle
-        craft.apply(CommandSample(stamp_ns=0, throttle=throttle, w_WB_B=np.zeros(3)))
-        craft.advance_to(8 * MILLISECOND)
-        speeds.append(craft.rotor_speeds.mean())
-    assert speeds[0] / speeds[1] == pytest.approx(1.1, rel=1e-3)
 
 
 def test_every_family_flies(script: ModuleType) -> None:

@@ -24,11 +24,3 @@ def test_identified_vehicle_is_flown_with_the_result(
     names = [line[2:25].strip() for line in lines]
     assert {"thrust per mass", "rates' lag x", "delay", "drag x"} <= set(names)
     assert flight.startswith("  lemniscate at 1.5 rad/s: RMSE 0.")
-
-
-@pytest.mark.parametrize(("channel", "lag"), [("x", 0.05), ("thrust", 0.005)])
-def test_mean_response_time_is_that_of_the_loop(
-    script: ModuleType, channel: str, lag: float
-) -> None:
-    """Of a proportional loop 1 / P, of rotors their own."""
-    assert script.answered("hummingbird", channel) == pytest.approx(lag, abs=2e-3)

@@ -82,11 +82,6 @@ def test_setup_and_package_xml_describe_the_same_package(package_xml: Package) -
     assert [setup_arguments()["license"]] == package_xml.licenses
 
 
-def test_changelog_has_the_version_or_its_draft(package_xml: Package) -> None:
-    headings = re.findall(r"^(.+)\n-+$", (ROOT / "CHANGELOG.rst").read_text(), re.MULTILINE)
-    assert headings[0] == "Forthcoming" or headings[0].startswith(package_xml.version)
-
-
 @pytest.mark.parametrize(("name", "target"), declared("console_scripts").items())
 def test_every_executable_has_its_main_function(name: str, target: str) -> None:
     assert target == f"quad_mpc_ros.entry:{name}"

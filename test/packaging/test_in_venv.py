@@ -180,23 +180,6 @@ def test_missing_python_is_named(checkout: Checkout) -> None:
     assert "sudo apt install python3 python3-venv" in missing.text
 
 
-def test_python_that_does_not_run_is_not_taken(checkout: Checkout) -> None:
-    checkout.python.write_text("#!/bin/sh\nexit 127\n")
-    assert f"{checkout.python}: does not run" in checkout.make().text
-
-
-def test_python_of_another_version_is_not_taken(checkout: Checkout) -> None:
-    checkout.install_python(version="3.10")
-    assert f"{checkout.python}: is Python 3.10" in checkout.make().text
-
-
-def test_missing_venv_names_the_package_to_install(checkout: Checkout) -> None:
-    checkout.install_python(version="3.12", on_ensurepip="exit 1")
-    missing = checkout.make()
-    assert missing.status != 0
-    assert "sudo apt install python3.12-venv" in missing.text
-
-
 def test_sourced_jazzy_is_used_instead_of_the_wheels(checkout: Checkout) -> None:
     jazzy = {"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": "/opt/ros/jazzy"}
     assert checkout.make(**jazzy).text.endswith("flying fly\n")
@@ -209,17 +192,3 @@ def test_another_sourced_ros_is_refused(checkout: Checkout) -> None:
     refused = checkout.make(ROS_DISTRO="humble", AMENT_PREFIX_PATH="/opt/ros/humble")
     assert refused.status != 0
     assert "ROS 2 humble is sourced" in refused.text
-
-
-def test_another_ros_that_is_only_named_is_no_obstacle(checkout: Checkout) -> None:
-    accepted = checkout.make(ROS_DISTRO="humble")
-    assert "no ROS is sourced" in accepted.text
-    assert accepted.text.endswith("flying fly\n")
-
-
-def test_machine_without_wheels_is_told_to_install_ros(checkout: Checkout) -> None:
-    checkout.be_machine("aarch64")
-    refused = checkout.make()
-    assert refused.status != 0
-    assert "Linux aarch64" in refused.text
-    assert "source /opt/ros/jazzy/setup.bash" in refused.text

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
-import pytest
 from fixtures.scripts import ROOT, script_module
 
 from quad_mpc_ros.recordings.evaluation.simulated import load_config
@@ -25,34 +21,6 @@ def test_fingerprint_of_a_fault_names_who_commanded() -> None:
     name, count, digest, sources = fingerprints.fingerprint("fault_ground_reference_stops").split()
     assert name == "fault_ground_reference_stops"
     assert int(count) > 0 and len(digest) == 32 and sources == "IDLE,MPC"
-
-
-def test_refused_flight_has_no_fingerprint() -> None:
-    with pytest.raises(SystemExit, match=r"mpc\.mass"):
-        fingerprints.flown("simulate", [], ["mpc.mass=-1"])
-
-
-def test_unknown_flights_are_refused() -> None:
-    ended = subprocess.run(
-        [sys.executable, "-P", FINGERPRINTS, "out.txt", "--only", "nowhere"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert ended.returncode == 2 and "given nowhere" in ended.stderr
-
-
-def test_table_of_step_times_has_pairs_ratios_and_medians() -> None:
-    compare = script_module("tools/compare_steps.py")
-    times = compare.StepTimes
-    pairs = [
-        (times(p50=400.0, p99=1000.0), times(p50=500.0, p99=1100.0)),
-        (times(p50=400.0, p99=1000.0), times(p50=400.0, p99=900.0)),
-        (times(p50=200.0, p99=2000.0), times(p50=100.0, p99=1900.0)),
-    ]
-    lines = [line.split() for line in compare.table(pairs).splitlines()]
-    assert lines[2] == ["1", "400", "500", "1.250", "1000", "1100", "1.100"]
-    assert lines[-1] == ["median", "400", "400", "1.000", "1000", "1100", "0.950"]
 
 
 def test_the_times_of_a_flight_have_parts() -> None:
