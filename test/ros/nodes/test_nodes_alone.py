@@ -399,18 +399,18 @@ def test_a_lockstep_flight_waits_for_a_stopped_recorder(
     begin = peer.node.create_client(Trigger, "simulator/start")
     topics = ("odom", "imu", "reference", "command", "mpc/stats")
     matched = {f"peers./{topic}": "1" for topic in topics}
-    health: dict[str, str] = {}
+    reports: list[dict[str, str]] = [{}]
     peer.node.create_subscription(
         DiagnosticArray,
         "/diagnostics",
-        lambda m: [
-            health.update((each.key, each.value) for each in status.values)
+        lambda m: reports.extend(
+            {each.key: each.value for each in status.values}
             for status in m.status
             if status.name == "/recorder"
-        ],
+        ),
         10,
     )
-    assert peer.wait(lambda: matched.items() <= health.items())
+    assert peer.wait(lambda: matched.items() <= reports[-1].items())
     assert peer.call(begin, Trigger.Request()).success
     assert peer.wait(lambda: len(flown) > 50)
 
@@ -420,6 +420,9 @@ def test_a_lockstep_flight_waits_for_a_stopped_recorder(
     )
     recorder.send_signal(signal.SIGCONT)
     assert peer.wait(lambda: simulator.poll() == 0)
+    # It ends with the last command, after which the MPC publishes its statistics.
+    reports.clear()
+    assert peer.wait(lambda: len(reports) > 2)
     recorder.send_signal(signal.SIGINT)
     assert recorder.wait(PATIENCE) == 0
 

@@ -373,12 +373,6 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         ERROR,
         "no odometry came",
     ),
-    "slow odometry": (
-        "rate",
-        lambda facts: facts.changed(arrivals=arrivals(30, period=0.05)),
-        WARNING,
-        "20.0 times a second, mpc.control_rate is 50",
-    ),
     "a gap": (
         "rate",
         lambda facts: facts.changed(
