@@ -156,7 +156,7 @@ class _LogTimes:
         self.begin_file()
 
     def begin_file(self) -> None:
-        """Count anew, and expect the first message of a file."""
+        """Restart the counts before the first message of a file."""
         self.corrected_count = 0
         self._last = self._first
 

@@ -33,8 +33,8 @@ _NONE = "none"
 def nodes_of_stack(bridge: str, *, with_reference: bool) -> list[Callable[[], Node]]:
     """Return what makes the nodes of a vehicle, in this order.
 
-    ``bridge`` is the name of one, or ``none``. Raises :class:`UserError` for one that nobody has
-    registered.
+    ``bridge`` is the name of one, or ``none``. Raises :class:`UserError` for one that is
+    not registered.
     """
     made: list[MpcNode] = []
 

@@ -134,14 +134,15 @@ class GuidedThrough(Guide):
 
         Gates that fail do not keep it from leading around obstacles.
         """
-        fault, through = "", Guided(window)
+        through, failure = Guided(window), None
         try:
             through = self._gates.guide(odometry, window, plan)
         except Exception as error:
-            fault = f"error at the gates: {error!r}"
+            failure = error
         around = self._around.guide(odometry, window, plan)
-        if fault:
-            around = around._replace(avoidance=around.avoidance._replace(reason=fault))
+        if failure is not None:
+            reason = f"error at the gates: {failure!r}"
+            around = around._replace(avoidance=around.avoidance._replace(reason=reason))
         if around.corridor is not None or around.window is not window:
             return around
         return through._replace(avoidance=around.avoidance)

@@ -171,7 +171,7 @@ class NetworkLine(ReopenedLine):
                     piece = self._socket.recv(_LARGEST)
             except BlockingIOError:
                 break
-            except OSError as error:  # ConnectionRefused of UDP: nobody is there yet
+            except OSError as error:  # ConnectionRefused of UDP: no receiver yet
                 self._lose(error)
                 break
             if self._is_stream and not piece:

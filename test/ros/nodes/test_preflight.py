@@ -95,18 +95,18 @@ def test_tells_a_fit_vehicle_from_an_unfit_one(
 
     code, found = preflight(capsys, "--namespace", "/unfit", "--config", str(file))
     assert code == 1
-    mend = errors(found)
+    wrong = errors(found)
     # Nobody takes odometry in another frame, and so the MPC does not begin.
-    assert "mpc is not active" in mend.pop("nodes")
-    assert mend.pop("vehicles") == (
+    assert "mpc is not active" in wrong.pop("nodes")
+    assert wrong.pop("vehicles") == (
         "vehicles differ: mass 0.5 of mpc, 0.75 of reference; give every node the same vehicle "
         "file"
     )
-    assert "reference has mass 0.75, the file 0.5" in mend.pop("file")
-    assert "z is 6.00 m, limits -1 to 5" in mend.pop("fence")
-    assert "2 publishers on command of simulator, expected one" in mend.pop("topics")
-    assert "odometries: odometry is in frame 'map', expected 'odom'" in mend.pop("motion")
-    assert not mend
+    assert "reference has mass 0.75, the file 0.5" in wrong.pop("file")
+    assert "z is 6.00 m, limits -1 to 5" in wrong.pop("fence")
+    assert "2 publishers on command of simulator, expected one" in wrong.pop("topics")
+    assert "odometries: odometry is in frame 'map', expected 'odom'" in wrong.pop("motion")
+    assert not wrong
     (simulator,) = (text for _, text in found["nodes"] if text.startswith("simulator"))
     assert "2 publishers on command, expected one" in simulator
     assert "odom: quality of service of /unfit/intruder" in simulator

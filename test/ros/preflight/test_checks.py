@@ -336,7 +336,7 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
     ),
     # topics
     "no odometry is published": ("topics", heard("mpc", odom=0), ERROR, "mpc has no peer on odom"),
-    "nobody hears commands": (
+    "no subscriber of commands": (
         "topics",
         heard("mpc", command=0),
         ERROR,
