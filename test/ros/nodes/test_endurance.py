@@ -18,7 +18,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from fixtures.faults.parameter_changes import good_changes
 from fixtures.faults.verdict import command_fault, is_home
-from fixtures.processes import end
+from fixtures.processes import end, node_of
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
 
@@ -139,11 +139,9 @@ def test_endures_lost_odometries_and_changed_parameters(
 
 def _memory_mb(fly: int) -> float | None:
     """Return the resident memory [MB] of the MPC that a flight started, None if there is none."""
-    for child in Path(f"/proc/{fly}/task/{fly}/children").read_text().split():
-        try:
-            if b"mpc_node" in Path(f"/proc/{child}/cmdline").read_bytes():
-                status = Path(f"/proc/{child}/status").read_text()
-                return int(status.split("VmRSS:")[1].split()[0]) * 1.024e-3
-        except (OSError, IndexError):
-            return None
-    return None
+    mpc = node_of(fly, "mpc_node")
+    try:
+        status = Path(f"/proc/{mpc}/status").read_text()
+        return int(status.split("VmRSS:")[1].split()[0]) * 1.024e-3
+    except (OSError, IndexError):
+        return None

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from fixtures.processes import PATIENCE
+from fixtures.processes import PATIENCE, node_of
 from fixtures.scripts import script_module
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
@@ -277,18 +277,6 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
     assert frames == list(range(len(frames)))
 
 
-def recorder_of(run: Path) -> int | None:
-    """Return the process id of the recorder of a flight, by its parameter file."""
-    for process in Path("/proc").glob("[0-9]*"):
-        try:
-            arguments = (process / "cmdline").read_bytes().split(b"\0")
-        except OSError:
-            continue
-        if str(run / "log" / "recorder.yaml").encode() in arguments:
-            return int(process.name)
-    return None
-
-
 @pytest.mark.slow
 def test_the_flight_goes_on_when_the_disk_is_full(tmp_path: Path) -> None:
     run = tmp_path / "run"
@@ -300,7 +288,7 @@ def test_the_flight_goes_on_when_the_disk_is_full(tmp_path: Path) -> None:
         while not file.exists() or file.stat().st_size < 100_000:
             assert time.monotonic() < deadline
             time.sleep(0.05)
-        pid = recorder_of(run)
+        pid = node_of(flight.pid, "recorder_node")
         assert pid is not None
         resource.prlimit(pid, resource.RLIMIT_FSIZE, (200_000, 200_000))
         _, error = flight.communicate(timeout=60)
