@@ -31,6 +31,7 @@ from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.references.live import LiveReference
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
+from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
 from quad_mpc_ros.simulation.sensors import OdometryStream
 
 HEIGHT, OFFSET = 2.0, 0.1  # m
@@ -164,6 +165,31 @@ FAULTS: dict[str, Actuation] = {
 """What reaches the actuators of a command."""
 
 
+class BlockedRotor(RotorsPlant):
+    """The plant ``rotors``, of which one rotor does not turn."""
+
+    def _move(self, *, duration_ns: int) -> None:
+        while duration_ns > 0:
+            self._speeds[0] = 0.0
+            part_ns = min(duration_ns, 1_000_000)
+            super()._move(duration_ns=part_ns)
+            duration_ns -= part_ns
+
+
+class HeldVehicle(RotorsPlant):
+    """The plant ``rotors``, held by hand where it starts."""
+
+    def _move(self, *, duration_ns: int) -> None:
+        """Stay."""
+
+
+VEHICLES: dict[str, type[RotorsPlant]] = {
+    "a rotor blocked": BlockedRotor,
+    "held by hand": HeldVehicle,
+}
+"""What is flown instead of the vehicle."""
+
+
 class Moment(NamedTuple):
     """One odometry of a flight: time [s], true position, and who commanded why."""
 
@@ -200,7 +226,7 @@ def flight(
         hover = SimulatorConfig().vehicle().hover_throttle
         given |= {"initial_position": (OFFSET, -OFFSET, HEIGHT), "initial_throttle": hover}
     config = SimulatorConfig().updated(given)
-    body, controller = make_plant(config), warmed_up(mpc or MpcConfig())
+    body, controller = VEHICLES.get(case, make_plant)(config), warmed_up(mpc or MpcConfig())
     stream = OdometryStream(body, config, start_stamp_ns=SIMULATION_START_NS)
     windows = _requested() if start == "ground" else _held()
     while (sent := stream.step()) is not None:
@@ -275,7 +301,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--wind", type=float, default=0.0, help="towards east [m/s]")
     options = parser.parse_args(arguments)
     print(f"{'case':42} start   found  horiz.    up | farthest    up | log")
-    cases = [each for each in ("right", *CONVENTIONS, *FAULTS) if options.only in each]
+    cases = [each for each in ("right", *CONVENTIONS, *FAULTS, *VEHICLES) if options.only in each]
     for start in STARTS:
         for case in cases:
             wind = (options.wind, 0.0, 0.0)

@@ -180,8 +180,8 @@ class GroundDetector(Stage):
         self._thrust = max(thrust, 0.0)  # a curve may be negative where nothing turns
         little, lift = thrust <= NO_LIFT, self._motion.now.lift
         lifts = lift >= (_ENOUGH if self.state.stands else _SOME)
-        self._little_since_ns = _since(self._little_since_ns, odometry.stamp_ns, lasts=little)
-        self._lifting_since_ns = _since(self._lifting_since_ns, odometry.stamp_ns, lasts=lifts)
+        self._little_since_ns = since(self._little_since_ns, odometry.stamp_ns, lasts=little)
+        self._lifting_since_ns = since(self._lifting_since_ns, odometry.stamp_ns, lasts=lifts)
 
     def _evidence(
         self, odometry: OdometrySample, window: ReferenceWindow | None
@@ -282,7 +282,7 @@ class GroundDetector(Stage):
         return pushed or motion.rise > LEFT_GROUND
 
 
-def _since(since_ns: int | None, now_ns: int, *, lasts: bool) -> int | None:
+def since(since_ns: int | None, now_ns: int, *, lasts: bool) -> int | None:
     """Return since when something lasts, None if it does not."""
     if not lasts:
         return None

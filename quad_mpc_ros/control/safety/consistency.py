@@ -44,7 +44,7 @@ import numpy as np
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vector3
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
+from quad_mpc_ros.control.estimation.ground_detector import GroundDetector, since
 from quad_mpc_ros.control.estimation.ground_state import AllowedCommand, GroundState, Learning
 from quad_mpc_ros.control.estimation.kalman import inverse
 from quad_mpc_ros.control.lie import Array, kernels
@@ -77,6 +77,8 @@ _MUCH_THRUST, _MUCH_THRUST_NS, _CLIMBING, _MOVING = (
     1.0,
 )  # weights, ns, m/s
 _SOME_LIFT = 1.3  # weights, at full throttle
+# At rest so far from its reference for so long: an estimated disturbance leaves no such error.
+_AWAY, _AT_REST, _AWAY_NS = 0.1, 0.1, 3_000_000_000  # m, m/s, ns
 
 
 class RelationLimits(NamedTuple):
@@ -206,6 +208,13 @@ class FlightPhase(NamedTuple):
     descends: bool
 
 
+class Rest(NamedTuple):
+    """Whether a vehicle neither climbs nor moves; whether it flies at rest off its reference."""
+
+    is_still: bool
+    is_away: bool
+
+
 class ConsistencyMonitor(Stage):
     """Compares odometry with itself and with the commands, from control step to control step.
 
@@ -224,6 +233,7 @@ class ConsistencyMonitor(Stage):
         model["thrust_time_constant"] += config.input_delay
         self._model = model
         self._ground = ground
+        self._learns = config.estimate_disturbance
         # The velocity of the paper's Eq. (1) does not turn with the body: no rigid body agrees.
         self._compares = config.on_manifold
         self._hover = config.vehicle().hover_throttle
@@ -261,6 +271,7 @@ class ConsistencyMonitor(Stage):
         self._count = 0
         self._takes_off = False
         self._much_since_ns: int | None = None
+        self._away_since_ns: int | None = None
         self.breach = None
         self.found = Relation.NONE
 
@@ -290,7 +301,12 @@ class ConsistencyMonitor(Stage):
         return Reckoned(track.R_WB.copy(), track.v_WB_W.copy())
 
     def check(
-        self, odometry: OdometrySample, reported: OdometrySample, acted: Input | None
+        self,
+        odometry: OdometrySample,
+        reported: OdometrySample,
+        acted: Input | None,
+        *,
+        p_reference: Array | None = None,
     ) -> Breach | None:
         """Compare an odometry with the one before, and return the contradiction in force.
 
@@ -299,21 +315,26 @@ class ConsistencyMonitor(Stage):
             reported: The same before jumps were replaced: its position, attitude and rates have to
                 agree from sample to sample.
             acted: The command that acted since the one before, None for none.
+            p_reference: Where the vehicle should be (3,) [m], None if that is not known.
         """
         if self._compares and self._engaged and acted is not None:
-            self._compare(odometry, reported, acted)
+            p_WB = odometry.p_WB
+            self._compare(odometry, reported, acted, p_WB if p_reference is None else p_reference)
         return self.breach
 
-    def _compare(self, odometry: OdometrySample, reported: OdometrySample, acted: Input) -> None:
+    def _compare(
+        self, odometry: OdometrySample, reported: OdometrySample, acted: Input, p_reference: Array
+    ) -> None:
         before_ns, stamp_ns = self._stamp_ns, odometry.stamp_ns
         self._stamp_ns = stamp_ns
         step_ns = 0 if before_ns is None else stamp_ns - before_ns
         compares = 0 < step_ns <= _LONGEST_STEP_NS
-        found, is_still, lift = _follow(
+        found, rest, lift = _follow(
             evidence=self._evidence,
-            motion=(odometry.q_WB_xyzw, odometry.v_WB_B),
+            motion=(odometry.p_WB, odometry.q_WB_xyzw, odometry.v_WB_B),
             reported=(reported.p_WB, reported.q_WB_xyzw, reported.w_WB_B),
             command=acted,
+            p_reference=p_reference,
             duration=1e-9 * step_ns if compares else 0.0,
             phase=FlightPhase(
                 flies=self._ground.learning is Learning.LEARN,
@@ -329,11 +350,17 @@ class ConsistencyMonitor(Stage):
             contradicted = Relation(found)
             cause = self._cause(contradicted)
             self._find(contradicted, f"odometry and commands disagree: {cause}")
-        elif self._lifts_nothing(stamp_ns, acted.throttle, is_still=is_still, lift=lift):
+        elif self._lifts_nothing(stamp_ns, acted.throttle, is_still=rest.is_still, lift=lift):
             self._find(
                 Relation.THRUST,
                 f"{1e-9 * _MUCH_THRUST_NS:.0f} s of thrust do not lift the vehicle: check motors, "
                 "battery, mass and thrust_curve",
+            )
+        elif self._stays_away(stamp_ns, is_away=rest.is_away):
+            self._find(
+                Relation.RATES,
+                f"odometry and commands disagree: {1e-9 * _AWAY_NS:.0f} s at rest {_AWAY} m or "
+                "more from the reference: is the vehicle held, does the odometry stand still?",
             )
 
     def _find(self, found: Relation, reason: str) -> None:
@@ -344,7 +371,7 @@ class ConsistencyMonitor(Stage):
         """Return the most likely cause of a contradiction."""
         if found == Relation.LIFT:
             return _NO_LIFT
-        seen = self._evidence[()]
+        seen, gravity = self._evidence[()], self._model[()].gravity
         pairs = {
             "attitude": seen.attitude,
             "position": seen.position,
@@ -353,7 +380,7 @@ class ConsistencyMonitor(Stage):
         }
         sums = {name: (pair.xx, pair.yx, pair.yy) for name, pair in pairs.items()}
         contradicted = [name for name in pairs if found & Relation[name.upper()]]
-        lift = (float(seen.force.x[2]), float(seen.force.y[2]))
+        lift = (float(seen.force.x[2] / gravity), float(seen.force.y[2] / gravity))
         return likely_cause(contradicted, sums, lift)
 
     def _lifts_nothing(
@@ -361,13 +388,15 @@ class ConsistencyMonitor(Stage):
     ) -> bool:
         """Whether much thrust, to ``lift`` so many weights, has not moved it for long."""
         full = throttle >= self._full_throttle and lift > _SOME_LIFT
-        much = full or lift > _MUCH_THRUST
-        if not much or not is_still:
-            self._much_since_ns = None
-        elif self._much_since_ns is None:
-            self._much_since_ns = stamp_ns
-        since_ns = self._much_since_ns
-        return since_ns is not None and stamp_ns - since_ns >= _MUCH_THRUST_NS
+        much = is_still and (full or lift > _MUCH_THRUST)
+        self._much_since_ns = since(self._much_since_ns, stamp_ns, lasts=much)
+        return much and stamp_ns - (self._much_since_ns or stamp_ns) >= _MUCH_THRUST_NS
+
+    def _stays_away(self, stamp_ns: int, *, is_away: bool) -> bool:
+        """Whether a vehicle in flight has been at rest away from its reference for long."""
+        away = is_away and self._learns
+        self._away_since_ns = since(self._away_since_ns, stamp_ns, lasts=away)
+        return away and stamp_ns - (self._away_since_ns or stamp_ns) >= _AWAY_NS
 
 
 def motion_contradiction(odometries: Sequence[OdometrySample], config: MpcConfig) -> str | None:
@@ -386,24 +415,26 @@ def motion_contradiction(odometries: Sequence[OdometrySample], config: MpcConfig
 @compiled
 def _follow(
     evidence: RecordArray[Evidence],
-    motion: tuple[Array, Array],
+    motion: tuple[Array, Array, Array],
     reported: tuple[Array, Array, Array],
     command: Input,
+    p_reference: Array,
     duration: float,
     phase: FlightPhase,
     model: RecordArray[ModelParameters],
-) -> tuple[int, bool, float]:
+) -> tuple[int, Rest, float]:
     """Take an odometry and the command that acted for ``duration`` [s].
 
-    ``motion`` are attitude and velocity as controlled, ``reported`` position, attitude and rates.
+    ``motion`` are position, attitude and velocity as controlled, ``reported`` position, attitude
+    and rates. ``p_reference`` (3,) is where the vehicle should be.
     With a duration of 0 nothing is compared.
 
     Returns:
-        The relations that are contradicted, whether the vehicle neither climbs nor moves, and how
-        many times its weight the commanded thrust lifts.
+        The relations that are contradicted, whether it rests, and how many times its weight the
+        commanded thrust lifts.
     """
     seen, nominal = evidence[()], model[()]
-    q_WB_xyzw, v_WB_B = motion
+    p_controlled, q_WB_xyzw, v_WB_B = motion
     p_WB, q_reported_xyzw, w_WB_B = reported
     R = kernels.rotation(kernels.quaternion_in(q_WB_xyzw))
     R_reported = kernels.rotation(kernels.quaternion_in(q_reported_xyzw))
@@ -449,7 +480,9 @@ def _follow(
     kernels.store_matrix(R_reported, seen.R_WB)
     kernels.store_vector(w, seen.w_WB_B)
     is_still = v[2] <= _CLIMBING and math.hypot(v[0], v[1]) <= _MOVING
-    return found, is_still, seen.force.x[2] / nominal.gravity
+    is_away = phase.flies and kernels.norm(v) < _AT_REST
+    is_away &= kernels.distance(p_controlled, p_reference) > _AWAY
+    return found, Rest(is_still, is_away), seen.force.x[2] / nominal.gravity
 
 
 @compiled

@@ -84,7 +84,8 @@ _MISTAKES = (
     _Mistake("x and y disagree with the velocity: are they swapped?", {"position": _SWAPPED}),
     *(
         _Mistake(
-            f"heading and {what} disagree: is the heading off by {angle} degrees?",
+            f"heading and {what} disagree: is the heading off by {angle} degrees, or is "
+            "odometry.twist_frame wrong?",
             {relation: turn},
         )
         for angle, turn in (("90", _LEFT), ("-90", _LEFT.T), ("180", _AROUND))
@@ -148,7 +149,7 @@ _MISTAKES = (
     ),
     _Mistake(
         "the vehicle answers commands of roll with pitch: are the axes swapped on the way to the "
-        "motors?",
+        "motors, or is a rotor blocked?",
         {"rates": _SWAPPED},
     ),
     _Mistake(
@@ -174,7 +175,7 @@ def likely_cause(
     Args:
         contradicted: Names of relations, of which the cause explains one at least.
         sums: S_xx, S_yx and S_yy of each relation, by its name.
-        lift: Vertical force commanded and measured [m/s^2].
+        lift: Vertical force commanded and measured, as shares of the weight.
     """
     mistakes = [
         mistake for mistake in _MISTAKES if not mistake.gains.keys().isdisjoint(contradicted)
@@ -195,10 +196,10 @@ def _misfit(
         misfit += float(left / (np.trace(yy) + np.trace(gain @ xx @ gain.T) + _SMALLEST[name]))
     asked, measured = lift
     gain_z = float(mistake.gains.get("force", _SAME)[2, 2])
-    expected = 2.0 * _GRAVITY - asked if mistake.z_is_mirrored else gain_z * asked
-    return misfit + abs(measured - expected) / (abs(measured) + abs(expected) + 1.0)
+    expected = 2.0 - asked if mistake.z_is_mirrored else gain_z * asked
+    return misfit + abs(measured - expected) / (abs(measured) + abs(expected) + _SMALL_LIFT)
 
 
 _EACH_RELATION = 0.18
-_GRAVITY = 9.81  # m/s^2; it need not be exact here
+_SMALL_LIFT = 0.1  # of the weight
 _SMALLEST = {"attitude": 0.01, "position": 0.02, "rates": 0.02, "force": 0.1}

@@ -136,7 +136,12 @@ class DecideStage(Stage):
         breaches = (
             self.limits.check(odometry, p_reference=p_reference, now_ns=now_ns),
             self._oscillation.check(odometry, followed, now_ns=now_ns),
-            self.consistency.check(odometry, self._inputs.reported or odometry, acting),
+            self.consistency.check(
+                odometry,
+                self._inputs.reported or odometry,
+                acting,
+                p_reference=followed[0] if followed and self._source is Source.MPC else None,
+            ),
         )
         found = self.consistency.breach
         if found is not None and known is None:
