@@ -140,6 +140,7 @@ def flown(
     table = {line[:12].strip(): [float(each) for each in line[12:].split()] for line in lines}
     for phase, row in table.items():
         assert phase == "ground" or row[-1] < 10.0  # in per cent: not the MPC
+        assert phase in ("take off", "reference") or row[3] < 30  # degrees
     return table
 
 

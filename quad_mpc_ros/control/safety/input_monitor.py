@@ -14,7 +14,6 @@ from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.ladder import timeouts_of
 from quad_mpc_ros.control.safety.odometry_gate import SLOW, OdometryGate
 from quad_mpc_ros.control.safety.odometry_jumps import OdometryJumps
-from quad_mpc_ros.control.safety.twist_frame import TwistFrameCheck
 from quad_mpc_ros.control.safety.validation import BODY, coverage_fault, imu_fault
 from quad_mpc_ros.control.safety.window_validation import reference_fault
 from quad_mpc_ros.control.stage import Failure, Stage
@@ -37,7 +36,6 @@ class InputMonitor(Stage):
         self.gate = OdometryGate(config)
         self.jumps = OdometryJumps()
         self._horizon_ns = round(config.horizon_steps * config.horizon_step * 1e9)
-        self._twist_check = TwistFrameCheck(twist_frame=config.odometry.twist_frame)
         self.reported: OdometrySample | None = None
         """The newest odometry before jumps are replaced, twist in the body frame."""
         self.odometry: OdometrySample | None = None
@@ -55,7 +53,7 @@ class InputMonitor(Stage):
     @property
     def stages(self) -> tuple[Stage, ...]:
         """The monitor, and the checks that it makes."""
-        return self, self.gate, self.jumps, self._twist_check
+        return self, self.gate, self.jumps
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed timeouts."""
@@ -69,7 +67,6 @@ class InputMonitor(Stage):
         if refusal is not None:
             self._log.reject(refusal)
             return None
-        self._twist_check.note(odometry)
         if self._parameters.twist_frame == "world":
             odometry = with_body_twist(odometry)
         self.reported = odometry
@@ -168,8 +165,10 @@ class InputMonitor(Stage):
         return now_ns - odometry_ns, now_ns - (self.reference_ns or 0)
 
     def report(self) -> None:
-        """Warn of what odometries of the last seconds show: a low rate, twist in another frame."""
-        self._log.warn(*filter(None, (self.twist_warning(), self.rate_warning())))
+        """Warn of odometries that come too rarely."""
+        warning = self.rate_warning()
+        if warning is not None:
+            self._log.warn(warning)
 
     def rate_warning(self) -> str | None:
         """Return a warning when the odometry comes so rarely that it limits the flight, once."""
@@ -185,14 +184,4 @@ class InputMonitor(Stage):
             f"odometry comes {1.0 / period:.1f} times a second, control_rate is "
             f"{1.0 / self._control_period:g}: commands come no more often"
             f"{failsafe if SLOW * period > timeout else ''}; raise the rate of its source"
-        )
-
-    def twist_warning(self) -> str | None:
-        """Return a warning when the odometry's twist seems to be in the other frame, once."""
-        suspected = self._twist_check.verdict()
-        if suspected is None:
-            return None
-        return (
-            f"the odometry's twist does not match its positions; it seems to be in the "
-            f"{suspected} frame: set odometry.twist_frame to {suspected}"
         )

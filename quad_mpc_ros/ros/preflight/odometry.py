@@ -15,7 +15,6 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.consistency import motion_contradiction
 from quad_mpc_ros.control.safety.odometry_gate import STANDS, OdometryGate
-from quad_mpc_ros.control.safety.twist_frame import TwistFrameCheck
 from quad_mpc_ros.ros.preflight.facts import SIMULATOR_NODE, Arrival, Facts
 from quad_mpc_ros.ros.preflight.finding import Finding, error, ok, unknown, warning
 from quad_mpc_ros.simulation.config import SimulatorConfig
@@ -126,16 +125,6 @@ def motion_findings(facts: Facts) -> list[Finding]:
         return _at_rest(mpc, arrivals) or [ok("at rest, level, its twist tells so")]
     samples = [each.odometry for each in arrivals]
     turned = mpc.odometry.twist_frame == "world"
-    check = TwistFrameCheck(twist_frame=mpc.odometry.twist_frame)
-    suspects = [frame for each in samples if (frame := check.suspect(each))]
-    if suspects:
-        return [
-            error(
-                f"the twist of the odometry seems to be in the {suspects[0]} frame, "
-                f"mpc.odometry.twist_frame is {mpc.odometry.twist_frame}",
-                f"set it to {suspects[0]}, or mend the source",
-            )
-        ]
     samples = [with_body_twist(each) if turned else each for each in samples]
     contradiction = motion_contradiction(samples, mpc)
     if contradiction is not None:

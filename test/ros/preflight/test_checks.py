@@ -484,7 +484,7 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         "motion",
         lambda facts: facts.changed(arrivals=flying(told="world")),
         ERROR,
-        "seems to be in the world frame, mpc.odometry.twist_frame is child",
+        "is the heading off by 90 degrees, or is odometry.twist_frame wrong?",
     ),
     "in flight": (
         "motion",
