@@ -20,7 +20,7 @@ soak: export SOAK_DURATION ?= 1800
 soak:  ## fly over DDS for half an hour with lost odometries: make soak SOAK_DURATION=600
 	$(IN_VENV) ros,test python -P -m pytest -n 0 -s test/ros/nodes/test_endurance.py $(ARGS)
 
-bench:  ## measure next to acados and cvxpy, renew docs/performance.md: make bench ARGS='--repeats 5'
+bench:  ## measure next to acados and cvxpy, renew docs/measurements/performance.md: make bench ARGS='--repeats 5'
 	$(IN_VENV) bench python bench/performance.py --publish $(ARGS)
 
 docs:  ## make the documentation, pages and API, in build/docs

@@ -4,7 +4,7 @@ python -P bench/accelerometer.py --plant rotors --seeds 4
 
 For each flight a line: RMSE and largest error from 5 s on by the true state [mm], means over the
 seeds, without the accelerometer and with ``accelerometer_noise``. Velocity noise of 0.3 m/s, white
-or correlated over 1 s; gusts of 1 m/s in wind, or calm air. docs/estimation.md.
+or correlated over 1 s; gusts of 1 m/s in wind, or calm air. docs/explanation/estimation.md.
 """
 
 from __future__ import annotations

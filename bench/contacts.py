@@ -8,7 +8,8 @@ ground. The MPC knows nothing of slopes, decks and loads. A row says what became
 crashed, that is, whether hull or rotors touched anything; the mean position error in the air and
 after it was asked to land; the greatest tilt in the air, after contact, and the one at the end;
 the speed with which it met the ground; how long after that the motors idled for good, and how long
-until the reference took the landing for ended; how far it bounced and slid. docs/contacts.md.
+until the reference took the landing for ended; how far it bounced and slid.
+docs/howto/contacts.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Steps of the odometry in hover: what they do with the estimator on and off.
 
-python -P bench/estimate_steps.py                   # the table of docs/robustness.md
+python -P bench/estimate_steps.py                   # the table of docs/measurements/robustness.md
 python -P bench/estimate_steps.py --only heading    # rows whose name has the word
 
 The odometry of a vehicle that hovers is off by a step for one sample or for four seconds, in calm

@@ -1,4 +1,4 @@
-"""Fly configurations from soft to agile and draw accuracy against margin: docs/tuning.md.
+"""Fly configurations from soft to agile and draw accuracy against margin: docs/howto/tune.md.
 
 python bench/front.py [--flights 40] [--workers 2] [--image docs/images/tuning_front.png]
 

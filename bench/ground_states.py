@@ -2,7 +2,7 @@
 
 python bench/ground_states.py hover lemniscate --flights 250 --duration 6
 
-A flight counts as far as its vehicle is truly in the air. docs/ground.md.
+A flight counts as far as its vehicle is truly in the air. docs/explanation/landing_detection.md.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ rate loop is of second order: no lag of its is the model's. Lags, gains and dela
 their mean (~), and a lag and the delay together against the mean time by which a small step is
 answered, without an integral and air. Last, for each seed, the RMSE of the lemniscate at
 2.0 rad/s, or the fastest that can be flown, by ``agile`` without noise. ``--wide`` takes the
-flight that is proposed for drag and lift. docs/identify.md.
+flight that is proposed for drag and lift. docs/howto/identify.md.
 """
 
 from __future__ import annotations

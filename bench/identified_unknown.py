@@ -7,7 +7,7 @@ with what ``identify`` finds in that first flight, then told the truth, which is
 the weights of the default and of ``agile``. For each a line: RMSE of the true position [cm] over
 the flight and from the campaign's ``settle_time`` on, ``lost`` where it crashed; with ``--found``
 what was found over the truth. Last, how many are within 2 cm. ``--without`` leaves gusts or wind
-out of the flights with what was found and with the truth. docs/robustness.md.
+out of the flights with what was found and with the truth. docs/measurements/robustness.md.
 """
 
 from __future__ import annotations

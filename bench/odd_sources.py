@@ -12,7 +12,8 @@ and one of twenty is lost.
 For each source a line: flights, crashed, and of the others, by the true state once settled, the
 mean error in p50, p95 and at most, the largest error [cm], the largest tilt of all flights from
 the start on [degrees], and how many flights the MPC left to its fallback for a while. A flight
-that loses mass counts as settled from the moment on at which it does. docs/robustness.md.
+that loses mass counts as settled from the moment on at which it does.
+docs/measurements/robustness.md.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Measure what a control step costs, next to other controllers and to OSQP alone.
 
 python bench/performance.py              # prints the tables
-python bench/performance.py --publish    # renews bench/performance.json and docs/performance.md
+python bench/performance.py --publish    # renews bench/performance.json and the page
 python bench/performance.py --page       # renews the page from the figures recorded last
 
 Flies the square on the true rigid body with each peer of ``bench/peers`` in turns, in one process;
@@ -41,7 +41,7 @@ from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, load_conf
 from quad_mpc_ros.simulation import closed_loop
 
 ROOT = Path(__file__).resolve().parents[1]
-RECORD, PAGE = ROOT / "bench" / "performance.json", ROOT / "docs" / "performance.md"
+RECORD, PAGE = ROOT / "bench" / "performance.json", ROOT / "docs/measurements/performance.md"
 PEERS: dict[str, PeerKind] = {
     "controller": controller.CONTROLLER,
     "acados": acados.PEER,

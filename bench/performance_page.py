@@ -1,4 +1,4 @@
-"""The measurements of ``bench/performance.py`` as tables and as ``docs/performance.md``."""
+"""The measurements of ``bench/performance.py`` as tables and as a page of documentation."""
 
 from __future__ import annotations
 

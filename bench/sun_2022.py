@@ -3,9 +3,9 @@
 python bench/sun_2022.py --out runs/sun_2022
 
 Each cell is the mean over 76 references of the position's RMSE by the truth, with what crashed
-counted as 5 m: docs/benchmarks.md. ``flights.csv`` has every flight, ``table.csv`` and
-``table.md`` the table. ``--config`` and ``--set`` change the controller, ``--conditions`` and
-``--rows`` choose part of it, ``--infeasible`` takes the 68 other references.
+counted as 5 m: docs/measurements/published_tables.md. ``flights.csv`` has every flight,
+``table.csv`` and ``table.md`` the table. ``--config`` and ``--set`` change the controller,
+``--conditions`` and ``--rows`` choose part of it, ``--infeasible`` takes the 68 other references.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
                             [--out DIR] [--set N.P=V]
 
 PX4 runs already, disarmed on the ground. By px4_bridge its uXRCE-DDS agent does as well, and
-px4_msgs is there (docs/stacks/px4.md); by mavlink_bridge neither is needed.
+px4_msgs is there (docs/howto/stacks/px4.md); by mavlink_bridge neither is needed.
 Bridge, reference and controller are those of the nodes, in this one process; PX4's own stamps are
 the clock, so a simulator slower than the wall clock does no harm.
 Each flight: engage, arm, take off, hover for 20 s, the reference of the configuration for 32 s,

@@ -4,8 +4,8 @@
                                   [--station udpin:127.0.0.1:14550]
 
 PX4 runs already, in real time, disarmed on the ground; by px4_bridge its uXRCE-DDS agent does as
-well, and px4_msgs is there (docs/stacks/px4.md). The nodes are started here, each a process: mpc,
-reference and the bridge. The pilot is a ground station, to which PX4 speaks MAVLink. Not for a
+well, and px4_msgs is there: docs/howto/stacks/px4.md. The nodes are started here, each a process:
+mpc, reference and the bridge. The pilot is a ground station, to which PX4 speaks MAVLink. Not for a
 real vehicle: in the air the MPC is killed, and PX4 is switched to hold.
 
 Each line is one handover: who flies after it, and by how much [deg] the vehicle tilted more than

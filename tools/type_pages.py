@@ -37,8 +37,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
-STACKS = tuple(sorted((ROOT / "docs" / "stacks").glob("*.md")))
+STACKS = tuple(sorted((ROOT / "docs/howto/stacks").glob("*.md")))
+PAGES = (ROOT / "README.md", *sorted({*(ROOT / "docs").glob("[!ab]*/*.md")} - {*STACKS}))
 FENCE = re.compile(r"^```(\w+)(?: +(\S+))?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 OF_THE_CHECKOUT = re.compile(r"make |\.venv/|python (bench|examples)/")
 STARTS_NODES = re.compile(r"ros2 (run|launch) |quad_mpc fly .*on_request")
@@ -376,7 +376,7 @@ def _words(text: str) -> str:
 
 
 def _first_vehicle() -> str:
-    page = ROOT / "docs" / "first_flight.md"
+    page = ROOT / "docs/tutorials/first_flight.md"
     return next(block.text for block in blocks(page) if block.file == "vehicle.yaml")
 
 

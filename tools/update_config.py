@@ -1,4 +1,4 @@
-"""Write config/<node>.yaml and docs/parameters.md from the code.
+"""Write config/<node>.yaml and docs/reference/parameters.md from the code.
 
 Run it after changing a parameter; a test fails while the files are not what it would write.
 """
@@ -44,12 +44,12 @@ def files() -> dict[Path, str]:
         for node, kind in ALL_NODES.items()
     }
     sections = [as_markdown(node, kind.specs()) for node, kind in ALL_NODES.items()]
-    texts[Path("docs", "parameters.md")] = "\n".join([_PAGE, *sections])
+    texts[Path("docs", "reference", "parameters.md")] = "\n".join([_PAGE, *sections])
     return texts
 
 
 def as_markdown(node: str, specs: Sequence[ParameterSpec]) -> str:
-    """Return a section of ``docs/parameters.md``."""
+    """Return a section of ``docs/reference/parameters.md``."""
     rows = [
         (
             f"`{spec.name}`",

@@ -1,4 +1,4 @@
-"""Draw the figures of README, docs/reproduction.md, docs/references.md and docs/racing.md.
+"""Draw the figures of README and of the pages on reproduction, references and racing.
 
 python tools/update_images.py
 """
@@ -84,7 +84,7 @@ def update_races() -> None:
 
 
 def _helix(folder: Path) -> Path:
-    """Write a table of a helix with the nose ahead, the example of docs/references.md."""
+    """Write a table of a helix with the nose ahead, the example of docs/howto/references.md."""
     lines = ["time [s], x [m], y [m], z [m], yaw [rad]"]
     for time in np.arange(0.0, 8.01, 0.1):
         x, y, z = 2.0 * np.cos(time), 2.0 * np.sin(time), 1.0 + 0.25 * time

@@ -1,4 +1,4 @@
-"""Draw the figures of docs/obstacles.md: a flight among obstacles, and what it knows on the way.
+"""Draw the figures of the page on obstacles: a flight among them, and what it knows on the way.
 
 python tools/update_obstacle_images.py
 """
@@ -23,7 +23,7 @@ from quad_mpc_ros.recordings.evaluation.simulated import FlightLog, load_config
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE, IMAGES = ROOT / "docs" / "obstacles.md", ROOT / "docs" / "images"
+PAGE, IMAGES = ROOT / "docs/howto/obstacles.md", ROOT / "docs" / "images"
 SETTINGS = [
     "reference.trajectory=minimum_snap",
     "reference.waypoints=[0.0, 0.0, 1.5, 4.5, 0.0, 1.5, 9.0, 0.0, 1.5]",

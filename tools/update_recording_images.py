@@ -1,4 +1,4 @@
-"""Fly, identify and resolve, and write the figures of docs/identify.md and docs/resolve.md.
+"""Fly, identify and resolve, and write the figures of the pages on identify and resolve.
 
 python tools/update_recording_images.py
 """

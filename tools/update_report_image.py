@@ -1,4 +1,4 @@
-"""Fly twice, report, and write the pictures of docs/report.md. Needs a Chromium and Playwright.
+"""Fly twice, report, and write the pictures of its page. Needs a Chromium and Playwright.
 
 python tools/update_report_image.py PATH_OF_CHROMIUM
 """

@@ -1,4 +1,4 @@
-"""Fly what docs/tuning.md speaks of, print its numbers, and draw its figures.
+"""Fly what docs/howto/tune.md speaks of, print its numbers, and draw its figures.
 
 python tools/update_tuning_images.py
 """

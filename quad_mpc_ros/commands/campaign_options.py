@@ -27,7 +27,7 @@ def add_campaign_options(parser: argparse.ArgumentParser, kind: str) -> None:
         nargs="?",
         metavar="FILE",
         help=f"file of the {kind}, or the name of a shipped one "
-        "(docs/campaigns.md); left out with --resume",
+        "(docs/howto/campaigns.md); left out with --resume",
     )
     add_out(parser, f"the {kind}; must not hold one", "<name of the file>")
     parser.add_argument(

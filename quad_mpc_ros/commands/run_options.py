@@ -102,7 +102,7 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="fly among the boxes, cylinders and spheres of FILE: the mpc keeps clear of them, "
-        "and a vehicle that touches one has crashed (docs/obstacles.md)",
+        "and a vehicle that touches one has crashed (docs/howto/obstacles.md)",
     )
     parser.add_argument(
         "--sensor",

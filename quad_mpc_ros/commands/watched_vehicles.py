@@ -36,7 +36,7 @@ _SHOWN = (
     *((_MPC, f"disturbance_{axis}") for axis in "xyz"),
     *((_MPC, f"{lag}_time_constant_ms") for lag in ("rate", "yaw", "thrust")),
 )
-"""Node and key of each row of figures, as in docs/diagnostics.md."""
+"""Node and key of each row of figures, as in docs/reference/diagnostics.md."""
 
 _PERIOD = 1.0  # s, between two tables
 _OLD = 3.0  # s; nodes report once a second

@@ -7,7 +7,7 @@ and land are never refused in the air: then the transition that exceeds a limit 
 a vehicle that is upside down first continues until it is not.
 
 On the ground the reference rests at the vehicle, and its windows ask for idle motors
-(``docs/ground.md``).
+(``docs/explanation/landing_detection.md``).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The vehicle file of docs/first_flight.md reaches every node and command as it stands there."""
+"""The vehicle file of the first flight's page reaches every node and command as it stands."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "first_flight.md").read_text()
+PAGE = (ROOT / "docs/tutorials/first_flight.md").read_text()
 VEHICLE_FILE = re.findall(
     r"^```yaml vehicle.yaml\n(/\*\*:.*?)^```", PAGE, re.DOTALL | re.MULTILINE
 )[0]

@@ -108,7 +108,7 @@ def test_rviz_sends_goals_where_the_reference_node_listens() -> None:
 
 
 def test_rqt_plots_values_that_there_are() -> None:
-    page = (VIEWERS.parents[1] / "docs" / "viewers.md").read_text()
+    page = (VIEWERS.parents[1] / "docs/howto/viewers.md").read_text()
     (command,) = re.findall(r"rqt_plot rqt_plot (.+)", page)
     for address in command.split():
         topic, rest = topic_in(address, "/")

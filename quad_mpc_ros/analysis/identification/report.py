@@ -130,7 +130,7 @@ def proposal(found: Identification, given: MpcConfig, *, file: Path | None) -> l
     room = _WIDE_ROOM if wide else _ROOM
     return [
         "",
-        f"This flight would show more, in {room} (docs/references.md, excitation):",
+        f"This flight would show more, in {room} (docs/howto/references.md, excitation):",
         " \\\n    ".join(("  quad_mpc fly", *flight)),
     ]
 

@@ -4,7 +4,7 @@ Between two odometries position, velocity, throttle and body rates are predicted
 model with the commands that were really acting, delayed and lagged (:mod:`.process_model`); then
 they are corrected by what was measured, and with them what is learned of the vehicle
 (:mod:`.error_state` has the states, :mod:`.kalman` the equations of the filter). What tells one
-state from another is derived in docs/estimation.md.
+state from another is derived in docs/explanation/estimation.md.
 
     dd/dt = noise, of d_z -d_z / T + noise         the disturbance; what lasts of d_z is thrust
     db/dt = -b / T_b + noise                       what the measured velocity errs for long
@@ -18,7 +18,7 @@ tells them apart: winds change, a lack of thrust lasts. **Drag** is distinguishe
 motion, and is considered below a speed. **A velocity that errs for seconds**, as that of
 autopilots, is distinguished by how the position moves. What an odometry may change says
 :mod:`.update_mode`; a time constant of zero is no lag and stays. The delay of the input is not
-estimated: ``docs/tuning.md`` says why.
+estimated: ``docs/howto/tune.md`` says why.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Does the vehicle stand or fly? The one place that judges it; ``docs/ground.md``.
+"""Landing detection: the one place that judges whether the vehicle stands or flies.
 
 Whoever needs to know asks here: the limit stage what motors and rates may do, the estimator
 whether anything may be learned, and on ``mpc/ground_state`` the reference and the bridges.

@@ -1,7 +1,7 @@
 """The states of a vehicle and the ground, and what leads from one to another.
 
 One :class:`~.ground_detector.GroundDetector` follows the table; all others ask it, in its process
-or on the topic ``mpc/ground_state``. ``docs/ground.md`` shows the table and the constants.
+or on the topic ``mpc/ground_state``. ``docs/explanation/landing_detection.md`` shows the table.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The safety ladder: which source commands the vehicle, and why (see ``docs/safety.md``).
+"""The safety ladder: which source commands the vehicle, and why (docs/explanation/safety.md).
 
 A pure state machine: it takes what is known now and its state, and returns a decision and the new
 state. It reads no clock; all times are in nanoseconds of whatever one clock the caller uses.

@@ -1,4 +1,4 @@
-"""Reading and writing campaign files, see ``docs/campaigns.md``."""
+"""Reading and writing campaign files, see ``docs/howto/campaigns.md``."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ def _content(given: str) -> tuple[Mapping[Any, Any], str]:
     if _TOGT_KEYS & content.keys():
         raise UserError(
             f"{source}: this is a track of TOGT-Planner ({', '.join(sorted(_TOGT_KEYS))}), "
-            "expected start, end and gates; write it as docs/racing.md says"
+            "expected start, end and gates; write it as docs/howto/racing.md says"
         )
     return content, source
 

@@ -20,20 +20,23 @@ _SHORTEST_LAG = 5.0  # ms; a difference below is not worth a flight
 _TIGHT_DEADLINE = 0.5  # of a control period, at p99
 
 _BY_REASON = (
-    ("disagree", "Correct frames, signs and units of the odometry (docs/safety.md)."),
-    ("do not lift", "Check motors, battery, mass and thrust_curve (docs/first_flight.md)."),
-    ("it oscillates", "Raise lags or delay by half, or fly default (docs/tuning.md)."),
-    ("solver", "Let the solver iterate longer: advanced.solver.max_iterations (docs/tuning.md)."),
+    ("disagree", "Correct frames, signs and units of the odometry (docs/explanation/safety.md)."),
+    (
+        "do not lift",
+        "Check motors, battery, mass and thrust_curve (docs/tutorials/first_flight.md).",
+    ),
+    ("it oscillates", "Raise lags or delay by half, or fly default (docs/howto/tune.md)."),
+    ("solver", "Increase advanced.solver.max_iterations (docs/howto/tune.md)."),
 )
 _TOO_FAST = (
     "Slow the reference down: reference.time_scaling: auto, or other parameters of it "
-    "(docs/references.md)."
+    "(docs/howto/references.md)."
 )
 _MISSED = (
     "Fly longer (--duration), or keep obstacles, fence and limits away from what is asked "
-    "(docs/references.md)."
+    "(docs/howto/references.md)."
 )
-_LOOK = "Look the reason up and mend it (docs/diagnostics.md)."
+_LOOK = "Look the reason up and mend it (docs/reference/diagnostics.md)."
 
 _LAGS = {
     "rate_time_constant_ms": "roll and pitch rates lag by",
@@ -250,7 +253,7 @@ def _advice(s: Summary) -> list[str]:
         return [
             *found,
             "Do not fly a vehicle with this: quad_mpc rehearse says what a configuration bears "
-            "(docs/first_flight.md).",
+            "(docs/tutorials/first_flight.md).",
         ]
     if s["missed"]:
         found.append(_MISSED)
@@ -260,21 +263,21 @@ def _advice(s: Summary) -> list[str]:
     if _late(s) or _tight(s):
         found.append(
             "Give the MPC more time: fewer mpc.horizon_steps, or advanced.realtime.* "
-            "(docs/performance.md)."
+            "(docs/measurements/performance.md)."
         )
     if s["stage_errors"]:
         found.append("Report the errors in the log, with the bag: they are defects.")
     if s["rejected_inputs"]:
-        found.append("Read the log for why messages were refused (docs/diagnostics.md).")
+        found.append("Read the log for why messages were refused (docs/reference/diagnostics.md).")
     if _saturates(s):
         found.append(
             "Raise R of the body rates, or omega_max if the rate loop follows more "
-            "(docs/tuning.md)."
+            "(docs/howto/tune.md)."
         )
     if _model_is_off(s):
         found.append(
             "The model is off: run quad_mpc identify on this flight, or save-vehicle while it "
-            "flies (docs/identify.md)."
+            "flies (docs/howto/identify.md)."
         )
     return found or ["Nothing to mend."]
 

@@ -1,6 +1,6 @@
 """Who flies, and the conditions of a handover: one state machine for every stack.
 
-It has neither messages nor a clock; both are given. ``docs/stacks/README.md`` has the diagram.
+It has neither messages nor a clock; both are given. docs/howto/stacks/README.md has the diagram.
 
 Only a request leads out of ``RELEASED``. Whatever ends an engagement (a request, a gap in the
 commands, the pilot, the stack's failsafe, disarming) leads back there, and nothing resumes by

@@ -122,7 +122,7 @@ class MavrosBridge(Bridge):
         if untold := [name for name in (_OPTIONS, _BOOST) if told.get(name) is None]:
             self._warnings.append(
                 f"MAVROS does not tell {' and '.join(untold)} of ArduPilot yet: engage again when "
-                "it has pulled the parameters, or see docs/stacks/mavros.md for what to set"
+                "it has pulled the parameters, or see docs/howto/stacks/mavros.md for what to set"
             )
         if _OPTIONS not in untold:
             self._thrust_fault = thrust_fault(int(told[_OPTIONS]))

@@ -60,7 +60,7 @@ def nodes(facts: Facts) -> list[Finding]:
     found += [*_missing(facts), *_inactive(facts)]
     found += [
         (error if node.level >= ERROR else warning)(
-            f"{name}: {node.health}", "docs/diagnostics.md says what to do about it"
+            f"{name}: {node.health}", "docs/reference/diagnostics.md says what to do about it"
         )
         for name, node in facts.nodes.items()
         if name in (MPC_NODE, REFERENCE_NODE, SIMULATOR_NODE)
@@ -105,7 +105,7 @@ def _inactive(facts: Facts) -> list[Finding]:
     return [
         error(
             f"{name} is not active: {node.health or 'it has not reported its health'}",
-            "mend that; docs/lifecycle.md says how to activate it by hand",
+            "mend that; docs/reference/lifecycle.md says how to activate it by hand",
         )
         for name, node in facts.nodes.items()
         if name in (MPC_NODE, REFERENCE_NODE) and node.state != "active"
@@ -247,7 +247,7 @@ CHECKS: dict[str, Check] = {
     "stack": stack,
     "recorder": recorder,
 }
-"""Every check by the name of its lines; docs/preflight.md says what each means."""
+"""Every check by the name of its lines; docs/howto/preflight.md says what each means."""
 
 _NO_MPC = unknown("the parameters of mpc are unknown")
 

@@ -40,9 +40,9 @@ def test_a_good_flight(good: Summary) -> None:
     [
         ({"solver_failures": 3}, "without a solution: 3", ""),
         ({"stage_errors": 2}, "inside the controller: 2", "with the bag"),
-        ({"deadline_misses": 2}, "period late: 2", "docs/performance.md"),
+        ({"deadline_misses": 2}, "period late: 2", "docs/measurements/performance.md"),
         ({"rate_saturation_fraction": 0.2}, "20% of the commands", "Raise R"),
-        ({"rejected_inputs": 4}, "unusable: 4", "docs/diagnostics.md"),
+        ({"rejected_inputs": 4}, "unusable: 4", "docs/reference/diagnostics.md"),
         ({"position_rmse_m": 3.4}, "3.40 m RMSE", ""),
         ({"crashed": True, "crash": "away", "crash_time_s": 3.0}, "3.00 s", "rehearse"),
     ],
@@ -102,7 +102,7 @@ def test_the_fence_and_tilt_that_were_used(make_flight: FlightMaker) -> None:
     [
         ("it oscillates: lags or delay may be longer than the model's", "Raise lags or delay"),
         ("solver: maximum iterations reached", "max_iterations"),
-        ("odometry is 0.20 s old", "docs/diagnostics.md"),
+        ("odometry is 0.20 s old", "docs/reference/diagnostics.md"),
     ],
 )
 def test_what_to_do_goes_by_the_reason_of_the_failsafe(

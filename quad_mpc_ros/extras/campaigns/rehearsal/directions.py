@@ -8,8 +8,8 @@ from typing import Any, Literal
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 _LATER = (
-    "measure lags and delay with quad_mpc identify (docs/identify.md), fly the weights of "
-    "default, or raise R of the body rates (docs/tuning.md)"
+    "measure lags and delay with quad_mpc identify (docs/howto/identify.md), fly the weights of "
+    "default, or raise R of the body rates (docs/howto/tune.md)"
 )
 _WEIGHT = "weigh the vehicle, and set thrust_curve from a thrust stand or its hover throttle"
 
@@ -104,7 +104,7 @@ def directions_of(simulator: SimulatorConfig) -> list[Direction]:
             most=delay,
             ready=min(0.04, delay),
             marginal=min(0.015, delay),
-            advice="guess a shorter input_delay (docs/first_flight.md)",
+            advice="guess a shorter input_delay (docs/tutorials/first_flight.md)",
         )
         found.insert(len(found) - 3, shorter)
     return found

@@ -32,9 +32,10 @@ def verdict_on(rehearsal: Rehearsal) -> RehearsalVerdict:
                 f"come back: vehicle {guess.lost[0].number}: {guess.lost[0].lost}"
             ],
             advice=[
-                "compare the guesses of the vehicle file with the table of docs/first_flight.md",
+                "compare the guesses of the vehicle file with the table of "
+                "docs/tutorials/first_flight.md",
                 "fly the weights of default, or set omega_max and limits.tilt_max lower "
-                "(docs/tuning.md)",
+                "(docs/howto/tune.md)",
             ],
         )
     small = [limit for limit in rehearsal.limits if limit.margin < limit.direction.ready]
@@ -44,7 +45,7 @@ def verdict_on(rehearsal: Rehearsal) -> RehearsalVerdict:
         reasons=[_reason(limit) for limit in small]
         or ["every disturbed vehicle came back, with the margins of the table"],
         advice=list(dict.fromkeys(limit.direction.advice for limit in small))
-        or ["bench without propellers, then hover (docs/first_flight.md)"],
+        or ["bench without propellers, then hover (docs/tutorials/first_flight.md)"],
     )
 
 

@@ -1,4 +1,4 @@
-"""Reading and writing the files of studies, see ``docs/tuning.md``."""
+"""Reading and writing the files of studies, see ``docs/howto/tune.md``."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ Over the line go, whoever flies, a heartbeat as an onboard computer, questions f
 time and parameters, and requests for the messages that are needed. Setpoints go only in answer to
 commands.
 
-How old each value of the autopilot can be is measured in ``docs/stacks/mavlink.md``.
+How old each value of the autopilot can be is measured in ``docs/howto/stacks/mavlink.md``.
 """
 
 from __future__ import annotations
