@@ -6,7 +6,8 @@ D. Zhang, R. Tao, S. Cheng, N. Hovakimyan, M. W. Mueller, "A simulation evaluati
 robust adaptive quadcopter control", arXiv 2510.03471: seven families of perturbations, references
 of 5 s drawn at random. docs/measurements/published_tables.md has the table, what differs, and
 where the figures beside it are from. ``flights.csv`` has every flight. ``--config`` and ``--set``
-change the controller, ``--families``, ``--rows`` and ``--trials`` choose part of it. It needs rotorpy.
+change the
+controller, ``--families``, ``--rows`` and ``--trials`` choose part of it. It needs rotorpy.
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@
 
 PX4 runs already, in real time, disarmed on the ground; by px4_bridge its uXRCE-DDS agent does as
 well, and px4_msgs is there: docs/howto/stacks/px4.md. The nodes are started here, each a process:
-mpc, reference and the bridge. The pilot is a ground station, to which PX4 speaks MAVLink. Not for a
-real vehicle: in the air the MPC is killed, and PX4 is switched to hold.
+mpc, reference and the bridge. The pilot is a ground station, to which PX4 speaks MAVLink. Not for
+a real vehicle: in the air the MPC is killed, and PX4 is switched to hold.
 
 Each line is one handover: who flies after it, and by how much [deg] the vehicle tilted more than
 the reference asks for, from it until the next; all of it where PX4 flies by itself. The exit code
