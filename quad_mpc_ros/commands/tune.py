@@ -34,8 +34,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "(docs/howto/tune.md). The first trial is the configuration that the campaigns have. "
         "Writes front.png, trials.csv, front.csv, and parameter files for --config: "
         "front/NUMBER.yaml for each trial that none is better than in every objective, "
-        "best.yaml for the one that is chosen. Exit code 0 when all trials were flown. Ctrl-C or a kill "
-        "loses only the trial under way. Needs Optuna: pip install 'quad_mpc_ros[campaign]'."
+        "best.yaml for the one that is chosen. Exit code 0 when all trials were flown. Ctrl-C or "
+        "a kill loses only the trial under way. Needs Optuna: pip install "
+        "'quad_mpc_ros[campaign]'."
     )
     add_campaign_options(parser, "study")
     parser.add_argument(
