@@ -14,8 +14,7 @@ _PEER_HEADER = (
     "iterations p50 / p99 / max", "failed", "RMSE [m]",
 )  # fmt: skip
 _HORIZON_HEADER = (
-    "N", "whole step of", "p50 [us]", "p99 [us]",
-    "solver alone p50", "p99 [us]", "iterations p50 / p99 / max", "RMSE [m]",
+    "N", "peer", "p50 [us]", "p99 [us]", "solver, p50 [us]", "RMSE [m]",
 )  # fmt: skip
 
 Record = Mapping[str, Any]
@@ -26,21 +25,15 @@ def page(record: Record, kinds: Kinds) -> str:
     """Return the page of a record."""
     parts = [
         "# Performance",
-        _paragraph(
-            "What a control step costs, next to other ways to solve the same problem. `make "
-            "bench` measured all figures in one process and one run (`bench/performance.py`)."
-        ),
-        _paragraph(_how(record["settings"])),
+        "## Control step",
+        _paragraph(_how(record)),
         tables(record, kinds),
-        "## What is compared",
+        "### Peers",
         "\n".join(
-            _paragraph(f"- **{name}**: {kind.description}", indent="  ")
+            _paragraph(f"- **{name}:** {kind.description}", indent="  ")
             for name, kind in kinds.items()
         ),
-        "## A whole flight",
-        _paragraph(_WHOLE_FLIGHT),
-        "## Machine",
-        markdown_table(("", "measured on"), list(record["machine"].items())),
+        _OTHER_MEASUREMENTS.strip(),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -58,8 +51,8 @@ def tables(record: Record, kinds: Kinds) -> str:
     if len(swept) > len({entry["peer"] for entry in swept}):
         rows = _horizon_rows(swept, kinds)
         parts += [
-            "## Against the length of the horizon",
-            markdown_table(_HORIZON_HEADER, rows, align="llrrrrrr"),
+            "### Horizon length",
+            markdown_table(_HORIZON_HEADER, rows, align="llrrrr"),
         ]
     return "\n\n".join(parts)
 
@@ -79,9 +72,9 @@ def _peer_rows(compared: list[Record], kinds: Kinds) -> list[list[str]]:
                 f"{entry['position_rmse_m']:.4f}",
             ]
         )
-        parts = {f"of that, {kind.solver}'s own time": entry["solve_us"]}
+        parts = {f"– {kind.solver} alone": entry["solve_us"]}
         if entry["mpc_us"]["p50"] is not None:
-            parts = {"of that, the MPC alone": entry["mpc_us"], **parts}
+            parts = {"– MPC alone": entry["mpc_us"], **parts}
         for label, times in parts.items():
             rows.append([label, *_times(times, "p50", "p99", "max"), "", "", "", ""])
     return rows
@@ -92,10 +85,9 @@ def _horizon_rows(swept: list[Record], kinds: Kinds) -> list[list[str]]:
     return [
         [
             str(entry["horizon_steps"]),
-            kinds[entry["peer"]].title,
+            entry["peer"],
             *_times(entry["step_us"], "p50", "p99"),
-            *_times(entry["solve_us"], "p50", "p99"),
-            _iterations(entry),
+            *_times(entry["solve_us"], "p50"),
             f"{entry['position_rmse_m']:.4f}",
         ]
         for entry in sorted(
@@ -110,13 +102,13 @@ def _ratios(compared: list[Record]) -> list[str]:
     ours, theirs = found["controller"], found.get("acados")
     solver = ours["solve_us"]
     lines = [
-        f"Whole step over OSQP's own time: {_ratio(ours['step_us'], solver, 'p50')} at p50; the "
-        f"MPC alone: {_ratio(ours['mpc_us'], solver, 'p50')}."
+        f"Step time relative to OSQP alone: {_ratio(ours['step_us'], solver, 'p50')} at p50; MPC "
+        f"alone: {_ratio(ours['mpc_us'], solver, 'p50')}."
     ]
     if theirs is not None:
         both = (ours["step_us"], theirs["step_us"])
         lines.append(
-            f"Whole step over that of acados: {_ratio(*both, 'p50')} at p50, "
+            f"Step time relative to acados: {_ratio(*both, 'p50')} at p50, "
             f"{_ratio(*both, 'p99')} at p99."
         )
     return lines
@@ -135,31 +127,61 @@ def _iterations(entry: Record) -> str:
 
 
 _LEGEND = (
-    "A whole step is odometry and reference in to command out, called from Python, for every peer "
-    "by the same clock. The first step of each flight, on which solvers set themselves up, is not "
-    "in p50, p99 and max; *first* is the longest of those. Iterations are summed over the solves "
-    "of a step, of all steps. RMSE is of the worst flight and counts the jumps of the reference. "
-    "OSQP's own time is the floor "
-    "for what is built around OSQP. The MPC alone predicts, linearises, updates the QP, solves "
-    "and applies; validation, safety ladder and limits, which no other peer has, are the rest."
+    "A step takes odometry and reference and returns a command, called from Python. *first* is "
+    "the longest first step of a flight; the other columns exclude it. Iterations are the sum "
+    "over the solves of a step. The RMSE includes the jumps of the reference. *MPC alone* "
+    "excludes validation, failsafe and limits, which the other peers do not have."
 )
 
-_WHOLE_FLIGHT = (
-    "`python bench/closed_loop.py` prints how many times real time flights take that are "
-    "simulated in one process, as a campaign flies them, and where the time of a step goes: the "
-    "MPC, the controller around it, and plant, sensors and reference."
-)
+_OTHER_MEASUREMENTS = """
+### Soft limits
+
+Step time relative to acados with the same soft constraints, 2026-11-23:
+
+| configuration | p50 | p99 |
+|---|---|---|
+| `default`, with `limits.tilt_max` | 0.42 | 0.70 |
+| `agile`, `limits.tilt_max` 0.61 | 0.44 | 0.77 |
+| `agile`, `limits.tilt_max` 0.61, `limits.speed_max` 2 | 0.48 | 0.93 |
+
+## Simulation speed
+
+One process, the first four rows with `python bench/closed_loop.py --duration 12`, 2026-11-22 to
+2026-11-24:
+
+| flight | times real time |
+|---|---|
+| hover, `default` | 88 |
+| square | 79 |
+| hover, lags, delay, gusts, noise | 42 |
+| hover, lags, delay, gusts, noise, 200 Hz | 12 |
+| plant `rotors` | 65 to 74 |
+| plant `betaflight` | 5 |
+| plant `rotorpy` | 0.5 |
+
+## Campaigns
+
+500 hovers of 12 s take 42 s with two workers: 7 flights per second and core. More workers than
+cores gain nothing. Cost without the flights, `python bench/campaign_cost.py`, 2026-11-24:
+
+| cost | 2 workers | 8 workers, 2 cores | Dask, 2 workers |
+|---|---|---|---|
+| processor time per flight [ms] | 2.1 | 3.7 | 1.8 |
+| dispatching process, per flight [ms] | 0.3 | 0.7 | 1.0 |
+| start [s] | 2.5 | 9.6 | 3.0 |
+"""
 
 
-def _how(settings: Record) -> str:
-    s = settings
+def _how(record: Record) -> str:
+    s, machine = record["settings"], record["machine"]
     return (
-        f"The {s['trajectory']} on the plant `{s['dynamics']}`, {s['duration_s']:g} s at "
-        f"{s['odom_rate_hz']:g} Hz, each peer {s['repeats']} times in turns, "
+        "`make bench` compares a control step with other solvers of the same problem "
+        f"({', '.join(f'{name} {value}' for name, value in machine.items())}). The "
+        f"{s['trajectory']} on `{s['dynamics']}`, {s['duration_s']:g} s at "
+        f"{s['odom_rate_hz']:g} Hz, {s['repeats']} flights of each peer in turns, "
         f"N = {s['horizon_steps']} steps of {s['horizon_step_s']:g} s, "
         f"Q = diag({_numbers(s['Q'])}), R = diag({_numbers(s['R'])}), terminal weight "
-        f"{s['terminal_weight']:g}, OSQP's tolerance {s['solver_tolerance']:g}. Each peer flies "
-        "its own closed loop; the garbage collector is on, and is run before each flight."
+        f"{s['terminal_weight']:g}, tolerance of OSQP {s['solver_tolerance']:g}."
     )
 
 
@@ -169,5 +191,5 @@ def _numbers(values: list[float]) -> str:
 
 def _paragraph(text: str, *, indent: str = "") -> str:
     return textwrap.fill(
-        text, 99, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+        text, 119, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )

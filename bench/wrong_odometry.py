@@ -7,7 +7,7 @@ Each case flies a hover at 2 m with noise and gusts: engaged in the air 0.1 m aw
 from the ground by a take-off on request. For each a line: when the contradiction was found [s]
 after the engagement or the request, how far the vehicle was from its start then and how far it
 came at most, horizontally and upwards [m], and what the log says. A flight ends on the ground,
-30 m away, or after its time. docs/explanation/safety.md.
+30 m away, or after its time. docs/measurements/failures.md.
 """
 
 from __future__ import annotations

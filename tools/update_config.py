@@ -30,7 +30,7 @@ What can be set, node by node; `quad_mpc params` prints the same. Written by
 `tools/update_config.py` from the dataclasses that declare the parameters; edit those. *Live*
 parameters may change in flight (`ros2 param set`), the others only at the start, or, of a node
 with a [lifecycle](lifecycle.md), while it is unconfigured. What is misspelt or wrong in a file or
-on a command line is [refused](lifecycle.md#what-is-refused-at-the-start).
+on a command line is [refused](lifecycle.md#startup-checks).
 """
 
 

@@ -429,11 +429,8 @@ def _made(config: MpcConfig, folder: Path) -> NewPeer:
 PEER = PeerKind(
     title="acados SQP_RTI + HPIPM",
     solver="its C code",
-    description="the same problem (model, errors, weights, bounds, horizon, reference) as a C "
-    "solver with one real-time iteration per step, partial condensing, HPIPM, and one explicit "
-    "Runge-Kutta step of order 4 a stage. The whole step includes what its Python interface "
-    "needs: sampling the reference, one call per stage to set it, the state, the solve, the "
-    "input. Its iterations are HPIPM's.",
+    description="the same problem in C: one real-time iteration per step, partial condensing, "
+    "HPIPM, one Runge-Kutta step per stage. The step includes the Python interface.",
     make=_made,
     swept=True,
     package="comma-deps-acados",

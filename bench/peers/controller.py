@@ -41,16 +41,14 @@ class ControllerPeer:
 CONTROLLER = PeerKind(
     title="this controller",
     solver="OSQP",
-    description="`formulation: manifold` with all that the node does: validation, safety "
-    "ladder, statistics.",
+    description="`formulation: manifold` with validation, failsafe and statistics of the node.",
     make=lambda config, _: partial(ControllerPeer, config),
     swept=True,
 )
 PAPER = PeerKind(
     title="this controller, the paper's formulation",
     solver="OSQP",
-    description="this controller with `formulation: paper`, one linearisation held over the "
-    "horizon.",
+    description="`formulation: paper`, one linearisation for the whole horizon.",
     make=lambda config, _: partial(
         ControllerPeer, dataclasses.replace(config, formulation="paper")
     ),

@@ -128,8 +128,7 @@ def _made(config: MpcConfig, _: Path) -> NewPeer:
 PEER = PeerKind(
     title="the same QP through cvxpy, rebuilt each step",
     solver="OSQP",
-    description="this controller's linearisation, its QP written down stage by stage and rebuilt "
-    "at every step, solved by OSQP with the same tolerance.",
+    description="the same linearisation, QP rebuilt at every step, solved with OSQP.",
     make=_made,
     package="cvxpy",
 )
