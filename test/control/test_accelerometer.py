@@ -104,5 +104,5 @@ def test_in_lockstep_an_odometry_waits_for_what_was_felt_until_it() -> None:
 
 
 def test_the_papers_model_has_no_use_for_it() -> None:
-    assert not MpcConfig(formulation="paper", accelerometer_noise=0.5).feels
-    assert not MpcConfig(estimate_disturbance=False, accelerometer_noise=0.5).feels
+    assert not MpcConfig(formulation="paper", accelerometer_noise=0.5).uses_accelerometer
+    assert not MpcConfig(estimate_disturbance=False, accelerometer_noise=0.5).uses_accelerometer

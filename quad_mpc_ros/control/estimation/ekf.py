@@ -71,12 +71,12 @@ class VehicleEkf:
         throttle: float,
         delay: float = 0.0,
         enabled: bool = True,
-        feels: bool = False,
+        uses_accelerometer: bool = False,
         state: Filter,
     ) -> None:
         """``nominal`` are the configured parameters, ``throttle`` is where it begins.
 
-        ``delay`` [s] is that of the input; ``feels`` says that there is an accelerometer. The
+        ``delay`` [s] is that of the input; ``uses_accelerometer`` says that there is one. The
         estimate is kept in ``state``, zeros to begin with; :func:`update` goes on with it.
         """
         self._filter, self._initial_throttle = state, throttle
@@ -92,7 +92,7 @@ class VehicleEkf:
         measurement_noise.start_drift(state.drift)
         state.motion.x[MOTION.scale] = 1.0
         assume(state, closer)
-        if feels:
+        if uses_accelerometer:
             assume_accelerometer(state)
         self.start_over()
         self.start(p_WB=np.zeros(3), v_WB_W=np.zeros(3), w_WB_B=np.zeros(3))

@@ -104,7 +104,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.managed_subscription(
                 topics.REFERENCE, self._on_reference, decode=reference_in, raw=True
             )
-        if config.feels:
+        if config.uses_accelerometer:
             self.managed_subscription(
                 topics.IMU, self._on_imu, decode=imu_in, raw=True, expected=False
             )

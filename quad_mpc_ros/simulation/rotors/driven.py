@@ -50,7 +50,7 @@ class DrivenPlant(RotorsPlant):
         )
 
     def _specific_force_B(self) -> Array:
-        """Return what an accelerometer felt in the last period (3,) [m/s^2]; once a loop."""
+        """Return the specific force of the last period (3,) [m/s^2]; once a loop."""
         v_W = self.v_WB_W
         a_W = (v_W - self._v_before_W) / (1e-9 * self._period_ns)
         self._v_before_W = v_W
