@@ -46,4 +46,4 @@ def test_nothing_there_is_to_be_mended(capsys: pytest.CaptureFixture[str]) -> No
     lines = [line.split(maxsplit=2) for line in printed.out.splitlines()]
     assert ["error", "nodes"] in [line[:2] for line in lines]
     assert "no mpc node in this namespace" in printed.out
-    assert "to mend before it flies" in printed.err
+    assert "to fix before the flight" in printed.err

@@ -115,7 +115,7 @@ class GroundDetector(Stage):
         if self._stood_at is not None:
             self._stood_at += float(reset.step_W[2])
         self._still.forget()
-        self._crash.begin_anew()
+        self._crash.reset()
         if self._stamp_ns is not None:
             self._motion.reset_estimate(reset)
 
@@ -165,16 +165,15 @@ class GroundDetector(Stage):
         """Filter how it moves, and what carries it."""
         before_ns, self._stamp_ns = self._stamp_ns, odometry.stamp_ns
         duration_ns = 0 if before_ns is None else odometry.stamp_ns - before_ns
-        anew = not 0 < duration_ns <= LONGEST_GAP_NS
-        if anew:
+        if not 0 < duration_ns <= LONGEST_GAP_NS:
+            duration_ns = 0
             self._little_since_ns = self._lifting_since_ns = None
             self._still.forget()
-            self._crash.begin_anew()
+            self._crash.reset()
         self._motion.follow(
             odometry,
             thrust=thrust,
             duration=1e-9 * duration_ns,
-            anew=anew,
             flies=self.state.flies,
         )
         self._thrust = max(thrust, 0.0)  # a curve may be negative where nothing turns

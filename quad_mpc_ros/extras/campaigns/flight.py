@@ -123,5 +123,5 @@ def _parameter_file(config: FlightConfig) -> str:
     return "\n".join([*lines, ""])
 
 
-# The same values in flight after flight: writing them anew would cost more than all else here.
+# The values are the same in each flight: writing them again would cost more than all else here.
 _value_text = functools.lru_cache(maxsize=4096, typed=True)(files.value_text)

@@ -52,7 +52,7 @@ _COMFORT = 0.3  # m, within which ways give room to what is near if they can
 _LEAST_COMFORT = 0.1  # m, of that at any speed
 _FASTEST = 10.0  # m/s: a usual speed
 _FARTHER = np.array([1.0, 1.25, 1.6, 2.0])  # what maps tell apart, over that at a usual speed
-_AGAIN_NS = 100_000_000  # after which a way is searched anew
+_AGAIN_NS = 100_000_000  # after which the path is searched again
 # m, by which a place to stop has to be nearer, or a way be shorter, for another to be left.
 _SWITCH = 0.5
 _ELSEWHERE = 0.5  # m, between ways that lead past something on different sides

@@ -143,5 +143,5 @@ def _check_passes(plan: Path | PlannedMotion, course: Course, config: GateParame
             raise ConfigurationError(
                 f"{config.owner}.file",
                 config.file,
-                f"a plan through {course.source}: it does not pass gates[{number}]; plan it anew",
+                f"a plan through {course.source}: it does not pass gates[{number}]; plan it again",
             )

@@ -31,7 +31,7 @@ from quad_mpc_ros.references.transition import flat_state_of
 _MOVED = 0.05  # m, of a gate's centre or edge: less is no news
 # s: a new way does not leave as shortly before a gate as the first, but the second behind it.
 _BEFORE, _BEHIND = 0.15, 0.02
-# Gates that have not moved, before and behind those that have, between which a plan is made anew.
+# Gates that have not moved, before and behind moved gates: the race is replanned between them.
 _GATES_BEFORE, _GATES_BEHIND = 1, 2
 _STEP_NS = 10_000_000  # of a table
 _SAMPLED = 0.005  # s
@@ -121,7 +121,7 @@ class LiveRace:
     Args:
         course: The gates as they are told beforehand.
         trajectory: What is flown through them.
-        planner: Whether what was planned can be planned anew; otherwise smooth paths replace it.
+        planner: Whether a plan can be replanned; otherwise smooth paths replace it.
 
     Raises :class:`UserError` for a trajectory that does not pass the course.
     """
