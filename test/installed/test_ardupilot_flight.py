@@ -208,7 +208,7 @@ def test_somebody_else_who_commands_it_is_noticed(tmp_path: Path, kind: str) -> 
 
         pilot.simulator.received(1)
         pilot.until(rival, seconds=3.0, phase="two")
-        assert "somebody else commands the vehicle" in pilot.bridge.handover[1]
+        assert "another sender commands the vehicle" in pilot.bridge.handover[1]
         assert 1e-9 * (pilot.now_ns - begin_ns) < 2.0
 
 

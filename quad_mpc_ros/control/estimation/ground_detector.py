@@ -1,6 +1,6 @@
 """Landing detection: the one place that judges whether the vehicle stands or flies.
 
-Whoever needs to know asks here: the limit stage what motors and rates may do, the estimator
+All users ask here: the limit stage what motors and rates may do, the estimator
 whether anything may be learned, and on ``mpc/ground_state`` the reference and the bridges.
 
 To say wrongly that it stands would cut the motors of a flying vehicle. So that is said only of
@@ -98,7 +98,7 @@ class GroundDetector(Stage):
             stood, height = self.state.stands and engaged, self._stood_at
             self._engaged = engaged
             self._forget()
-            self._stood_at = height  # whoever flew meanwhile: it may come down there again
+            self._stood_at = height  # others may have flown it meanwhile: it may land there again
             if stood:  # as the flight stack reported until now
                 self.state = GroundState.ON_GROUND
 

@@ -118,7 +118,7 @@ def _parameter_file(config: FlightConfig) -> str:
         lines += [
             f"    {name}: {_value_text(value)}"
             for name, value in each.flattened().items()
-            if value != ()  # ROS cannot tell its type
+            if value != ()  # ROS cannot infer its type
         ]
     return "\n".join([*lines, ""])
 

@@ -1,4 +1,4 @@
-"""Whether the odometry can be flown by: its rate, clock, and what it tells at rest."""
+"""Checks of the odometry: its rate, clock, and its values at rest."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def _simulated_time(facts: Facts) -> list[Finding]:
 
 
 def motion_findings(facts: Facts) -> list[Finding]:
-    """Would the MPC take the odometry, and does it tell of rest while the vehicle rests?"""
+    """Would the MPC accept the odometry, and does it report rest while the vehicle rests?"""
     mpc, arrivals = facts.mpc, facts.arrivals
     if mpc is None or len(arrivals) < _ENOUGH:
         return [unknown("too few odometries came")]

@@ -1,4 +1,4 @@
-"""Rotors and body under somebody else's loop and mixer: a real firmware's."""
+"""Rotors and body under the rate loop and mixer of a real firmware."""
 
 from __future__ import annotations
 

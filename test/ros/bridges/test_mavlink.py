@@ -284,7 +284,7 @@ def test_it_is_not_engaged_before_the_parameters_have_come() -> None:
     assert not refused.accepted and "has not sent its parameters yet" in refused.text
     for k in range(200):  # it never does
         bridge.exchange(speaker.heartbeat(), now_ns=T0 + k * STEP)
-    assert "does not tell its parameter" in bridge.engage(True, now_ns=T0 + 199 * STEP).text
+    assert "does not report its parameter" in bridge.engage(True, now_ns=T0 + 199 * STEP).text
 
 
 @pytest.mark.parametrize(
@@ -474,7 +474,7 @@ def test_a_setpoint_of_somebody_else_ends_the_engagement() -> None:
     bridge.exchange(strange, now_ns=T0 + STEP)
     assert sent(bridge, T0 + STEP) == b""
     assert "SET_ATTITUDE_TARGET of system 255, component 190" in bridge.handover[1]
-    assert "somebody else" in bridge.engage(True, now_ns=T0 + STEP).text
+    assert "another sender" in bridge.engage(True, now_ns=T0 + STEP).text
 
 
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4])
