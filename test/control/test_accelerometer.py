@@ -89,7 +89,7 @@ def test_without_the_parameter_nothing_is_taken_and_nothing_said() -> None:
     assert controller.take_warnings() == []
 
 
-def test_in_lockstep_an_odometry_waits_for_what_was_felt_until_it() -> None:
+def test_in_lockstep_an_odometry_waits_for_its_imu_sample() -> None:
     controller = Controller(MpcConfig(accelerometer_noise=0.5, lockstep=True))
     assert answered(controller, START_NS) is not None  # there is nothing before it
     later_ns = START_NS + PERIOD_NS

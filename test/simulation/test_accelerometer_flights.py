@@ -60,7 +60,7 @@ def commands(steps: list[LoopStep]) -> list[bytes]:
 
 @pytest.mark.parametrize("kind", NOISES)
 @pytest.mark.parametrize("bias", [(0.0, 0.0, 0.0), (0.2, -0.2, 0.2)])
-def test_gusts_move_less_what_is_felt(kind: str, bias: tuple[float, ...]) -> None:
+def test_accelerometer_reduces_gust_displacement(kind: str, bias: tuple[float, ...]) -> None:
     """Whatever noise the velocity has, and with a bias that is usual."""
     without_imu = rmse(flown(noise=0.0, **GUSTS, **NOISES[kind]))
     with_imu = flown(noise=0.5, imu_bias=bias, **GUSTS, **NOISES[kind])

@@ -131,7 +131,7 @@ def test_free_fall_reads_nothing_and_a_wind_what_it_pushes() -> None:
     )
 
 
-def test_drag_is_felt_against_the_motion() -> None:
+def test_predicts_drag_against_the_motion() -> None:
     forwards = state_at(velocity=np.array([5.0, 0.0, 0.0]))
     seen = seen_of(forwards, f_B=np.array([0.0, 0.0, GRAVITY]), turn=STILL)
     expected = 5.0 * (0.2 + 0.1)  # of the body, and of rotors at the speed of hover
@@ -208,7 +208,7 @@ class Flown:
         return abs(float(found.thrust_scale - scale) * lift + float(found.a_W[2]))
 
 
-def test_thrust_is_found_sooner_where_it_is_felt() -> None:
+def test_an_accelerometer_finds_the_thrust_sooner() -> None:
     errors = {}
     for uses_accelerometer in (False, True):
         flown = Flown(uses_accelerometer=uses_accelerometer, scale=0.8)
@@ -217,7 +217,7 @@ def test_thrust_is_found_sooner_where_it_is_felt() -> None:
     assert errors[True] < 0.5 * errors[False]
 
 
-def test_bias_is_told_from_wind() -> None:
+def test_distinguishes_bias_from_wind() -> None:
     """The velocity says that nothing blows."""
     bias = np.array([0.2, -0.2, 0.2])
     flown = Flown(uses_accelerometer=True, bias=bias)

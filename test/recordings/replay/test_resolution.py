@@ -186,7 +186,7 @@ def test_resolves_estimate_resets() -> None:
     assert as_bytes(commands_of(list(resolve(unknowing, MPC)))) != flown
 
 
-def test_resolves_what_was_felt_when_it_was() -> None:
+def test_resolves_imu_samples_at_their_times() -> None:
     feeling = dataclasses.replace(MPC, accelerometer_noise=0.5)
     run, ticks = flown_in_real_time(mpc=feeling)
     flown = as_bytes([tick.command for tick in ticks if tick.command])

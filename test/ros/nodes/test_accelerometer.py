@@ -86,7 +86,7 @@ def test_bad_messages_are_refused_in_a_line_each_and_the_flight_goes_on(
     assert "Traceback" not in log.read_text()
 
 
-def test_without_the_parameter_nobody_listens(
+def test_does_not_subscribe_without_the_parameter(
     start: Callable[..., Any], peer: Any, feed: Any, managed: Any
 ) -> None:
     publisher = peer.node.create_publisher(Imu, "imu", qos_profile_sensor_data)

@@ -522,7 +522,7 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
 }
 
 
-def test_a_fit_vehicle_has_nothing_to_mend_or_look_at() -> None:
+def test_finds_no_problem_with_a_fit_vehicle() -> None:
     found = findings(FIT)
     assert {each.level for _, each in found} == {Level.OK}
     # All but those for what a vehicle need not have.

@@ -21,7 +21,7 @@ from quad_mpc_ros.ros.repeated_warnings import RepeatedWarnings
 Start = Callable[..., Any]
 
 
-def test_says_what_it_waits_for_and_why_it_is_not_heard(
+def test_logs_missing_inputs_and_mismatched_publishers(
     start: Start, peer: Any, tmp_path: Path
 ) -> None:
     log = tmp_path / "mpc.log"
