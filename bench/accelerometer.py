@@ -36,14 +36,14 @@ _AIR: Mapping[str, Mapping[str, Any]] = {
 _TRAJECTORIES = ("hover", "lemniscate")
 
 
-def simulator(plant: str, noise: str, air: str, *, seed: int, felt: bool) -> SimulatorConfig:
+def simulator(plant: str, noise: str, air: str, *, seed: int, with_imu: bool) -> SimulatorConfig:
     """Return a simulator whose odometry is good but for its velocity."""
     own: dict[str, Any] = {}
     if plant == "internal":  # with the lags that the default expects
         guessed = MpcConfig()
         own["rate_time_constant"] = guessed.rate_time_constant
         own["thrust_time_constant"] = guessed.thrust_time_constant
-    if felt:
+    if with_imu:
         own.update(imu_rate=200.0, imu_noise=0.2)
     return SimulatorConfig(
         plant=plant,
@@ -76,11 +76,11 @@ def figures(
     trajectory: str, plant: str, noise: str, air: str, *, seeds: int, accelerometer_noise: float
 ) -> tuple[float, float]:
     """Return RMSE and largest error [mm], means over the seeds."""
-    felt = accelerometer_noise > 0.0
+    with_imu = accelerometer_noise > 0.0
     found = [
         errors(
             trajectory,
-            simulator(plant, noise, air, seed=seed, felt=felt),
+            simulator(plant, noise, air, seed=seed, with_imu=with_imu),
             accelerometer_noise,
         )
         for seed in range(seeds)

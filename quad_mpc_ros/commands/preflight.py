@@ -24,7 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Look at the running nodes of a vehicle before it flies, and print a line for each check: "
         "ok, or what to do (docs/howto/preflight.md). Nothing is changed or flown. Exit code 0 "
-        "when it may fly, warnings allowed, 1 when something must be mended, 2 for wrong input."
+        "when it may fly, warnings allowed, 1 when something must be fixed, 2 for wrong input."
     )
     parser.add_argument(
         "--namespace", default="", metavar="NS", help="namespace of the vehicle (default: none)"
@@ -66,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
     levels = [each.level for _, each in found]
     errors, warnings = levels.count(Level.ERROR), levels.count(Level.WARNING)
     print(
-        f"{errors} to mend before it flies, {warnings} to look at: docs/howto/preflight.md"
+        f"{errors} to fix before the flight, {warnings} to check: docs/howto/preflight.md"
         if errors
         else f"nothing must be mended, {warnings} to look at",
         file=sys.stderr,

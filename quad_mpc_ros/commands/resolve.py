@@ -127,8 +127,8 @@ def _recorded(
         parameters={**others, mpc.owner: mpc.flattened()},
         frame_id=mpc.odometry.frame_id,
     ) as recorder:
-        for felt in run.imu:
-            recorder.imu(felt.value, time_ns=felt.log_time_ns)
+        for sample in run.imu:
+            recorder.imu(sample.value, time_ns=sample.log_time_ns)
         for sent in run.commands:
             recorder.command(
                 sent.value,

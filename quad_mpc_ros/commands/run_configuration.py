@@ -108,7 +108,7 @@ def _check_imu(mpc: Configuration, simulator: Configuration) -> None:
     """Raise :class:`UserError` where odometries in lockstep would wait for an accelerometer."""
     assert isinstance(mpc, MpcConfig)
     assert isinstance(simulator, SimulatorConfig)
-    if mpc.feels and mpc.lockstep and simulator.imu_rate == 0.0:
+    if mpc.uses_accelerometer and mpc.lockstep and simulator.imu_rate == 0.0:
         raise ConfigurationError(
             "simulator.imu_rate",
             simulator.imu_rate,

@@ -107,8 +107,8 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sensor",
         choices=("rays", "markers"),
-        help="the mpc is told nothing of FILE, but sees what is within simulator.obstacles."
-        "sensor_range, 6 m, as points or as shapes (default: it is told what stands, and sees "
+        help="the mpc does not know FILE, but sees what is within simulator.obstacles."
+        "sensor_range, 6 m, as points or as shapes (default: it knows what stands, and sees "
         "what moves or appears as shapes)",
     )
     add_out(parser, "bag, summary.json and figures; must not hold any", "<reference>")

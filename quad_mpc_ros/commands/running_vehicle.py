@@ -66,8 +66,8 @@ class RunningVehicle(Observer):
         parameters = {full.rpartition("/")[2]: values for full, values in answers.items()}
         self._follow_time(parameters)
         self._watch(self._odometry_topic(), deadline)
-        told = {f"{self._space}/{name}" for name in names}
-        self.spin_until(lambda: told <= self._health.keys(), deadline)
+        awaited = {f"{self._space}/{name}" for name in names}
+        self.spin_until(lambda: awaited <= self._health.keys(), deadline)
         nodes = {
             name: self._node(name, parameters.get(name), count=names.count(name))
             for name in sorted(set(names), key=_order)

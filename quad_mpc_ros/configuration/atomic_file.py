@@ -1,4 +1,4 @@
-"""Writing a file in one piece: whoever looks finds all of it, or what was there before."""
+"""Writing a file in one piece: readers find the whole new file, or the one before."""
 
 from __future__ import annotations
 

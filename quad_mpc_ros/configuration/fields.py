@@ -42,8 +42,8 @@ class ParameterSpec:
     for arrays they hold for every element. ``length`` is the required number of elements.
     ``per_axis`` says that a number may as well be three, one for each body axis.
     ``live`` states whether the value may change in flight; with ``switch`` not from zero or to
-    it, which changes the structure of what uses it. ``advanced`` is what nobody must set: its name
-    begins with ``advanced.``. ``path`` leads to its field, through the groups.
+    it, which changes the structure of what uses it. The name of an ``advanced`` parameter,
+    which users do not need to set, begins with ``advanced.``. ``path`` leads to its field.
     """
 
     path: str = ""

@@ -29,7 +29,7 @@ Schema = Mapping[str, type[Configuration]]
 
 _EVERY_NODE = "/**"
 _PARAMETERS = "ros__parameters"
-# Set by ROS or by whoever starts the nodes, and no business of the configuration.
+# Set by ROS or by the launch file, not part of the configuration.
 _OF_ROS = ("use_sim_time", "start_type_description_service")
 _GROUP_OF_ROS = "qos_overrides."
 # ROS compares names with its key as far as that is long.
@@ -76,7 +76,7 @@ def collected(
 
     The arguments are those of :func:`load`. Of what is stated for every node (``/**``) each gets
     its share; what is stated for a node by name wins over it, whichever comes last. Raises
-    :class:`UserError` for a file that cannot be read, or with a parameter that nobody knows.
+    :class:`UserError` for a file that cannot be read, or with an unknown parameter.
     """
     return _collected(sources, assignments, schema=schema, base=base)[0]
 
@@ -133,7 +133,7 @@ def _refuse_unknown_of(
 def dump(node: str, values: Mapping[str, Any]) -> str:
     """Return a ROS parameter file of one node's parameters by dotted name.
 
-    Empty lists are left out: ROS cannot tell their type.
+    Empty lists are left out: ROS cannot infer their type.
     """
     listed = {
         name: list(value) if isinstance(value, tuple) else value

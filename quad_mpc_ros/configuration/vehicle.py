@@ -57,8 +57,8 @@ def disagreements(vehicles: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
             else:
                 alike.append(node)
         if len(groups) > 1:
-            told = (f"{shown(value)} of {' and '.join(who)}" for value, who in groups)
-            found[name] = f"{name} {', '.join(told)}"
+            groups_text = (f"{shown(value)} of {' and '.join(who)}" for value, who in groups)
+            found[name] = f"{name} {', '.join(groups_text)}"
     return found
 
 

@@ -482,8 +482,8 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
         return self.formulation != "paper"
 
     @property
-    def feels(self) -> bool:
-        """Whether what an accelerometer measures is used."""
+    def uses_accelerometer(self) -> bool:
+        """Whether the estimator uses an accelerometer."""
         return self.accelerometer_noise > 0.0 and self.estimate_disturbance and self.on_manifold
 
     @property

@@ -239,7 +239,7 @@ class Controller:
         Returns:
             In lockstep the tick of the odometry that waited for it, otherwise None.
         """
-        if not self._config.feels or not self._inputs.accept_imu(sample):
+        if not self._config.uses_accelerometer or not self._inputs.accept_imu(sample):
             return None
         self._estimation.take_imu(sample)
         if self._config.lockstep and not self._is_answered():
@@ -296,14 +296,14 @@ class Controller:
         return self._answer(odometry, held_ns=held_ns, now_ns=odometry.stamp_ns)
 
     def _awaits_imu(self, stamp_ns: int) -> bool:
-        """Whether an odometry in lockstep is to wait for what was felt until its stamp.
+        """Whether an odometry in lockstep has to wait for the IMU sample of its stamp.
 
         Not the first one: there is no time before it.
         """
-        if not self._config.feels or self._last_tick is None:
+        if not self._config.uses_accelerometer or self._last_tick is None:
             return False
-        felt_ns = self._inputs.imu_stamp_ns
-        return felt_ns is None or felt_ns < stamp_ns
+        imu_ns = self._inputs.imu_stamp_ns
+        return imu_ns is None or imu_ns < stamp_ns
 
     def _answer(self, odometry: OdometrySample, *, held_ns: int, now_ns: int) -> Tick:
         """Run the control step of an odometry; its command is expected to act for ``held_ns``."""

@@ -81,7 +81,7 @@ class EstimateStage(Stage):
 
     def take_imu(self, sample: ImuSample) -> None:
         """Take what an accelerometer measured, for the next odometry."""
-        self._estimator.feel(sample)
+        self._estimator.add_imu(sample)
 
     def step(
         self,

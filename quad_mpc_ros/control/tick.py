@@ -83,7 +83,7 @@ class TickStats:
     # Status of the estimate: hold, velocity only, learn, reject, at bounds, reset.
     estimate: str = "hold"
     estimate_resets: int = 0  # how often it was reset so far
-    # What was felt since the odometry before: off, missing, paused, used, refused by its gate.
+    # Use of the accelerometer since the last odometry: off, missing, paused, used or refused.
     accelerometer: str = "off"
     odom_age_ms: float  # age of the odometry by its stamp when the tick began [ms]
     reference_age_ms: float  # age of the reference since it arrived [ms]

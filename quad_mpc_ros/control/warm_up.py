@@ -76,7 +76,7 @@ def compile_estimation(config: MpcConfig) -> None:
 
 @functools.cache
 def _compile(config: MpcConfig) -> None:
-    """Run a few ticks of a controller that nobody listens to."""
+    """Run a few control steps of a controller whose commands are discarded."""
     controller, frame_id = Controller(config), config.odometry.frame_id
     for stamp_ns in _TICKS_NS:
         held = ReferenceWindow.hover(_position(stamp_ns), stamp_ns=stamp_ns, frame_id=frame_id)

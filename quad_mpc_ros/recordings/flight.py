@@ -74,7 +74,7 @@ class CommandTrack:
 
 
 class GatePoses(NamedTuple):
-    """Where the gates of a course were told to be: (n, 3) [m] and (n, 4), in the file's order."""
+    """Published poses of the gates of a course: (n, 3) [m] and (n, 4), in the file's order."""
 
     publish_time_ns: int
     p_WG: Array

@@ -374,14 +374,14 @@ def _usable(
 
 
 def _gates_into(gates: list[GatePoses], *, frame_id: str) -> Taker:
-    """Return what appends where gates are told to be, unless that is known or of another frame."""
+    """Return a reader that appends new gate poses; poses of another frame are left out."""
 
     def take(message: RecordedMessage) -> None:
         with contextlib.suppress(UserError):
             p_WG, q_WG_xyzw = conversions.poses_from_message(message.message, frame_id=frame_id)
-            told = GatePoses(message.publish_time_ns, p_WG, q_WG_xyzw)
-            if not gates or not all(map(np.array_equal, told[1:], gates[-1][1:])):
-                gates.append(told)
+            poses = GatePoses(message.publish_time_ns, p_WG, q_WG_xyzw)
+            if not gates or not all(map(np.array_equal, poses[1:], gates[-1][1:])):
+                gates.append(poses)
 
     return take
 

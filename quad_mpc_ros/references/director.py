@@ -142,7 +142,7 @@ class Director:
         """
         self.ground += float(reset.step_W[2])
         moves = self.mode(now_ns) in (GROUND, TAKEOFF, HOLD, LANDING, VELOCITY)
-        self._following = None  # the next command begins anew, in the new coordinates
+        self._following = None  # the next command starts in the new coordinates
         if moves:
             self.timeline.reset_estimate(reset)
         return moves

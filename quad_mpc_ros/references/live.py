@@ -9,7 +9,7 @@ Once they act, it continues from there: ``on_request`` stays, ``at_once`` begins
 after a take-off if on the ground. When they stop acting, it waits again.
 
 Whether the vehicle stands is the MPC's to say (:meth:`LiveReference.tell_ground`). Where it is
-not heard, or does not know, the flight stack's word counts, and without that, until a take-off,
+not published or unknown, the flight stack's report counts, and without that, until a take-off,
 the height at which the vehicle was seen first. One of the two must say that a landing is over.
 """
 
@@ -330,7 +330,7 @@ class LiveReference:
         return self._requested(request)
 
     def move(self, now_ns: int, command: VelocityCommand) -> Reply | None:
-        """Follow a velocity for ``velocity_timeout``; return what there is to tell, if anything.
+        """Follow a velocity for ``velocity_timeout``; return a message for the log, if any.
 
         It begins in the air, and ends whatever is flown except for a take-off and a landing.
         """
@@ -360,7 +360,7 @@ class LiveReference:
         return reply
 
     def _begin(self, odometry: OdometrySample) -> None:
-        """Begin at the first odometry, where nobody publishes whether commands act."""
+        """Begin at the first odometry, if no node publishes whether commands act."""
         if self._at_once:
             self._follow_as_it_is(odometry.stamp_ns)
             return

@@ -41,8 +41,8 @@ class MotionTable:
     """A motion at n times, n > 1, increasing; ``source`` says where it is from, in errors.
 
     Shapes: ``seconds`` (n,) [s]; ``p_WB``, ``v_WB_W``, ``a_WB_W``, ``w_WB_B`` (n, 3);
-    ``q_WB_xyzw`` (n, 4). ``planned_with`` is what the planner wants to know to plan the rest of it
-    anew, empty where nobody does. ``rests`` is whether it begins and ends at rest.
+    ``q_WB_xyzw`` (n, 4). ``planned_with`` are the settings of the planner, empty
+    for a motion that was not planned. ``rests`` is whether it begins and ends at rest.
     """
 
     source: str

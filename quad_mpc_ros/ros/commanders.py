@@ -1,7 +1,7 @@
 """Who else commands the vehicle: there must be one source of commands in a namespace.
 
 Each MPC reports on ``/diagnostics`` on which topic it commands, and since when. One that is to be
-activated is refused while another is active there, or while somebody else publishes commands.
+activated is refused while another is active there, or while another node publishes commands.
 For that it waits for a second after the first message of another node, at most three after it
 begins to listen: nodes find each other one by one.
 
@@ -34,7 +34,7 @@ _CLAIM, _GRANTED = "commands.claim", "commands.granted"
 DISCOVERING = "commands.discovering"
 """Whether the node waits to know who else commands, of its values on ``/diagnostics``."""
 _MARK = _TOPIC.encode() + b"\0"
-# s: whoever has commanded for longer stops for nobody, whatever others say of themselves.
+# s: an MPC that has been in command for longer never yields, whatever others claim.
 _SETTLED = 10.0
 _STALE = 3.0  # s without a report: it has ended
 # s: until a node that listens has found all others, or from the first message of another.
@@ -194,7 +194,7 @@ class Commanders:
         return self._active() is not None
 
     def fault(self) -> str:
-        """Return who else could command beside this node, empty if nobody."""
+        """Return the other nodes that could command, empty if there are none."""
         publishers = self._publishers()
         if not publishers:
             return ""

@@ -182,7 +182,7 @@ class HealthReporter:
         return f"{', '.join(rivals)}, expected one" if rivals else ""
 
     def publishers_of(self, topic: Topic) -> str:
-        """Return in words what publishes on a subscribed topic, and why it is not heard."""
+        """Return in words the publishers of a subscribed topic, and why they do not match."""
         endpoint = self._endpoints[topic.name]
         name, found = str(endpoint.entity.topic_name), endpoint.known_peers(self._node)
         if not found:
@@ -190,7 +190,7 @@ class HealthReporter:
         misfits = [why for each in found if (why := endpoint.misfit(each))]
         count = f"{len(found)} publisher{'s' if len(found) > 1 else ''} on {name}"
         if misfits:
-            return f"{count}, not heard: {'; '.join(misfits)}"
+            return f"{count}, not received: {'; '.join(misfits)}"
         return f"{count}, nothing received"
 
     def _with_faults(self, health: Health) -> Health:

@@ -205,7 +205,7 @@ def _override(option: str, word: str) -> Section:
 def _refuse_misspelt_nodes(origin: str, there: Sequence[Section], names: Iterable[str]) -> None:
     """Refuse a name that surely is a misspelling of one of our nodes, which is not there.
 
-    Sections of other nodes are nobody's business here. ``names`` are those that nodes of this
+    Sections of other nodes are ignored. ``names`` are those that nodes of this
     process were given.
     """
     given = {section.node for section in there}

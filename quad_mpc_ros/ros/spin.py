@@ -66,7 +66,7 @@ def run_together(creates: Sequence[Callable[[], Node]], args: list[str] | None =
     """Make nodes in one process, as :func:`run` does one, and end all when one ends.
 
     The first has the main thread, each of the others one of its own: what takes one of them long
-    is not to delay another. Who of them runs is decided anew every half a millisecond.
+    is not to delay another. The thread that runs changes every half a millisecond at most.
     """
     sys.setswitchinterval(_SWITCH_INTERVAL)
     with _heard_once(process_ends=args is None) as interrupts:

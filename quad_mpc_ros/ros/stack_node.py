@@ -5,7 +5,7 @@
     stack_node --bridge px4 --ros-args --params-file vehicle.yaml
 
 They are the nodes that they are in processes of their own, with their names, parameters, topics
-and services. Windows of the reference go to the MPC without DDS, and by DDS to whoever else
+and services. Windows of the reference go to the MPC without DDS, and by DDS to any other node that
 listens. Each node has its own thread: planning does not keep the MPC waiting. When one ends, all
 end.
 """

@@ -2,7 +2,7 @@
 
 It is one that integrates: it measures by how much the velocity changed since the measurement
 before, over the time and less gravity, in the body half way. It does not ask what the plant's
-equations are, and feels the ground as well.
+equations are, and measures the ground contact as well.
 """
 
 from __future__ import annotations

@@ -61,8 +61,8 @@ class LoopStep:
             a control law of one's own.
         command: What was sent to the plant, if anything was.
         voltage: That of the battery [V], where it was measured with the odometry.
-        imu: What an accelerometer measured since the odometry before, which is told before it.
-        seen: What a sensor told of obstacles with it.
+        imu: IMU samples since the last odometry, delivered before it.
+        seen: Obstacles that a sensor reports with it.
         collision: Where it flew into one since the step before, which ends the flight.
     """
 
@@ -100,7 +100,7 @@ def fly(
     flown by differential flatness, with the vehicle and the yaw of ``reference``; a given
     ``plant`` starts as it is, also with ``on_reference``. A ``scene`` is flown among in place of
     the simulator's file of obstacles; the flight ends where the vehicle touches one. A ``world``
-    is what the guide of a given controller knows, which is told what the sensor sees.
+    is what the guide of a given controller knows, which receives what the sensor sees.
 
     Raises:
         UserError: For parameters that cannot be used together, a trajectory that the vehicle

@@ -18,7 +18,7 @@ _FILE = "simulator.obstacles.file"
 
 @dataclass(frozen=True, kw_only=True)
 class ObstacleSensorParameters(Configuration):
-    """Obstacles, and what is told of them."""
+    """Obstacles, and the messages about them."""
 
     owner = "simulator.obstacles"
 
@@ -55,7 +55,7 @@ class Collision(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What a sensor tells at a time: a cloud, markers, or neither."""
+    """The message of a sensor at a time: a cloud, markers, or neither."""
 
     cloud: PointCloud | None = None
     markers: tuple[Marker, ...] = ()
@@ -87,7 +87,7 @@ class Surroundings(Protocol):
         """Raise :class:`UserError` for a vehicle that would begin in contact at ``p_WB`` (3,)."""
 
     def look(self, truth: OdometrySample, time_ns: int) -> Seen:
-        """Return what is told with an odometry: of what is there, if the sensor is due."""
+        """Return the sensor message of an odometry, if the sensor is due."""
 
     def collision(self, truth: OdometrySample, time_ns: int) -> Collision | None:
         """Return the collision since the last odometry, if any."""

@@ -106,7 +106,7 @@ def test_ctrl_c_ends_the_search_and_leaves_nothing(
         ({}, ["--out", "race.mcap"], "--out: given race.mcap, expected a table"),
     ],
 )
-def test_bad_input_is_told_in_a_sentence(
+def test_rejects_bad_input_in_a_sentence(
     changes: dict[str, object],
     options: list[str],
     told: str,

@@ -40,10 +40,10 @@ def test_an_unknown_parameter_of_a_file_is_refused(
     assert "px4_bridge.speed" in capsys.readouterr().err
 
 
-def test_nothing_there_is_to_be_mended(capsys: pytest.CaptureFixture[str]) -> None:
+def test_reports_missing_nodes(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["preflight", "--timeout", "1"]) == 1
     printed = capsys.readouterr()
     lines = [line.split(maxsplit=2) for line in printed.out.splitlines()]
     assert ["error", "nodes"] in [line[:2] for line in lines]
     assert "no mpc node in this namespace" in printed.out
-    assert "to mend before it flies" in printed.err
+    assert "to fix before the flight" in printed.err

@@ -40,7 +40,7 @@ LAGGED = (
 )
 
 
-FELT = (
+WITH_IMU = (
     *LAGGED,
     "mpc.advanced.accelerometer_noise=0.5",
     "simulator.imu_rate=200",
@@ -68,8 +68,8 @@ def lagged(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def felt(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return simulated(tmp_path_factory.mktemp("felt") / "run", *FELT, duration=4.0)
+def with_imu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return simulated(tmp_path_factory.mktemp("with_imu") / "run", *WITH_IMU, duration=4.0)
 
 
 def commands(bag: Path, topic: str = "/command") -> list[bytes]:
@@ -85,7 +85,7 @@ def resolved(bag: Path, out: Path, *arguments: str) -> dict[str, Any]:
     return summary
 
 
-@pytest.mark.parametrize("flight", ["square", "lagged", "felt"])
+@pytest.mark.parametrize("flight", ["square", "lagged", "with_imu"])
 def test_the_recorded_configuration_commands_the_same_again(
     flight: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
@@ -98,18 +98,22 @@ def test_the_recorded_configuration_commands_the_same_again(
     assert (tmp_path / "again/figures/commands.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
-def test_what_was_felt_is_recorded_and_makes_a_difference(felt: Path, tmp_path: Path) -> None:
-    assert len(commands(felt / "bag", "/imu")) == 4 * (len(commands(felt / "bag", "/odom")) - 1)
-    unfelt = resolved(felt, tmp_path / "unfelt", "--set", "mpc.advanced.accelerometer_noise=0")
-    assert unfelt["equal"] < 0.5 * unfelt["compared"]
-    again = resolved(tmp_path / "unfelt", tmp_path / "again", "--set", FELT[len(LAGGED)])
+def test_imu_samples_are_recorded_and_make_a_difference(with_imu: Path, tmp_path: Path) -> None:
+    assert len(commands(with_imu / "bag", "/imu")) == 4 * (
+        len(commands(with_imu / "bag", "/odom")) - 1
+    )
+    without_imu = resolved(
+        with_imu, tmp_path / "without_imu", "--set", "mpc.advanced.accelerometer_noise=0"
+    )
+    assert without_imu["equal"] < 0.5 * without_imu["compared"]
+    again = resolved(tmp_path / "without_imu", tmp_path / "again", "--set", WITH_IMU[len(LAGGED)])
     assert again["equal"] == again["compared"]
 
 
 def test_without_imu_in_the_bag_it_is_resolved_without(
     lagged: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    summary = resolved(lagged, tmp_path / "again", "--set", FELT[len(LAGGED)])
+    summary = resolved(lagged, tmp_path / "again", "--set", WITH_IMU[len(LAGGED)])
     assert summary["equal"] == summary["compared"] > 0
     assert "no imu in the recording" in capsys.readouterr().err
 
@@ -118,7 +122,7 @@ def test_simulate_refuses_to_wait_for_an_accelerometer_that_is_not_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = ["--out", str(tmp_path / "run")]
-    assert main(["simulate", "--set", FELT[len(LAGGED)], *out]) == 2
+    assert main(["simulate", "--set", WITH_IMU[len(LAGGED)], *out]) == 2
     assert "simulator.imu_rate: given 0.0" in capsys.readouterr().err
 
 

@@ -22,7 +22,7 @@ def test_a_file_is_written_and_replaced(tmp_path: Path) -> None:
     assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask
 
 
-def test_a_file_that_exists_stays_unless_told(tmp_path: Path) -> None:
+def test_keeps_an_existing_file_unless_asked_to_overwrite(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     write_atomically(path, "first", overwrite=False)
     with pytest.raises(FileExistsError):

@@ -221,7 +221,7 @@ def test_an_update_changes_what_is_named_and_nothing_else(
     assert room.flattened() == before
 
 
-def test_specs_tell_everything_in_order() -> None:
+def test_specs_contain_every_property_in_order() -> None:
     specs = {spec.name: spec for spec in Room.specs()}
     assert list(specs) == list(Room().flattened())
     assert specs["length"] == ParameterSpec(

@@ -89,7 +89,7 @@ def test_without_the_parameter_nothing_is_taken_and_nothing_said() -> None:
     assert controller.take_warnings() == []
 
 
-def test_in_lockstep_an_odometry_waits_for_what_was_felt_until_it() -> None:
+def test_in_lockstep_an_odometry_waits_for_its_imu_sample() -> None:
     controller = Controller(MpcConfig(accelerometer_noise=0.5, lockstep=True))
     assert answered(controller, START_NS) is not None  # there is nothing before it
     later_ns = START_NS + PERIOD_NS
@@ -104,5 +104,5 @@ def test_in_lockstep_an_odometry_waits_for_what_was_felt_until_it() -> None:
 
 
 def test_the_papers_model_has_no_use_for_it() -> None:
-    assert not MpcConfig(formulation="paper", accelerometer_noise=0.5).feels
-    assert not MpcConfig(estimate_disturbance=False, accelerometer_noise=0.5).feels
+    assert not MpcConfig(formulation="paper", accelerometer_noise=0.5).uses_accelerometer
+    assert not MpcConfig(estimate_disturbance=False, accelerometer_noise=0.5).uses_accelerometer

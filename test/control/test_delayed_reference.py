@@ -120,7 +120,7 @@ def test_so_is_what_comes_after_a_gap() -> None:
     assert delayed.behind == 0.0
 
 
-def test_at_rest_nobody_is_behind() -> None:
+def test_has_no_delay_at_rest() -> None:
     delayed = DelayedReference(MpcConfig())
     for k in range(100):
         stamp_ns = k * PERIOD_NS
@@ -143,7 +143,7 @@ def test_the_way_moves_with_the_estimate() -> None:
     np.testing.assert_allclose(places(window, stamp_ns, after=after), expected, atol=1e-4)
 
 
-def test_another_frame_begins_anew() -> None:
+def test_restarts_in_another_frame() -> None:
     delayed = DelayedReference(MpcConfig())
     fly(delayed, 100, speed=0.8)
     window = dataclasses.replace(SERVER.window(100 * PERIOD_NS), frame_id="map")

@@ -191,7 +191,7 @@ def is_held_level(pilot: Pilot) -> bool:
 
 
 @pytest.mark.parametrize("kind", ["attitude", "position"])
-def test_somebody_else_who_commands_it_is_noticed(tmp_path: Path, kind: str) -> None:
+def test_detects_another_sender_of_commands(tmp_path: Path, kind: str) -> None:
     """Over a link that the bridge does not hear: it sees that the target is none of its own."""
     with flown(tmp_path, truth=False, links=2) as pilot:
         pilot.engage_and_arm()
@@ -208,7 +208,7 @@ def test_somebody_else_who_commands_it_is_noticed(tmp_path: Path, kind: str) -> 
 
         pilot.simulator.received(1)
         pilot.until(rival, seconds=3.0, phase="two")
-        assert "somebody else commands the vehicle" in pilot.bridge.handover[1]
+        assert "another sender commands the vehicle" in pilot.bridge.handover[1]
         assert 1e-9 * (pilot.now_ns - begin_ns) < 2.0
 
 

@@ -165,7 +165,7 @@ def test_environment_without_its_python_is_remade(checkout: Checkout) -> None:
     assert len(checkout.pip()) == 2
 
 
-def test_folder_of_somebody_else_is_not_touched(checkout: Checkout) -> None:
+def test_leaves_a_foreign_folder_untouched(checkout: Checkout) -> None:
     (checkout.folder / ".venv").mkdir()
     refused = checkout.make()
     assert refused.status != 0

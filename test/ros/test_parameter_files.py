@@ -377,7 +377,7 @@ def test_what_is_for_nodes_of_other_packages_is_left_to_them(shared: str, tmp_pa
         rclpy.shutdown()
 
 
-def test_a_file_for_others_alone_is_told(tmp_path: Path) -> None:
+def test_reports_a_file_without_a_section_for_the_node(tmp_path: Path) -> None:
     path = written(tmp_path / "stack.yaml", **{"/uav2/mpc": {"mass": 0.5}, "planner": {"a": 1}})
     given = read_arguments(["--ros-args", "--params-file", path], several=False)
     assert given.unread_files(["/uav1/mpc"]) == [

@@ -90,14 +90,14 @@ def test_processors_are_kept_awake_or_the_file_named() -> None:
         assert "needs write access to /dev/cpu_dma_latency" in first
 
 
-def test_processors_that_may_not_be_kept_awake_are_told() -> None:
+def test_reports_processors_that_cannot_be_kept_awake() -> None:
     said = _said(
         f"{_WITHOUT_PRIVILEGES}print(realtime.apply(RealtimeParameters(keep_awake=True)))"
     )
     assert "realtime.keep_awake is not granted" in said
 
 
-def test_memory_that_may_not_be_locked_is_told() -> None:
+def test_reports_memory_that_cannot_be_locked() -> None:
     said = _said(
         f"resource.setrlimit(resource.RLIMIT_MEMLOCK, (0, 0))\n{_WITHOUT_PRIVILEGES}"
         "print(realtime.apply(RealtimeParameters(lock_memory=True)))"
@@ -120,7 +120,7 @@ def test_a_priority_is_given_to_every_thread_or_the_limit_named() -> None:
     assert granted == "True {20}" if refused == "[]" else "rtprio limit of 20" in refused
 
 
-def test_a_priority_that_may_not_be_had_is_told() -> None:
+def test_reports_a_priority_that_is_not_permitted() -> None:
     said = _said(
         f"resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))\n{_WITHOUT_PRIVILEGES}"
         "print(realtime.apply(RealtimeParameters(scheduler_priority=20)))"

@@ -31,7 +31,7 @@ def flown(config: SimulatorConfig, *, throttle: float, count: int = 25) -> list[
     return sent
 
 
-def felt(config: SimulatorConfig, *, throttle: float, count: int = 25) -> list[ImuSample]:
+def imu_samples(config: SimulatorConfig, *, throttle: float, count: int = 25) -> list[ImuSample]:
     sent = flown(config, throttle=throttle, count=count)
     return [sample for each in sent for sample in each.imu]
 
@@ -46,21 +46,21 @@ def test_hover_reads_gravity_upwards(plant: str) -> None:
         plant=plant, imu_rate=200.0, initial_position=(0.0, 0.0, 50.0), initial_throttle=0.29
     )
     hover = config.vehicle().hover_throttle
-    readings = np.array([sample.f_B for sample in felt(config, throttle=hover)])
+    readings = np.array([sample.f_B for sample in imu_samples(config, throttle=hover)])
     np.testing.assert_allclose(readings[-20:, :2], 0.0, atol=0.1)
     np.testing.assert_allclose(readings[-20:, 2], GRAVITY, rtol=0.05)
 
 
 def test_ground_reads_gravity_and_free_fall_nothing() -> None:
-    ground = felt(ideal(imu_rate=100.0), throttle=0.0)
+    ground = imu_samples(ideal(imu_rate=100.0), throttle=0.0)
     np.testing.assert_allclose([each.f_B for each in ground], [[0.0, 0.0, GRAVITY]] * len(ground))
-    falling = felt(airborne(drag=0.0, thrust_curve=(0.0, 1.0, 0.0)), throttle=0.0)
+    falling = imu_samples(airborne(drag=0.0, thrust_curve=(0.0, 1.0, 0.0)), throttle=0.0)
     np.testing.assert_allclose([each.f_B for each in falling], 0.0, atol=1e-6)
 
 
 def test_thrust_is_along_the_body_however_it_leans() -> None:
     tilted = (0.0, 0.3826834, 0.0, 0.9238795)
-    readings = felt(airborne(drag=0.0, initial_attitude=tilted), throttle=0.3)
+    readings = imu_samples(airborne(drag=0.0, initial_attitude=tilted), throttle=0.3)
     lift = 4.0 * np.polyval(SimulatorConfig().thrust_curve, 0.3) / SimulatorConfig().mass
     expected = np.tile([0.0, 0.0, lift], (len(readings) - 4, 1))
     np.testing.assert_allclose([each.f_B for each in readings[4:]], expected, atol=1e-6)
@@ -95,11 +95,11 @@ def test_nothing_is_lost_or_late_with_odometries_that_are(
 def test_errs_as_configured_and_repeats_with_its_seed() -> None:
     """On the ground."""
     config = ideal(imu_rate=200.0, imu_noise=0.5, imu_bias=(0.1, 0.2, -0.3), odom_rate=20.0)
-    readings = np.array([each.f_B for each in felt(config, throttle=0.0, count=400)])
+    readings = np.array([each.f_B for each in imu_samples(config, throttle=0.0, count=400)])
     expected = np.add(config.imu_bias, [0.0, 0.0, GRAVITY])
     np.testing.assert_allclose(readings.mean(axis=0), expected, atol=0.05)
     np.testing.assert_allclose(readings.std(axis=0), 0.5, rtol=0.05)
-    again = np.array([each.f_B for each in felt(config, throttle=0.0, count=400)])
+    again = np.array([each.f_B for each in imu_samples(config, throttle=0.0, count=400)])
     np.testing.assert_array_equal(again, readings)
 
 

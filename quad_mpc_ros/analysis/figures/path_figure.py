@@ -12,7 +12,9 @@ from quad_mpc_ros.recordings.evaluation.race import drawn_course
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoint_positions
 from quad_mpc_ros.recordings.flight import Flight
 
-_WIDTH, _HEIGHT = 8.0, 6.2  # inch
+_SIDE = 8.0  # inch, before the figure is cropped to what is drawn
+_SCALE_HEIGHT = 0.6  # of the height of what is drawn
+_MARGIN = 0.1  # inch
 _MOST_NUMBERS = 12  # waypoints; numbers on more would hide the flight
 
 _SPACING = 0.25  # of the longest side, flown between two drawn vehicles
@@ -29,7 +31,7 @@ def write_path(flight: Flight, path: Path) -> Path:
     The vehicle, four rotors on a cross, is drawn along the way as it was tilted there, larger
     than it is where the room is large. Raises ``OSError`` when the file cannot be written.
     """
-    figure = style.new_figure(_WIDTH, _HEIGHT)
+    figure = style.new_figure(_SIDE, _SIDE)
     points = [flight.p_WB, *([] if flight.reference is None else [flight.reference.p_WB])]
     shapes = obstacles.drawn_shapes(flight)
     course = drawn_course(flight)
@@ -40,7 +42,7 @@ def write_path(flight: Flight, path: Path) -> Path:
     _draw_reference(axes, flight)
     if course is None:
         _draw_waypoints(axes, flight)
-    _draw_flight(figure, axes, flight, ground=float(lower[2]))
+    scale = _draw_flight(figure, axes, flight, ground=float(lower[2]))
     space.draw_gates(axes, course, zorder=_MARKS)
     side = float(np.max(upper - lower))
     way = space.way_along(flight.p_WB)
@@ -54,18 +56,33 @@ def write_path(flight: Flight, path: Path) -> Path:
         zorder=_VEHICLES,
         apart=True,
     )
+    return style.save(figure, path, crop=_arrange(figure, axes, scale))
+
+
+def _arrange(figure: Any, axes: Any, scale: Any) -> Any:
+    """Put the legend above what is drawn and the scale beside it; return the box of all [inch]."""
+    from matplotlib.transforms import Bbox
+
+    room = space.drawn_box(figure, axes)
+    figure.set_layout_engine("none")
+    drawn, bar = room.transformed(figure.transFigure.inverted()), scale.get_position()
+    height = _SCALE_HEIGHT * drawn.height
+    bottom = drawn.y0 + 0.5 * (drawn.height - height)
+    scale.set_position((drawn.x1 + bar.width, bottom, bar.width, height))
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(
+    legend = figure.legend(
         handles,
         labels,
-        loc="outside upper left",
+        loc="lower left",
+        bbox_to_anchor=(drawn.x0, drawn.y1),
         ncols=len(labels),
         frameon=False,
         fontsize=9,
         labelcolor=style.INK,
         handlelength=2.4,
     )
-    return style.save(figure, path)
+    boxes = Bbox.union([room, legend.get_window_extent(), scale.get_tightbbox()])
+    return boxes.transformed(figure.dpi_scale_trans.inverted()).padded(_MARGIN)
 
 
 def _draw_reference(axes: Any, flight: Flight) -> None:
@@ -112,7 +129,7 @@ def _draw_waypoints(axes: Any, flight: Flight) -> None:
         )
 
 
-def _draw_flight(figure: Any, axes: Any, flight: Flight, *, ground: float) -> None:
+def _draw_flight(figure: Any, axes: Any, flight: Flight, *, ground: float) -> Any:
     x, y, _ = flight.broken(flight.time, flight.p_WB)[1].T
     axes.plot(x, y, ground, color=style.FAINT, linewidth=1.0, zorder=_GROUND)
     start = flight.p_WB[0]
@@ -122,4 +139,4 @@ def _draw_flight(figure: Any, axes: Any, flight: Flight, *, ground: float) -> No
     thinned = slice(None, None, -(-len(x) // _MOST_PIECES))
     speed = np.linalg.norm(flight.v_WB_B[thinned], axis=1)
     _, p_WB, speed = flight.broken(flight.time[thinned], flight.p_WB[thinned], speed)
-    space.draw_coloured_by_speed(figure, axes, p_WB, speed, zorder=_FLIGHT)
+    return space.draw_coloured_by_speed(figure, axes, p_WB, speed, zorder=_FLIGHT)

@@ -13,8 +13,6 @@ from quad_mpc_ros.control.model.vehicle import ARM, outline
 from quad_mpc_ros.references.course import Course, Gate
 
 _ELEVATION, _AZIMUTH = 22.0, -60.0  # deg, of the eye
-_AROUND = 0.08  # of the axes, for numbers and labels beside the room
-_MOST_ZOOM = 2.0
 _MARGIN = 0.1  # of the longest side of the flight
 _SMALLEST_SIDE = 1.0  # m: a hovering flight is not to look like a journey
 
@@ -37,12 +35,9 @@ def room(points: Array) -> tuple[Array, Array]:
 
 
 def draw_room(
-    figure: Any, lower: Array, upper: Array, *, place: Any = 111, zoom: float | None = None
+    figure: Any, lower: Array, upper: Array, *, place: Any = 111, zoom: float = 1.0
 ) -> Any:
-    """Return axes of that extent, in a place of the figure; Any, for mplot3d has no types.
-
-    The room fills them, whatever its shape, unless a ``zoom`` is given.
-    """
+    """Return axes of that extent, in a place of the figure; Any, for mplot3d has no types."""
     from matplotlib import rc_context
     from matplotlib.ticker import MaxNLocator
 
@@ -51,10 +46,7 @@ def draw_room(
         axes = figure.add_subplot(place, projection="3d", computed_zorder=False)
     axes.set(xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]), zlim=(lower[2], upper[2]))
     axes.view_init(elev=_ELEVATION, azim=_AZIMUTH)
-    if zoom is None:
-        _fill(axes, lower, upper)
-    else:
-        axes.set_box_aspect(upper - lower, zoom=zoom)
+    axes.set_box_aspect(upper - lower, zoom=zoom)
     names = {"x, east": axes.xaxis, "y, north": axes.yaxis, "z, up": axes.zaxis}
     for name, axis in names.items():
         axis.set_pane_color((0.98, 0.98, 0.98, 1.0))
@@ -69,27 +61,34 @@ def draw_room(
     return axes
 
 
-def _fill(axes: Any, lower: Array, upper: Array) -> None:
-    """Zoom so that all corners of the room are inside of the axes, whatever its shape."""
+def _corners(axes: Any) -> Array:
+    """Return the corners (8, 2) of the room in the plane of the picture."""
     from mpl_toolkits.mplot3d import proj3d  # type: ignore[import-untyped]
 
-    corners = np.array(np.meshgrid(*zip(lower, upper, strict=True))).reshape(3, -1)
-    zoom = 1.0
-    for _ in range(3):  # by perspective not quite proportional
-        axes.set_box_aspect(upper - lower, zoom=zoom)
-        x, y, _ = proj3d.proj_transform(*corners, axes.get_proj())
-        places = axes.transLimits.transform(np.column_stack((x, y)))
-        zoom *= (0.5 - _AROUND) / float(np.abs(places - 0.5).max())
-        zoom = min(zoom, _MOST_ZOOM)
-    axes.set_box_aspect(upper - lower, zoom=zoom)
+    bounds = axes.get_xlim(), axes.get_ylim(), axes.get_zlim()
+    x, y, _ = proj3d.proj_transform(
+        *np.array(np.meshgrid(*bounds)).reshape(3, -1), axes.get_proj()
+    )
+    return np.column_stack((x, y))
+
+
+def drawn_box(figure: Any, axes: Any) -> Any:
+    """Return what the room and its labels cover, a box in pixels."""
+    from matplotlib.transforms import Bbox
+
+    figure.draw_without_rendering()
+    box = Bbox.null()
+    box.update_from_data_xy(axes.transData.transform(_corners(axes)), ignore=True)
+    labels = (axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis))
+    return Bbox.union([box, *labels])
 
 
 def draw_coloured_by_speed(
     figure: Any, axes: Any, p_WB: Array, speed: Array, *, zorder: int
-) -> None:
-    """Draw positions (n, 3) [m] as a line coloured by speed (n,) [m/s], and its scale.
+) -> Any:
+    """Draw positions (n, 3) [m] as a line coloured by speed (n,) [m/s]; return the axes' scale.
 
-    It is broken where a position is not a number.
+    The line is broken where a position is not a number.
     """
     from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
 
@@ -104,6 +103,7 @@ def draw_coloured_by_speed(
     bar.outline.set_visible(False)
     bar.set_label("speed [m/s]", fontsize=9, color=style.INK)
     bar.ax.tick_params(labelsize=8, labelcolor=style.INK, color=style.FAINT)
+    return bar.ax
 
 
 def _speed_colours() -> Any:

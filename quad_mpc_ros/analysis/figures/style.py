@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
 
 FLOWN = "#0072B2"
 REFERENCE = "#E69F00"
@@ -65,8 +66,11 @@ def rgb(colour: str) -> tuple[float, float, float]:
     return red / 255, green / 255, blue / 255
 
 
-def save(figure: Figure, path: Path) -> Path:
-    """Write a figure as PNG and return its path; the folder is made."""
+def save(figure: Figure, path: Path, *, crop: Bbox | None = None) -> Path:
+    """Write a figure as PNG, or the part of it in a box [inch]; return its path.
+
+    The folder is made.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, format="png")
+    figure.savefig(path, format="png", bbox_inches=crop)
     return path

@@ -49,7 +49,7 @@ class ClockOffset:
 
 
 class Lateness(Stage):
-    """By how much an odometry is later than the fastest, of which the delay of the input tells.
+    """By how much an odometry is later than the fastest, whose latency is part of the input delay.
 
     Beyond ``odom_timeout``, either way, a clock was set, and the next one is the fastest.
     """

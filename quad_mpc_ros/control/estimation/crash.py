@@ -32,9 +32,9 @@ class Crash:
         self.found = False
         """Whether it is certain that it has crashed."""
         self._gravity = gravity
-        self.begin_anew()
+        self.reset()
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forget what was before, but not that it has crashed."""
         self._inverted, self._stopped = KeptHeight(2.0 * SETTLING), KeptHeight(_STOPPED)
         self._before = 0, 0.0  # stamp, and speed [m/s]
@@ -46,7 +46,7 @@ class Crash:
         if self.found:
             self.found = motion.climb >= -FAST
             if not self.found:
-                self.begin_anew()
+                self.reset()
             return self.found
         fall = rise = 0.0
         if motion.speed < SLOW:

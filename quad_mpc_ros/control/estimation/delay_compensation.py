@@ -105,11 +105,11 @@ class DelayCompensation(Stage):
             throttle=hover.throttle,
             delay=config.input_delay,
             enabled=self._learns,
-            feels=config.feels,
+            uses_accelerometer=config.uses_accelerometer,
             state=followed.filter,
         )
-        self._felt_variance = config.accelerometer_noise**2 if config.feels else 0.0
-        self._felt = SpecificForces()
+        self._force_variance = config.accelerometer_noise**2 if config.uses_accelerometer else 0.0
+        self._specific_forces = SpecificForces()
         self._ground = ground
         self._health = EstimateHealth()
         self.status = EstimateStatus()
@@ -147,9 +147,9 @@ class DelayCompensation(Stage):
         self._sent[BODY_RATE] = self._rate_gain * command.w_WB_B
         self._history.record(self._sent, stamp_ns=stamp_ns)
 
-    def feel(self, sample: ImuSample) -> None:
+    def add_imu(self, sample: ImuSample) -> None:
         """Take what an accelerometer measured, for the next odometry."""
-        self._felt.add(sample)
+        self._specific_forces.add(sample)
 
     def engage(self, engaged: bool) -> None:
         """Set whether commands act on the vehicle; at the start they do.
@@ -189,8 +189,8 @@ class DelayCompensation(Stage):
             measured = self._followed.measured
             self._ekf.start(p_WB=measured.p_WB, v_WB_W=measured.v_WB_W, w_WB_B=measured.w_WB_B)
             self.status = EstimateStatus(resets=self._health.resets)
-            if self._felt_variance > 0.0:
-                self._take_felt(stamp_ns, stamp_ns)
+            if self._force_variance > 0.0:
+                self._take_specific_force(stamp_ns, stamp_ns)
         elif self._follows:
             self._go_on(odometry, previous_ns)
         else:
@@ -238,7 +238,8 @@ class DelayCompensation(Stage):
     def _go_on(self, odometry: OdometrySample, previous_ns: int) -> None:
         """Take an odometry, and bring the EKF from the one before to it."""
         stamp_ns = odometry.stamp_ns
-        is_felt = self._felt_variance > 0.0 and self._take_felt(previous_ns, stamp_ns)
+        measures = self._force_variance > 0.0
+        is_measured = measures and self._take_specific_force(previous_ns, stamp_ns)
         mode, at_bounds = _follow(
             buffer=self._buffer,
             p_WB=odometry.p_WB,
@@ -252,24 +253,25 @@ class DelayCompensation(Stage):
             conditions=self._conditions(previous_ns),
         )
         self._judge(mode, at_bounds, stamp_ns, duration=1e-9 * (stamp_ns - previous_ns))
-        if self._felt_variance > 0.0:
+        if measures:
             self.status = self.status._replace(
-                accelerometer=self._use_of_felt(mode, is_felt), imu_stamp_ns=self._felt.newest_ns
+                accelerometer=self._accelerometer_use(mode, is_measured),
+                imu_stamp_ns=self._specific_forces.newest_ns,
             )
 
-    def _take_felt(self, previous_ns: int, stamp_ns: int) -> bool:
-        """Give the filter what was felt since the odometry before; return whether there is any."""
-        mean = self._felt.mean(start_ns=previous_ns, end_ns=stamp_ns)
-        felt = self._followed.filter.felt
-        felt.variance = 0.0 if mean is None else self._felt_variance
+    def _take_specific_force(self, previous_ns: int, stamp_ns: int) -> bool:
+        """Give the filter the specific force since the last odometry; return whether it exists."""
+        mean = self._specific_forces.mean(start_ns=previous_ns, end_ns=stamp_ns)
+        force = self._followed.filter.specific_force
+        force.variance = 0.0 if mean is None else self._force_variance
         if mean is not None:
-            felt.f_B[:] = mean
+            force.f_B[:] = mean
         return mean is not None
 
-    def _use_of_felt(self, mode: int, is_felt: bool) -> str:
-        if not is_felt:
+    def _accelerometer_use(self, mode: int, is_measured: bool) -> str:
+        if not is_measured:
             return "missing"
-        if self._followed.filter.felt.used:
+        if self._followed.filter.specific_force.used:
             return "used"
         return "refused" if mode in (UpdateMode.LEARN, UpdateMode.REJECT) else "paused"
 

@@ -3,8 +3,8 @@
 Between two odometries position, velocity, throttle and body rates are predicted by the MPC's own
 model with the commands that were really acting, delayed and lagged (:mod:`.process_model`); then
 they are corrected by what was measured, and with them what is learned of the vehicle
-(:mod:`.error_state` has the states, :mod:`.kalman` the equations of the filter). What tells one
-state from another is derived in docs/explanation/estimation.md.
+(:mod:`.error_state` has the states, :mod:`.kalman` the equations of the filter).
+docs/explanation/estimation.md derives how the states are distinguished.
 
     dd/dt = noise, of d_z -d_z / T + noise         the disturbance; what lasts of d_z is thrust
     db/dt = -b / T_b + noise                       what the measured velocity errs for long
@@ -14,7 +14,7 @@ state from another is derived in docs/explanation/estimation.md.
     z_p = p + n,   z_v = v + b + n,   z_w = w - D dw/dt + n,   z_f = R' (dv/dt - g) + a + n
 
 **k and d_z look alike at hover**: only their sum k T/m + d_z = g is observable. What is likely
-tells them apart: winds change, a lack of thrust lasts. **Drag** is distinguished from wind by
+separates them: winds change, a lack of thrust lasts. **Drag** is distinguished from wind by
 motion, and is considered below a speed. **A velocity that errs for seconds**, as that of
 autopilots, is distinguished by how the position moves. What an odometry may change says
 :mod:`.update_mode`; a time constant of zero is no lag and stays. The delay of the input is not
@@ -71,12 +71,12 @@ class VehicleEkf:
         throttle: float,
         delay: float = 0.0,
         enabled: bool = True,
-        feels: bool = False,
+        uses_accelerometer: bool = False,
         state: Filter,
     ) -> None:
         """``nominal`` are the configured parameters, ``throttle`` is where it begins.
 
-        ``delay`` [s] is that of the input; ``feels`` says that there is an accelerometer. The
+        ``delay`` [s] is that of the input; ``uses_accelerometer`` says that there is one. The
         estimate is kept in ``state``, zeros to begin with; :func:`update` goes on with it.
         """
         self._filter, self._initial_throttle = state, throttle
@@ -92,7 +92,7 @@ class VehicleEkf:
         measurement_noise.start_drift(state.drift)
         state.motion.x[MOTION.scale] = 1.0
         assume(state, closer)
-        if feels:
+        if uses_accelerometer:
             assume_accelerometer(state)
         self.start_over()
         self.start(p_WB=np.zeros(3), v_WB_W=np.zeros(3), w_WB_B=np.zeros(3))

@@ -72,7 +72,7 @@ class Filter(Record):
     position_nis: float
     velocity_nis: float
     velocity_innovation: Vector3  # m/s
-    felt: SpecificForce  # between the last two odometries
+    specific_force: SpecificForce  # between the last two odometries
 
 
 @compiled

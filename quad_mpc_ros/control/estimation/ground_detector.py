@@ -1,6 +1,6 @@
 """Landing detection: the one place that judges whether the vehicle stands or flies.
 
-Whoever needs to know asks here: the limit stage what motors and rates may do, the estimator
+All users ask here: the limit stage what motors and rates may do, the estimator
 whether anything may be learned, and on ``mpc/ground_state`` the reference and the bridges.
 
 To say wrongly that it stands would cut the motors of a flying vehicle. So that is said only of
@@ -98,7 +98,7 @@ class GroundDetector(Stage):
             stood, height = self.state.stands and engaged, self._stood_at
             self._engaged = engaged
             self._forget()
-            self._stood_at = height  # whoever flew meanwhile: it may come down there again
+            self._stood_at = height  # others may have flown it meanwhile: it may land there again
             if stood:  # as the flight stack reported until now
                 self.state = GroundState.ON_GROUND
 
@@ -115,7 +115,7 @@ class GroundDetector(Stage):
         if self._stood_at is not None:
             self._stood_at += float(reset.step_W[2])
         self._still.forget()
-        self._crash.begin_anew()
+        self._crash.reset()
         if self._stamp_ns is not None:
             self._motion.reset_estimate(reset)
 
@@ -165,16 +165,15 @@ class GroundDetector(Stage):
         """Filter how it moves, and what carries it."""
         before_ns, self._stamp_ns = self._stamp_ns, odometry.stamp_ns
         duration_ns = 0 if before_ns is None else odometry.stamp_ns - before_ns
-        anew = not 0 < duration_ns <= LONGEST_GAP_NS
-        if anew:
+        if not 0 < duration_ns <= LONGEST_GAP_NS:
+            duration_ns = 0
             self._little_since_ns = self._lifting_since_ns = None
             self._still.forget()
-            self._crash.begin_anew()
+            self._crash.reset()
         self._motion.follow(
             odometry,
             thrust=thrust,
             duration=1e-9 * duration_ns,
-            anew=anew,
             flies=self.state.flies,
         )
         self._thrust = max(thrust, 0.0)  # a curve may be negative where nothing turns

@@ -96,14 +96,13 @@ class FilteredMotion:
         ground_W[2] = min(ground_W[2], self.now.height)
 
     def follow(
-        self, odometry: OdometrySample, *, thrust: float, duration: float, anew: bool, flies: bool
+        self, odometry: OdometrySample, *, thrust: float, duration: float, flies: bool
     ) -> None:
-        """Take an odometry that comes ``duration`` [s] after the one before, or begin ``anew``.
+        """Take an odometry that comes ``duration`` [s] after the last one; 0 restarts the filters.
 
         ``thrust`` is what the command in force makes by the model, as a share of the weight.
         """
         reported = odometry.p_WB, odometry.q_WB_xyzw, odometry.v_WB_B
-        duration = 0.0 if anew else duration
         self.now = _follow(self._filters, reported, thrust, duration=duration, flies=flies)
 
 
@@ -111,16 +110,16 @@ class FilteredMotion:
 def _follow(
     buffer: RecordArray[Filters], reported: _Reported, thrust: float, duration: float, flies: bool
 ) -> Motion:
-    """Filter the ``reported`` position, attitude and velocity; begin anew with no duration."""
+    """Filter the ``reported`` position, attitude and velocity; restart with no duration."""
     filters, (p_WB, q_WB_xyzw, v_WB_B) = buffer[()], reported
     R_WB = kernels.rotation(kernels.quaternion_in(q_WB_xyzw))
     v_WB_W = kernels.apply(R_WB, kernels.vector(v_WB_B))
-    anew, (_, _, up) = duration == 0.0, kernels.column(R_WB, 2)
-    share = 1.0 if anew else kernels.lowpass_share(duration, _FILTER)
+    restarts, (_, _, up) = duration == 0.0, kernels.column(R_WB, 2)
+    share = 1.0 if restarts else kernels.lowpass_share(duration, _FILTER)
     for k in range(3):
         filters.p_WB[k] += share * (p_WB[k] - filters.p_WB[k])
         filters.v_WB_W[k] += share * (v_WB_W[k] - filters.v_WB_W[k])
-        filters.ground_W[k] = p_WB[k] if anew else filters.ground_W[k]
+        filters.ground_W[k] = p_WB[k] if restarts else filters.ground_W[k]
     filters.duration = duration
     filters.lift += kernels.lowpass_share(duration, _THRUST_FILTER) * (thrust * up - filters.lift)
     vx, vy, climb = kernels.vector(filters.v_WB_W)

@@ -20,13 +20,13 @@ class KeptHeight:
     """For how long a vehicle has kept its height although in the air it could not."""
 
     def __init__(self, shortest: float) -> None:
-        """Take the shortest time T [s]; the longest is twice that, and then it begins anew."""
+        """Take the shortest time T [s]; the longest is twice that, and then it restarts."""
         self._shortest = shortest
         self._since_ns: int | None = None
         self._lowest = self._highest = self._least = 0.0
 
     def forget(self) -> None:
-        """Begin anew with the next height."""
+        """Restart at the next height."""
         self._since_ns = None
 
     def lasts(self, stamp_ns: int, height: float, acceleration: float) -> bool:

@@ -25,8 +25,8 @@ from quad_mpc_ros.control.model.rollout import StateRecord
 _ACCELERATION_NOISE = 0.1  # m/s^2 / sqrt(Hz), of the model within a step
 _UNMODELLED = 100.0  # m/s^2, of a vehicle that something else moves
 _BIAS_TIME = 1.0  # s, for which an error of the velocity lasts
-# Drag is told from wind above this speed across the thrust [m/s], a lag where thrust changes by so
-# much [m/s^2], at rest and per m/s.
+# Drag is distinguished from wind above this speed across the thrust [m/s], a lag where thrust
+# changes by so much [m/s^2], at rest and per m/s.
 _OBSERVABLE_SPEED = 1.0
 _HIDDEN, _HIDDEN_BY_SPEED = 0.05, 0.05
 
@@ -43,8 +43,8 @@ def update_motion(
     """Predict, gate and update the motion; return the mode, which may now be that of a jump."""
     x, P, duration = state.motion.x, state.motion.P, acting.durations.sum()
     F, lag_shows = np.empty((MOTION.size, MOTION.size)), False
-    state.felt.used = 0
-    if mode == UpdateMode.LEARN and state.felt.variance > 0.0:
+    state.specific_force.used = 0
+    if mode == UpdateMode.LEARN and state.specific_force.variance > 0.0:
         _update_by_force(state, before, after, acting, F)
     was = x.copy()
     if mode == UpdateMode.HOLD:
@@ -90,7 +90,7 @@ def update_motion(
 def _update_by_force(
     state: Filter, before: StateRecord, after: StateRecord, acting: Acting, F: Array
 ) -> None:
-    """Correct the estimate at ``before`` by the specific force felt since; F is overwritten."""
+    """Correct the estimate at ``before`` by the specific force since; F is overwritten."""
     x, P, duration = state.motion.x, state.motion.P, acting.durations.sum()
     was = x.copy()
     predict_motion(state.estimated, state.drag_shape, state.motion, acting, before, after, F)
@@ -98,15 +98,15 @@ def _update_by_force(
     x[:] = was
     lag_shows = _lag_shows(state, F, duration)
     gravity, between = state.nominal.gravity, (before, after)
-    seen = force_innovation(x, P, F, later, between, duration, gravity, state.felt)
-    state.felt.nis = kalman.squared_distance(seen, 0.0)
-    if not state.felt.nis <= kalman.GATE:
+    seen = force_innovation(x, P, F, later, between, duration, gravity, state.specific_force)
+    state.specific_force.nis = kalman.squared_distance(seen, 0.0)
+    if not state.specific_force.nis <= kalman.GATE:
         return
     considered = _considered(state, UpdateMode.LEARN, after.R_WB, lag_shows)
     kalman.update(x, P, seen, considered)
     _constrain_motion(state, considered)
     write_estimated(state, state.estimated)
-    state.felt.used = 1
+    state.specific_force.used = 1
 
 
 @compiled
@@ -218,8 +218,8 @@ def _add_memory(x: Array, F: Array, mode: UpdateMode, duration: float) -> None:
 def _motion_noise(state: Filter, white: float, drifting: float, duration: float) -> Array:
     """Return the process noise over a duration, the variances (n,)."""
     P, walks, Q = state.motion.P, state.walks.motion, np.zeros(MOTION.size)
-    # What is felt follows the disturbance whatever noise the velocity has.
-    quieter = 1.0 if state.felt.used else measurement_noise.USUAL / math.sqrt(white)
+    # An accelerometer shows the disturbance, however noisy the velocity is.
+    quieter = 1.0 if state.specific_force.used else measurement_noise.USUAL / math.sqrt(white)
     for i in range(LEARNED_OF_MOTION[0], LEARNED_OF_MOTION[1]):
         if i < MOTION.scale:
             Q[i] = walks.x[i] * quieter * max(quieter, 1.0) * duration
@@ -254,7 +254,7 @@ def _considered(state: Filter, mode: UpdateMode, R_WB: Array, lag_shows: bool) -
         considered[LEARNED_OF_MOTION[0] : LEARNED_OF_MOTION[1]] = 1.0
         return considered
     d, v = MOTION.disturbance, kernels.vector(x[MOTION.velocity : MOTION.disturbance])
-    # Along the thrust, as in a climb, drag is not told from thrust.
+    # Along the thrust, as in a climb, drag is not distinguished from thrust.
     along = kernels.dot(v, kernels.column(kernels.matrix(R_WB), 2))
     speed = kernels.dot(v, v) - along**2
     pushed = max(abs(x[d]), abs(x[d + 1])) >= state.bounds.disturbance_max

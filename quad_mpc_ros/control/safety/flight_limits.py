@@ -35,7 +35,7 @@ class FlightLimits(Stage):
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over changed limits; what they find is looked at anew."""
+        """Take over changed limits, and count breaches again from zero."""
         self._fence, self._envelope = config.fence, config.envelope
         self._low, self._high = config.fence.walls
         # Whether there are walls that it is to stop in front of.

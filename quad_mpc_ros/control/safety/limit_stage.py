@@ -1,4 +1,4 @@
-"""The stage that limits: the command of whoever commands, within every limit."""
+"""The stage that limits: the command of the active source, within every limit."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ class OdometryGate(Stage):
     def _misfit_in_lockstep(
         self, odometry: OdometrySample, newest: OdometrySample, _: int
     ) -> str | None:
-        """The same odometry may come again, and a simulation may begin anew."""
+        """An odometry may be repeated, and a simulation may restart."""
         backwards_ns = newest.stamp_ns - odometry.stamp_ns
         return _BACKWARDS if 0 < backwards_ns <= self._timeout_ns else None
 

@@ -45,7 +45,7 @@ _DRIFT = 0.2  # m/s
 _LASTS, _AGAIN, _MEMORY = 3.0, 3.0, 30.0
 # Of the noise: it is learned from so long at first, with everything accepted, then over so long.
 _LEARNING, _FORGETTING = 1.0, 2.0  # s
-_EVIDENCE = 0.2  # s, over which positions tell which of two velocities is right
+_EVIDENCE = 0.2  # s, over which positions show which of two velocities is right
 # Of attitude, velocity and position: jumps up to this are flown at once, and the largest
 # difference that counts as noise.
 _SMALL_TURN, _MOST_TURN = 0.2, 0.2  # rad

@@ -166,7 +166,7 @@ class RosflightBridge(Bridge):
         if obstacle:
             return Response(accepted=False, text=obstacle)
         if wanted:
-            self._scale_fault = ""  # it may have been mended; the answer tells
+            self._scale_fault = ""  # it may be correct by now; the answer shows it
         response = super().engage(wanted, now_ns=now_ns)
         if not (wanted and response.accepted):
             return response

@@ -118,10 +118,10 @@ def _parameter_file(config: FlightConfig) -> str:
         lines += [
             f"    {name}: {_value_text(value)}"
             for name, value in each.flattened().items()
-            if value != ()  # ROS cannot tell its type
+            if value != ()  # ROS cannot infer its type
         ]
     return "\n".join([*lines, ""])
 
 
-# The same values in flight after flight: writing them anew would cost more than all else here.
+# The values are the same in each flight: writing them again would cost more than all else here.
 _value_text = functools.lru_cache(maxsize=4096, typed=True)(files.value_text)

@@ -56,13 +56,13 @@ def grown(campaign: Campaign, flights: int | None, folder: Path) -> Campaign:
     if flights < campaign.flights:
         raise UserError(
             f"--flights: given {flights}, but the campaign of {folder} has {campaign.flights}: "
-            "it may get more flights, not fewer; begin anew with another --out"
+            "it may get more flights, not fewer; start again with another --out"
         )
     longer = dataclasses.replace(campaign, flights=flights)
     if len(number_text(0, flights)) != len(number_text(0, campaign.flights)):
         raise UserError(
             f"--flights: given {flights}, but the flights of {folder} are numbered with "
-            f"{len(number_text(0, campaign.flights))} digits: begin anew with another --out"
+            f"{len(number_text(0, campaign.flights))} digits: start again with another --out"
         )
     return longer
 

@@ -83,12 +83,12 @@ class Journal:
         if header.get("campaign") != self._header["campaign"]:
             raise UserError(
                 f"{self._path.parent}: its campaign.yaml has changed since its first flight: "
-                "begin anew with another --out"
+                "start again with another --out"
             )
         if header.get("version") != __version__:
             raise UserError(
                 f"{self._path.parent}: begun by quad_mpc_ros {header.get('version')}, this is "
-                f"{__version__}: flights of both do not mix; begin anew with another --out"
+                f"{__version__}: flights of both do not mix; start again with another --out"
             )
 
 

@@ -51,8 +51,8 @@ _SEARCH_MARGIN = 0.05  # m, that ways keep beyond what the plan has to
 _COMFORT = 0.3  # m, within which ways give room to what is near if they can
 _LEAST_COMFORT = 0.1  # m, of that at any speed
 _FASTEST = 10.0  # m/s: a usual speed
-_FARTHER = np.array([1.0, 1.25, 1.6, 2.0])  # what maps tell apart, over that at a usual speed
-_AGAIN_NS = 100_000_000  # after which a way is searched anew
+_FARTHER = np.array([1.0, 1.25, 1.6, 2.0])  # resolutions of maps, over that at a usual speed
+_AGAIN_NS = 100_000_000  # after which the path is searched again
 # m, by which a place to stop has to be nearer, or a way be shorter, for another to be left.
 _SWITCH = 0.5
 _ELSEWHERE = 0.5  # m, between ways that lead past something on different sides
@@ -69,7 +69,7 @@ class MovingPoints(NamedTuple):
     """Points of surfaces that move: ``p_W`` (n, 3) [m] at the time asked for, ``v_W`` [m/s].
 
     ``body`` (n,) says which belong to one body, which is passed on one side; ``age`` (n,) [s] is
-    how old what was last heard of each is.
+    the age of the last message of each.
     """
 
     p_W: Array
@@ -247,7 +247,7 @@ class ObstacleAvoidance(Guide):
         )
 
     def _far(self, keep: float) -> float:
-        """Return up to which distance from points the map tells one place from another [m].
+        """Return up to which distance from points the map resolves places [m].
 
         As far as paths keep from what is near at usual speeds, however old it is; further where
         more than that is kept now, in steps, so that a map serves for many ticks.

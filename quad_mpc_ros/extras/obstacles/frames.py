@@ -64,7 +64,7 @@ class Frames:
         self._body = ""
 
     def receive_odometry(self, odometry: OdometrySample) -> None:
-        """Take where the body is, if that is sound; a clock that was set back begins anew."""
+        """Take where the body is, if that is sound; a clock that was set back starts again."""
         if odometry_fault(odometry, frame_id=self._frame_id) is not None:
             return
         stamp_ns, poses = odometry.stamp_ns, self._poses

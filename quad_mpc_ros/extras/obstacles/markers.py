@@ -1,4 +1,4 @@
-"""Obstacles that somebody publishes as markers, as RViz shows them."""
+"""Obstacles published as markers, as RViz shows them."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _FORESEEN = 1.0  # s: as long as it is taken to go on
 
 
 class Moved(NamedTuple):
-    """A shape that moves where it is predicted to be, when it was told [ns], and its number."""
+    """A moving shape at its predicted place, its time of receipt [ns], and its number."""
 
     shape: Shape
     told_ns: int
@@ -58,7 +58,7 @@ class Moved(NamedTuple):
 
 
 class _Known(NamedTuple):
-    """A shape or points (n, 3) on surfaces, by when it was told, until when it is there [ns]."""
+    """A shape or points (n, 3) on surfaces, with the times of its receipt and of its end [ns]."""
 
     number: int
     shape: Shape | None
@@ -77,7 +77,7 @@ class Markers:
     """The markers that are there, each by its namespace and number.
 
     One that comes again elsewhere moves: it is predicted by its speed from one message to the
-    next, for a second; then it is where it was predicted until it is told again, or its lifetime
+    next, for a second; then it is where it was predicted until the next message, or its lifetime
     ends.
     """
 

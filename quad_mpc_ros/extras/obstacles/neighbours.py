@@ -14,13 +14,13 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages.obstacle_messages import TimedPath
 
-_KEPT_NS = 3_000_000_000  # after the last that was heard of it
+_KEPT_NS = 3_000_000_000  # after the last message
 _LOST_NS = 1_000_000_000  # its odometry goes on for so long: then its plan is lost
 _LONGEST = 10.0  # s of a plan
 
 
 class Heard(NamedTuple):
-    """Where a neighbour is at n times (n, 3) [m], and when that was told [ns]."""
+    """Where a neighbour is at n times (n, 3) [m], and when it was received [ns]."""
 
     p_W: Array
     told_ns: int
@@ -69,7 +69,7 @@ class Neighbour:
         self._plan = _Plan(times_ns, p, path.stamp_ns)
 
     def at(self, stamps_ns: Sequence[int], *, now_ns: int) -> Heard | None:
-        """Return where it is predicted to be at times; None if nothing was heard lately."""
+        """Return where it is predicted to be at times; None without a recent message."""
         plan, state = self._plan, self._state
         told_ns = max((each.stamp_ns for each in (plan, state) if each is not None), default=None)
         if told_ns is None or now_ns - told_ns > _KEPT_NS:

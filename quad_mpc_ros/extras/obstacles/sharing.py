@@ -37,7 +37,7 @@ class Neighbours(Protocol):
     """Who else flies, in the frame of the odometry."""
 
     def plans(self, stamps_ns: Sequence[int]) -> Plans:
-        """Return where those of whom something was heard plan to be at times [ns]."""
+        """Return where neighbours with a recent message plan to be at times [ns]."""
         ...
 
 

@@ -53,7 +53,7 @@ class SimulatedSurroundings:
             )
 
     def look(self, truth: OdometrySample, time_ns: int) -> Seen:
-        """Return what is told with an odometry: of what is there, if the sensor is due."""
+        """Return the sensor message of an odometry, if the sensor is due."""
         if self._config.sensor == "none" or not self.scene.shapes or time_ns < self._due_ns:
             return NOTHING_SEEN
         self._due_ns += self._period_ns * max(1, -(-(time_ns - self._due_ns) // self._period_ns))

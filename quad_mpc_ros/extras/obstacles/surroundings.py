@@ -1,4 +1,4 @@
-"""Which local map is in force: made in the tick, or beforehand in a thread of somebody else."""
+"""Which local map is in force: made in the control step, or before it in another thread."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Surroundings:
 
     A map serves while what is known and asked for stays the same and the vehicle has not moved by
     a metre. Then
-    the next one is made where it is asked for; or, once there is a ``wake``, by whoever calls
+    the next one is made where it is asked for; or, with a ``wake``, by the thread that calls
     :meth:`renew` after it was called, while ticks go on with the map of before: up to two metres,
     and for as long as one takes to make. There the grid is made too, if ways are searched.
     """

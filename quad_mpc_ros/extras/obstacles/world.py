@@ -145,14 +145,14 @@ class World:
             for transform in transforms:
                 self._frames.receive_transform(transform)
 
-    def receive_neighbour(self, name: str, heard: OdometrySample | TimedPath) -> None:
+    def receive_neighbour(self, name: str, message: OdometrySample | TimedPath) -> None:
         """Take the odometry or the plan of a neighbour."""
         neighbour = self._neighbours[name]
         try:
-            if isinstance(heard, TimedPath):
-                neighbour.receive_plan(heard)
+            if isinstance(message, TimedPath):
+                neighbour.receive_plan(message)
             else:
-                neighbour.receive_odometry(heard)
+                neighbour.receive_odometry(message)
         except ValueError as error:
             raise ValueError(f"neighbour '{name}': {error}") from None
 
@@ -206,10 +206,10 @@ class World:
         return MovingPoints(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
     def plans(self, stamps_ns: Sequence[int]) -> Plans:
-        """Return where the neighbours of whom something was heard plan to be at times [ns]."""
+        """Return where neighbours with a recent message plan to be at times [ns]."""
         now_ns = self._frames.newest_ns or stamps_ns[0]
-        heard = [each.at(stamps_ns, now_ns=now_ns) for each in self._neighbours.values()]
-        known = [each for each in heard if each is not None]
+        plans = [each.at(stamps_ns, now_ns=now_ns) for each in self._neighbours.values()]
+        known = [each for each in plans if each is not None]
         return Plans(
             np.array([each.p_W for each in known]).reshape(len(known), len(stamps_ns), 3),
             np.array([1e-9 * max(now_ns - each.told_ns, 0) for each in known]),
@@ -240,9 +240,9 @@ class World:
             nearest = np.minimum(nearest, cKDTree(points).query(p_WQ)[0])
         now_ns = self._frames.newest_ns or stamp_ns
         for neighbour in self._neighbours.values():
-            heard = neighbour.at([stamp_ns], now_ns=now_ns)
-            if heard is not None:
-                away = np.linalg.norm(p_WQ - heard.p_W, axis=1) - self._radius
+            plan = neighbour.at([stamp_ns], now_ns=now_ns)
+            if plan is not None:
+                away = np.linalg.norm(p_WQ - plan.p_W, axis=1) - self._radius
                 nearest = np.minimum(nearest, away)
         return nearest
 

@@ -1,4 +1,4 @@
-"""The multirotor of rotorpy as a plant: somebody else's motors, aerodynamics and rate loop.
+"""The multirotor of rotorpy as a plant: independent motors, aerodynamics and rate loop.
 
 S. Folk, J. Paulos, V. Kumar, "RotorPy: A Python-based Multirotor Simulator with Aerodynamics for
 Education and Research", 2023, https://github.com/spencerfolk/rotorpy. Its frames are ours: world

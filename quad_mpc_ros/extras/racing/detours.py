@@ -21,7 +21,7 @@ from typing import NamedTuple
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.racing.gate_path import configured_course
-from quad_mpc_ros.extras.racing.live_race import Detour, LiveRace, Way, smooth_part, told
+from quad_mpc_ros.extras.racing.live_race import Detour, LiveRace, Way, description, smooth_part
 from quad_mpc_ros.extras.racing.planning.casadi_module import casadi_fault
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.director import TOO_LATE, Reply
@@ -33,6 +33,7 @@ _LEAD = 1.0  # s: from now to where a new way begins; more where making one took
 _LONGER = 1.5
 _PAUSE_NS = 1_000_000_000  # after a way that could not be made
 _NICENESS = 5  # controllers come first
+_KEPT = "keeping the current path"
 
 
 class _Asked(NamedTuple):
@@ -72,7 +73,7 @@ class Detours:
             self._maker = _Maker(self._config)
 
     def poll(self, now_ns: int) -> Reply | None:
-        """Have a way made where a gate to come has moved, and fly it; return what to tell."""
+        """Replan where a gate ahead has moved, and fly that; return a message for the log."""
         reply, phase = self._finished(now_ns), self._live.last_phase
         if self._maker is None or phase is None or self._asked is not None:
             return reply
@@ -92,7 +93,7 @@ class Detours:
         self._missed = set(missed)
         if not news:
             return None
-        return Reply(accepted=False, text=f"{told(news)}: the way stays: too near")
+        return Reply(accepted=False, text=f"{description(news)}: too near; {_KEPT}")
 
     def close(self) -> None:
         """End the process."""
@@ -117,9 +118,9 @@ class Detours:
                 return Reply(accepted=True, text=self._race.take(detour, answer))
             answer = reply.text
             if reply is TOO_LATE:
-                return Reply(accepted=False, text=f"{detour.told()}: {answer}, tries again")
+                return Reply(accepted=False, text=f"{detour.text()}: {answer}, trying again")
         self._not_before_ns = now_ns + _PAUSE_NS
-        return Reply(accepted=False, text=f"{detour.told()}: the way stays: {answer}")
+        return Reply(accepted=False, text=f"{detour.text()}: {answer}; {_KEPT}")
 
 
 class _Maker:
@@ -150,7 +151,7 @@ class _Maker:
 
     def ask(self, detour: Detour) -> None:
         """Let it make a way."""
-        with contextlib.suppress(OSError):  # it has ended, as its answer tells
+        with contextlib.suppress(OSError):  # it has ended: its answer says so
             self._line.send(detour)
 
     def answer(self, *, wait: bool) -> Way | str | None:

@@ -18,7 +18,7 @@ from quad_mpc_ros.references.path import Path, SplinePath
 from quad_mpc_ros.references.point_table import csv_path
 
 _SAMPLED = 0.005  # s
-_AHEAD = 1.0  # m in front of a gate and behind it, where the path is told to go straight through
+_AHEAD = 1.0  # m in front of a gate and behind it, where the path has to go straight through
 _SHORTEST = 0.05  # m, between two points
 _LOWEST, _SHARE_OF_LOWEST = 0.3, 0.5  # m: a path is led up that dips lower without need
 _MOST_BETWEEN = 3  # points on the line between two gates
@@ -143,5 +143,5 @@ def _check_passes(plan: Path | PlannedMotion, course: Course, config: GateParame
             raise ConfigurationError(
                 f"{config.owner}.file",
                 config.file,
-                f"a plan through {course.source}: it does not pass gates[{number}]; plan it anew",
+                f"a plan through {course.source}: it does not pass gates[{number}]; plan it again",
             )

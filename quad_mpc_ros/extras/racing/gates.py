@@ -137,7 +137,7 @@ class _Entries:
         return UserError(f"{self._source}: {entry}: given {shown(given)}, expected {expected}")
 
     def check_keys(self, entry: str, given: Any, known: Sequence[str]) -> None:
-        """Refuse what is no mapping and keys that nobody knows."""
+        """Refuse anything but a mapping, and unknown keys."""
         if not isinstance(given, Mapping):
             raise self.error(entry, given, f"{', '.join(known)}")
         for key in given:

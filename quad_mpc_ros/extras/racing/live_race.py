@@ -31,7 +31,7 @@ from quad_mpc_ros.references.transition import flat_state_of
 _MOVED = 0.05  # m, of a gate's centre or edge: less is no news
 # s: a new way does not leave as shortly before a gate as the first, but the second behind it.
 _BEFORE, _BEHIND = 0.15, 0.02
-# Gates that have not moved, before and behind those that have, between which a plan is made anew.
+# Gates that have not moved, before and behind moved gates: the race is replanned between them.
 _GATES_BEFORE, _GATES_BEHIND = 1, 2
 _STEP_NS = 10_000_000  # of a table
 _SAMPLED = 0.005  # s
@@ -98,9 +98,9 @@ class Detour:
         """When the new way begins, from the beginning of the race on [s]."""
         return float(self.motion.seconds[self.leave] - self.motion.seconds[0])
 
-    def told(self) -> str:
+    def text(self) -> str:
         """Return which gates have moved by how much."""
-        return told(self.moved)
+        return description(self.moved)
 
     def flown(self, part: MotionTable, config: ReferenceConfig) -> Way:
         """Return the race with a new part; raises :class:`UserError` for one not to be flown."""
@@ -119,9 +119,9 @@ class LiveRace:
     """Where the gates of a race are, and by which way its reference passes them.
 
     Args:
-        course: The gates as they are told beforehand.
+        course: The gates of the configuration.
         trajectory: What is flown through them.
-        planner: Whether what was planned can be planned anew; otherwise smooth paths replace it.
+        planner: Whether a plan can be replanned; otherwise smooth paths replace it.
 
     Raises :class:`UserError` for a trajectory that does not pass the course.
     """
@@ -161,10 +161,10 @@ class LiveRace:
         return {way.course.numbers[i]: far for i, far in moved.items()}
 
     def take(self, detour: Detour, way: Way) -> str:
-        """Take the way that is flown from now on; return what is told of it."""
+        """Take the path that is flown from now on; return a message for the log."""
         before, self._newest = self._newest, way
         return (
-            f"replanned: {detour.told()}, joins at {detour.leave_seconds:.2f} s of the race, "
+            f"replanned: {detour.text()}, joins at {detour.leave_seconds:.2f} s of the race, "
             f"lap {way.lap:.2f} s after {before.lap:.2f} s"
         )
 
@@ -181,7 +181,7 @@ class LiveRace:
         return next((way for way in ways if way.trajectory is trajectory), None)
 
 
-def told(moved: Mapping[int, float]) -> str:
+def description(moved: Mapping[int, float]) -> str:
     """Return which gates have moved by how much [m], as a text."""
     return ", ".join(f"gate {number} moved {far:.2f} m" for number, far in moved.items())
 

@@ -34,7 +34,7 @@ def flown_course(flight: Flight) -> Course | None:
 def race_figures(flight: Flight) -> dict[str, Any]:
     """Return ``gates``, each passage with its time, and ``lap_time_s``; None without a course.
 
-    Gates that moved are judged where they were told to be when they were passed.
+    Gates that moved are judged at their last published place before the passage.
     """
     course = flown_course(flight)
     if course is None:
@@ -56,9 +56,9 @@ def race_figures(flight: Flight) -> dict[str, Any]:
 
 
 def drawn_course(flight: Flight) -> Course | None:
-    """Return the course with the gate of each passage where that was told to be by then.
+    """Return the course with the gate of each passage at its last published place.
 
-    A gate that was not passed is where it was told to be last.
+    A gate that was not passed is at its last published place of the flight.
     """
     course = flown_course(flight)
     if course is None or not flight.gates:
@@ -80,11 +80,11 @@ def _lap(course: Course, flight: Flight, moved: MovedGates | None) -> Lap:
 
 
 def _moved(course: Course, flight: Flight) -> MovedGates:
-    """Return the course as it was told in flight; what the controller refuses is left out."""
+    """Return the course as published in flight, without messages that the controller refuses."""
     courses, since_ns = [course], [np.iinfo(np.int64).min]
-    for told in flight.gates:
+    for poses in flight.gates:
         with contextlib.suppress(UserError):
-            courses.append(course.moved(told.p_WG, told.q_WG_xyzw))
-            since_ns.append(told.publish_time_ns)
+            courses.append(course.moved(poses.p_WG, poses.q_WG_xyzw))
+            since_ns.append(poses.publish_time_ns)
     held = np.searchsorted(since_ns, flight.publish_time_ns, side="right") - 1
     return MovedGates(courses=courses, held=held)

@@ -36,7 +36,7 @@ _MISSED = (
     "Fly longer (--duration), or keep obstacles, fence and limits away from what is asked "
     "(docs/howto/references.md)."
 )
-_LOOK = "Look the reason up and mend it (docs/reference/diagnostics.md)."
+_LOOK = "Look up the reason and fix it (docs/reference/diagnostics.md)."
 
 _LAGS = {
     "rate_time_constant_ms": "roll and pitch rates lag by",
@@ -279,7 +279,7 @@ def _advice(s: Summary) -> list[str]:
             "The model is off: run quad_mpc identify on this flight, or save-vehicle while it "
             "flies (docs/howto/identify.md)."
         )
-    return found or ["Nothing to mend."]
+    return found or ["No problems found."]
 
 
 def _model_is_off(s: Summary) -> bool:

@@ -64,7 +64,7 @@ def resolve(
     from the values at the start of the flight. ``windows`` replaces the recorded reference.
     ``warn`` gets what the controller would have logged.
     """
-    if config.feels and config.lockstep and not run.imu:
+    if config.uses_accelerometer and config.lockstep and not run.imu:
         warn("no imu in the recording: without accelerometer_noise")
         config = dataclasses.replace(config, accelerometer_noise=0.0)
     controller = Controller(config)
@@ -72,7 +72,7 @@ def resolve(
     window: ReferenceWindow | None = None
     engagements, landings = deque(run.engagements), deque(run.landings)
     resets = deque(run.resets)
-    felt = _Felt(run)
+    imu_samples = _ImuSamples(run)
     changes = _Changes(run, config)
 
     def reset_estimate_until(now_ns: int) -> None:
@@ -94,7 +94,7 @@ def resolve(
         if changed is not None:
             controller.reconfigure(changed)
         if event.odometry is not None:
-            for sample in felt.until(event.odometry.value.stamp_ns):
+            for sample in imu_samples.until(event.odometry.value.stamp_ns):
                 controller.receive_imu(sample)
         if event.odometry is None:
             tick = controller.watch(now_ns=event.now_ns)
@@ -122,7 +122,7 @@ class _Event:
     answered: bool = False
 
 
-class _Felt:
+class _ImuSamples:
     """What an accelerometer measured, and what of it the controller had at an odometry.
 
     The figures of its tick say so. Where they do not it is what was measured by its stamp.

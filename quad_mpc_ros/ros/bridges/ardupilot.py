@@ -1,4 +1,4 @@
-"""What ArduPilot Copter makes of the thrust of a setpoint, whoever carries it.
+"""How ArduPilot Copter maps the thrust of a setpoint, by MAVLink or MAVROS.
 
 It takes it for a climb rate unless bit 3 of GUID_OPTIONS is set, and divides it by the cosine of
 the vehicle's tilt unless ATC_ANGLE_BOOST is 0 (``AC_AttitudeControl_Multi.cpp``).

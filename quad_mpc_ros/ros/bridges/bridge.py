@@ -15,7 +15,7 @@ Every bridge obeys these rules:
 - It passes on a reset of the estimator: same frame, next stamp, another position.
 - It arms and switches modes only on request, and sends nothing before a request to engage.
   (ArduPilot is asked for its landing mode once it has been landed: it would not disarm else.)
-- It refuses to engage and to arm where the vehicle would jump, and releases for good when somebody
+- It refuses to engage and to arm where the vehicle would jump, and releases for good when another
   else takes over or commands have stopped (:mod:`.handover`).
 - Disarming is forced: in the air, too, the motors stop. The bridge releases the vehicle at once. A
   bridge that cannot disarm its stack refuses and names what can.
@@ -94,7 +94,7 @@ class ServiceCall:
     """A filled request and the stack's service that it goes to.
 
     ``type_name`` is like ``std_srvs/srv/SetBool``. ``receive`` gets the response, if anything
-    does; an ``optional`` call is left out where nobody serves it.
+    does; an ``optional`` call is left out where no node serves it.
     """
 
     service: str

@@ -96,8 +96,8 @@ class HandoverParameters(Configuration):
     )
     release_after: float = _advanced(
         0.5,
-        doc="Without a fresh command for so long the vehicle is released, until it is engaged "
-        "anew.",
+        doc="Without a fresh command for this long the bridge releases the vehicle, until it is "
+        "engaged again.",
         unit="s",
         minimum=0.1,
         maximum=2.0,

@@ -106,7 +106,7 @@ class MavrosBridge(Bridge):
     def engage(self, wanted: bool, *, now_ns: int) -> Response:
         """Hand the vehicle to the MPC, or take it back; ask ArduPilot what thrust means."""
         if wanted:
-            self._thrust_fault = ""  # it may have been mended; the answer tells
+            self._thrust_fault = ""  # it may be correct by now; the answer shows it
         response = super().engage(wanted, now_ns=now_ns)
         if not (wanted and response.accepted) or self._config.autopilot != "ardupilot":
             return response
@@ -118,16 +118,16 @@ class MavrosBridge(Bridge):
     def _on_parameters(self, response: Any) -> None:
         """Judge what ArduPilot's parameters make of thrust."""
         values = map(conversions.parameter_value, response.values)
-        told = dict(zip((_OPTIONS, _BOOST), values, strict=False))
-        if untold := [name for name in (_OPTIONS, _BOOST) if told.get(name) is None]:
+        reported = dict(zip((_OPTIONS, _BOOST), values, strict=False))
+        if missing := [name for name in (_OPTIONS, _BOOST) if reported.get(name) is None]:
             self._warnings.append(
-                f"MAVROS does not tell {' and '.join(untold)} of ArduPilot yet: engage again when "
-                "it has pulled the parameters, or see docs/howto/stacks/mavros.md for what to set"
+                f"MAVROS does not report ArduPilot's {' and '.join(missing)} yet: engage again "
+                "when it has pulled the parameters, or see docs/howto/stacks/mavros.md"
             )
-        if _OPTIONS not in untold:
-            self._thrust_fault = thrust_fault(int(told[_OPTIONS]))
-        if _BOOST not in untold:
-            self._is_boosted = told[_BOOST] != 0
+        if _OPTIONS not in missing:
+            self._thrust_fault = thrust_fault(int(reported[_OPTIONS]))
+        if _BOOST not in missing:
+            self._is_boosted = reported[_BOOST] != 0
 
     def _stack(self, now_ns: int) -> Stack:
         state = self._state.value(now_ns=now_ns)

@@ -104,7 +104,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.managed_subscription(
                 topics.REFERENCE, self._on_reference, decode=reference_in, raw=True
             )
-        if config.feels:
+        if config.uses_accelerometer:
             self.managed_subscription(
                 topics.IMU, self._on_imu, decode=imu_in, raw=True, expected=False
             )
@@ -160,7 +160,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._finish(self._standby.begin(self._controller))
 
     def deactivate(self) -> None:
-        """Forget the flight: somebody else commands until the next activation."""
+        """Forget the flight: the MPC does not command until the next activation."""
         self._commanders.end()
         self._controller, self._tick = self._controller.renewed(), None
         if self._engaged is not None:
@@ -313,7 +313,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.warnings.warn(warning)
 
     def _publish_ground(self) -> None:
-        """Publish changes of whether the vehicle stands; at the end of ROS nobody hears it."""
+        """Publish changes of the ground state, while ROS runs."""
         state = self._controller.ground_state.value
         if state != self._ground_message.data and self.context.ok():
             self._ground_message.data = state

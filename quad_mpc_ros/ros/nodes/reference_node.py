@@ -66,7 +66,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     The flight follows a clock that is never set. Windows are published by a separate thread, while
     the executor plans: as soon as the reference changes, and otherwise every twentieth of a
     window's length. That thread uses the reference only by :attr:`.LiveReference.published`, and
-    whoever publishes or stops the time holds ``_publishing``.
+    a thread that publishes or stops the time holds ``_publishing``.
     """
 
     _config: ReferenceConfig
@@ -265,7 +265,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
                 self._publish_path(self._live.course(self._flight_ns()))
 
     def _on_velocity(self, message: Any) -> None:
-        """Follow a velocity; what is told of it is when it begins, and why it is refused."""
+        """Follow a velocity; its beginning and a refusal are logged."""
         if not self.active:
             return
         try:

@@ -105,7 +105,7 @@ def _inactive(facts: Facts) -> list[Finding]:
     return [
         error(
             f"{name} is not active: {node.health or 'it has not reported its health'}",
-            "mend that; docs/reference/lifecycle.md says how to activate it by hand",
+            "fix that; docs/reference/lifecycle.md explains manual activation",
         )
         for name, node in facts.nodes.items()
         if name in (MPC_NODE, REFERENCE_NODE) and node.state != "active"
@@ -199,7 +199,7 @@ def stack(facts: Facts) -> list[Finding]:
     for name, node in reported.items():
         fault = node.values.get(STACK_FAULT_KEY, "")
         if fault:
-            found.append(error(f"{name}: {fault}", "see the page of the stack in docs/stacks"))
+            found.append(error(f"{name}: {fault}", "see its page in docs/howto/stacks"))
         elif node.values.get(LANDED_KEY) == "false":
             found.append(
                 warning(

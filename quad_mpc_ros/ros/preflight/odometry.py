@@ -1,4 +1,4 @@
-"""Whether the odometry can be flown by: its rate, clock, and what it tells at rest."""
+"""Checks of the odometry: its rate, clock, and its values at rest."""
 
 from __future__ import annotations
 
@@ -108,12 +108,12 @@ def _simulated_time(facts: Facts) -> list[Finding]:
             )
         ]
     if on and not facts.has_clock:
-        return [error("use_sim_time is on and nobody publishes /clock", "switch it off")]
+        return [error("use_sim_time is on, but no node publishes /clock", "switch it off")]
     return []
 
 
 def motion_findings(facts: Facts) -> list[Finding]:
-    """Would the MPC take the odometry, and does it tell of rest while the vehicle rests?"""
+    """Would the MPC accept the odometry, and does it report rest while the vehicle rests?"""
     mpc, arrivals = facts.mpc, facts.arrivals
     if mpc is None or len(arrivals) < _ENOUGH:
         return [unknown("too few odometries came")]
@@ -122,7 +122,7 @@ def motion_findings(facts: Facts) -> list[Finding]:
         return found
     p_WB = np.array([each.odometry.p_WB for each in arrivals])
     if float(np.abs(p_WB - p_WB.mean(axis=0)).max()) < _STILL:
-        return _at_rest(mpc, arrivals) or [ok("at rest, level, its twist tells so")]
+        return _at_rest(mpc, arrivals) or [ok("at rest and level; twist agrees")]
     samples = [each.odometry for each in arrivals]
     turned = mpc.odometry.twist_frame == "world"
     samples = [with_body_twist(each) if turned else each for each in samples]
@@ -145,7 +145,7 @@ def _refused(mpc: MpcConfig, arrivals: Sequence[Arrival]) -> list[Finding]:
     return [
         judged(
             f"the MPC would refuse {reasons.total()} of {len(arrivals)} odometries: {reason}",
-            "mend their source",
+            "fix the source of the odometry",
         )
     ]
 
@@ -163,13 +163,16 @@ def _at_rest(mpc: MpcConfig, arrivals: Sequence[Arrival]) -> list[Finding]:
     found = []
     if speed > _SPEED:
         found.append(
-            error(f"the odometry stays where it is and tells of {speed:.2f} m/s", "mend its twist")
+            error(
+                f"the position does not change, but the twist reports {speed:.2f} m/s",
+                "fix the twist",
+            )
         )
     if turn > _TURN:
         found.append(
             error(
-                f"the odometry stays where it is and tells of a turn of {turn:.2f} rad/s",
-                "calibrate the gyroscope, or mend its twist",
+                f"the attitude does not change, but the twist reports {turn:.2f} rad/s",
+                "calibrate the gyroscope, or fix the twist",
             )
         )
     if tilt > _TILT:

@@ -1,4 +1,4 @@
-"""Rotors and body under somebody else's loop and mixer: a real firmware's."""
+"""Rotors and body under the rate loop and mixer of a real firmware."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class DrivenPlant(RotorsPlant):
         )
 
     def _specific_force_B(self) -> Array:
-        """Return what an accelerometer felt in the last period (3,) [m/s^2]; once a loop."""
+        """Return the specific force of the last period (3,) [m/s^2]; once a loop."""
         v_W = self.v_WB_W
         a_W = (v_W - self._v_before_W) / (1e-9 * self._period_ns)
         self._v_before_W = v_W

@@ -87,7 +87,7 @@ def test_gates_that_moved_are_drawn_where_they_were_passed(racing: Flight) -> No
     assert [gate.p_WG[0] for _, gate in drawn[2:]] == [-2.0, -3.0]
 
 
-def test_a_gate_that_was_not_passed_is_drawn_where_it_was_told_to_be_last(racing: Flight) -> None:
+def test_draws_a_missed_gate_at_its_last_published_place(racing: Flight) -> None:
     flight = dataclasses.replace(racing, gates=(told(racing, 0, x=5.0, yaw=0.1, ball=-2.0),))
     course = drawn_course(flight)
     assert course is not None

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import io
+from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 from mpl_toolkits.mplot3d import art3d
 
 from quad_mpc_ros.analysis.figures import space, style
@@ -21,19 +22,17 @@ ROOMS = {
 
 
 @pytest.mark.parametrize("size", ROOMS.values(), ids=ROOMS)
-def test_the_room_and_its_labels_are_inside_of_the_picture(size: tuple[float, ...]) -> None:
-    figure = style.new_figure(8.0, 6.2, dpi=60)
+def test_a_picture_is_cropped_to_the_room_and_its_labels(
+    size: tuple[float, ...], tmp_path: Path
+) -> None:
+    figure = style.new_figure(8.0, 8.0, dpi=60)
     axes = space.draw_room(figure, np.zeros(3), np.array(size))
-    p_WB = np.array([[0.0, 0.0, 0.0], size])
-    space.draw_coloured_by_speed(figure, axes, p_WB, np.array([0.0, 1.0]), zorder=1)
-    figure.savefig(io.BytesIO(), format="png")
-    around, canvas = axes.get_tightbbox(), figure.bbox
-    assert canvas.x0 <= around.x0
-    assert around.x1 <= canvas.x1
-    assert canvas.y0 <= around.y0
-    assert around.y1 <= canvas.y1
-    # Nor is it lost in the middle.
-    assert max(around.width / canvas.width, around.height / canvas.height) > 0.5
+    box = space.drawn_box(figure, axes).transformed(figure.dpi_scale_trans.inverted())
+    picture = imread(style.save(figure, tmp_path / "room.png", crop=box.padded(0.1)))[:, :, 0]
+    rows, columns = (np.flatnonzero((picture < 1.0).any(axis=axis)) for axis in (1, 0))
+    for drawn, count in ((rows, picture.shape[0]), (columns, picture.shape[1])):
+        assert 0 < drawn[0] < 15  # pixels
+        assert 0 < count - 1 - drawn[-1] < 15
 
 
 def test_vehicles_on_a_place_that_is_passed_again_are_drawn_once(

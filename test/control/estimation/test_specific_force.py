@@ -76,11 +76,11 @@ def seen_of(
     )
     if throttle == HOVER:
         acting.commands[:, 0] = HOVER
-    F, felt = np.empty((MOTION.size, MOTION.size)), SpecificForce.zeros()[()]
+    F, force = np.empty((MOTION.size, MOTION.size)), SpecificForce.zeros()[()]
     predict_motion(parameters_at(x), mean_shape(), estimate, acting, before, after, F)
-    felt.f_B[:], felt.variance = f_B, 0.25
+    force.f_B[:], force.variance = f_B, 0.25
     later, P = np.array(estimate.x), np.eye(MOTION.size)
-    return force_innovation(x, P, F, later, (before, after), PERIOD, GRAVITY, felt)
+    return force_innovation(x, P, F, later, (before, after), PERIOD, GRAVITY, force)
 
 
 STILL = np.zeros(3)
@@ -125,13 +125,13 @@ def test_free_fall_reads_nothing_and_a_wind_what_it_pushes() -> None:
     np.testing.assert_allclose(seen_of(falling, f_B=STILL, turn=STILL).nu, 0.0, atol=0.05)
     pushed = state_at(disturbance=np.array([1.0, 0.0, 0.0]))
     north = so3.exp([0.0, 0.0, 0.5 * math.pi])  # the body's y axis points west
-    felt = np.array([0.0, -1.0, GRAVITY])
+    f_B = np.array([0.0, -1.0, GRAVITY])
     np.testing.assert_allclose(
-        seen_of(pushed, f_B=felt, R_before=north, turn=STILL).nu, 0.0, atol=0.03
+        seen_of(pushed, f_B=f_B, R_before=north, turn=STILL).nu, 0.0, atol=0.03
     )
 
 
-def test_drag_is_felt_against_the_motion() -> None:
+def test_predicts_drag_against_the_motion() -> None:
     forwards = state_at(velocity=np.array([5.0, 0.0, 0.0]))
     seen = seen_of(forwards, f_B=np.array([0.0, 0.0, GRAVITY]), turn=STILL)
     expected = 5.0 * (0.2 + 0.1)  # of the body, and of rotors at the speed of hover
@@ -159,25 +159,35 @@ def test_mean_is_of_what_came_between_two_odometries() -> None:
 class Flown:
     """A filter that follows a hovering vehicle, whose velocity is noisy, with an accelerometer."""
 
-    def __init__(self, *, feels: bool, scale: float = 1.0, bias: Array = STILL) -> None:
+    def __init__(
+        self, *, uses_accelerometer: bool, scale: float = 1.0, bias: Array = STILL
+    ) -> None:
         self.state = Filter.zeros()[()]
-        self.ekf = VehicleEkf(NOMINAL, throttle=HOVER, delay=0.1, feels=feels, state=self.state)
-        self._feels, self._bias, self._rng = feels, bias, np.random.default_rng(3)
+        self.ekf = VehicleEkf(
+            NOMINAL,
+            throttle=HOVER,
+            delay=0.1,
+            uses_accelerometer=uses_accelerometer,
+            state=self.state,
+        )
+        self._feels, self._bias, self._rng = uses_accelerometer, bias, np.random.default_rng(3)
         self._model = changed(NOMINAL, thrust_scale=scale)
         self._body = Body((0.0,) * 3, (0.0,) * 3, tuple(LEVEL.ravel()), (HOVER, 0.0, 0.0, 0.0))
         self._measured = self._odometry()
         self.ekf.start(p_WB=STILL, v_WB_W=STILL, w_WB_B=STILL)
 
     def go_on(self, seconds: float, *, force: Array = STILL) -> None:
-        """Fly on about hover; ``force`` [m/s^2] is felt and moves nothing."""
+        """Fly on about hover; ``force`` [m/s^2] is measured and moves nothing."""
         for k in range(round(seconds / PERIOD)):
             throttle = HOVER / math.sqrt(self._model.thrust_scale)
             command = (throttle + 0.02 * math.sin(3.0 * k * PERIOD), 0.0, 0.0, 0.0)
             v = np.array(self._body.v)
             self._body = propagated(self._model, command, PERIOD, 0.005, self._body)
-            felt = (np.array(self._body.v) - v) / PERIOD + [0.0, 0.0, GRAVITY]
-            self.state.felt.f_B[:] = felt + self._bias + force + 0.1 * self._rng.normal(size=3)
-            self.state.felt.variance = 0.25 if self._feels else 0.0
+            f_B = (np.array(self._body.v) - v) / PERIOD + [0.0, 0.0, GRAVITY]
+            self.state.specific_force.f_B[:] = (
+                f_B + self._bias + force + 0.1 * self._rng.normal(size=3)
+            )
+            self.state.specific_force.variance = 0.25 if self._feels else 0.0
             before, self._measured = self._measured, self._odometry()
             acting = Acting(durations=np.array([PERIOD]), commands=np.array([command]))
             mode = ekf.update(self.state, before, self._measured, acting, FLYING, 0.0)
@@ -198,19 +208,19 @@ class Flown:
         return abs(float(found.thrust_scale - scale) * lift + float(found.a_W[2]))
 
 
-def test_thrust_is_found_sooner_where_it_is_felt() -> None:
+def test_an_accelerometer_finds_the_thrust_sooner() -> None:
     errors = {}
-    for feels in (False, True):
-        flown = Flown(feels=feels, scale=0.8)
+    for uses_accelerometer in (False, True):
+        flown = Flown(uses_accelerometer=uses_accelerometer, scale=0.8)
         flown.go_on(0.3)
-        errors[feels] = flown.lift_error()
+        errors[uses_accelerometer] = flown.lift_error()
     assert errors[True] < 0.5 * errors[False]
 
 
-def test_bias_is_told_from_wind() -> None:
+def test_distinguishes_bias_from_wind() -> None:
     """The velocity says that nothing blows."""
     bias = np.array([0.2, -0.2, 0.2])
-    flown = Flown(feels=True, bias=bias)
+    flown = Flown(uses_accelerometer=True, bias=bias)
     flown.go_on(20.0)
     np.testing.assert_allclose(flown.state.motion.x[MOTION.accelerometer :], bias, atol=0.06)
     np.testing.assert_allclose(flown.ekf.parameters().a_W[:2], 0.0, atol=0.1)
@@ -220,16 +230,16 @@ def test_bias_is_told_from_wind() -> None:
 
 def test_nonsense_is_refused_by_the_gate() -> None:
     """A sensor mounted upside down."""
-    flown = Flown(feels=True)
+    flown = Flown(uses_accelerometer=True)
     flown.go_on(2.0)
-    assert flown.state.felt.used
+    assert flown.state.specific_force.used
     flown.go_on(1.0, force=np.array([0.0, 0.0, -2.0 * GRAVITY]))
-    assert not flown.state.felt.used and flown.state.felt.nis > kalman.GATE
+    assert not flown.state.specific_force.used and flown.state.specific_force.nis > kalman.GATE
     assert flown.lift_error() < 0.2
 
 
 def test_without_an_accelerometer_its_bias_is_no_state() -> None:
-    flown = Flown(feels=False)
+    flown = Flown(uses_accelerometer=False)
     flown.go_on(1.0)
     assert not flown.state.motion.P[MOTION.accelerometer :].any()
     assert not flown.state.motion.x[MOTION.accelerometer :].any()

@@ -34,7 +34,7 @@ def test_counts_from_the_fastest_whatever_the_clock(clock_ns: int) -> None:
     assert found == [0, 0, pytest.approx(25 * MS, abs=3 * MS), pytest.approx(60 * MS, abs=3 * MS)]
 
 
-def test_begins_anew_when_a_clock_is_set() -> None:
+def test_restarts_when_a_clock_is_set() -> None:
     lateness = Lateness(MpcConfig(odom_timeout=0.1))
     assert lateness.of(0, now_ns=0) == 0
     assert lateness.of(20 * MS, now_ns=320 * MS) == 0

@@ -66,7 +66,7 @@ def flips(period: float) -> Where:
 
 
 @pytest.mark.parametrize("rate", [10.0, 50.0, 200.0])
-def test_a_jump_to_and_fro_is_never_believed(rate: float) -> None:
+def test_never_accepts_a_jump_to_and_fro(rate: float) -> None:
     source = Source(rate)
     assert np.abs(source.see(20.0, flips(2.0))).max() < 1e-6
 

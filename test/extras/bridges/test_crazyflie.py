@@ -111,7 +111,7 @@ def test_modes_are_set_until_they_are_confirmed_and_again_after_silence(new: New
     assert modes(T0 + 2 * SECOND) == wanted
 
 
-def test_a_refused_mode_is_told_and_prevents_engaging(new: New) -> None:
+def test_a_refused_mode_is_reported_and_prevents_engaging(new: New) -> None:
     bridge = CrazyflieBridge(CrazyflieBridge.Config(), new)
     bridge.exchange(crazyflie.modes_set(error=2), now_ns=T0)
     assert "refuses to set flightmode.stabModeRoll: error 2" in bridge.take_warnings()[0]
@@ -292,7 +292,7 @@ def test_the_node_prepares_what_is_at_its_address(start: Callable[..., Any]) -> 
                 wanted.discard(packet[1:])
 
 
-def test_an_address_of_another_kind_is_told() -> None:
+def test_reports_an_address_of_another_kind() -> None:
     pytest.importorskip("cflib")
     line = CrazyflieLine(CrazyflieLink(uri="http://127.0.0.1"))
     assert line.read() == b"" and "expected radio://" in line.fault

@@ -231,7 +231,7 @@ def test_another_scale_of_the_throttle_releases_it_before_it_flies() -> None:
         assert state == "released" and "RC_MAX_THR is 0.9 and rc_max_throttle 0.7" in reason
 
 
-def test_slow_rc_is_told() -> None:
+def test_reports_slow_rc() -> None:
     with bridged(rc_rate=50.0) as plant:
         plant.take_over(HOVER)
         assert any("RC comes at 50 Hz" in each for each in plant.warnings)
@@ -270,7 +270,7 @@ def test_a_lost_receiver_levels_at_the_throttle_of_failsafe() -> None:
         assert np.mean(plant.firmware.outputs[:4]) == pytest.approx(0.4 * RC_MAX_THR, abs=0.01)
 
 
-def test_a_low_throttle_stick_caps_ours_and_that_is_told() -> None:
+def test_reports_a_throttle_stick_that_caps_the_command() -> None:
     with bridged() as plant:
         plant.take_over(HOVER)
         plant.pilot = sticks(throttle=0.2)

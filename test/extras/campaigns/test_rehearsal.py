@@ -38,7 +38,7 @@ def limit(direction: Direction, bears: float) -> Limit:
 
 
 @pytest.mark.parametrize("bears", [0.0, 0.001, 0.02, 0.0999, 0.17])
-def test_the_margin_is_just_below_what_it_bears(bears: float) -> None:
+def test_the_margin_is_just_below_the_limit(bears: float) -> None:
     found = limit(DELAY, bears)
     assert found.bounded
     assert found.margin <= bears < found.margin + DELAY.most / 2**5
@@ -46,7 +46,7 @@ def test_the_margin_is_just_below_what_it_bears(bears: float) -> None:
     assert [each.by for each in found.points] == sorted(each.by for each in found.points)
 
 
-def test_what_bears_all_is_searched_no_further() -> None:
+def test_stops_the_search_at_the_largest_disturbance() -> None:
     found = limit(DELAY, 1.0)
     assert (found.margin, found.bounded, len(found.points)) == (DELAY.most, False, 2)
     assert found.text == "200 ms or more"

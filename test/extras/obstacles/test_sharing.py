@@ -29,7 +29,7 @@ def half_of(own: Array, other: Array) -> Shared | None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_whoever_keeps_to_his_half_keeps_the_scaled_distance(seed: int) -> None:
+def test_each_half_keeps_the_scaled_distance(seed: int) -> None:
     """By brute force: places at random in one half are that far from all in the other."""
     rng = np.random.default_rng(seed)
     own = rng.normal(scale=0.4, size=(5, 3))

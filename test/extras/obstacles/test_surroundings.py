@@ -55,7 +55,7 @@ def test_the_next_map_is_about_where_the_vehicle_was_last() -> None:
     assert map_at(surroundings, 1.5).centre == pytest.approx([1.5, 0.0, 0.0])
 
 
-def test_nobody_flies_on_with_the_map_of_another_place() -> None:
+def test_discards_a_map_of_another_place() -> None:
     surroundings = Surroundings(Standing(POINTS))
     surroundings.wake = lambda: None
     first = map_at(surroundings, 0.0)

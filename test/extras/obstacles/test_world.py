@@ -224,7 +224,7 @@ class TestClouds:
         w.receive_cloud(cloud([[5, 0, 1], [3, 0, 1], [15, 0, 1]], SECOND))
         assert sorted(known(w, SECOND, near=np.array([10.0, 0, 1]))[:, 0]) == [5.0, 15.0]
 
-    def test_a_clock_that_was_set_back_begins_anew(self) -> None:
+    def test_a_clock_that_is_set_back_forgets_clouds(self) -> None:
         w = world()
         w.receive_odometry(at(1000 * SECOND))
         w.receive_odometry(at(SECOND))
@@ -316,7 +316,7 @@ class TestVoxels:
         assert found == last
         assert len(kept.points) < 1.01 * len(last)  # few share a hash with another cube
 
-    def test_points_far_from_the_origin_are_told_apart(self) -> None:
+    def test_resolves_points_far_from_the_origin(self) -> None:
         kept = VoxelMap(0.1)
         places = np.array([[9e4, -9e4, 5.0], [9e4 + 0.5, -9e4, 5.0], [-9e4, 9e4, 5.0]])
         kept.insert(places.astype(np.float32), 1)

@@ -91,7 +91,7 @@ def test_wrong_way_counts_only_where_both_are_allowed() -> None:
     assert_allclose([passage.time for passage in two.passages], [3.0, 4.0])
 
 
-def test_laps_of_a_circle_are_told_apart() -> None:
+def test_separates_the_laps_of_a_circle() -> None:
     angle = 2.0 * np.pi * SECONDS / 5.0 - 0.1  # two laps
     p_WB = np.column_stack((3.0 * np.cos(angle), 3.0 * np.sin(angle), np.ones_like(angle)))
     lap = flown(course(ball(3.0, 0.0), ball(-3.0, 0.0), laps=2), p_WB)

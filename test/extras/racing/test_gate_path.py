@@ -69,5 +69,5 @@ def test_plan_of_another_course_is_refused(tmp_path: Path) -> None:
     rows = [f"{0.2 * k}, {0.1 * k}, 0, 1" for k in range(60)]
     file.write_text("\n".join(("time [s], x [m], y [m], z [m]", *rows)))
     config = ReferenceConfig(trajectory="gates", gates=str(ROUND), file=str(file))
-    with pytest.raises(ConfigurationError, match=r"it does not pass gates\[1\]; plan it anew"):
+    with pytest.raises(ConfigurationError, match=r"it does not pass gates\[1\]; plan it again"):
         configured_trajectory(config)

@@ -91,7 +91,7 @@ def test_a_way_leaves_the_present_one_without_a_jump_and_passes_where_the_gates_
         (4.0, {"gate1": (0.0, 1.5, 0.0)}),  # it is behind
     ],
 )
-def test_nothing_is_flown_anew_without_need(begin: float, moved: Any) -> None:
+def test_keeps_the_path_while_no_gate_moves(begin: float, moved: Any) -> None:
     assert led(begin, **moved)[1] is None
 
 
@@ -100,7 +100,7 @@ def test_another_trajectory_is_left_alone() -> None:
     assert race.detour(configured_trajectory(CONFIG), 0.5) is None
 
 
-def test_a_way_that_was_taken_is_told_and_needs_no_other() -> None:
+def test_reports_the_new_path_once() -> None:
     race, detour = led(0.5, gate2=(0.0, 1.5, 0.0))
     way = detour.flown(smooth_part(detour, CONFIG), CONFIG)
     assert race.take(detour, way).startswith("replanned: gate 2 moved 1.50 m, joins at 0.5")

@@ -31,7 +31,7 @@ def test_a_good_flight(good: Summary) -> None:
     assert verdict.good
     assert verdict.line == "The MPC gave every one of the 100 commands. Nothing went wrong."
     assert verdict.wrong == []
-    assert verdict.advice == ["Nothing to mend."]
+    assert verdict.advice == ["No problems found."]
     assert any("lag by 70 ms (70 to 70), given 70 ms" in each for each in verdict.estimated)
 
 

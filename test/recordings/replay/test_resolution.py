@@ -65,7 +65,7 @@ def flown_in_real_time(
         odom_rate=odom_rate,
         initial_position=(0.0, 0.0, 2.0),
         initial_throttle=0.3,
-        imu_rate=4.0 * odom_rate if mpc.feels else 0.0,
+        imu_rate=4.0 * odom_rate if mpc.uses_accelerometer else 0.0,
         imu_noise=0.3,
     )
     plant, server = (
@@ -75,7 +75,7 @@ def flown_in_real_time(
     stream = OdometryStream(plant, simulator, start_stamp_ns=START_NS)
     controller = Controller(mpc)
     server.start(START_NS)
-    odometries, windows, commands, ticks, felt = [], [], [], [], []
+    odometries, windows, commands, ticks, imu_samples = [], [], [], [], []
     due_imu: list[ImuSample] = []
     next_window_ns = next_watch_ns = START_NS + 33 * MS
 
@@ -113,7 +113,7 @@ def flown_in_real_time(
         due_imu += sent.imu
         while due_imu and due_imu[0].stamp_ns + int(random.uniform(0.0, 4.0) * MS) < now_ns:
             sample = due_imu.pop(0)
-            felt.append(recorded(sample, sample.stamp_ns, later_ns=MS))
+            imu_samples.append(recorded(sample, sample.stamp_ns, later_ns=MS))
             controller.receive_imu(sample)
         while next_window_ns < now_ns:
             window = server.window(next_window_ns)
@@ -148,7 +148,7 @@ def flown_in_real_time(
         landings=landings,
         resets=resets,
         changes=changed,
-        imu=felt,
+        imu=imu_samples,
     )
     return run, ticks
 
@@ -186,7 +186,7 @@ def test_resolves_estimate_resets() -> None:
     assert as_bytes(commands_of(list(resolve(unknowing, MPC)))) != flown
 
 
-def test_resolves_what_was_felt_when_it_was() -> None:
+def test_resolves_imu_samples_at_their_times() -> None:
     feeling = dataclasses.replace(MPC, accelerometer_noise=0.5)
     run, ticks = flown_in_real_time(mpc=feeling)
     flown = as_bytes([tick.command for tick in ticks if tick.command])

@@ -188,7 +188,7 @@ def test_unknown_frames_and_no_attitude_are_refused() -> None:
     assert bridge.take_odometries() == [] and bridge.refused == 1
 
 
-def test_a_reset_that_px4_announces_is_told() -> None:
+def test_publishes_a_reset_that_px4_announces() -> None:
     speaker, bridge = Speaker(), made()
     bridge.exchange(speaker.heartbeat(autopilot=PX4) + speaker.odometry(T0), now_ns=T0)
     now_ns = T0 + STEP
@@ -284,7 +284,7 @@ def test_it_is_not_engaged_before_the_parameters_have_come() -> None:
     assert not refused.accepted and "has not sent its parameters yet" in refused.text
     for k in range(200):  # it never does
         bridge.exchange(speaker.heartbeat(), now_ns=T0 + k * STEP)
-    assert "does not tell its parameter" in bridge.engage(True, now_ns=T0 + 199 * STEP).text
+    assert "does not report its parameter" in bridge.engage(True, now_ns=T0 + 199 * STEP).text
 
 
 @pytest.mark.parametrize(
@@ -315,9 +315,7 @@ def test_settings_with_which_it_must_not_fly(known: dict[str, float], said: str)
         (PX4, {"MPC_THR_HOVER": 0.6}, "MPC_THR_HOVER is 0.60, and the vehicle file says 0.29"),
     ],
 )
-def test_settings_that_are_odd_are_told_once(
-    autopilot: int, known: dict[str, float], said: str
-) -> None:
+def test_warns_of_odd_settings_once(autopilot: int, known: dict[str, float], said: str) -> None:
     bridge = made(**{"thrust_map.battery_voltage": 15.0})
     told = Speaker().told(T0, autopilot=autopilot, settings=known)
     bridge.exchange(told, now_ns=T0)
@@ -457,7 +455,7 @@ def test_engaging_is_refused_in_a_failsafe_and_without_a_heartbeat() -> None:
     assert any("reports a failsafe" in each for each in bridge.take_warnings())
 
 
-def test_others_than_the_configured_vehicle_are_not_heard() -> None:
+def test_ignores_vehicles_other_than_the_configured_one() -> None:
     bridge = made(target_system=2)
     bridge.exchange(Speaker(system=1).told(T0), now_ns=T0)
     assert bridge.take_odometries() == []
@@ -466,7 +464,7 @@ def test_others_than_the_configured_vehicle_are_not_heard() -> None:
     assert len(bridge.take_odometries()) == 1
 
 
-def test_a_setpoint_of_somebody_else_ends_the_engagement() -> None:
+def test_a_setpoint_of_another_sender_ends_the_engagement() -> None:
     speaker, other = Speaker(), Speaker(system=255, component=190)
     bridge = engaged(speaker)
     assert len(setpoints(sent(bridge, T0))) == 1
@@ -474,14 +472,12 @@ def test_a_setpoint_of_somebody_else_ends_the_engagement() -> None:
     bridge.exchange(strange, now_ns=T0 + STEP)
     assert sent(bridge, T0 + STEP) == b""
     assert "SET_ATTITUDE_TARGET of system 255, component 190" in bridge.handover[1]
-    assert "somebody else" in bridge.engage(True, now_ns=T0 + STEP).text
+    assert "another sender" in bridge.engage(True, now_ns=T0 + STEP).text
 
 
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4])
 @pytest.mark.parametrize(("strange", "ends"), [(0, False), (2, False), (3, True), (60, True)])
-def test_targets_that_nobody_here_has_set_end_the_engagement(
-    autopilot: int, strange: int, ends: bool
-) -> None:
+def test_unknown_targets_end_the_engagement(autopilot: int, strange: int, ends: bool) -> None:
     """A target comes late, and among those of the others are ours."""
     speaker, dice = Speaker(), random.Random(3)
     mode = GUIDED if autopilot == ARDUPILOT else OFFBOARD
@@ -661,7 +657,7 @@ def test_stands_in_for_a_ground_station_only_where_its_loss_has_no_consequences(
 # What else is told.
 
 
-def test_a_long_text_is_told_as_one() -> None:
+def test_joins_the_parts_of_a_long_text() -> None:
     speaker, bridge = Speaker(), made()
     bridge.exchange(speaker.heartbeat(), now_ns=T0)
     pieces = (b"Arm: AHRS: EKF3 Yaw inconsistent 77 deg. Wait or r", b"eboot")

@@ -113,7 +113,7 @@ def thrust_of(bridge: MavrosBridge) -> float:
 
 
 @pytest.mark.parametrize("boost", [0, 1, 0.0, 1.0])
-def test_the_boost_that_mavros_tells_of_is_taken_out(new: New, boost: float) -> None:
+def test_compensates_the_reported_angle_boost(new: New, boost: float) -> None:
     bridge, answer = asked(new, tilt=0.6)
     plain = thrust_of(bridge)
     answer(told(options=8, boost=boost))

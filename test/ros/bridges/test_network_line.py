@@ -87,7 +87,7 @@ def test_who_calls_first_is_answered_until_it_is_silent(
         assert until(lambda: line.read() == b"three") and line.fault == ""
 
 
-def test_it_calls_by_udp_also_while_nobody_is_there(other: socket.socket) -> None:
+def test_sends_by_udp_without_a_receiver(other: socket.socket) -> None:
     port = other.getsockname()[1]
     other.close()
     with opened(f"udpout:127.0.0.1:{port}") as line:
@@ -117,7 +117,7 @@ def line_address(line: NetworkLine) -> tuple[str, int]:
     return host, port
 
 
-def test_a_tcp_connection_is_made_anew() -> None:
+def test_reconnects_by_tcp() -> None:
     port = free_port()
     with opened(f"tcp:127.0.0.1:{port}") as line:
         assert line.read() == b"" and "refused" in line.fault

@@ -15,9 +15,9 @@ from quad_mpc_ros.cli import main
 from quad_mpc_ros.messages import conversions
 
 NOISE = "advanced.accelerometer_noise"
-FELT = ("--reference", "lemniscate", "--duration", "4", "--set", f"mpc.{NOISE}=0.5")
-FELT += ("--set", "simulator.imu_rate=200", "--set", "simulator.imu_noise=0.3")
-FELT += ("--set", "simulator.velocity_noise=0.1")
+WITH_IMU = ("--reference", "lemniscate", "--duration", "4", "--set", f"mpc.{NOISE}=0.5")
+WITH_IMU += ("--set", "simulator.imu_rate=200", "--set", "simulator.imu_noise=0.3")
+WITH_IMU += ("--set", "simulator.velocity_noise=0.1")
 
 
 def commands(run: Path, topic: str = "/command") -> list[bytes]:
@@ -28,8 +28,8 @@ def commands(run: Path, topic: str = "/command") -> list[bytes]:
 
 def test_a_lockstep_flight_is_the_one_in_one_process_and_resolves_to_it(tmp_path: Path) -> None:
     flown, simulated, again = tmp_path / "flown", tmp_path / "simulated", tmp_path / "again"
-    assert main(["fly", "--lockstep", *FELT, "--out", str(flown)]) == 0
-    assert main(["simulate", *FELT, "--out", str(simulated)]) == 0
+    assert main(["fly", "--lockstep", *WITH_IMU, "--out", str(flown)]) == 0
+    assert main(["simulate", *WITH_IMU, "--out", str(simulated)]) == 0
     assert commands(flown) == commands(simulated)
     assert len(commands(flown, "/imu")) == 4 * 199
     assert main(["resolve", str(flown), "--out", str(again)]) == 0
@@ -86,7 +86,7 @@ def test_bad_messages_are_refused_in_a_line_each_and_the_flight_goes_on(
     assert "Traceback" not in log.read_text()
 
 
-def test_without_the_parameter_nobody_listens(
+def test_does_not_subscribe_without_the_parameter(
     start: Callable[..., Any], peer: Any, feed: Any, managed: Any
 ) -> None:
     publisher = peer.node.create_publisher(Imu, "imu", qos_profile_sensor_data)

@@ -130,7 +130,7 @@ def test_gates_that_move_are_taken_and_what_are_none_refused(
     assert "Traceback" not in log.read_text()
 
 
-def test_a_sensor_that_stops_is_told_in_the_diagnostics(
+def test_diagnostics_report_a_sensor_that_stops(
     start: Start, peer: Any, feed: Any, managed: Any
 ) -> None:
     surveyor, mpc = Surveyor(peer), managed("mpc")
@@ -142,7 +142,7 @@ def test_a_sensor_that_stops_is_told_in_the_diagnostics(
     assert surveyor.sees(1.8, lambda: surveyor.send_points([[0.0, 2.0, 0.0]]))
 
 
-def test_a_neighbour_is_heard_in_its_namespace(
+def test_receives_a_neighbour_in_its_namespace(
     start: Start, peer: Any, feed: Any, managed: Any
 ) -> None:
     mpc = managed("mpc")

@@ -67,7 +67,7 @@ def errors(found: dict[str, list[tuple[str, str]]]) -> dict[str, str]:
     }
 
 
-def test_tells_a_fit_vehicle_from_an_unfit_one(
+def test_distinguishes_a_fit_vehicle_from_an_unfit_one(
     start: Start,
     intruder: None,
     tmp_path: Path,

@@ -124,7 +124,7 @@ def test_any_other_publisher_of_commands_is_named(peer: Any) -> None:
     assert commanders.fault() == ""
 
 
-def test_another_vehicle_is_nobody_elses_business(peer: Any) -> None:
+def test_ignores_mpcs_in_other_namespaces(peer: Any) -> None:
     ours, theirs = discovered(peer, "a/command"), discovered(peer, "b/command")
     theirs.begin()
     ours.receive(health_of("/b/mpc", theirs.values()))
@@ -214,7 +214,7 @@ def test_of_two_that_start_by_themselves_one_begins_in_every_order_of_messages(p
         assert sum(two.active) == 1, (first, between, senders)
 
 
-def test_one_that_has_commanded_for_long_stops_for_nobody(
+def test_an_mpc_in_command_for_ten_seconds_never_yields(
     peer: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ours, theirs = discovered(peer, "command"), discovered(peer, "command")

@@ -79,7 +79,7 @@ def wait_for(condition: Callable[[], Any]) -> None:
         time.sleep(0.05)
 
 
-def test_where_nobody_flies_it_says_so() -> None:
+def test_reports_that_no_vehicle_flies() -> None:
     done = subprocess.run([*WATCH, "--once"], capture_output=True, timeout=60)
     assert done.returncode == 1
     assert b"no MPC reports" in done.stdout

@@ -1,4 +1,4 @@
-"""Each check before a flight by cases: what is well, what to look at, what to mend."""
+"""Each check before a flight by cases: what is well, what to check, what to fix."""
 
 from __future__ import annotations
 
@@ -470,7 +470,7 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
             )
         ),
         ERROR,
-        "stays where it is and tells of 0.82 m/s",
+        "does not change, but the twist reports 0.82 m/s",
     ),
     "on its side": (
         "motion",
@@ -522,7 +522,7 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
 }
 
 
-def test_a_fit_vehicle_has_nothing_to_mend_or_look_at() -> None:
+def test_finds_no_problem_with_a_fit_vehicle() -> None:
     found = findings(FIT)
     assert {each.level for _, each in found} == {Level.OK}
     # All but those for what a vehicle need not have.

@@ -59,7 +59,7 @@ class CrazyflieBridge(Bridge):
         self._sent_ns: int | None = None
         self._pose_ns: int | None = None
         self._ground_height = 0.0
-        self._is_left = True  # to the firmware's own commander, or to nobody
+        self._is_left = True  # to the firmware's own commander, or none
 
     def exchange(self, received: bytes, *, now_ns: int) -> bytes:
         """Take packets, ask for what is missing, and pass on where the vehicle is."""

@@ -88,7 +88,7 @@ class CrazyflieLine(ReopenedLine):
 
 
 class _Sender(threading.Thread):
-    """Sends packets of one driver: a radio keeps its caller waiting while nobody answers."""
+    """Sends packets of one driver: a radio keeps its caller waiting until it gets an answer."""
 
     def __init__(self, driver: Any) -> None:
         super().__init__(daemon=True)

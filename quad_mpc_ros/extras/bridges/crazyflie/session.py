@@ -63,7 +63,7 @@ class _Progress:
 
 
 class Session:
-    """Prepares a Crazyflie, and anew when it has been silent."""
+    """Prepares a Crazyflie, and again after it has been silent."""
 
     def __init__(self) -> None:
         self.telemetry = Telemetry()

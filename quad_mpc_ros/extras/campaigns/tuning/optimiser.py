@@ -130,12 +130,12 @@ class Optimiser:
         elif found["tune"] != digest:
             raise UserError(
                 f"{folder}: its tune.yaml has changed since its first trial, and not only in "
-                "trials and timeout: begin anew with another --out"
+                "trials and timeout: start again with another --out"
             )
         elif found["version"] != __version__:
             raise UserError(
                 f"{folder}: begun by quad_mpc_ros {found['version']}, this is {__version__}: "
-                "flights of both do not mix; begin anew with another --out"
+                "flights of both do not mix; start again with another --out"
             )
 
 

@@ -166,7 +166,7 @@ class Firmware:
 
 
 class FirmwareEndedError(RuntimeError):
-    """The process has ended, or started anew as it does after saving its settings."""
+    """The process has ended, or restarted as it does after saving its settings."""
 
 
 class Console:

@@ -26,7 +26,7 @@ from quad_mpc_ros.simulation.rotors.driven import DrivenPlant
 from quad_mpc_ros.simulation.rotors.parameters import RotorParameters
 
 _PERIOD_NS = 1_000_000  # from one look at the sensors to the next
-_REPEAT_NS = 50_000_000  # after so long a command is sent again, lest the receiver counts as lost
+_REPEAT_NS = 50_000_000  # then a command is repeated, to keep the receiver connected
 _RESTING_NS, _ARMING_NS, _SETTLING_NS = 1_500_000_000, 3_000_000_000, 500_000_000
 
 # Of the check of the build: an ordinary one grows by 1.9 from 40 ms on, the other shrinks.

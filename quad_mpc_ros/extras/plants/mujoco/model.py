@@ -73,7 +73,7 @@ def _settings(root: ET.Element, config: MujocoParameters) -> None:
         impratio="100",  # what sticks does not creep
         tolerance="1e-10",
     )
-    # What diverges is to be seen, not to begin anew.
+    # A simulation that diverges must stay visible, not restart.
     ET.SubElement(option, "flag", autoreset="disable")
     # Only what is said to can meet.
     ET.SubElement(ET.SubElement(root, "default"), "geom", contype="0", conaffinity="0")

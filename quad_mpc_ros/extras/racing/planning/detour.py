@@ -1,4 +1,4 @@
-"""The rest of a race planned anew in flight, from a state of the present plan, which it begins as.
+"""The rest of a race replanned in flight, from a state of the present plan.
 
 The optimiser begins from the present plan, that leads by where the gates were.
 """

@@ -106,7 +106,7 @@ def plan_race(
         gate_margin: What is kept from the edges of the gates [m].
         radius: Of the vehicle; kept from the frames of gates that have one, too [m].
         step: The longest step between nodes [s].
-        progress: Is told the stage, the iteration, the time so far [s] and the variables.
+        progress: Called with stage, iteration, time so far [s] and variables.
 
     Returns:
         The plan: its ``race_time``, its ``table``, its ``trajectory()``, and ``write(path)``.

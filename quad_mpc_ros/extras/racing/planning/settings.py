@@ -1,4 +1,4 @@
-"""What a plan was made with, as a text in its file: enough to plan the rest of the race anew."""
+"""The settings of a plan as a text in its file: enough to replan the rest of the race."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class PlanSettings:
             return PlanSettings(**{**given, "vehicle": PlannedVehicle(**vehicle)})
         except (KeyError, TypeError, ValueError) as error:
             raise UserError(
-                f"what the plan was made with cannot be read ({error!r}): plan it anew"
+                f"the settings of the plan cannot be read ({error!r}): plan it again"
             ) from error
 
 

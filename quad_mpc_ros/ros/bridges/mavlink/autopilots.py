@@ -1,4 +1,4 @@
-"""What PX4 and ArduPilot do not share: modes, the state that they tell, and their settings.
+"""What PX4 and ArduPilot do not share: modes, reported state, and settings.
 
 Numbers of modes after PX4 (``px4_custom_mode.h``) and ArduPilot (``ArduCopter/mode.h``).
 """
@@ -27,7 +27,7 @@ ARDUPILOT_MODES = {
 _PX4_MODES = {1: "MANUAL", 2: "ALTCTL", 3: "POSCTL", 4: "AUTO", 5: "ACRO", 6: "OFFBOARD"}
 _PX4_MODES |= {7: "STABILIZED", 10: "TERMINATION"}
 _PX4_AUTO_MODES = {1: "READY", 2: "TAKEOFF", 3: "LOITER", 4: "MISSION", 5: "RTL", 6: "LAND"}
-_LONGEST_HELD = 1.0  # s: of the last rates and thrust, before it is told that this is long
+_LONGEST_HELD = 1.0  # s: of the last rates and thrust, before a warning
 _MANY_TIMES = 1.3  # between two throttles at hover, which then are not of the same vehicle
 
 Mode = tuple[float, float, float]
@@ -226,7 +226,7 @@ class ArduPilot(Autopilot):
         """Return whether thrust would mean a climb rate, or is unknown."""
         for name in self.settings[:5]:
             if name not in settings:
-                return f"ArduPilot does not tell its parameter {name}"
+                return f"ArduPilot does not report its parameter {name}"
         return thrust_fault(int(settings["GUID_OPTIONS"]))
 
     def advice(self, settings: Mapping[str, float], *, hover: float) -> list[str]:

@@ -1,6 +1,6 @@
 """The rules: what is asked of the autopilot, when it may be flown, and what it gets.
 
-Over the line go, whoever flies, a heartbeat as an onboard computer, questions for the vehicle's
+Over the line go, engaged or not, a heartbeat as an onboard computer, questions for the vehicle's
 time and parameters, and requests for the messages that are needed. Setpoints go only in answer to
 commands.
 
@@ -106,7 +106,7 @@ class MavlinkBridge(Bridge):
         }
 
     def exchange(self, received: bytes, *, now_ns: int) -> bytes:
-        """Receive what the vehicle tells, and return what is to be asked."""
+        """Receive the vehicle's messages, and return the requests that are due."""
         if self._codec is None:
             self._codec = Codec(system=self._system or 1)
         for message in self._codec.read(received):
@@ -319,7 +319,7 @@ class MavlinkBridge(Bridge):
                 self._reasons.append(whole)
 
     def _due(self, now_ns: int) -> list[Any]:
-        """Return the messages that are due whoever flies."""
+        """Return the messages that are due, engaged or not."""
         due = []
         if self._is_due("heartbeat", _HEARTBEAT_NS, now_ns):
             due.append(codec.heartbeat())

@@ -12,7 +12,7 @@ _QUESTIONS = 10  # about a parameter, or about the time at once
 _ASKED_AGAIN_NS = 300_000_000
 _MEMORY_NS = _SECOND  # of setpoints, which come back late
 _LONG_ENOUGH_NS = _SECOND // 2
-_STRANGE = 3  # targets that nobody here has set, among ours, before that is no accident
+_STRANGE = 3  # targets of others, among ours, before that is no accident
 _FORGOTTEN_NS = 2 * _SECOND
 
 
@@ -45,7 +45,7 @@ class VehicleTime:
 
 
 class Settings:
-    """The parameters of the vehicle that matter, as far as it has told them."""
+    """The vehicle's parameters that matter, as far as they were received."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self.values: dict[str, float] = {}
@@ -123,11 +123,11 @@ class OtherCommanders:
         self._strange.clear()
 
     def found(self, why: str, *, now_ns: int) -> None:
-        """Note that somebody else commands."""
+        """Note that another sender commands."""
         self._found = now_ns, why
 
     def fault(self, *, now_ns: int) -> str:
         """Return who else commands the vehicle, for some time after it was noticed, or nothing."""
         if self._found is None or abs(now_ns - self._found[0]) > _FORGOTTEN_NS:
             return ""
-        return f"somebody else commands the vehicle as well: {self._found[1]}"
+        return f"another sender commands the vehicle as well: {self._found[1]}"

@@ -170,7 +170,7 @@ def test_what_a_plan_was_made_with_is_in_its_file(tmp_path: Any) -> None:
 
 @pytest.mark.parametrize("text", ["", "{", "{}", '{"model": "rates", "vehicle": {}}'])
 def test_what_it_was_made_with_is_refused_in_a_sentence(text: str) -> None:
-    with pytest.raises(UserError, match=r"cannot be read .*: plan it anew"):
+    with pytest.raises(UserError, match=r"cannot be read .*: plan it again"):
         PlanSettings.of(text)
 
 

@@ -21,7 +21,7 @@ from quad_mpc_ros.ros.repeated_warnings import RepeatedWarnings
 Start = Callable[..., Any]
 
 
-def test_says_what_it_waits_for_and_why_it_is_not_heard(
+def test_logs_missing_inputs_and_mismatched_publishers(
     start: Start, peer: Any, tmp_path: Path
 ) -> None:
     log = tmp_path / "mpc.log"
@@ -35,7 +35,7 @@ def test_says_what_it_waits_for_and_why_it_is_not_heard(
     message.header.frame_id = "map"
     message.pose.pose.orientation.w = 1.0
     peer.node.create_timer(0.02, lambda: odometry.publish(message))
-    told = "no reference yet: 1 publisher on /one/reference, not heard: quality of service of"
+    told = "no reference yet: 1 publisher on /one/reference, not received: quality of service of"
     assert peer.wait(lambda: f"{told} /test_peer: " in log.read_text())
 
 

@@ -60,19 +60,19 @@ def commands(steps: list[LoopStep]) -> list[bytes]:
 
 @pytest.mark.parametrize("kind", NOISES)
 @pytest.mark.parametrize("bias", [(0.0, 0.0, 0.0), (0.2, -0.2, 0.2)])
-def test_gusts_move_less_what_is_felt(kind: str, bias: tuple[float, ...]) -> None:
+def test_accelerometer_reduces_gust_displacement(kind: str, bias: tuple[float, ...]) -> None:
     """Whatever noise the velocity has, and with a bias that is usual."""
-    unfelt = rmse(flown(noise=0.0, **GUSTS, **NOISES[kind]))
-    felt = flown(noise=0.5, imu_bias=bias, **GUSTS, **NOISES[kind])
-    assert rmse(felt) < 0.75 * unfelt
-    uses = [step.tick.stats.accelerometer for step in felt[200:] if step.tick]
+    without_imu = rmse(flown(noise=0.0, **GUSTS, **NOISES[kind]))
+    with_imu = flown(noise=0.5, imu_bias=bias, **GUSTS, **NOISES[kind])
+    assert rmse(with_imu) < 0.75 * without_imu
+    uses = [step.tick.stats.accelerometer for step in with_imu[200:] if step.tick]
     assert uses.count("used") > 0.95 * len(uses)
 
 
 def test_one_that_is_silent_changes_nothing() -> None:
-    unfelt = flown(noise=0.0, imu_rate=0.0, velocity_noise=0.05)
+    without_imu = flown(noise=0.0, imu_rate=0.0, velocity_noise=0.05)
     silent = flown(noise=0.5, imu_rate=0.0, velocity_noise=0.05)
-    assert commands(silent) == commands(unfelt)
+    assert commands(silent) == commands(without_imu)
     stats = [step.tick.stats for step in silent if step.tick]
     assert {each.accelerometer for each in stats[1:]} == {"missing"}
     assert {each.imu_stamp_ns for each in stats} == {0}
