@@ -14,7 +14,7 @@ _PEER_HEADER = (
     "iterations p50 / p99 / max", "failed", "RMSE [m]",
 )  # fmt: skip
 _HORIZON_HEADER = (
-    "N", "peer", "p50 [us]", "p99 [us]", "solver, p50 [us]", "RMSE [m]",
+    "N", "peer", "p50 [us]", "p99 [us]", "RMSE [m]",
 )  # fmt: skip
 
 Record = Mapping[str, Any]
@@ -52,7 +52,7 @@ def tables(record: Record, kinds: Kinds) -> str:
         rows = _horizon_rows(swept, kinds)
         parts += [
             "### Horizon length",
-            markdown_table(_HORIZON_HEADER, rows, align="llrrrr"),
+            markdown_table(_HORIZON_HEADER, rows, align="llrrr"),
         ]
     return "\n\n".join(parts)
 
@@ -87,7 +87,6 @@ def _horizon_rows(swept: list[Record], kinds: Kinds) -> list[list[str]]:
             str(entry["horizon_steps"]),
             entry["peer"],
             *_times(entry["step_us"], "p50", "p99"),
-            *_times(entry["solve_us"], "p50"),
             f"{entry['position_rmse_m']:.4f}",
         ]
         for entry in sorted(
@@ -126,6 +125,8 @@ def _iterations(entry: Record) -> str:
     return " / ".join(_times(entry["iterations"], "p50", "p99", "max"))
 
 
+_NOT_SHOWN = ("load before the run", "kernel")
+
 _LEGEND = (
     "A step takes odometry and reference and returns a command, called from Python. *first* is "
     "the longest first step of a flight; the other columns exclude it. Iterations are the sum "
@@ -134,49 +135,43 @@ _LEGEND = (
 )
 
 _OTHER_MEASUREMENTS = """
-### Soft limits
+With soft constraints in both (limits of tilt and speed, 2026-11-23), the step time relative to
+acados is 0.42 to 0.48 at p50 and 0.70 to 0.93 at p99.
 
-Step time relative to acados with the same soft constraints, 2026-11-23:
+## Nodes over DDS
 
-| configuration | p50 | p99 |
+`python bench/node_latency.py --duration 25`, 2026-11-25: time from odometry to command. The relay
+is an rclpy node without computation.
+
+| rate | MPC p50 / p99 [ms] | relay p50 / p99 [ms] |
 |---|---|---|
-| `default`, with `limits.tilt_max` | 0.42 | 0.70 |
-| `agile`, `limits.tilt_max` 0.61 | 0.44 | 0.77 |
-| `agile`, `limits.tilt_max` 0.61, `limits.speed_max` 2 | 0.48 | 0.93 |
+| 50 Hz | 1.71 / 2.93 | 1.42 / 3.43 |
+| 200 Hz | 1.17 / 2.47 (0.04 % late by a period) | 0.60 / 2.39 |
+
+- **Processor:** MPC 10 %, relay 4 % of a core at 50 Hz. The MPC is configured after 1.1 s.
+- **Memory:** MPC 240, simulator 203, reference 80, recorder 78 MiB. It grows by 0.4 MB in 30
+  minutes (`make soak`, 2026-11-22).
+- **Vehicles** on two cores (`quad_mpc fly --vehicles 5 --duration 60`, 2026-11-23): with five,
+  99.95 % of the commands come within a period, with eight 97.5 %.
 
 ## Simulation speed
 
-One process, the first four rows with `python bench/closed_loop.py --duration 12`, 2026-11-22 to
-2026-11-24:
+Times real time in one process, `python bench/closed_loop.py --duration 12`, 2026-11-22 to
+2026-11-24: hover 88, square 79, hover with lags, delay, gusts and noise 42, at 200 Hz 12; plants
+`rotors` 65 to 74, `betaflight` 5, `rotorpy` 0.5.
 
-| flight | times real time |
-|---|---|
-| hover, `default` | 88 |
-| square | 79 |
-| hover, lags, delay, gusts, noise | 42 |
-| hover, lags, delay, gusts, noise, 200 Hz | 12 |
-| plant `rotors` | 65 to 74 |
-| plant `betaflight` | 5 |
-| plant `rotorpy` | 0.5 |
-
-## Campaigns
-
-500 hovers of 12 s take 42 s with two workers: 7 flights per second and core. More workers than
-cores gain nothing. Cost without the flights, `python bench/campaign_cost.py`, 2026-11-24:
-
-| cost | 2 workers | 8 workers, 2 cores | Dask, 2 workers |
-|---|---|---|---|
-| processor time per flight [ms] | 2.1 | 3.7 | 1.8 |
-| dispatching process, per flight [ms] | 0.3 | 0.7 | 1.0 |
-| start [s] | 2.5 | 9.6 | 3.0 |
+**Campaigns:** 500 hovers of 12 s take 42 s with two workers: 7 flights per second and core. More
+workers than cores gain nothing. The overhead is 2.1 ms per flight and 2.5 s at the start
+(`python bench/campaign_cost.py`, 2026-11-24).
 """
 
 
 def _how(record: Record) -> str:
-    s, machine = record["settings"], record["machine"]
+    s = record["settings"]
+    machine = [each for each in record["machine"].items() if each[0] not in _NOT_SHOWN]
     return (
         "`make bench` compares a control step with other solvers of the same problem "
-        f"({', '.join(f'{name} {value}' for name, value in machine.items())}). The "
+        f"({', '.join(' '.join(each) for each in machine)}). The "
         f"{s['trajectory']} on `{s['dynamics']}`, {s['duration_s']:g} s at "
         f"{s['odom_rate_hz']:g} Hz, {s['repeats']} flights of each peer in turns, "
         f"N = {s['horizon_steps']} steps of {s['horizon_step_s']:g} s, "

@@ -41,7 +41,7 @@ class ControllerPeer:
 CONTROLLER = PeerKind(
     title="this controller",
     solver="OSQP",
-    description="`formulation: manifold` with validation, failsafe and statistics of the node.",
+    description="`formulation: manifold`, with all checks of the node.",
     make=lambda config, _: partial(ControllerPeer, config),
     swept=True,
 )

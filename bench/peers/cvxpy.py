@@ -128,7 +128,7 @@ def _made(config: MpcConfig, _: Path) -> NewPeer:
 PEER = PeerKind(
     title="the same QP through cvxpy, rebuilt each step",
     solver="OSQP",
-    description="the same linearisation, QP rebuilt at every step, solved with OSQP.",
+    description="the same linearisation, solved with OSQP.",
     make=_made,
     package="cvxpy",
 )
