@@ -23,7 +23,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "Fit the lags of body rates and thrust, the input delay, the thrust per mass, over the "
         "battery's voltage if that was recorded, and the drag to the commands and the odometry "
         "of a flight. Prints the vehicle file, ROS parameters for every node below /**, on "
-        "standard output, and what was found with its 95 %% intervals on standard error."
+        "standard output, and what was found with its 95 % intervals on standard error."
     )
     recording.add_options(parser)
     parser.add_argument(

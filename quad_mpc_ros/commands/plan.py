@@ -32,10 +32,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Plan the race of least time through gates within the limits of a vehicle, as a table "
         "that reference.file names, and a picture of it. "
-        "Exit code 0 for a plan within the limits, 2 for bad input."
+        "Exit code 0 for a plan within the limits, 1 beyond them, 2 for bad input."
     )
     parser.add_argument(
-        "gates", metavar="FILE", help="course of gates, or the name of a shipped one (split_s)"
+        "gates", metavar="FILE", help="course of gates, or a shipped one: seven_gates, split_s"
     )
     add_config(parser, "of the vehicle (vehicles/cpc, …)")
     parser.add_argument(

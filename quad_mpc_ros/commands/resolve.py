@@ -43,7 +43,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--reference",
         metavar="NAME",
         help="trajectory to follow from the first odometry on, instead of the recorded reference: "
-        "square, hover, lemniscate",
+        "one that 'quad_mpc simulate --help' lists",
     )
     add_out(parser, "bag, summary.json and figures; must not hold any", "resolved")
 
