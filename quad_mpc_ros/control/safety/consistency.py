@@ -107,8 +107,8 @@ _RATES = RelationLimits(floor=0.15, share=0.15, least=0.1, twist=0.9)
 _REVERSED = RelationLimits(floor=0.4, share=0.12, least=-0.4, twist=0.9)
 _FORCE = RelationLimits(floor=0.7, share=0.08, least=-0.4, twist=0.69)
 _MOST_DRAG = 3.0  # 1/s
-# Largest difference of the two sides within a sample: angle, distance, and as rates.
-_TURN_STEP, _STEP, _RATE_STEP, _FORCE_STEP = 0.08, 0.15, 20.0, 40.0
+# Largest difference of the two sides within a sample: angle, distance, speed, and as rates.
+_TURN_STEP, _STEP, _SPEED_STEP, _RATE_STEP = 0.08, 0.15, 2.0, 20.0
 _ABSURD = 15.0  # rad/s, of body rates and the turn of the attitude within a sample
 
 
@@ -566,7 +566,7 @@ def _compare_with_command(
     duration: float,
 ) -> None:
     """Compare velocity and rates with the command that acted since the odometry before."""
-    (v, w), times = motion, duration / _LOWPASS
+    (v, w), times, far = motion, duration / _LOWPASS, _SPEED_STEP / duration
     rates, late_rates = kernels.vector(seen.rates), kernels.vector(seen.late_rates)
     _lowpass(seen.commanded, rates, w, _RATE_STEP, times)
     _lowpass(seen.commanded_late, late_rates, w, _RATE_STEP, times)
@@ -575,8 +575,8 @@ def _compare_with_command(
     force, up = (ax, ay, az + nominal.gravity), kernels.column(R, 2)
     thrust = kernels.scaled(max(modelled_thrust(nominal, seen.throttle), 0.0), up)
     late_thrust = kernels.scaled(max(modelled_thrust(nominal, seen.late_throttle), 0.0), up)
-    _lowpass(seen.force, thrust, force, _FORCE_STEP, times)
-    _lowpass(seen.force_late, late_thrust, force, _FORCE_STEP, times)
+    _lowpass(seen.force, thrust, force, far, times)
+    _lowpass(seen.force_late, late_thrust, force, far, times)
     _lowpass(seen.drag, thrust, v, math.inf, times)
     _lowpass(seen.drag_on_force, v, force, math.inf, times)
     for turning in (seen.commanded, seen.commanded_late):
