@@ -602,22 +602,6 @@ def test_the_solver_sees_body_rates_and_velocity(
     assert_allclose(spy.odometries[-1].w_WB_B, [3.0, 0.0, 0.0], atol=1e-12)
 
 
-def test_the_wrong_twist_frame_is_warned_of_and_named(
-    paper_config: MpcConfig, make_odometry: MakeOdometry, make_window: MakeWindow
-) -> None:
-    flight = Hovering(paper_config, make_odometry, make_window)
-    warnings = []
-    for k in range(200):  # west at 2 m/s with the nose to the north
-        flight.tick(
-            p_WB=np.array([-0.04 * k, 0.0, 2.0]),
-            q_WB_xyzw=Rotation.from_euler("z", 90, degrees=True).as_quat(),
-            v_WB_B=np.array([-2.0, 0.0, 0.0]),
-        )
-        warnings += flight.controller.take_warnings()
-    (warning,) = warnings
-    assert "set odometry.twist_frame to world" in warning
-
-
 # --- live parameters and bounds
 
 

@@ -24,7 +24,7 @@ def test_other_package_trajectory_declares_its_parameters() -> None:
     try:
         parameters = ManagedParameters(node, ReferenceConfig, apply=lambda _: None)
         assert node.get_parameter("swing_width").value == 2.0
-        assert "swing: angle per time" in node.describe_parameter("swing_rate").description
+        assert "swing: angular frequency" in node.describe_parameter("swing_rate").description
         node.set_parameters([Parameter("swing_rate", value=1)])
         config = parameters.settle()
         assert config.flattened()["swing_rate"] == 1.0
