@@ -29,7 +29,10 @@ are taken relative to their means of the last ``_MEMORY`` seconds (a regression 
 which also forgets a push before the controller leans against it. The drag that explains most of
 the difference is allowed for. The vertical force is compared as it is, within a wide band.
 
-One sample that jumps changes little: the difference of x and y within a sample is bounded.
+Each low-pass has two equal stages, because one stage leaves all of the noise of a differentiated
+position or attitude. A single sample that jumps changes little: the difference of x and y within a
+sample is bounded. Noise beyond that bound does not average out any more: what the bound cut off
+lately is added to the floor, where the difference turns back from sample to sample.
 """
 
 from __future__ import annotations
@@ -59,7 +62,7 @@ from quad_mpc_ros.control.stage import Stage
 
 _LONGEST_STEP_NS = 250_000_000  # between two odometries; across a longer gap nothing is compared
 _CONFIRMATIONS = 3  # odometries in a row
-_LOWPASS, _TURN_LOWPASS, _MEMORY = 0.15, 0.08, 0.6  # s
+_LOWPASS, _TURN_LOWPASS, _MEMORY = 0.075, 0.04, 0.6  # s, each low-pass twice
 _UNMODELLED_LAG = 0.1  # s, of rates that follow their commands later than modelled
 # Yaw has the least torque: the vehicle may follow as slowly as it has shown within this time, and
 # always as slowly as this.
@@ -109,7 +112,9 @@ _FORCE = RelationLimits(floor=0.7, share=0.08, least=-0.4, twist=0.69)
 _MOST_DRAG = 3.0  # 1/s
 # Largest difference of the two sides within a sample: angle, distance, speed, and as rates.
 _TURN_STEP, _STEP, _SPEED_STEP, _RATE_STEP = 0.08, 0.15, 2.0, 20.0
-_ABSURD = 15.0  # rad/s, of body rates and the turn of the attitude within a sample
+_NOISE_SHARE = 0.15  # of the mean square in what a stage takes of a new sample
+# Body rates [rad/s] are absurd beyond this, if the attitude turns by less than this share of them.
+_ABSURD, _ABSURD_SHARE = 15.0, 0.25
 
 
 class Relation(enum.IntFlag):
@@ -142,8 +147,12 @@ _OFF_ATTITUDE, _OFF_POSITION, _OFF_RATES, _OFF_FORCE, _OFF_LIFT, _OFF_REVERSED =
 class Pair(Record):
     """Both sides of a relation, low-passed, their means, and weighted sums of products."""
 
+    first_x: Vector3  # behind the first stage of the low-pass
+    first_y: Vector3
     x: Vector3
     y: Vector3
+    difference: Vector3  # y - x of the last sample
+    noise: float  # mean square of what the bound on a sample leaves of noise in x or y
     mean_x: Vector3
     mean_y: Vector3
     xx: Matrix3
@@ -172,7 +181,7 @@ class Evidence(Record):
     late_throttle: float
     late_rates: Vector3
     yaw_acceleration: float  # rad/s^2, the most of lately
-    turn_error: float  # rad/s, of the last sample
+    unturned_rate: float  # rad/s, of the last sample, 0 if the attitude turned by a share of it
     attitude: Pair
     position: Pair
     commanded: Pair  # rates
@@ -390,13 +399,15 @@ class ConsistencyMonitor(Stage):
         full = throttle >= self._full_throttle and lift > _SOME_LIFT
         much = is_still and (full or lift > _MUCH_THRUST)
         self._much_since_ns = since(self._much_since_ns, stamp_ns, lasts=much)
-        return much and stamp_ns - (self._much_since_ns or stamp_ns) >= _MUCH_THRUST_NS
+        since_ns = self._much_since_ns
+        return since_ns is not None and stamp_ns - since_ns >= _MUCH_THRUST_NS
 
     def _stays_away(self, stamp_ns: int, *, is_away: bool) -> bool:
         """Whether a vehicle in flight has been at rest away from its reference for long."""
         away = is_away and self._learns
         self._away_since_ns = since(self._away_since_ns, stamp_ns, lasts=away)
-        return away and stamp_ns - (self._away_since_ns or stamp_ns) >= _AWAY_NS
+        since_ns = self._away_since_ns
+        return since_ns is not None and stamp_ns - since_ns >= _AWAY_NS
 
 
 def motion_contradiction(odometries: Sequence[OdometrySample], config: MpcConfig) -> str | None:
@@ -535,7 +546,8 @@ def _compare_motion(
         _between(turn[1], before[1], w[1]),
         _between(turn[2], before[2], w[2]),
     )
-    seen.turn_error = kernels.norm(kernels.minus(rate, turn))
+    reported = kernels.norm(rate)
+    seen.unturned_rate = reported if kernels.norm(turn) < _ABSURD_SHARE * reported else 0.0
     _lowpass(seen.attitude, turn, rate, far, duration / _TURN_LOWPASS)
     _remember(seen.attitude, duration)
     move, far = _velocity_of(seen, p, duration), _STEP * per_second
@@ -589,16 +601,26 @@ def _compare_with_command(
 def _lowpass(
     pair: Pair, x: kernels.Vector, y: kernels.Vector, farthest: float, times: float
 ) -> None:
-    """Low-pass both sides over so many of its time constants.
+    """Low-pass both sides by two stages, over so many time constants of a stage.
 
     If they differ by more than ``farthest``, both count for less.
     """
-    distance = kernels.norm(kernels.minus(y, x))
-    weight = farthest / distance if distance > farthest else 1.0
+    difference = kernels.minus(y, x)
+    distance = kernels.norm(difference)
+    weight, cut = 1.0, 0.0
+    if distance > farthest:
+        weight = farthest / distance
+        if kernels.dot(difference, kernels.vector(pair.difference)) < 0.0:
+            cut = min(distance - farthest, farthest)
+    kernels.store_vector(difference, pair.difference)
     share = -math.expm1(-times)
+    # Two stages leave a quarter of the share of white noise that one sample has.
+    pair.noise += _NOISE_SHARE * share * (0.25 * share * cut * cut - pair.noise)
     for k in range(3):
-        pair.x[k] += share * (weight * x[k] - pair.x[k])
-        pair.y[k] += share * (weight * y[k] - pair.y[k])
+        pair.first_x[k] += share * (weight * x[k] - pair.first_x[k])
+        pair.first_y[k] += share * (weight * y[k] - pair.first_y[k])
+        pair.x[k] += share * (pair.first_x[k] - pair.x[k])
+        pair.y[k] += share * (pair.first_y[k] - pair.y[k])
 
 
 @compiled
@@ -633,6 +655,7 @@ def _add_products(pair: Pair, x: kernels.Vector, y: kernels.Vector, duration: fl
 @compiled
 def _forget(pair: Pair) -> None:
     """Forget all evidence of a relation."""
+    pair.first_x[:], pair.first_y[:] = 0.0, 0.0
     pair.x[:], pair.y[:], pair.mean_x[:], pair.mean_y[:] = 0.0, 0.0, 0.0, 0.0
     pair.xx[:], pair.yx[:], pair.yy[:] = 0.0, 0.0, 0.0
 
@@ -644,6 +667,7 @@ def _begin_force(evidence: RecordArray[Evidence], model: RecordArray[ModelParame
     for pair in (seen.force, seen.force_late, seen.drag, seen.drag_on_force):
         _forget(pair)
     for pair in (seen.force, seen.force_late):
+        pair.first_x[2] = pair.first_y[2] = gravity
         pair.x[2] = pair.y[2] = pair.mean_x[2] = pair.mean_y[2] = gravity
 
 
@@ -654,13 +678,14 @@ def _contradicted(seen: Evidence, gravity: float, flies: bool) -> int:
     The ground may keep a vehicle from turning and from falling, but it reverses nothing.
     """
     found, turn, move = 0, seen.attitude, seen.position
-    if seen.turn_error > _ABSURD or _is_contradicted(turn.yx, turn.xx, _trace(turn.yy), _ATTITUDE):
+    is_absurd = seen.unturned_rate > _ABSURD
+    if is_absurd or _is_contradicted(turn.yx, turn.xx, _trace(turn.yy), turn.noise, _ATTITUDE):
         found |= _OFF_ATTITUDE
-    if _is_contradicted(turn.yx.T, turn.yy, _trace(turn.xx), _ATTITUDE_BACK):
+    if _is_contradicted(turn.yx.T, turn.yy, _trace(turn.xx), turn.noise, _ATTITUDE_BACK):
         found |= _OFF_ATTITUDE | _OFF_RATES  # rates that nothing turns by
-    if _is_contradicted(move.yx, move.xx, _trace(move.yy), _POSITION) or _is_contradicted(
-        move.yx.T, move.yy, _trace(move.xx), _POSITION_BACK
-    ):
+    if _is_contradicted(
+        move.yx, move.xx, _trace(move.yy), move.noise, _POSITION
+    ) or _is_contradicted(move.yx.T, move.yy, _trace(move.xx), move.noise, _POSITION_BACK):
         found |= _OFF_POSITION
     if _rates_are_contradicted(seen, _REVERSED):
         found |= _OFF_RATES | _OFF_REVERSED
@@ -690,16 +715,16 @@ def _rates_are_contradicted(seen: Evidence, limits: RelationLimits) -> bool:
     """Whether rates do not follow their commands, neither as modelled nor later than that."""
     modelled, late = seen.commanded, seen.commanded_late
     squares = _trace(modelled.yy)
-    return _is_contradicted(modelled.yx, modelled.xx, squares, limits) and _is_contradicted(
-        late.yx, late.xx, squares, limits
-    )
+    return _is_contradicted(
+        modelled.yx, modelled.xx, squares, modelled.noise, limits
+    ) and _is_contradicted(late.yx, late.xx, squares, late.noise, limits)
 
 
 @compiled
 def _drives_apart(force: Pair, by_drag: Array, measured: float) -> bool:
     """Whether the horizontal force contradicts the commanded one, with the drag added to it."""
     yx, xx = _horizontal(force.yx) + by_drag, _horizontal(force.xx)
-    return _is_contradicted(yx, xx, measured, _FORCE)
+    return _is_contradicted(yx, xx, measured, force.noise, _FORCE)
 
 
 @compiled
@@ -718,17 +743,20 @@ def _trace(sums: Array) -> float:
 
 
 @compiled
-def _is_contradicted(yx: Array, xx: Array, y_squares: float, limits: RelationLimits) -> bool:
+def _is_contradicted(
+    yx: Array, xx: Array, y_squares: float, noise: float, limits: RelationLimits
+) -> bool:
     """Whether y = M x does not hold with an M near the identity.
 
     Args:
         yx: Weighted sums of products (3, 3).
         xx: The same of x alone.
         y_squares: Weighted sum of the squares of y.
+        noise: Mean square of noise in x or y.
         limits: Of the relation.
     """
     difference = y_squares - 2.0 * _trace(yx) + _trace(xx)
-    prior = limits.floor**2 * _MEMORY + limits.share**2 * (_trace(xx) + difference)
+    prior = (limits.floor**2 + noise) * _MEMORY + limits.share**2 * (_trace(xx) + difference)
     A, M = xx.copy(), np.zeros((3, 3))
     for k in range(3):
         A[k, k] += prior
