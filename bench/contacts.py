@@ -1,4 +1,4 @@
-"""Fly from the ground and back to it where MuJoCo says what the ground does.
+"""Take off and land in MuJoCo, which simulates the contact with the ground.
 
 python bench/contacts.py --out runs/contacts
 
@@ -169,7 +169,7 @@ class Outcome:
     met_ground: float = math.nan
     met_at: float = math.nan
     idle_after: float = math.nan
-    told_after: float = math.nan
+    noticed_after: float = math.nan
     bounced: float = 0.0
     moved: float = math.nan
     idles: bool = False
@@ -186,7 +186,7 @@ class Outcome:
             "at end": f"{self.tilt_at_end:.1f}",
             "met at [m/s]": _shown(self.met_ground),
             "idle after [s]": _shown(self.idle_after) if self.idles else "never",
-            "noticed after [s]": _shown(self.told_after),
+            "noticed after [s]": _shown(self.noticed_after),
             "bounced [cm]": f"{100.0 * self.bounced:.1f}",
             "slid [cm]": _shown(100.0 * self.moved),
         }
@@ -285,8 +285,8 @@ class Flight:
         out.idles = throttle <= IDLE
         if not out.idles:
             out.idle_after = seconds + PERIOD - out.met_at
-        if mode == GROUND and math.isnan(out.told_after):
-            out.told_after = seconds - out.met_at
+        if mode == GROUND and math.isnan(out.noticed_after):
+            out.noticed_after = seconds - out.met_at
 
 
 def flown(name: str, *, assignments: Sequence[str] = ()) -> Outcome:

@@ -1,4 +1,4 @@
-"""Play a recorded flight over and over into one long bag, to see how a tool bears an hour.
+"""Play a recorded flight over and over into one long bag, to test tools with an hour of data.
 
 python bench/long_bag.py runs/…/bag long_bag --hours 1
 quad_mpc report long_bag; quad_mpc identify long_bag
