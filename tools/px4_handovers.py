@@ -130,7 +130,7 @@ class Rig:
         odometry = odometry_in(data)
         self.height = float(odometry.p_WB[2])
         tilt = tilt_of(so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw))
-        if self.engaged:  # else nobody flies the reference, which waits where the vehicle is
+        if self.engaged:  # else the reference is not tracked and waits at the vehicle
             tilt -= tilt_of(sample(self._window, odometry.stamp_ns).R_WB)
         if tilt > self.tilt:
             self.tilt, self.where = tilt, "armed" if self.station.armed else "disarmed"
@@ -300,7 +300,7 @@ def main() -> int:
     wrong = 0
     with running(rig):
         try:
-            rig.wait(lambda: station.system > 0, f"heard on {options.station}")
+            rig.wait(lambda: station.system > 0, f"a vehicle on {options.station}")
         except TimeoutError as error:
             print(f"PX4: {error} within {PATIENCE:.0f} s", flush=True)
             return 1
