@@ -1,4 +1,4 @@
-"""Who flies: the state machine by itself, and that every bridge keeps to it."""
+"""The state machine of the handover, and its use in every bridge."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_follows_the_documented_transitions() -> None:
     [
         (Stack(armed=True, left="PX4 switched to hold"), "PX4 switched to hold"),
         (Stack(takes_setpoints=True), "disarming"),
-        (Stack(fault="nothing is heard"), "nothing is heard"),
+        (Stack(fault="no status"), "no status"),
     ],
 )
 def test_takeover_releases_for_good(stack: Stack, reason: str) -> None:
