@@ -1,4 +1,4 @@
-"""The launch files under the real ``ros2 launch``: they start, and end whole."""
+"""The launch files with the real ``ros2 launch``: start and shutdown."""
 
 from __future__ import annotations
 
@@ -189,5 +189,7 @@ def test_a_parameter_file_that_is_not_there_starts_nothing(file: str, tmp_path: 
     with running("launch", "quad_mpc_ros", *arguments, folder=tmp_path) as run:
         assert run.ends() == 1
         assert not run.pids
-        told = "config: given 'my_vehcle.yaml', which does not exist, expected the path of a ROS "
-        assert f"{told}parameter file (did you mean my_vehicle.yaml?)" in run.text
+        message = (
+            "config: given 'my_vehcle.yaml', which does not exist, expected the path of a ROS "
+        )
+        assert f"{message}parameter file (did you mean my_vehicle.yaml?)" in run.text
