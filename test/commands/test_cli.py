@@ -1,4 +1,4 @@
-"""What ``quad_mpc --help`` prints, and how little it imports for it."""
+"""``quad_mpc --help``: its text and its few imports."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ def test_an_argument_too_many_leads_to_the_help_of_the_command(
     with pytest.raises(SystemExit) as end:
         main([name, *taken, "--nonsense"])
     assert end.value.code == 2
-    told = capsys.readouterr().err.splitlines()
-    assert told == [
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [
         "error: given --nonsense, expected no such argument",
         f"see quad_mpc {name} --help",
     ]

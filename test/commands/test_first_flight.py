@@ -1,4 +1,4 @@
-"""The vehicle file of the first flight's page reaches every node and command as it stands."""
+"""The vehicle file of the page on the first flight works with every node and command."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def test_a_campaign_flies_the_vehicle(vehicle_file: Path) -> None:
 def test_identify_begins_with_the_vehicle_and_keeps_its_thrust_map(
     vehicle_file: Path, tmp_path: Path
 ) -> None:
-    """The flight was recorded without the vehicle's parameters, as by somebody else's recorder."""
+    """The flight was recorded without the vehicle's parameters, as by another recorder."""
     flown = ("--reference", "excitation", "--duration", "6", "--out", str(tmp_path / "run"))
     heavy = ("--set", "simulator.mass_scale=1.1")
     assert main(["simulate", "--config", str(vehicle_file), *heavy, *flown]) == 0

@@ -1,4 +1,4 @@
-"""``quad_mpc resolve`` and ``quad_mpc identify`` as a user runs them on bags, good and bad."""
+"""``quad_mpc resolve`` and ``quad_mpc identify`` on valid and invalid bags."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def rewritten(
     *,
     parameters: bool = True,
 ) -> Path:
-    """Write a bag anew; ``change`` returns topic, type and message of what becomes of each."""
+    """Rewrite a bag; ``change`` returns the new topic, type and message of each message."""
     reader = BagReader(run / "bag")
     written: list[tuple[str, str, Any, int, int]] = []
     for recorded in reader.messages():

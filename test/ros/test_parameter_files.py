@@ -1,4 +1,4 @@
-"""What a node is given on its command line: read as ROS reads it, and what is wrong refused."""
+"""Parameter files and overrides of a node: read as ROS reads them, and errors refused."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_refuses_file_that_ros_ignores_in_namespace(
     assert "'/**/reference:'" in line
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-    assert not ignored_signals() & {signal.SIGINT, signal.SIGTERM}  # or children never hear them
+    assert not ignored_signals() & {signal.SIGINT, signal.SIGTERM}  # or children ignore them
     assert read("reference", "/", arguments) == {"mass": copied}
 
 

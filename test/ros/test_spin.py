@@ -1,4 +1,4 @@
-"""How a node of the command line ends."""
+"""Shutdown of nodes of the command line."""
 
 from __future__ import annotations
 
@@ -207,7 +207,7 @@ EventHandler.add_to_wait_set = registering
 
 def create():
     node = Node("registered")
-    node.heard = [node.create_subscription(Int32, name, print, 1) for name in "ab"]
+    node.kept = [node.create_subscription(Int32, name, print, 1) for name in "ab"]
     return node
 
 sys.exit(spin.run(create, message_info={message_info}))

@@ -1,4 +1,4 @@
-"""How well the default formulation flies: accuracy, robustness, and recovery from anywhere.
+"""Flights with the default formulation: accuracy, robustness, and recovery.
 
 Each flight is that of ``quad_mpc simulate`` with the arguments given here.
 """
@@ -35,7 +35,8 @@ AT_ONCE = [
 class Flown:
     """A flight: ``time`` (n,) [s], ``distance`` (n,) [m] to the reference, ``commands`` (n, 4).
 
-    The distance is that of the true position. ``saturated`` (n,) tells a body rate at its bound.
+    The distance is that of the true position. ``saturated`` (n,) is true where a body
+    rate is at its bound.
     """
 
     time: Array

@@ -1,4 +1,4 @@
-"""A plant and a control law of somebody else: handed to the loop, or registered."""
+"""A plant and a control law of another package, passed to the loop or registered."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is fitted to a flight of the simulator is what the simulator was given."""
+"""Identification recovers the parameters of the simulator from its flights."""
 
 from __future__ import annotations
 
@@ -461,7 +461,7 @@ def test_distinguishes_rotor_drag_from_body_drag() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_identifies_rotor_drag_through_noise(seed: int) -> None:
-    """What of the drag is theirs the intervals tell roughly, how much there is of both well."""
+    """The intervals of rotor drag are wide, those of the total drag narrow."""
     truth = {"drag": (0.05, 0.05, 0.05), "rotor_drag": (0.8, 0.7, 0.9)}
     flight = flown(**{**EACH_AXIS, **truth}, duration=20.0, lively=1.5, seed=seed)
     found = identified(noisy(flight, seed=seed))

@@ -1,4 +1,4 @@
-"""What is learned of body rates: lags of loops that are not of first order, and offsets."""
+"""Estimates from body rates: lags of rate loops that are not of first order, and offsets."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Rates:
     def follow(
         self, commands: Array, rates: Array, *, period: float = PERIOD, learns: bool = True
     ) -> list[ModelParameters]:
-        """Tell of commands (n, 4) and the rates (n, 3) before them; return what is learned."""
+        """Update with commands (n, 4) and the rates (n, 3) before them; return the estimates."""
         found = []
         for k in range(1, len(commands)):
             mode = UpdateMode.LEARN if learns else UpdateMode.VELOCITY_ONLY

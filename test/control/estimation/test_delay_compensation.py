@@ -1,4 +1,4 @@
-"""Which command acts when, and the state in which the next one will."""
+"""The acting command at each time, and the prediction of the state when the next one acts."""
 
 from __future__ import annotations
 
@@ -181,14 +181,14 @@ def test_continuous_jumps_reset_estimate() -> None:
     assert statuses[-1][:2] == ("reset", 1)
 
 
-class Told(GroundDetector):
-    """Whether something may be learned is set."""
+class FakeGround(GroundDetector):
+    """A ground detector whose permission to learn is set by the test."""
 
     learning = Learning.HOLD  # type: ignore[assignment]
 
 
 def test_learns_only_in_flight() -> None:
-    ground = Told()
+    ground = FakeGround()
     compensation = DelayCompensation(agile(), ground=ground)
     statuses = []
     for k in range(150):

@@ -1,4 +1,4 @@
-"""Standing on the ground is detected, and never in the air."""
+"""The detector of the ground: no false detection in the air."""
 
 from __future__ import annotations
 
@@ -234,7 +234,7 @@ def test_idles_on_request_where_nothing_is_known(judge: Judge) -> None:
 
 @pytest.mark.parametrize("height", [0.0, 50.0])
 def test_idling_in_the_air_ends_as_it_falls(judge: Judge, height: float) -> None:
-    """Whoever asks for it: after 0.3 s, less than half a metre, it flies again."""
+    """Requested idling in the air ends after 0.3 s, less than half a metre of fall."""
     judge.see(2.0, thrust=1.0, height=height, window=ReferenceWindow.hover([0.0, 0.0, height]))
     judge.ground.idle_wanted, speed, start = True, 0.0, height
     states = []

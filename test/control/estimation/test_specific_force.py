@@ -170,7 +170,11 @@ class Flown:
             uses_accelerometer=uses_accelerometer,
             state=self.state,
         )
-        self._feels, self._bias, self._rng = uses_accelerometer, bias, np.random.default_rng(3)
+        self._uses_accelerometer, self._bias, self._rng = (
+            uses_accelerometer,
+            bias,
+            np.random.default_rng(3),
+        )
         self._model = changed(NOMINAL, thrust_scale=scale)
         self._body = Body((0.0,) * 3, (0.0,) * 3, tuple(LEVEL.ravel()), (HOVER, 0.0, 0.0, 0.0))
         self._measured = self._odometry()
@@ -187,7 +191,7 @@ class Flown:
             self.state.specific_force.f_B[:] = (
                 f_B + self._bias + force + 0.1 * self._rng.normal(size=3)
             )
-            self.state.specific_force.variance = 0.25 if self._feels else 0.0
+            self.state.specific_force.variance = 0.25 if self._uses_accelerometer else 0.0
             before, self._measured = self._measured, self._odometry()
             acting = Acting(durations=np.array([PERIOD]), commands=np.array([command]))
             mode = ekf.update(self.state, before, self._measured, acting, FLYING, 0.0)

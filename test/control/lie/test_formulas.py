@@ -1,4 +1,4 @@
-"""The formulas give the same bits in Python and compiled, so whoever uses which flies the same."""
+"""The formulas give the same bits in Python and in compiled code."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The safety ladder as stories: what is known at which time, and who has to command then.
+"""Scenarios of the failsafe: inputs over time and the expected source of commands.
 
-Each test takes the module as a fixture, so that ``test_ladder_mutations.py`` can tell the same
-stories to a module in which a condition has been changed.
+Each test takes the module as a fixture, so that ``test_ladder_mutations.py`` can repeat the
+scenarios with a module in which a condition has been changed.
 """
 
 from __future__ import annotations

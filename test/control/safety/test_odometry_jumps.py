@@ -1,4 +1,4 @@
-"""Jumps of the odometry are not followed; noise, small and announced steps are flown as ever."""
+"""Jumps of the odometry are rejected; noise, small and announced steps are accepted."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Source:
         self.time = 0.0
 
     def see(self, seconds: float, offset: Where | None = None) -> list[Array]:
-        """Return by how much the position believed is off the true one, each time."""
+        """Return the errors of the accepted positions, one per odometry."""
         off = []
         for _ in range(round(seconds / self._period)):
             self.time += self._period
@@ -160,7 +160,7 @@ def test_while_commands_do_not_act_every_place_is_taken() -> None:
 
 
 def flown(offset: Where) -> tuple[Array, list[CommandSample], set[str], list[str]]:
-    """Hover with an offset of the positions told: distances from where, commands, reasons, log."""
+    """Hover with an offset of the odometry; return distances, commands, reasons and log."""
     mpc = MpcConfig(lockstep=False)
     controller, begin_ns = Controller(mpc), 0
     commands: list[CommandSample] = []
@@ -170,8 +170,8 @@ def flown(offset: Where) -> tuple[Array, list[CommandSample], set[str], list[str
         nonlocal begin_ns
         begin_ns = begin_ns or odometry.stamp_ns
         seconds = 1e-9 * (odometry.stamp_ns - begin_ns)
-        told = dataclasses.replace(odometry, p_WB=odometry.p_WB + offset(seconds))
-        tick = controller.step(told, window)
+        measured = dataclasses.replace(odometry, p_WB=odometry.p_WB + offset(seconds))
+        tick = controller.step(measured, window)
         log.extend(controller.take_warnings())
         if tick is None or tick.command is None:
             return None

@@ -1,4 +1,4 @@
-"""A limit cycle is noticed and ended by a rung that bears the delay; other flights are none."""
+"""The detector of oscillations ends limit cycles and ignores other flights."""
 
 from __future__ import annotations
 

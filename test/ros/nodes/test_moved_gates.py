@@ -1,4 +1,4 @@
-"""Gates that are moved while a race is flown over DDS: the reference leads where they are."""
+"""Gates that move during a race over DDS: the reference follows them."""
 
 from __future__ import annotations
 
@@ -107,11 +107,11 @@ def test_what_are_no_gates_is_refused_once(
     start("reference", "-p", "trajectory:=gates", "-p", "gates:=seven_gates")
     log = tmp_path / "reference.log"
 
-    def told() -> bool:
+    def is_logged() -> bool:
         gates.publish(message)
         return reason in log.read_text()
 
-    assert peer.wait(told)
+    assert peer.wait(is_logged)
     peer.spin(0.5)
     assert log.read_text().count(reason) == 1
     assert "Traceback" not in log.read_text()
