@@ -48,7 +48,7 @@ def test_ends_cleanly_on_a_signal(
     node: str, number: int, start: Start, peer: Any, tmp_path: Path
 ) -> None:
     received: list[DiagnosticArray] = []
-    peer.node.create_subscription(DiagnosticArray, "/diagnostics", diagnostics.append, 10)
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", received.append, 10)
     process = start(node, *_arguments(node, tmp_path))
     # Not when it is on the graph, where one of the same name that was killed may still be.
     assert peer.wait(lambda: received)
@@ -81,7 +81,7 @@ def test_warns_of_two_odometry_sources_and_zero_lags(
     start: Start, peer: Any, tmp_path: Path
 ) -> None:
     received: list[DiagnosticArray] = []
-    peer.node.create_subscription(DiagnosticArray, "/diagnostics", diagnostics.append, 10)
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", received.append, 10)
     rivals = [
         peer.node.create_publisher(Odometry, "odom", qos_profile_sensor_data) for _ in range(2)
     ]
@@ -89,12 +89,12 @@ def test_warns_of_two_odometry_sources_and_zero_lags(
     start("mpc", *lags, "-p", "envelope.tilt_max:=0.5")
 
     def warned() -> bool:
-        return bool(received) and diagnostics[-1].status[0].message.startswith(
+        return bool(received) and received[-1].status[0].message.startswith(
             "2 publishers on odom,"
         )
 
     assert peer.wait(warned)
-    assert diagnostics[-1].status[0].level == DiagnosticStatus.WARN
+    assert received[-1].status[0].level == DiagnosticStatus.WARN
     peer.node.destroy_publisher(rivals[1])
     assert peer.wait(lambda: not warned())
     log = (tmp_path / "mpc.log").read_text()
