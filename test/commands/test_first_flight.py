@@ -90,7 +90,7 @@ def ros(vehicle_file: Path) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("name", NODES)
-def test_a_node_that_is_given_the_file_has_the_vehicle(name: str, ros: None) -> None:
+def test_a_node_with_the_file_has_the_vehicle(name: str, ros: None) -> None:
     from quad_mpc_ros.ros.parameters import ParameterNode, declare
 
     node = ParameterNode(name, automatically_declare_parameters_from_overrides=True)
@@ -176,7 +176,7 @@ def test_identify_begins_with_the_vehicle_and_keeps_its_thrust_map(
     assert bridge.thrust_map.full_thrust == STATED["thrust_map.full_thrust"]
 
 
-def test_a_file_for_the_mpc_alone_is_warned_of(
+def test_warns_of_a_file_for_the_mpc_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "vehicle.yaml"

@@ -74,7 +74,7 @@ def test_without_a_plan_a_smooth_path_is_flown(course: Path, tmp_path: Path) -> 
 def test_ctrl_c_ends_the_search_and_leaves_nothing(
     later: float, course: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whether it comes between two iterations or in the middle of one."""
+    """The signal arrives between two iterations or in the middle of one."""
     shown_by = command._shown_by
 
     def interrupting(

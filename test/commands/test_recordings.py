@@ -360,7 +360,7 @@ def test_invalid_bag_is_one_line_and_exit_code_2(
     ],
 )
 @pytest.mark.parametrize("command", ["resolve", "identify"])
-def test_wrong_options(
+def test_rejects_wrong_options(
     command: str,
     arguments: list[str],
     expected: str,
@@ -379,7 +379,7 @@ def test_a_flight_too_short_to_identify(square: Path, capsys: pytest.CaptureFixt
     assert "longer flight" in capsys.readouterr().err
 
 
-def test_what_is_identified_goes_into_config(
+def test_the_identified_file_is_accepted_by_config(
     lagged: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     vehicle = tmp_path / "vehicle.yaml"
@@ -446,7 +446,7 @@ def test_a_bag_without_its_metadata_is_read(lagged: Path, tmp_path: Path) -> Non
     assert main(["identify", str(bag), "--out", str(tmp_path / "vehicle.yaml")]) == 0
 
 
-def test_what_is_whole_of_a_cut_flight_is_used_and_said(
+def test_uses_and_reports_the_readable_part_of_a_cut_flight(
     lagged: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Every command reads what a repair would keep, and says that the bag is unfinished."""

@@ -185,7 +185,7 @@ def taken_over(pilot: Pilot, phase: str) -> None:
 
 
 def is_held_level(pilot: Pilot) -> bool:
-    """Whether it neither leans nor climbs; drifting is left to the wind."""
+    """Whether the vehicle is level and keeps its height; drift by wind is allowed."""
     leaning = float(np.degrees(np.arccos(min(pilot.plant.odometry(0).up, 1.0))))
     return leaning < 3.0 and abs(pilot.plant.v_WB_W[2]) < 0.1
 

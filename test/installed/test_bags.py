@@ -133,7 +133,7 @@ def flown_in_order(flown: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
 def test_the_mpc_answers_a_played_bag_with_the_recorded_commands(
     lockstep: str, bag: str, request: pytest.FixtureRequest, flight: Flight, tmp_path: Path
 ) -> None:
-    """In lockstep by the stamps; in real time by what came when, on the clock of the player.
+    """Lockstep pairs by stamps, real time by arrival on the clock of the player.
 
     Played message by message: of best-effort messages a busy node keeps only the newest.
     """
@@ -213,7 +213,7 @@ def is_whole(run: RecordedRun) -> bool:
 
 
 def is_hurried(run: RecordedRun) -> bool:
-    """Whether a plan took so long that it was not improved any more."""
+    """Whether a plan took so long that the solver stopped early."""
     return any(each.step_time_us > 1e6 * ENOUGH for each in run.stats)
 
 

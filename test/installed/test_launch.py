@@ -47,7 +47,7 @@ def names(node: rclpy.node.Node) -> set[str]:
 
 
 def is_spinning(node: rclpy.node.Node, name: str) -> bool:
-    """Whether another node answers: it is there before that, while it still starts."""
+    """Whether another node answers; it is discovered earlier, while it still starts."""
     client = node.create_client(GetParameters, f"{name}/get_parameters")
     try:
         if not client.wait_for_service(0.1):
@@ -64,7 +64,7 @@ def bags(folder: Path) -> list[Path]:
 
 
 def is_recording(folder: Path, count: int) -> bool:
-    """Whether that many bags have enough of what is flown each, read while they are written."""
+    """Whether that many bags have enough messages, read while they are written."""
     written = [least_recorded(path) for path in folder.glob("rosbag2_*/*.mcap")]
     return len(written) == count and min(written) > ENOUGH
 

@@ -54,7 +54,7 @@ Start = Callable[..., "subprocess.Popen[bytes]"]
 
 @pytest.fixture(scope="session", autouse=True)
 def _compiled() -> None:
-    """What flies is one process, and by MAVLink it needs no installed ROS 2."""
+    """The flights are one process each, and with MAVLink they need no installed ROS 2."""
 
 
 @pytest.fixture

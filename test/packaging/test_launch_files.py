@@ -36,7 +36,7 @@ TRUE, FALSE = ("true", "1"), ("false", "0")
 
 
 class LaunchError(Exception):
-    """What ``ros2 launch`` would end with."""
+    """The error with which ``ros2 launch`` would end."""
 
 
 @dataclass

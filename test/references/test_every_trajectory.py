@@ -117,7 +117,7 @@ def test_each_value_is_the_derivative_of_the_one_before(
 def test_flown_open_loop_it_lands_on_the_path(
     case: str, make: Callable[[str], Trajectory]
 ) -> None:
-    """Its inputs alone, through the true dynamics for 2 s from anywhere, and through the whole."""
+    """The true dynamics follow the inputs alone, for 2 s from anywhere and over the whole path."""
     trajectory, vehicle = make(case), Vehicle(drag=float(CASES[case].get("drag", 0.2)))
     step_ns = 2_000_000
     end_ns = max(trajectory.period_ns, 2 * SECOND)

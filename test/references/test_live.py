@@ -701,7 +701,7 @@ def test_velocities_are_feasible_for_the_vehicle_whatever_the_parameters(most: f
 
 
 def test_a_touchdown_is_never_too_late() -> None:
-    """It follows from an odometry, whose stamp is past whenever the clock does not wait."""
+    """The touchdown follows from an odometry, whose stamp is in the past in real time."""
     reference, clock, now = live(), [START], START + 10 * SECOND
     reference.too_late = lambda start_ns: clock[0] > start_ns
     reference.observe(odometry(START))

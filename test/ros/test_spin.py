@@ -171,7 +171,7 @@ sys.exit(spin.run(Ending))
     ("module", "node"), [("mpc_node", "MpcNode"), ("simulator_node", "SimulatorNode")]
 )
 def test_a_shutdown_takes_a_small_share_of_what_the_start_took(module: str, node: str) -> None:
-    """In processor time; with a collection of all garbage it was more than a third."""
+    """The times are processor times; with a garbage collection it was more than a third."""
     program = _SPENT.format(module=module, node=node)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
 

@@ -92,7 +92,7 @@ def flown(
 
 
 def moved(flight: Flight) -> float:
-    """How far the vehicle went from where it held before the step."""
+    """The distance of the vehicle from its place before the step."""
     return float(np.linalg.norm(flight.p_WB - flight.p_WB[0], axis=1).max())
 
 

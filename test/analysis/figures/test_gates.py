@@ -68,7 +68,7 @@ def test_gates_that_stand_are_drawn_once_where_their_file_has_them(racing: Fligh
 
 
 def test_gates_that_moved_are_drawn_where_they_were_passed(racing: Flight) -> None:
-    """In the second round further out and turned; what comes after the last passage is not."""
+    """The gates of the second lap are further out and turned; later poses are not drawn."""
     flight = dataclasses.replace(
         racing,
         gates=(

@@ -104,7 +104,7 @@ def test_lag_is_estimated_up_to_its_bound(delay: float, longest: float) -> None:
 
 @pytest.mark.parametrize("gain", [60.0, 100.0])
 def test_short_lag_is_estimated_down_to_a_fifth_of_the_configured(gain: float) -> None:
-    """As a racer's, which the default expects to be 70 ms; what is below is found as a fifth."""
+    """A racer's lag is far below the default of 70 ms; the estimate ends at a fifth of it."""
     commands = 2.0 * np.sin(6.0 * PERIOD * np.arange(1500))
     rates = np.column_stack([rates_of_a_loop(commands, gain=gain, rotor_lag=0.0001)] * 3)
     learned = Rates(lagging(0.07), delay=USUAL_DELAY).follow(alike(commands), rates)[-1]

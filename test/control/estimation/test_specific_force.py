@@ -95,7 +95,7 @@ MOVING = state_at(
 
 
 def test_jacobian_is_that_of_finite_differences() -> None:
-    """Of every state; a covariance of one makes P H' the Jacobian's transpose."""
+    """Every state is tested; with a covariance of one, P H' is the Jacobian's transpose."""
     arguments = {"throttle": 0.4, "R_before": so3.exp([0.3, -0.5, 1.0]), "turn": np.full(3, 0.1)}
     seen = seen_of(MOVING, f_B=STILL, **arguments)
     step = 1e-6
@@ -232,7 +232,7 @@ def test_distinguishes_bias_from_wind() -> None:
     assert not flown.state.motion.x[MOTION.accelerometer :].any()
 
 
-def test_nonsense_is_refused_by_the_gate() -> None:
+def test_the_innovation_gate_rejects_contradicting_measurements() -> None:
     """A sensor mounted upside down."""
     flown = Flown(uses_accelerometer=True)
     flown.go_on(2.0)

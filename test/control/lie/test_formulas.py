@@ -46,7 +46,7 @@ def rotations() -> list[formulas.Matrix]:
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
-def test_python_and_compiled_code_agree_to_the_bit(
+def test_python_and_compiled_code_give_the_same_bits(
     plain: Callable[..., Any], compiled: Callable[..., Any], arguments: list[tuple[Any, ...]]
 ) -> None:
     for given in arguments:

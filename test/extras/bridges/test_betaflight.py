@@ -69,7 +69,7 @@ CURVES = st.builds(
 
 @given(CURVES, st.floats(-1.0, 1.0))
 def test_the_pulse_that_asks_for_a_rate_makes_it(curve: Curve, share: float) -> None:
-    """To what a microsecond of the stick changes; no pulse goes beyond the stick."""
+    """The resolution is a microsecond of the stick; no pulse exceeds the range of the stick."""
     stick = Stick(curve)
     rate = share * float(curve.rate(np.array([1.0]))[0])
     pulse = stick.pulse(rate)

@@ -73,7 +73,7 @@ def test_thrust_is_in_pwm_and_cut(new: New, throttle: float, pwm: int) -> None:
 
 
 def test_body_rates_of_a_leaning_vehicle_turn_its_heading(new: New) -> None:
-    """By the difference of headings before and after a short turn."""
+    """The test compares the headings before and after a short turn."""
     bridge, random_state, now_ns = ready(new), np.random.default_rng(SEED), T0
     for _ in range(20):
         R_WB = so3.exp(random_state.uniform(-0.6, 0.6, 3))
@@ -302,7 +302,7 @@ def test_reports_an_address_of_another_kind() -> None:
 def test_the_server_of_crazyswarm2_makes_the_same_packet(
     new: New, axis: tuple[float, ...]
 ) -> None:
-    """Of the other bridge's message: roll is linear.y, pitch -linear.x, yaw angular.z."""
+    """In the other bridge's message, roll is linear.y, pitch -linear.x, yaw angular.z."""
     message = new("geometry_msgs/msg/Twist")
     crazyswarm2.fill_setpoint(message, command(w=axis), throttle=0.5)
     data = struct.pack(

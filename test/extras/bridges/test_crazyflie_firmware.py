@@ -80,7 +80,7 @@ class Bridged(FirmwarePlant):
 
     @property
     def info(self) -> int:
-        """What the supervisor has reported last."""
+        """The last report of the supervisor."""
         return self.bridge._session.telemetry.info  # type: ignore[attr-defined, no-any-return]
 
     def _send_odometry(self, truth: OdometrySample) -> None:
@@ -151,7 +151,7 @@ def test_the_throttle_of_hover_hovers() -> None:
 
 
 def test_silence_where_the_bridge_is_gone_levels_and_then_locks_it() -> None:
-    """Its clock may run ahead of the plant's here, so only the order is tested."""
+    """The firmware's clock may run ahead of the plant's, so only the order is tested."""
     with bridged() as plant:
         plant.take_over(HOVER)
         plant.live(0.3, HOVER, (1.0, 0.0, 0.0))

@@ -345,7 +345,7 @@ class TestMarkers:
 
     @pytest.mark.parametrize("kind", [CUBE_LIST, SPHERE_LIST])
     def test_the_elements_of_a_list_are_placed_by_its_pose(self, kind: int) -> None:
-        """As octomap publishes its cells; the pose turns them from east to north."""
+        """Octomap publishes its cells as such lists; the pose turns them from east to north."""
         w = world()
         w.receive_odometry(at(SECOND))
         turned = np.array([0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])

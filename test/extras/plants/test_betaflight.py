@@ -43,7 +43,7 @@ needs_firmware = pytest.mark.usefixtures("betaflight")
 
 
 class StandIn:
-    """In place of a session: motors whose pulses differ by what a rate loop has integrated."""
+    """A fake session: the pulses of its motors differ by the integral of a rate loop."""
 
     steps_per_packet = 8
 

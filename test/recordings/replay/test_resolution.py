@@ -233,7 +233,7 @@ def test_resolves_real_time_bit_for_bit(odom_rate: float) -> None:
 
 @pytest.mark.parametrize("shift", [407, -393])
 def test_answers_what_was_answered_despite_refusals(shift: int) -> None:
-    """Whether an odometry fits its arrival is judged by those that were refused before it, too."""
+    """The check of stamps against arrivals includes rejected odometries."""
     run, ticks = flown_in_real_time(shifted=(1.0, 2.0, shift))
     refused = [tick.stats.rejected_inputs for tick in ticks]
     assert refused[-1] >= 8

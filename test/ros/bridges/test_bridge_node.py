@@ -327,7 +327,7 @@ ON_REQUEST = ("/fmu/in/vehicle_command", "/drone0/alert_event")
 
 
 class StandIn:
-    """In place of a publisher to a stack whose messages are not installed: when was it used?"""
+    """A fake publisher to a stack without installed messages; it records the times of use."""
 
     def __init__(self, used: dict[str, list[float]], name: str) -> None:
         self._times = used.setdefault(name, [])

@@ -141,7 +141,7 @@ def test_stands_from_disarming_until_it_leaves_its_height() -> None:
 
 @dataclasses.dataclass
 class Scene:
-    """What a handover begins with; by default a hover at the reference."""
+    """The state at the start of a handover; by default a hover at the reference."""
 
     tilt: float = 0.0
     away: tuple[float, float, float] = (0.0, 0.0, 0.0)

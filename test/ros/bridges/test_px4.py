@@ -330,7 +330,7 @@ def test_px4_is_released_by_first_message_of_another_mode(new: New) -> None:
 
 
 def test_sends_no_heartbeat_after_the_mpc_returns(new: New) -> None:
-    """Its intention stays offboard: one heartbeat, and it would fly whatever comes."""
+    """PX4's intended mode stays offboard: after one heartbeat it would follow any setpoint."""
     bridge = ready_to_fly(Px4Bridge, T0)
     assert flown(bridge, T0, seconds=1.0)
     back = T0 + 3 * SECOND

@@ -136,7 +136,7 @@ class Feed:
         peer.node.create_timer(0.02, self.send)
 
     def send(self) -> None:
-        """Send what is switched on, of this moment."""
+        """Send the enabled messages with the current time."""
         stamp_ns = int(self._peer.node.get_clock().now().nanoseconds)
         if self.reference:
             self._reference.publish(self._window(stamp_ns))

@@ -122,7 +122,7 @@ def test_mpc_commands_only_while_it_is_active(
 def test_warns_of_a_deactivation_in_flight(
     acts: bool, start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
 ) -> None:
-    """Where commands do not act, nothing is lost."""
+    """There is no warning if commands do not act."""
     publishers = [
         peer.node.create_publisher(Bool, name, LATCHED) for name in ("engaged", "landed")
     ]
@@ -495,7 +495,7 @@ def unfrozen(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_cleanup_releases_everything(
     kind: type[Any], peer: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What is made is counted in this process, so that not even a timer can hide."""
+    """The test counts all objects of this process, so that not even a timer can leak."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(kind, "start", lambda _: None)
     monkeypatch.setattr(kind, "obstacle", lambda _: None)

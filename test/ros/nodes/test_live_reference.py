@@ -132,7 +132,7 @@ class Pilot:
 
 
 def assert_nothing_jumps(windows: list[ReferenceWindow]) -> None:
-    """From window to window the pose moves as its velocities and the velocity as its acceleration.
+    """Between windows, poses change by their velocities and velocities by their accelerations.
 
     The tolerances are for what the slopes change by from one window to the next. Windows that a
     busy machine left far apart are not compared.

@@ -127,7 +127,7 @@ MISMATCHED: dict[str, dict[str, tuple[type[Any], QoSProfile, str]]] = {
 def test_reports_publishers_that_do_not_match_an_optional_input(
     node: str, start: Start, peer: Any, tmp_path: Path
 ) -> None:
-    """Once in the log, and in the health as long as they are there."""
+    """The log has the report once, the diagnostics as long as the publishers exist."""
     health: dict[str, str] = {}
 
     def on_diagnostics(message: DiagnosticArray) -> None:

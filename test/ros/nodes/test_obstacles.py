@@ -108,7 +108,7 @@ def test_broken_late_and_foreign_clouds_are_refused_and_the_mpc_flies_on(
     assert peer.wait(lambda: surveyor.stats.get("source") == "mpc")
 
 
-def test_gates_that_move_are_taken_and_what_are_none_refused(
+def test_accepts_moved_gates_and_refuses_invalid_ones(
     start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
 ) -> None:
     gates = peer.node.create_publisher(PoseArray, "gates", 10)
@@ -173,7 +173,7 @@ def test_without_half_spaces_nothing_is_subscribed(
         assert peer.node.count_subscribers(topic) == 0
 
 
-def test_a_file_that_is_wrong_keeps_the_node_from_starting(start: Start, tmp_path: Path) -> None:
+def test_does_not_start_with_an_invalid_file(start: Start, tmp_path: Path) -> None:
     file = tmp_path / "obstacles.yaml"
     file.write_text("obstacles: [{shape: cube}]")
     process = start("mpc", *ON, "-p", f"obstacles.file:={file}")

@@ -50,7 +50,7 @@ def numbers(bag: Path, topic: str) -> list[int]:
         ]
 
 
-def test_all_topics_but_those_excluded(start: Start, peer: Any, tmp_path: Path) -> None:
+def test_records_all_topics_but_the_excluded_ones(start: Start, peer: Any, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     publishers = {
         topic: peer.node.create_publisher(Int32, topic, RELIABLE)
@@ -76,7 +76,7 @@ def test_all_topics_but_those_excluded(start: Start, peer: Any, tmp_path: Path) 
     assert topics["/late"].type_name == "std_msgs/msg/String"
 
 
-def test_topics_by_name_and_by_regex(start: Start, peer: Any, tmp_path: Path) -> None:
+def test_records_topics_by_name_and_by_regex(start: Start, peer: Any, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     publishers = {
         topic: peer.node.create_publisher(Int32, topic, RELIABLE)
@@ -116,7 +116,7 @@ def test_further_signals_while_it_ends_leave_a_whole_bag(
         assert reader.message_count > 0
 
 
-def test_publishers_of_every_quality_of_service(
+def test_records_publishers_of_every_quality_of_service(
     start: Start, peer: Any, managed: Any, tmp_path: Path
 ) -> None:
     """A reliable publisher, then a best-effort one on the same topic: both without a gap."""
@@ -373,7 +373,7 @@ def test_recorders_started_in_the_same_second_use_separate_bags(
     assert all((directory / "metadata.yaml").is_file() for directory in directories)
 
 
-def test_topics_that_a_flight_may_do_without_are_not_missed(peer: Any, tmp_path: Path) -> None:
+def test_does_not_warn_of_missing_optional_topics(peer: Any, tmp_path: Path) -> None:
     config = RecorderConfig.build({"directory": str(tmp_path / "bag")})
     missed = Recorder(peer.node, config, on_fault=lambda _: None).missing
     assert "/odom" in missed

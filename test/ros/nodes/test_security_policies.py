@@ -52,7 +52,7 @@ def test_nodes_use_exactly_what_policies_allow(
         start(node, "-r", f"__ns:={SPACE}", *more)
 
     def excess() -> list[str]:
-        """What is opened and not allowed, or allowed and not opened yet."""
+        """Endpoints that are opened and not allowed, or allowed and not opened."""
         found = []
         for node in NODES:
             for (kind, how), query in OPENED.items():

@@ -25,7 +25,7 @@ Start = Callable[..., Any]
 
 
 class Commands:
-    """How many commands answer each odometry."""
+    """Counts the commands for each odometry."""
 
     def __init__(self, peer: Any) -> None:
         self._peer = peer
@@ -50,7 +50,7 @@ class Commands:
 
 
 @pytest.mark.parametrize("in_a_row", [True, False], ids=["one after another", "at once"])
-def test_of_two_mpcs_one_commands(
+def test_only_one_of_two_mpcs_sends_commands(
     in_a_row: bool, start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
 ) -> None:
     names, commands = ("first", "second"), Commands(peer)
@@ -93,7 +93,7 @@ def test_of_two_mpcs_one_commands(
 
 
 def knows(health: dict[str, str]) -> bool:
-    """Whether an MPC has found the other nodes, by what it reports."""
+    """Whether an MPC reports that it has discovered the other nodes."""
     return health[DISCOVERING] == "false"
 
 
@@ -132,7 +132,7 @@ def test_ignores_mpcs_in_other_namespaces(peer: Any) -> None:
     assert ours.fault() == ""
 
 
-def test_an_inactive_one_may_wait_beside(peer: Any) -> None:
+def test_an_inactive_mpc_may_wait_next_to_an_active_one(peer: Any) -> None:
     ours, theirs = discovered(peer, "command"), discovered(peer, "command")
     assert peer.wait(lambda: ours.obstacle() is not None)
     ours.receive(health_of("/standby", theirs.values()))
@@ -145,7 +145,7 @@ def test_an_inactive_one_may_wait_beside(peer: Any) -> None:
     assert ours.obstacle() is None
 
 
-def test_of_two_that_began_exactly_one_stops(peer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_exactly_one_of_two_active_mpcs_stops(peer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also in the same nanosecond."""
     one, two = discovered(peer, "command"), discovered(peer, "command")
     for moments in ((1, 2), (2, 1), (1, 1)):
@@ -195,7 +195,7 @@ class Claimants:
         self._sent[each].append(health_of(f"/mpc{each}", self.both[each].values()))
 
 
-def test_of_two_that_start_by_themselves_one_begins_in_every_order_of_messages(peer: Any) -> None:
+def test_one_of_two_autostarting_mpcs_begins_in_every_order_of_messages(peer: Any) -> None:
     publishers = [
         peer.node.create_publisher(TwistStamped, "command", qos_profile_sensor_data)
         for _ in range(2)

@@ -535,7 +535,7 @@ def test_finds_no_problem_with_a_fit_vehicle() -> None:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_finds(case: str) -> None:
+def test_reports_each_case_with_its_level(case: str) -> None:
     check, change, level, words = CASES[case]
     found = CHECKS[check](change(FIT))
     assert max(each.level for each in found) == level, found
@@ -551,6 +551,6 @@ def test_every_check_is_tried_in_both_directions() -> None:
 
 
 @pytest.mark.parametrize("check", CHECKS)
-def test_nothing_gathered_is_no_reason_to_fail(check: str) -> None:
-    """Where nothing is known no check calls it well."""
+def test_checks_tolerate_missing_data(check: str) -> None:
+    """Without data, no check reports success."""
     assert Level.OK not in {each.level for each in CHECKS[check](Facts())}

@@ -124,7 +124,7 @@ def test_it_passes_where_the_gate_is_and_the_present_plan_does_not(
 
 
 def test_newton_and_eulers_equations_hold_and_no_rotor_is_beyond_its_limits() -> None:
-    """From row to row, by means: rotors at their places, forces and torques in the body."""
+    """Differences of rows are compared with means: rotors at their places, forces in the body."""
     table, config = part("rates"), vehicle()
     rotors, body = config.simulator.rotors, config.simulator.airframe
     inertia = np.diag(body.inertia[:3])
