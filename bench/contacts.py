@@ -78,7 +78,7 @@ NOISE = (
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A flight: what is set, what is asked for when [s], how long it takes [s]."""
+    """A flight: parameters, requests with their times [s], and duration [s]."""
 
     assignments: tuple[str, ...] = ()
     start: float = math.inf
@@ -158,7 +158,7 @@ CASES = _cases()
 
 @dataclass
 class Outcome:
-    """What became of a flight; lengths in m, angles in degrees, times in s, speeds in m/s."""
+    """Results of a flight; lengths in m, angles in degrees, times in s, speeds in m/s."""
 
     crashed: str = "no"
     errors: list[float] = field(default_factory=list)
@@ -252,7 +252,7 @@ class Flight:
         return self.outcome
 
     def _judge(self, seconds: float, wanted: np.ndarray, *, mode: str, throttle: float) -> None:
-        """Take note of where the vehicle truly is, and of what it touches."""
+        """Record the true state of the vehicle and its contacts."""
         out, state, touching = self.outcome, self.plant.state, self.plant.scene.touched()
         broken = sorted(part for part in touching if not part.startswith("foot"))
         if broken and out.crashed == "no":

@@ -36,7 +36,7 @@ _SPACING = 0.1
 
 
 class Forest:
-    """Pillars, of which a sensor shows what is within 6 m, at 10 Hz; what was seen stays."""
+    """Pillars; a sensor reports points within 6 m at 10 Hz, and reported points stay."""
 
     spacing = _SPACING
 
@@ -134,7 +134,7 @@ class Crossing:
 
 @dataclass(frozen=True, kw_only=True)
 class Flight:
-    """What came of a flight."""
+    """Result of a flight."""
 
     seed: int
     speed: float

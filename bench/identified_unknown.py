@@ -60,7 +60,7 @@ def rmse(config: FlightConfig, *, settle_time: float) -> tuple[float, float]:
 
 
 def truth_of(simulator: SimulatorConfig) -> VehicleParameters:
-    """Return what a vehicle file of the plant ``internal`` would say without an error."""
+    """Return the true parameters of the plant ``internal``, as in a vehicle file."""
     air = {name: getattr(simulator, name) for name in ("drag", "rotor_drag", "translational_lift")}
     vehicle = simulator.vehicle()
     known = {

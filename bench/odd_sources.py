@@ -60,7 +60,7 @@ _OWN = ("rate_time_constant", "thrust_time_constant", "drag")  # of a plant of r
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """What is odd.
+    """A deviation of vehicles or odometry.
 
     Attributes:
         name: Its name.
@@ -151,7 +151,7 @@ class Late:
         self._tick: Tick | None = None
 
     def take(self) -> Tick | None:
-        """Return what the controller did since the last call."""
+        """Return the controller's tick since the last call."""
         tick, self._tick = self._tick, None
         return tick
 
@@ -222,7 +222,7 @@ def _campaign(name: str) -> Campaign:
 
 
 class Figures(NamedTuple):
-    """Of one flight: mean and largest error once settled [m], largest tilt [rad]."""
+    """Figures of a flight: mean and largest settled error [m], largest tilt [rad]."""
 
     mean: float
     largest: float

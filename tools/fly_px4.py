@@ -55,7 +55,7 @@ COLUMNS = (
 
 @dataclass
 class Phase:
-    """One part of a flight: what asks for it, how long it lasts [s], and what is judged of it."""
+    """A part of a flight: its request, its duration [s], and its criteria."""
 
     name: str
     ask: Callable[[Pilot], Reply | Response | None]

@@ -93,7 +93,7 @@ ELSEWHERE = {
 
 @dataclass(frozen=True)
 class Typed:
-    """A command of a page, the line on which it begins, and what the page says it answers."""
+    """A command of a page, its line, and the output on the page."""
 
     page: Path
     line: int
@@ -117,7 +117,7 @@ class Block:
 
 
 def blocks(page: Path) -> Iterator[Block]:
-    """Yield what is to be typed on a page and the files that it gives, in order."""
+    """Yield the commands and the files of a page, in order."""
     content = page.read_text(encoding="utf-8")
     for found in FENCE.finditer(content):
         language, file, text = found.groups()
@@ -244,7 +244,7 @@ class Reader:
         return ""
 
     def provide(self, typed: Typed) -> None:
-        """Make what the reader of the page has already, if the command names it."""
+        """Create files that the reader of the page has already, if the command names them."""
         for name, make in THE_READERS_OWN.items():
             missing = not Path(self._folder(typed.command), name).exists()
             if missing and re.search(rf"(?<![\w/]){re.escape(name)}(?![\w.])", typed.command):
@@ -273,7 +273,7 @@ class Reader:
         self.terminals.clear()
 
     def start(self, command: str, *, like: str = "") -> tuple[subprocess.Popen[bytes], Path]:
-        """Start a command in a group of its own, with a log; what it exports is kept."""
+        """Start a command in its own process group, with a log; keep exported variables."""
         log = self.folder / f".typed-{time.monotonic_ns()}"
         # A terminal of its own, as a user has, without input while the command runs.
         keyboard, terminal = os.openpty()
@@ -357,7 +357,7 @@ def _interrupt(process: subprocess.Popen[bytes]) -> None:
 
 
 def _problem(typed: Typed, code: int, said: str, *, interrupted: bool) -> str:
-    """Return what is wrong with how a command ended, empty if nothing."""
+    """Return the error of a command that ended, empty if there is none."""
     end = f": …{said[-1500:]}"
     script = interrupted and typed.command.startswith("python ")  # where Python says so itself
     if "Traceback (most recent call last)" in said and not script:
