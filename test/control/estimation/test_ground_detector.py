@@ -1,4 +1,4 @@
-"""Standing on the ground is detected, and never in the air."""
+"""The detector of the ground: no false detection in the air."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def test_it_stands_until_it_has_risen(standing: Judge) -> None:
 
 
 def test_detects_take_off_after_height_drifted_down(standing: Judge) -> None:
-    """As that of PX4, by 0.2 m as its motors spool up; then it climbs by 0.5 m/s^2."""
+    """PX4's height drifts by 0.2 m during spool-up; then the vehicle climbs with 0.5 m/s^2."""
     for k in range(50):
         standing.see(thrust=0.01 * k + 0.45, height=-0.004 * k, window=ABOVE)
     times = PERIOD * np.arange(80)
@@ -234,7 +234,7 @@ def test_idles_on_request_where_nothing_is_known(judge: Judge) -> None:
 
 @pytest.mark.parametrize("height", [0.0, 50.0])
 def test_idling_in_the_air_ends_as_it_falls(judge: Judge, height: float) -> None:
-    """Whoever asks for it: after 0.3 s, less than half a metre, it flies again."""
+    """Requested idling in the air ends after 0.3 s, less than half a metre of fall."""
     judge.see(2.0, thrust=1.0, height=height, window=ReferenceWindow.hover([0.0, 0.0, height]))
     judge.ground.idle_wanted, speed, start = True, 0.0, height
     states = []
@@ -365,7 +365,7 @@ def test_ignores_commands_while_disengaged(judge: Judge) -> None:
 
 @pytest.mark.parametrize("noise", [0.05, 0.2, 0.4])
 def test_detects_standing_with_noisy_velocity(judge: Judge, noise: float) -> None:
-    """As estimators make them: correlated for a second, and the height drifts with them."""
+    """The noise is correlated over a second, as from estimators, and the height drifts with it."""
     rng = np.random.default_rng(1)
     keep = np.exp(-PERIOD / 1.0)
     velocity, height, said = np.zeros(3), 0.0, []
@@ -450,7 +450,7 @@ def test_it_stands_with_as_much_thrust_as_is_little(judge: Judge) -> None:
 
 @pytest.mark.parametrize(("gap", "flies"), [(0.4, True), (0.7, False)])
 def test_what_it_did_in_a_long_gap_is_not_known(judge: Judge, gap: float, flies: bool) -> None:
-    """That it hovered counts across half a second at most."""
+    """An earlier hover counts for half a second at most."""
     judge.see(1.4, thrust=1.0, height=2.0)
     judge.wait(gap)
     judge.see(0.1, thrust=1.0, height=2.0)

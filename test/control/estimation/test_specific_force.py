@@ -95,7 +95,7 @@ MOVING = state_at(
 
 
 def test_jacobian_is_that_of_finite_differences() -> None:
-    """Of every state; a covariance of one makes P H' the Jacobian's transpose."""
+    """Every state is tested; with a covariance of one, P H' is the Jacobian's transpose."""
     arguments = {"throttle": 0.4, "R_before": so3.exp([0.3, -0.5, 1.0]), "turn": np.full(3, 0.1)}
     seen = seen_of(MOVING, f_B=STILL, **arguments)
     step = 1e-6
@@ -170,7 +170,11 @@ class Flown:
             uses_accelerometer=uses_accelerometer,
             state=self.state,
         )
-        self._feels, self._bias, self._rng = uses_accelerometer, bias, np.random.default_rng(3)
+        self._uses_accelerometer, self._bias, self._rng = (
+            uses_accelerometer,
+            bias,
+            np.random.default_rng(3),
+        )
         self._model = changed(NOMINAL, thrust_scale=scale)
         self._body = Body((0.0,) * 3, (0.0,) * 3, tuple(LEVEL.ravel()), (HOVER, 0.0, 0.0, 0.0))
         self._measured = self._odometry()
@@ -187,7 +191,7 @@ class Flown:
             self.state.specific_force.f_B[:] = (
                 f_B + self._bias + force + 0.1 * self._rng.normal(size=3)
             )
-            self.state.specific_force.variance = 0.25 if self._feels else 0.0
+            self.state.specific_force.variance = 0.25 if self._uses_accelerometer else 0.0
             before, self._measured = self._measured, self._odometry()
             acting = Acting(durations=np.array([PERIOD]), commands=np.array([command]))
             mode = ekf.update(self.state, before, self._measured, acting, FLYING, 0.0)
@@ -228,7 +232,7 @@ def test_distinguishes_bias_from_wind() -> None:
     assert not flown.state.motion.x[MOTION.accelerometer :].any()
 
 
-def test_nonsense_is_refused_by_the_gate() -> None:
+def test_the_innovation_gate_rejects_contradicting_measurements() -> None:
     """A sensor mounted upside down."""
     flown = Flown(uses_accelerometer=True)
     flown.go_on(2.0)

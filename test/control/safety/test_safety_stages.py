@@ -1,4 +1,4 @@
-"""Validate, decide and limit without a solver: what is accepted, who commands, what is sent."""
+"""Safety stages without a solver: accepted inputs, active source, limited command."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Flight:
     def tick(
         self, plan: Plan | None = None, *, fault: str = "", **odometry: Array
     ) -> tuple[str, Input | None]:
-        """Return who commands, and the command; then a period passes."""
+        """Return the active source and the command; then a period passes."""
         now = self.now
         assert self.inputs.accept_reference(self._make_window(now), now_ns=now)
         accepted = self.inputs.accept_odometry(self._make_odometry(now, **odometry), now_ns=now)
