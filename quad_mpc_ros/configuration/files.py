@@ -240,7 +240,7 @@ def _located(source: str) -> Path:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Section:
+class ParameterSection:
     """What a parameter file states under one key, by dotted names."""
 
     key: str
@@ -263,7 +263,7 @@ class Section:
         return re.fullmatch("".join(parts), full_name) is not None
 
 
-def sections(path: Path) -> list[Section]:
+def sections(path: Path) -> list[ParameterSection]:
     """Return what a parameter file states; raise :class:`UserError` for one that states nothing.
 
     Namespaces may be nested or joined by ``/``. What ROS does not take, or takes for something
@@ -290,7 +290,7 @@ def refuse_what_ros_misreads(where: str, value: Any) -> None:
         raise UserError(f"{where}: given {shown(value)}, expected elements of one type{hint}")
 
 
-def _sections(content: Mapping[Any, Any], within: str, path: Path) -> Iterator[Section]:
+def _sections(content: Mapping[Any, Any], within: str, path: Path) -> Iterator[ParameterSection]:
     for name, inner in content.items():
         key = f"{within}/{name}" if within else str(name)
         if name == _PARAMETERS:
@@ -306,7 +306,7 @@ def _sections(content: Mapping[Any, Any], within: str, path: Path) -> Iterator[S
                     f"{path}: {within}: given {other}, expected parameters alone; write the node "
                     "at the left margin, like '/**/mpc:'"
                 )
-            yield Section(key=within, values=_parameters(inner, f"{path}: {within}"))
+            yield ParameterSection(key=within, values=_parameters(inner, f"{path}: {within}"))
         elif isinstance(inner, dict) and inner:
             yield from _sections(inner, key, path)
         else:
@@ -351,7 +351,7 @@ def _refuse_unknown(values: Mapping[str, Any], schema: Schema, path: Path) -> No
         )
 
 
-def _node_meant(section: Section, schema: Schema, path: Path) -> str:
+def _node_meant(section: ParameterSection, schema: Schema, path: Path) -> str:
     """Return the node that a section is for; empty for one that is beside the schema."""
     node = section.node
     if node in schema:

@@ -151,7 +151,7 @@ _advanced_limit = functools.partial(_limit, advanced=True)
 
 
 @dataclass(frozen=True, kw_only=True)
-class LimitParameters(Configuration):
+class PlanLimitParameters(Configuration):
     """Soft limits inside the plan of ``manifold``; those at 0 are not in its problem at all.
 
     They bound what the controller adds to the reference, which may ask for more by itself.
@@ -466,7 +466,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     oscillation: OscillationParameters = dataclasses.field(default_factory=OscillationParameters)
     consistency: ConsistencyParameters = dataclasses.field(default_factory=ConsistencyParameters)
     slew: SlewParameters = dataclasses.field(default_factory=SlewParameters)
-    limits: LimitParameters = dataclasses.field(default_factory=LimitParameters)
+    limits: PlanLimitParameters = dataclasses.field(default_factory=PlanLimitParameters)
     contouring: ContouringParameters = dataclasses.field(default_factory=ContouringParameters)
     gates: str = parameter(
         "",

@@ -30,7 +30,7 @@ from quad_mpc_ros.control.model.samples import (
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.plan_stage import Planned, PlanStage
 from quad_mpc_ros.control.safety.decide_stage import Decided, DecideStage
-from quad_mpc_ros.control.safety.fallbacks import Learned
+from quad_mpc_ros.control.safety.fallbacks import DisturbanceEstimate
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
 from quad_mpc_ros.control.safety.limit_stage import LimitStage
 from quad_mpc_ros.control.stage import Due, Failure, Stage
@@ -331,10 +331,12 @@ class Controller:
         )
         return self._record(due, planned, decided, command)
 
-    def _learned(self) -> Learned:
+    def _learned(self) -> DisturbanceEstimate:
         """Return what has been learned of the vehicle that a fallback can use."""
         model = self._estimation.parameters()
-        return Learned(thrust_scale=float(model.thrust_scale), a_W=tuple(model.a_W.tolist()))
+        return DisturbanceEstimate(
+            thrust_scale=float(model.thrust_scale), a_W=tuple(model.a_W.tolist())
+        )
 
     def _record(self, due: Due, planned: Planned, decided: Decided, u: Input | None) -> Tick:
         """Hand what is sent to the stages that go on from it, and return the tick."""

@@ -25,7 +25,7 @@ _YAW_RISE = 0.5  # s, to the highest yaw rate
 
 
 @dataclass(frozen=True, kw_only=True)
-class FenceParameters(BoxParameters):
+class ReferenceFenceParameters(BoxParameters):
     """What a take-off, a goal, a trajectory received or a velocity may not lead out of.
 
     A velocity ends a little in front of the walls.

@@ -19,11 +19,11 @@ from quad_mpc_ros.configuration import (
     registered,
 )
 from quad_mpc_ros.control.model.vehicle import VehicleParameters
-from quad_mpc_ros.references.bounds import FenceParameters
+from quad_mpc_ros.references.bounds import ReferenceFenceParameters
 from quad_mpc_ros.references.circle import Circle, CircleParameters
 from quad_mpc_ros.references.ellipse import Ellipse, EllipseParameters
 from quad_mpc_ros.references.excitation import ExcitationParameters, excitation
-from quad_mpc_ros.references.feasibility import LimitParameters
+from quad_mpc_ros.references.feasibility import FeasibilityParameters
 from quad_mpc_ros.references.flip import FlipParameters, flip
 from quad_mpc_ros.references.gate_parameters import GateParameters, gates_path
 from quad_mpc_ros.references.lemniscate import Lemniscate, LemniscateParameters
@@ -81,7 +81,7 @@ TRAJECTORIES: dict[str, TrajectoryEntry[ReferenceConfig]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChoiceParameters(ExtensibleConfiguration, ManagedConfiguration, VehicleParameters):
+class TrajectoryChoiceParameters(ExtensibleConfiguration, ManagedConfiguration, VehicleParameters):
     """What is flown, and when."""
 
     owner = "reference"
@@ -110,8 +110,8 @@ class ReferenceConfig(
     CircleParameters,
     WaypointParameters,
     SquareParameters,
-    LimitParameters,
-    ChoiceParameters,
+    FeasibilityParameters,
+    TrajectoryChoiceParameters,
 ):
     """Which trajectory to fly, within which limits, and how it is published.
 
@@ -141,7 +141,7 @@ class ReferenceConfig(
         above=0.0,
         maximum=10.0,
     )
-    fence: FenceParameters = field(default_factory=FenceParameters)
+    fence: ReferenceFenceParameters = field(default_factory=ReferenceFenceParameters)
     reach: float = parameter(
         100.0,
         doc="How far from where the vehicle stood at first a goal, a trajectory received or, "

@@ -13,7 +13,7 @@ from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.safety.validation import pose_fault
 from quad_mpc_ros.references import point_table
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.feasibility import Verdict, judged
+from quad_mpc_ros.references.feasibility import FeasibilityReport, judged
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.gate_parameters import gates_path
@@ -54,7 +54,7 @@ def joined_trajectory(
 
 def judged_trajectory(
     config: ReferenceConfig, *, read_bag: point_table.BagReader | None = None
-) -> tuple[Trajectory, Verdict]:
+) -> tuple[Trajectory, FeasibilityReport]:
     """Return the configured trajectory with the verdict on it, also when it is not feasible."""
     if config.trajectory == "bag":
         return _judged(point_table.bag_path(config, read_bag), config)
@@ -63,7 +63,9 @@ def judged_trajectory(
     return _judged(config.entry().make(config), config)
 
 
-def _judged(made: Path | Trajectory, config: ReferenceConfig) -> tuple[Trajectory, Verdict]:
+def _judged(
+    made: Path | Trajectory, config: ReferenceConfig
+) -> tuple[Trajectory, FeasibilityReport]:
     if isinstance(made, Trajectory):
         return made, judged(made, config)
     if config.time_scaling == "auto" and config.entry().scalable:
@@ -71,7 +73,7 @@ def _judged(made: Path | Trajectory, config: ReferenceConfig) -> tuple[Trajector
     return _flown(made, config)
 
 
-def _quickest(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict] | None:
+def _quickest(path: Path, config: ReferenceConfig) -> tuple[Trajectory, FeasibilityReport] | None:
     """Return the trajectory of the path slowed down least that is feasible, or None.
 
     The factor is searched from 1 upwards, then by bisection.
@@ -93,7 +95,7 @@ def _quickest(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]
     return found
 
 
-def _feasible(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict] | None:
+def _feasible(path: Path, config: ReferenceConfig) -> tuple[Trajectory, FeasibilityReport] | None:
     try:
         trajectory, verdict = _flown(path, config)
     except ConfigurationError:  # free fall
@@ -101,7 +103,7 @@ def _feasible(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]
     return (trajectory, verdict) if verdict.feasible else None
 
 
-def _flown(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]:
+def _flown(path: Path, config: ReferenceConfig) -> tuple[Trajectory, FeasibilityReport]:
     try:
         trajectory = FlatTrajectory(path, config, yaw=config.yaw)
     except ValueError as error:
@@ -109,7 +111,9 @@ def _flown(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]:
     return trajectory, judged(trajectory, config)
 
 
-def _approved(trajectory: Trajectory, verdict: Verdict, config: ReferenceConfig) -> Trajectory:
+def _approved(
+    trajectory: Trajectory, verdict: FeasibilityReport, config: ReferenceConfig
+) -> Trajectory:
     if trajectory.smooth and not verdict.feasible:
         raise _refusal(config, verdict.reason())
     return trajectory

@@ -25,10 +25,10 @@ from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.references.bounds import YAW_SHARE
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.feasibility import Verdict, judged
+from quad_mpc_ros.references.feasibility import FeasibilityReport, judged
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.minimum_snap import End, Leg
-from quad_mpc_ros.references.path import Rest, Straight
+from quad_mpc_ros.references.path import RestPath, Straight
 from quad_mpc_ros.references.timeline import Phase, Timeline
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.references.transition import FlatState, flat_state_of, transition
@@ -365,7 +365,7 @@ class Director:
         share = sum(abs(need.margin) / max(abs(need.limit), 1.0) for need in needs)
         return float(share) + (0.0 if leg.upright else _UPSIDE_DOWN)
 
-    def _judged(self, name: str, leg: FlatTrajectory) -> Verdict:
+    def _judged(self, name: str, leg: FlatTrajectory) -> FeasibilityReport:
         ground = -np.inf if _is_vertical(name) else self.ground
         return judged(leg, self._config, ground=ground)
 
@@ -409,7 +409,7 @@ def _is_vertical(name: str) -> bool:
 
 
 def _at_rest(config: ReferenceConfig, p_WB: Array, yaw: float) -> FlatTrajectory:
-    return FlatTrajectory(Rest(p_WB, duration=1.0), config, yaw=yaw)
+    return FlatTrajectory(RestPath(p_WB, duration=1.0), config, yaw=yaw)
 
 
 def _end_of(trajectory: Trajectory) -> FlatState:

@@ -31,7 +31,7 @@ _GROUND_TOLERANCE = 0.05  # m
 
 
 @dataclass(frozen=True, kw_only=True)
-class LimitParameters(TrajectoryParameters):
+class FeasibilityParameters(TrajectoryParameters):
     """What the vehicle may be asked for."""
 
     time_scaling: str = parameter(
@@ -118,12 +118,12 @@ class Need:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Verdict:
+class FeasibilityReport:
     """Every need of a trajectory at its worst, the needs over time, and the jumps in it [s]."""
 
     needs: tuple[Need, ...]
     over_time: Needs
-    limits: LimitParameters
+    limits: FeasibilityParameters
     jumps: tuple[float, ...]
 
     @property
@@ -144,7 +144,9 @@ class Verdict:
         return "; ".join(complaints)
 
 
-def rates_beyond(verdict: Verdict, omega_max: Sequence[float]) -> list[tuple[Need, float]]:
+def rates_beyond(
+    verdict: FeasibilityReport, omega_max: Sequence[float]
+) -> list[tuple[Need, float]]:
     """Return the body rates that a trajectory needs beyond those of a controller (3,) [rad/s]."""
     rates = [need for need in verdict.needs if need.name.endswith("rate")]
     return [
@@ -152,7 +154,9 @@ def rates_beyond(verdict: Verdict, omega_max: Sequence[float]) -> list[tuple[Nee
     ]
 
 
-def judged(trajectory: Trajectory, limits: LimitParameters, *, ground: float = 0.0) -> Verdict:
+def judged(
+    trajectory: Trajectory, limits: FeasibilityParameters, *, ground: float = 0.0
+) -> FeasibilityReport:
     """Return the verdict on a trajectory over its duration or period; a second of a rest.
 
     ``ground`` [m] is the height of the ground.
@@ -165,7 +169,7 @@ def judged(trajectory: Trajectory, limits: LimitParameters, *, ground: float = 0
     needs = needs_of(trajectory.at(times), vehicle, seconds=1e-9 * np.array(times))
     # A trajectory that begins in motion is also started in motion: see --start.
     jumps = trajectory.jumps(0, period - 1)
-    return Verdict(
+    return FeasibilityReport(
         needs=_worst(needs, limits, hover=vehicle.hover_throttle, ground=ground),
         over_time=needs,
         limits=limits,
@@ -201,7 +205,7 @@ def _throttle(vehicle: Vehicle, thrust: Array) -> Array:
 
 
 def _worst(
-    needs: Needs, limits: LimitParameters, *, hover: float, ground: float
+    needs: Needs, limits: FeasibilityParameters, *, hover: float, ground: float
 ) -> tuple[Need, ...]:
     share = 1.0 - limits.limit_margin
     highest = hover + share * (limits.throttle_max - hover)

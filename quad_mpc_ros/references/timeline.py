@@ -68,7 +68,7 @@ class Timeline:
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Let all of it move with the coordinates of the world."""
         self._phases = [
-            dataclasses.replace(phase, trajectory=Moved(phase.trajectory, reset))
+            dataclasses.replace(phase, trajectory=ResetTrajectory(phase.trajectory, reset))
             for phase in self._phases
         ]
 
@@ -96,7 +96,7 @@ class Timeline:
         return found
 
 
-class Moved:
+class ResetTrajectory:
     """A trajectory in the coordinates after a step of the estimate."""
 
     def __init__(self, trajectory: Trajectory, reset: EstimateReset) -> None:

@@ -26,7 +26,7 @@ from quad_mpc_ros.references.server import ReferenceServer, WindowsAhead
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant
-from quad_mpc_ros.simulation.scene import Scene
+from quad_mpc_ros.simulation.scene import ObstacleScene
 from quad_mpc_ros.simulation.sensors import (
     OdometryStream,
     SentOdometry,
@@ -36,8 +36,8 @@ from quad_mpc_ros.simulation.sensors import (
 from quad_mpc_ros.simulation.surroundings import (
     NOTHING_SEEN,
     Collision,
+    ObstacleReceiver,
     Seen,
-    World,
     configured_surroundings,
 )
 
@@ -86,8 +86,8 @@ def fly(
     plant: Plant | None = None,
     trajectory: Trajectory | Path | None = None,
     controller: Controller | ControlLaw | None = None,
-    scene: Scene | None = None,
-    world: World | None = None,
+    scene: ObstacleScene | None = None,
+    world: ObstacleReceiver | None = None,
     on_reference: bool = False,
 ) -> Iterator[LoopStep]:
     """Fly the closed loop and yield every odometry that is sent with what followed from it.
@@ -194,7 +194,7 @@ def _answered(
     return tick, None if tick is None else tick.command
 
 
-def _tell(world: World, seen: Seen) -> None:
+def _tell(world: ObstacleReceiver, seen: Seen) -> None:
     """Tell a world what is seen, for the next tick, as the node does in lockstep."""
     if seen.cloud is not None:
         world.receive_cloud(seen.cloud)

@@ -93,7 +93,7 @@ def compile_plant(config: SimulatorConfig) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChoiceParameters(ExtensibleConfiguration, VehicleParameters):
+class PlantChoiceParameters(ExtensibleConfiguration, VehicleParameters):
     """What flies."""
 
     owner = "simulator"
@@ -116,7 +116,7 @@ class OwnParameters(BetaflightParameters, MujocoParameters, RotorpyParameters, I
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulatorConfig(OwnParameters, ChoiceParameters):
+class SimulatorConfig(OwnParameters, PlantChoiceParameters):
     """The plant, with its own parameters so that it can differ from the controller's model.
 
     By default it has no wind, noise or losses.

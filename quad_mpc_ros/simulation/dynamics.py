@@ -16,10 +16,10 @@ from quad_mpc_ros.control.lie import kernels
 Drive = tuple[float, kernels.Vector]
 """What moves the vehicle: thrust over mass along body z [m/s^2], and body rates [rad/s]."""
 
-Course = tuple[Drive, Drive, Drive, kernels.Matrix, kernels.Matrix]
+DrivenStep = tuple[Drive, Drive, Drive, kernels.Matrix, kernels.Matrix]
 """The drive at start, middle and end of a step, and the turns over its first and second half."""
 
-World = tuple[bool, float, kernels.Vector, kernels.Vector, float, kernels.Vector]
+Environment = tuple[bool, float, kernels.Vector, kernels.Vector, float, kernels.Vector]
 """Whether the true rigid body flies, gravity [m/s^2], drag of each body axis [1/s], that of the
 rotors at the speed of hover [1/s], thrust gained by flying across them [1/m], velocity of the air
 [m/s]."""
@@ -27,7 +27,7 @@ rotors at the speed of hover [1/s], thrust gained by flying across them [1/m], v
 
 @compiled
 def paper_dynamics(
-    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: World
+    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: Environment
 ) -> kernels.Vector:
     """Return dv/dt of Eq. (3) literally: nothing transports the velocity as body axes turn.
 
@@ -50,7 +50,7 @@ def paper_dynamics(
 
 @compiled
 def rigid_body_dynamics(
-    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: World
+    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: Environment
 ) -> kernels.Vector:
     """Return dv/dt of the true rigid body: Eq. (3) with -omega x v of a turning frame."""
     printed = paper_dynamics(v_WB_B, R_WB, drive, world)
@@ -60,7 +60,7 @@ def rigid_body_dynamics(
 
 @compiled
 def dynamics(
-    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: World
+    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: Environment
 ) -> tuple[kernels.Vector, kernels.Vector]:
     """Return dp/dt in the world and dv/dt in the body, of whichever of the two flies."""
     is_rigid_body = world[0]
@@ -76,8 +76,8 @@ def integrated(
     p_WB: kernels.Vector,
     v_WB_B: kernels.Vector,
     R_WB: kernels.Matrix,
-    course: Course,
-    world: World,
+    course: DrivenStep,
+    world: Environment,
     duration: float,
 ) -> tuple[kernels.Vector, kernels.Vector, kernels.Matrix]:
     """Return position, velocity and rotation after one Runge-Kutta step of order 4 [s].

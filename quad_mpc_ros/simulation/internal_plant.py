@@ -19,7 +19,7 @@ from quad_mpc_ros.control.model.state import Input, State
 from quad_mpc_ros.simulation import motion
 from quad_mpc_ros.simulation.parameters import LONGEST_TIME_CONSTANT, PlantParameters
 from quad_mpc_ros.simulation.plant import DelayedPlant, odometry_of
-from quad_mpc_ros.simulation.records import Inputs, Measured
+from quad_mpc_ros.simulation.records import Measured, PlantInputs
 
 # Steps per time constant, for the integrator to follow a lag, and the shortest step for that.
 _STEPS_PER_LAG = 10
@@ -74,7 +74,7 @@ class InternalPlant(DelayedPlant):
             rate_time_constant=config.rate_time_constant,
             thrust_time_constant=config.thrust_time_constant,
         )
-        self._inputs, self._x = Inputs.zeros(), motion.VehicleState.zeros()
+        self._inputs, self._x = PlantInputs.zeros(), motion.VehicleState.zeros()
         self._x["R_WB"][:] = so3.rotation_from_quaternion_xyzw(config.initial_attitude)
         self._x["p_WB"][:] = config.initial_position
         self._x["v_WB_B"][:] = self._x["R_WB"].T @ np.array(config.initial_velocity)

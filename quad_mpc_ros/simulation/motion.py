@@ -14,8 +14,8 @@ from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vec
 from quad_mpc_ros.control.lie import kernels
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.actuators import ActuatorState, TimeConstants, later, thrust_at, turn
-from quad_mpc_ros.simulation.dynamics import Course, Drive, integrated
-from quad_mpc_ros.simulation.records import Inputs, Measured, store_quaternion
+from quad_mpc_ros.simulation.dynamics import Drive, DrivenStep, integrated
+from quad_mpc_ros.simulation.records import Measured, PlantInputs, store_quaternion
 
 
 class VehicleState(Record):
@@ -62,7 +62,7 @@ def constants(
 @compiled
 def advance(
     state: RecordArray[VehicleState],
-    inputs: RecordArray[Inputs],
+    inputs: RecordArray[PlantInputs],
     vehicle: RecordArray[VehicleConstants],
     steps: int,
     duration: float,
@@ -118,7 +118,7 @@ def _driven(
     lags: TimeConstants,
     lift: kernels.Vector,
     duration: float,
-) -> tuple[Course, ActuatorState]:
+) -> tuple[DrivenStep, ActuatorState]:
     """Return how actuators drive the vehicle over a step, and what they are at its end."""
     half = 0.5 * duration
     middle = later(u, command=command, lags=lags, duration=half)

@@ -9,7 +9,7 @@ from quad_mpc_ros.control.lie import Array, kernels
 _X, _Y, _Z, _W = range(4)
 
 
-class Inputs(Record):
+class PlantInputs(Record):
     """What acts on a vehicle, held over a time."""
 
     throttle: float  # 0 to 1

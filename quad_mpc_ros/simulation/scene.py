@@ -23,7 +23,7 @@ class Volume:
         return np.asarray(np.minimum(p_WQ - self.minimum, self.maximum - p_WQ).min(axis=1))
 
 
-class Scene:
+class ObstacleScene:
     """Shapes over time, and the volume of flight, if there is one; times in seconds."""
 
     def __init__(self, shapes: Sequence[Shape] = (), volume: Volume | None = None) -> None:
@@ -35,10 +35,10 @@ class Scene:
         self._radii = np.array([shape.outer_radius for shape in shapes])
 
     @property
-    def standing(self) -> Scene:
+    def standing(self) -> ObstacleScene:
         """Those of the shapes that are there from the start and do not move."""
         still = [s for s in self.shapes if not s.moves and s.appears_at <= 0.0]
-        return Scene(still, self.volume)
+        return ObstacleScene(still, self.volume)
 
     @property
     def changes(self) -> bool:

@@ -11,7 +11,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.messages.obstacle_messages import Marker
 from quad_mpc_ros.messages.point_cloud import PointCloud
-from quad_mpc_ros.simulation.scene import Scene
+from quad_mpc_ros.simulation.scene import ObstacleScene
 
 _FILE = "simulator.obstacles.file"
 
@@ -64,7 +64,7 @@ class Seen(NamedTuple):
 NOTHING_SEEN = Seen()
 
 
-class World(Protocol):
+class ObstacleReceiver(Protocol):
     """The obstacles that the guide of a controller has received in flight.
 
     Each method raises ``ValueError`` for what is of no use.
@@ -80,7 +80,7 @@ class World(Protocol):
         """Take shapes."""
 
 
-class Surroundings(Protocol):
+class ObstacleSimulation(Protocol):
     """A scene around a vehicle; times from the start of the flight."""
 
     def check_start(self, p_WB: Array) -> None:
@@ -93,20 +93,22 @@ class Surroundings(Protocol):
         """Return the collision since the last odometry, if any."""
 
 
-def configured_scene(config: ObstacleSensorParameters) -> Scene | None:
+def configured_scene(config: ObstacleSensorParameters) -> ObstacleScene | None:
     """Return what the file of the parameters states, None without one.
 
     Raises :class:`UserError` for a file of no use.
     """
     if not config.file:
         return None
-    scene: Scene = optional_part("read_scene", needed_by=_FILE)(files.expanded(config.file))
+    scene: ObstacleScene = optional_part("read_scene", needed_by=_FILE)(
+        files.expanded(config.file)
+    )
     return scene
 
 
 def configured_surroundings(
-    config: ObstacleSensorParameters, *, radius: float, scene: Scene | None = None
-) -> Surroundings | None:
+    config: ObstacleSensorParameters, *, radius: float, scene: ObstacleScene | None = None
+) -> ObstacleSimulation | None:
     """Return what surrounds a vehicle: the scene, or the file of the parameters; else None.
 
     ``radius`` [m] is the vehicle's. Raises :class:`UserError` for a file of no use.
@@ -115,5 +117,5 @@ def configured_surroundings(
     if found is None:
         return None
     make = optional_part("simulated_surroundings", needed_by=_FILE)
-    surroundings: Surroundings = make(config, found, radius=radius)
+    surroundings: ObstacleSimulation = make(config, found, radius=radius)
     return surroundings

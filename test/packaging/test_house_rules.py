@@ -98,6 +98,16 @@ def imports(tree: ast.AST, modules: Container[str]) -> Iterator[str]:
             yield from imports(node, modules)
 
 
+def test_no_two_modules_define_a_class_of_the_same_name() -> None:
+    """A name stands for one concept; the two declarations for type checkers are one module's."""
+    modules: dict[str, set[str]] = {}
+    for name, tree in TREES.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef):
+                modules.setdefault(node.name, set()).add(name)
+    assert {name: found for name, found in modules.items() if len(found) > 1} == {}
+
+
 READERS = {
     "configuration/ros_yaml.py": {"yaml.load"},
     "configuration/text_files.py": {"csv.reader"},

@@ -13,7 +13,7 @@ can brake. It is over when the vehicle falls, as one that was held or hung and i
 
 from __future__ import annotations
 
-from quad_mpc_ros.control.estimation.ground_motion import Motion
+from quad_mpc_ros.control.estimation.ground_motion import VehicleMotion
 from quad_mpc_ros.control.estimation.kept_height import GUST, SETTLING, THRUST_ERROR, KeptHeight
 
 SLOW = 1.0
@@ -25,7 +25,7 @@ _HARDEST = 200.0  # m/s^2, between two odometries; and for how long [ns] it may 
 _AFTERWARDS_NS = 5_000_000_000
 
 
-class Crash:
+class CrashDetector:
     """Follows a vehicle from odometry to odometry."""
 
     def __init__(self, gravity: float) -> None:
@@ -40,7 +40,7 @@ class Crash:
         self._before = 0, 0.0  # stamp, and speed [m/s]
         self._collided_ns: int | None = None
 
-    def update(self, stamp_ns: int, motion: Motion) -> bool:
+    def update(self, stamp_ns: int, motion: VehicleMotion) -> bool:
         """Take the motion at a stamp, and return whether it has crashed."""
         self._look_for_collision(stamp_ns, motion.reported_speed)
         if self.found:

@@ -59,7 +59,7 @@ _SETTLING_NS = 300_000_000
 _MEMORY_NS, _MEMORIES = 1_000_000_000, 5
 
 
-class Followed(Record):
+class EstimatorState(Record):
     """What is known of the vehicle."""
 
     # Its states at an odometry and at the one before as measured, but for their throttle.
@@ -93,7 +93,7 @@ class DelayCompensation(Stage):
         self._learns = config.estimate_disturbance
         # Without a lag the throttle is the command: nothing of it is to be followed.
         self._follows = self._learns or config.thrust_time_constant > 0.0
-        self._buffer = Followed.zeros()
+        self._buffer = EstimatorState.zeros()
         self._followed = followed = self._buffer[()]
         nominal = parameters_of(
             vehicle,
@@ -321,7 +321,7 @@ class DelayCompensation(Stage):
 
 @compiled
 def _read(
-    buffer: RecordArray[Followed],
+    buffer: RecordArray[EstimatorState],
     p_WB: Array,
     q_WB_xyzw: Array,
     v_WB_B: Array,
@@ -341,7 +341,7 @@ def _read(
 
 @compiled
 def _follow(
-    buffer: RecordArray[Followed],
+    buffer: RecordArray[EstimatorState],
     p_WB: Array,
     q_WB_xyzw: Array,
     v_WB_B: Array,
@@ -375,7 +375,7 @@ def _follow(
 
 @compiled
 def _ahead(
-    buffer: RecordArray[Followed],
+    buffer: RecordArray[EstimatorState],
     acts_ns: NDArray[np.int64],
     commands: Array,
     begin_ns: int,

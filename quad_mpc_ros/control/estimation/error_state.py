@@ -14,7 +14,7 @@ from quad_mpc_ros.configuration.records import Record
 from quad_mpc_ros.control.lie import Array
 
 
-class Motion(NamedTuple):
+class MotionIndices(NamedTuple):
     """Where in the state of the motion each block begins, and its size."""
 
     position: int  # m, in the world
@@ -29,7 +29,7 @@ class Motion(NamedTuple):
     size: int
 
 
-class Turning(NamedTuple):
+class RateIndices(NamedTuple):
     """Where in the state of the body rates each block begins, and its size."""
 
     rate: int  # rad/s, of the model
@@ -40,8 +40,8 @@ class Turning(NamedTuple):
     size: int
 
 
-MOTION = Motion(0, 3, 6, 9, 10, 11, 12, 13, 16, 19)
-TURNING = Turning(0, 3, 5, 7, 9, 10)
+MOTION = MotionIndices(0, 3, 6, 9, 10, 11, 12, 13, 16, 19)
+TURNING = RateIndices(0, 3, 5, 7, 9, 10)
 ROLL_PITCH, YAW = TURNING.lag, TURNING.lag + 1
 
 # What is learned of the vehicle by its motion, from the first to before the last.

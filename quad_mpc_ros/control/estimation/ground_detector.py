@@ -19,14 +19,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from quad_mpc_ros.control.estimation.crash import FAST, SLOW, Crash
-from quad_mpc_ros.control.estimation.ground_motion import FilteredMotion
+from quad_mpc_ros.control.estimation.crash import FAST, SLOW, CrashDetector
+from quad_mpc_ros.control.estimation.ground_motion import MotionFilter
 from quad_mpc_ros.control.estimation.ground_state import (
     HEIGHT,
     LEFT_GROUND,
     NO_LIFT,
     AllowedCommand,
-    Evidence,
+    GroundEvidence,
     GroundState,
     Learning,
     next_state,
@@ -73,7 +73,7 @@ class GroundDetector(Stage):
         self._gravity = gravity
         self._landed: bool | None = None
         self._engaged = True
-        self._motion = FilteredMotion(gravity)
+        self._motion = MotionFilter(gravity)
         self._window: ReferenceWindow | None = None
         self._course = _Course(0.0, 0.0, 0.0, 0.0)
         self._forget()
@@ -90,7 +90,7 @@ class GroundDetector(Stage):
         self._thrust = 0.0
         self._motion.forget_thrust()
         self._still = KeptHeight(2.0 * SETTLING)
-        self._crash = Crash(self._gravity)
+        self._crash = CrashDetector(self._gravity)
 
     def engage(self, engaged: bool) -> None:
         """Set whether commands act: as long as they do not, their thrust says nothing."""
@@ -184,12 +184,12 @@ class GroundDetector(Stage):
 
     def _evidence(
         self, odometry: OdometrySample, window: ReferenceWindow | None
-    ) -> tuple[Evidence, ...]:
+    ) -> tuple[GroundEvidence, ...]:
         """Return what speaks for a change of the state."""
         self._climbs = self._lands = False
         if self._crash.update(odometry.stamp_ns, self._motion.now):
-            return (Evidence.LIES,)
-        found: tuple[Evidence, ...] = ()
+            return (GroundEvidence.LIES,)
+        found: tuple[GroundEvidence, ...] = ()
         height = float(odometry.p_WB[2])
         course = self._course_of(window, height)
         self._climbs = course.highest > height + HEIGHT or course.highest > course.height + _RISING
@@ -198,13 +198,13 @@ class GroundDetector(Stage):
         sinks = course.lowest < course.height - _RISING
         self._lands = rests and (below or sinks) and self._is_low(height)
         if self._climbs:
-            found += (Evidence.CLIMBS,)
+            found += (GroundEvidence.CLIMBS,)
         if rests and below and self._might_be_down(height, sinks=sinks):
-            found += (Evidence.TOUCHES,)
+            found += (GroundEvidence.TOUCHES,)
         if self._has_left() or self._is_moving():
-            found += (Evidence.LEFT,)
+            found += (GroundEvidence.LEFT,)
         elif self._rests(odometry.stamp_ns, wanted=rests):
-            found += (Evidence.RESTS,)
+            found += (GroundEvidence.RESTS,)
         return found
 
     def _course_of(self, window: ReferenceWindow | None, height: float) -> _Course:

@@ -26,7 +26,7 @@ _FALLS = 0.3  # share of that; with less it is carried
 _Reported = tuple[Array, Array, Array]  # position, attitude and velocity in the body
 
 
-class Motion(NamedTuple):
+class VehicleMotion(NamedTuple):
     """Speed along the ground, upwards and in all [m/s], filtered.
 
     And its height [m], its way from where it stood or was seen first, and that upwards; the share
@@ -63,11 +63,11 @@ class Filters(Record):
     climb: float
 
 
-class FilteredMotion:
+class MotionFilter:
     """Filters from odometry to odometry."""
 
     def __init__(self, gravity: float) -> None:
-        self.now = Motion()
+        self.now = VehicleMotion()
         """The motion at the last odometry."""
         self._filters = Filters.zeros()
         self._filters["gravity"] = gravity
@@ -109,7 +109,7 @@ class FilteredMotion:
 @compiled
 def _follow(
     buffer: RecordArray[Filters], reported: _Reported, thrust: float, duration: float, flies: bool
-) -> Motion:
+) -> VehicleMotion:
     """Filter the ``reported`` position, attitude and velocity; restart with no duration."""
     filters, (p_WB, q_WB_xyzw, v_WB_B) = buffer[()], reported
     R_WB = kernels.rotation(kernels.quaternion_in(q_WB_xyzw))
@@ -123,7 +123,7 @@ def _follow(
     filters.duration = duration
     filters.lift += kernels.lowpass_share(duration, _THRUST_FILTER) * (thrust * up - filters.lift)
     vx, vy, climb = kernels.vector(filters.v_WB_W)
-    return Motion(
+    return VehicleMotion(
         aside=math.hypot(vx, vy),
         climb=climb,
         speed=kernels.length(filters.v_WB_W),

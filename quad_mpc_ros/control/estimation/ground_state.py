@@ -42,7 +42,7 @@ class GroundState(enum.Enum):
         """Whether it is certain that it flies, be it that it may just have come down."""
 
 
-class Evidence(enum.Enum):
+class GroundEvidence(enum.Enum):
     """What leads from one state to another; the value is what it is in words."""
 
     LIES = "it keeps a height that it could not keep in the air: upside down, or after a collision"
@@ -56,7 +56,7 @@ class Transition(NamedTuple):
     """From ``state`` to ``then`` when there is evidence, or when there is none any more."""
 
     state: GroundState
-    evidence: Evidence
+    evidence: GroundEvidence
     present: bool
     then: GroundState
 
@@ -64,22 +64,22 @@ class Transition(NamedTuple):
 _UNKNOWN, _ON_GROUND, _LIFTING_OFF, _FLYING, _TOUCHING_DOWN, _CRASHED = GroundState
 
 TRANSITIONS = (
-    Transition(_UNKNOWN, Evidence.LIES, True, _CRASHED),
-    Transition(_UNKNOWN, Evidence.LEFT, True, _FLYING),
-    Transition(_UNKNOWN, Evidence.RESTS, True, _ON_GROUND),
-    Transition(_ON_GROUND, Evidence.LIES, True, _CRASHED),
-    Transition(_ON_GROUND, Evidence.LEFT, True, _FLYING),
-    Transition(_ON_GROUND, Evidence.CLIMBS, True, _LIFTING_OFF),
-    Transition(_LIFTING_OFF, Evidence.LIES, True, _CRASHED),
-    Transition(_LIFTING_OFF, Evidence.LEFT, True, _FLYING),
-    Transition(_LIFTING_OFF, Evidence.CLIMBS, False, _ON_GROUND),
-    Transition(_FLYING, Evidence.LIES, True, _CRASHED),
-    Transition(_FLYING, Evidence.RESTS, True, _ON_GROUND),
-    Transition(_FLYING, Evidence.TOUCHES, True, _TOUCHING_DOWN),
-    Transition(_TOUCHING_DOWN, Evidence.LIES, True, _CRASHED),
-    Transition(_TOUCHING_DOWN, Evidence.RESTS, True, _ON_GROUND),
-    Transition(_TOUCHING_DOWN, Evidence.TOUCHES, False, _FLYING),
-    Transition(_CRASHED, Evidence.LIES, False, _FLYING),
+    Transition(_UNKNOWN, GroundEvidence.LIES, True, _CRASHED),
+    Transition(_UNKNOWN, GroundEvidence.LEFT, True, _FLYING),
+    Transition(_UNKNOWN, GroundEvidence.RESTS, True, _ON_GROUND),
+    Transition(_ON_GROUND, GroundEvidence.LIES, True, _CRASHED),
+    Transition(_ON_GROUND, GroundEvidence.LEFT, True, _FLYING),
+    Transition(_ON_GROUND, GroundEvidence.CLIMBS, True, _LIFTING_OFF),
+    Transition(_LIFTING_OFF, GroundEvidence.LIES, True, _CRASHED),
+    Transition(_LIFTING_OFF, GroundEvidence.LEFT, True, _FLYING),
+    Transition(_LIFTING_OFF, GroundEvidence.CLIMBS, False, _ON_GROUND),
+    Transition(_FLYING, GroundEvidence.LIES, True, _CRASHED),
+    Transition(_FLYING, GroundEvidence.RESTS, True, _ON_GROUND),
+    Transition(_FLYING, GroundEvidence.TOUCHES, True, _TOUCHING_DOWN),
+    Transition(_TOUCHING_DOWN, GroundEvidence.LIES, True, _CRASHED),
+    Transition(_TOUCHING_DOWN, GroundEvidence.RESTS, True, _ON_GROUND),
+    Transition(_TOUCHING_DOWN, GroundEvidence.TOUCHES, False, _FLYING),
+    Transition(_CRASHED, GroundEvidence.LIES, False, _FLYING),
 )
 """Of those from a state the first that applies is taken, at most one at an odometry.
 
@@ -88,7 +88,7 @@ reports to have landed.
 """
 
 
-def next_state(state: GroundState, evidence: Collection[Evidence]) -> GroundState:
+def next_state(state: GroundState, evidence: Collection[GroundEvidence]) -> GroundState:
     """Return the state that follows from what there is evidence of."""
     for before, kind, present, then in TRANSITIONS:
         if before is state and (kind in evidence) is present:

@@ -33,7 +33,7 @@ from quad_mpc_ros.control.model.rollout import (
 from quad_mpc_ros.control.model.state import U_THROTTLE
 
 
-class Columns(NamedTuple):
+class ParameterIndices(NamedTuple):
     """Where the derivatives by what stand."""
 
     velocity: int
@@ -45,7 +45,7 @@ class Columns(NamedTuple):
     size: int
 
 
-BY = Columns(velocity=0, disturbance=3, scale=6, lag=7, drag=8, throttle=9, size=10)
+BY = ParameterIndices(velocity=0, disturbance=3, scale=6, lag=7, drag=8, throttle=9, size=10)
 
 
 class MotionDerivatives(NamedTuple):

@@ -49,7 +49,7 @@ from quad_mpc_ros.control.model.state import INPUT_SIZE, THETA, U_RATE, U_THROTT
 from quad_mpc_ros.control.model.target import TargetStage
 from quad_mpc_ros.control.ocp.horizon_qp import FREE, HorizonStages, LimitPattern
 from quad_mpc_ros.control.ocp.plan import PlannedTrajectory
-from quad_mpc_ros.control.ocp.settings import Settings
+from quad_mpc_ros.control.ocp.settings import ProblemSettings
 
 # The kinds, in the order of their rows. There are as many rows of half-spaces as are configured.
 _TILT, _SPEED, _THROTTLE, _SLEW, _HALF_SPACES = range(5)
@@ -107,7 +107,7 @@ class Limits(NamedTuple):
     offsets: Array
 
     @staticmethod
-    def zeros(settings: Settings, steps: int, *, half_spaces: int = 0) -> Limits:
+    def zeros(settings: ProblemSettings, steps: int, *, half_spaces: int = 0) -> Limits:
         """Return the configured limits and so many half-spaces for N stages."""
         counts = np.array([*_ROWS, half_spaces])
         has = np.array([*(settings.limits > 0.0), half_spaces > 0])
@@ -153,7 +153,7 @@ class Limits(NamedTuple):
 
 @compiled
 def compute_bounds(
-    settings: Settings,
+    settings: ProblemSettings,
     prediction: Prediction,
     target: RecordArray[TargetStage],
     any_tilt: bool,
@@ -200,7 +200,9 @@ def compute_bounds(
 
 
 @compiled
-def flips(settings: Settings, R_start: kernels.Matrix, target: RecordArray[TargetStage]) -> bool:
+def flips(
+    settings: ProblemSettings, R_start: kernels.Matrix, target: RecordArray[TargetStage]
+) -> bool:
     """Whether the thrust axis of a target turns faster somewhere than body rates are bounded to.
 
     That happens near free fall, where the direction of little thrust means little. ``R_start`` is
@@ -219,7 +221,7 @@ def flips(settings: Settings, R_start: kernels.Matrix, target: RecordArray[Targe
 
 @compiled
 def saturate_position_error(
-    settings: Settings, start: StateRecord, target: RecordArray[TargetStage]
+    settings: ProblemSettings, start: StateRecord, target: RecordArray[TargetStage]
 ) -> None:
     """Move a target so that its first position is at most ``max_position_error`` away.
 

@@ -32,7 +32,7 @@ from quad_mpc_ros.control.model.reference_window import PointRecord, SampleRecor
 from quad_mpc_ros.control.model.state import INPUT_SIZE, P, V
 from quad_mpc_ros.control.model.target import TargetStage, path_times
 from quad_mpc_ros.control.ocp.horizon_qp import HorizonStages, Mask
-from quad_mpc_ros.control.ocp.settings import Settings, stage_weight
+from quad_mpc_ros.control.ocp.settings import ProblemSettings, stage_weight
 
 PATH_TIME, SPEED, SIZE = STATE_SIZE, STATE_SIZE + 1, STATE_SIZE + 2
 """Where progress and its speed are in the state of the problem, and the size of that."""
@@ -48,7 +48,7 @@ STATE_NATURAL, INPUT_NATURAL = np.array([0.07, 0.3]), np.array([0.1])
 _DAMPING_SPEED = 0.1 / 0.3**2
 
 
-class Progress(NamedTuple):
+class ProgressBuffers(NamedTuple):
     """Speeds of progress in each stage, (N,) of the nominal plan and of the last one.
 
     ``path`` (N,) is the reference at the progress at the ends of the stages; ``shift`` (3,) is
@@ -62,9 +62,9 @@ class Progress(NamedTuple):
     shift: Array
 
     @staticmethod
-    def zeros(steps: int) -> Progress:
+    def zeros(steps: int) -> ProgressBuffers:
         """Return N stages at the speed of a clock."""
-        return Progress(
+        return ProgressBuffers(
             np.ones(steps), np.ones(steps), PointRecord.zeros(steps), np.zeros(3 * min(steps, 1))
         )
 
@@ -85,7 +85,7 @@ def follow_path(
     samples: RecordArray[SampleRecord],
     step: float,
     speeds: Array,
-    progress: Progress,
+    progress: ProgressBuffers,
     target: RecordArray[TargetStage],
 ) -> None:
     """Move positions and velocities of a target (N,) to where speeds (N,) lead on the reference.
@@ -103,7 +103,7 @@ def follow_path(
 
 
 @compiled
-def progress_cost(settings: Settings, speeds: Array) -> float:
+def progress_cost(settings: ProblemSettings, speeds: Array) -> float:
     """Return the cost of speeds (N,) other than 1."""
     cost = 0.0
     for i in range(len(speeds)):
@@ -120,7 +120,7 @@ def regularise_progress(weight: float, scale: float, stages: HorizonStages) -> N
 
 @compiled
 def write_progress(
-    settings: Settings, errors: Array, progress: Progress, stages: HorizonStages
+    settings: ProblemSettings, errors: Array, progress: ProgressBuffers, stages: HorizonStages
 ) -> None:
     """Write dynamics, cost and bounds of the nominal progress at errors (N, 9) of the vehicle.
 

@@ -14,7 +14,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.state import POSITION, TANGENT_SIZE
 
 
-class Settings(Record):
+class ProblemSettings(Record):
     """Weights and bounds of the problem, as configured."""
 
     Q: Annotated[Array, (TANGENT_SIZE,)]  # weights of position, velocity and attitude
@@ -35,14 +35,14 @@ class Settings(Record):
 
 
 @compiled
-def stage_weight(settings: Settings, stage: int, steps: int) -> float:
+def stage_weight(settings: ProblemSettings, stage: int, steps: int) -> float:
     """Return the factor on Q at the end of a stage: the terminal cost is that of the last one."""
     return settings.terminal_weight if stage == steps - 1 else 1.0
 
 
-def settings_of(config: MpcConfig) -> RecordArray[Settings]:
+def settings_of(config: MpcConfig) -> RecordArray[ProblemSettings]:
     """Return the settings of a configuration."""
-    result = Settings.zeros()
+    result = ProblemSettings.zeros()
     settings, limits, contouring = result[()], config.limits, config.contouring
     gain = np.array(per_axis(config.rate_gain))
     # Inputs of the problem are what the rates follow, commands times their gain.

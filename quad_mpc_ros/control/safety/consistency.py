@@ -159,7 +159,7 @@ class Track(Record):
     v_attitude_W: Vector3  # the thrust along the attitude as reported
 
 
-class Evidence(Record):
+class ConsistencyState(Record):
     """Everything the comparison remembers."""
 
     p_WB: Vector3
@@ -208,7 +208,7 @@ class FlightPhase(NamedTuple):
     descends: bool
 
 
-class Rest(NamedTuple):
+class RestStatus(NamedTuple):
     """Whether a vehicle neither climbs nor moves; whether it flies at rest off its reference."""
 
     is_still: bool
@@ -238,7 +238,7 @@ class ConsistencyMonitor(Stage):
         self._compares = config.on_manifold
         self._hover = config.vehicle().hover_throttle
         self._engaged = True
-        self._evidence = Evidence.zeros()
+        self._memory = ConsistencyState.zeros()
         self.breach: Breach | None = None
         """The contradiction found, if any."""
         self.found = Relation.NONE
@@ -264,9 +264,9 @@ class ConsistencyMonitor(Stage):
         self._stamp_ns = None
 
     def _restart(self) -> None:
-        self._evidence = Evidence.zeros()
-        self._evidence["throttle"] = self._evidence["late_throttle"] = self._hover
-        _begin_force(self._evidence, self._model)
+        self._memory = ConsistencyState.zeros()
+        self._memory["throttle"] = self._memory["late_throttle"] = self._hover
+        _begin_force(self._memory, self._model)
         self._stamp_ns = None
         self._count = 0
         self._takes_off = False
@@ -295,7 +295,7 @@ class ConsistencyMonitor(Stage):
             return None
         if self.found == Relation.RATES:
             return Reckoned(None, None)
-        track = self._evidence[()].older
+        track = self._memory[()].older
         if not self.found & (Relation.ATTITUDE | Relation.RATES | Relation.LIFT):
             return Reckoned(state_from_odometry(odometry).R_WB, track.v_attitude_W.copy())
         return Reckoned(track.R_WB.copy(), track.v_WB_W.copy())
@@ -329,8 +329,8 @@ class ConsistencyMonitor(Stage):
         self._stamp_ns = stamp_ns
         step_ns = 0 if before_ns is None else stamp_ns - before_ns
         compares = 0 < step_ns <= _LONGEST_STEP_NS
-        found, rest, lift = _follow(
-            evidence=self._evidence,
+        found, status, lift = _follow(
+            memory=self._memory,
             motion=(odometry.p_WB, odometry.q_WB_xyzw, odometry.v_WB_B),
             reported=(reported.p_WB, reported.q_WB_xyzw, reported.w_WB_B),
             command=acted,
@@ -350,13 +350,13 @@ class ConsistencyMonitor(Stage):
             contradicted = Relation(found)
             cause = self._cause(contradicted)
             self._find(contradicted, f"odometry and commands disagree: {cause}")
-        elif self._lifts_nothing(stamp_ns, acted.throttle, is_still=rest.is_still, lift=lift):
+        elif self._lifts_nothing(stamp_ns, acted.throttle, is_still=status.is_still, lift=lift):
             self._find(
                 Relation.THRUST,
                 f"{1e-9 * _MUCH_THRUST_NS:.0f} s of thrust do not lift the vehicle: check motors, "
                 "battery, mass and thrust_curve",
             )
-        elif self._stays_away(stamp_ns, is_away=rest.is_away):
+        elif self._stays_away(stamp_ns, is_away=status.is_away):
             self._find(
                 Relation.RATES,
                 f"odometry and commands disagree: {1e-9 * _AWAY_NS:.0f} s at rest {_AWAY} m or "
@@ -371,16 +371,16 @@ class ConsistencyMonitor(Stage):
         """Return the most likely cause of a contradiction."""
         if found == Relation.LIFT:
             return _NO_LIFT
-        seen, gravity = self._evidence[()], self._model[()].gravity
+        state, gravity = self._memory[()], self._model[()].gravity
         pairs = {
-            "attitude": seen.attitude,
-            "position": seen.position,
-            "rates": seen.commanded,
-            "force": seen.force,
+            "attitude": state.attitude,
+            "position": state.position,
+            "rates": state.commanded,
+            "force": state.force,
         }
         sums = {name: (pair.xx, pair.yx, pair.yy) for name, pair in pairs.items()}
         contradicted = [name for name in pairs if found & Relation[name.upper()]]
-        lift = (float(seen.force.x[2] / gravity), float(seen.force.y[2] / gravity))
+        lift = (float(state.force.x[2] / gravity), float(state.force.y[2] / gravity))
         return likely_cause(contradicted, sums, lift)
 
     def _lifts_nothing(
@@ -414,7 +414,7 @@ def motion_contradiction(odometries: Sequence[OdometrySample], config: MpcConfig
 
 @compiled
 def _follow(
-    evidence: RecordArray[Evidence],
+    memory: RecordArray[ConsistencyState],
     motion: tuple[Array, Array, Array],
     reported: tuple[Array, Array, Array],
     command: Input,
@@ -422,7 +422,7 @@ def _follow(
     duration: float,
     phase: FlightPhase,
     model: RecordArray[ModelParameters],
-) -> tuple[int, Rest, float]:
+) -> tuple[int, RestStatus, float]:
     """Take an odometry and the command that acted for ``duration`` [s].
 
     ``motion`` are position, attitude and velocity as controlled, ``reported`` position, attitude
@@ -433,7 +433,7 @@ def _follow(
         The relations that are contradicted, whether it rests, and how many times its weight the
         commanded thrust lifts.
     """
-    seen, nominal = evidence[()], model[()]
+    state, nominal = memory[()], model[()]
     p_controlled, q_WB_xyzw, v_WB_B = motion
     p_WB, q_reported_xyzw, w_WB_B = reported
     R = kernels.rotation(kernels.quaternion_in(q_WB_xyzw))
@@ -442,82 +442,82 @@ def _follow(
     v = kernels.apply(R, kernels.vector(v_WB_B))
     found = 0
     if duration > 0.0:
-        _follow_yaw_torque(seen, w[2], duration)
-        _follow_command(seen, nominal, command, duration)
-        _compare_motion(seen, p, v, R_reported, w, duration)
+        _follow_yaw_torque(state, w[2], duration)
+        _follow_command(state, nominal, command, duration)
+        _compare_motion(state, p, v, R_reported, w, duration)
         if phase.stands:
-            _forget(seen.commanded)
-            _forget(seen.commanded_late)
-            _begin_force(evidence, model)
+            _forget(state.commanded)
+            _forget(state.commanded_late)
+            _begin_force(memory, model)
         else:
-            _compare_with_command(seen, nominal, (v, w), R, duration)
-        found = _contradicted(seen, nominal.gravity, phase.flies)
-        for track in (seen.older, seen.newer):
-            _carry(track, seen, nominal, R, duration)
+            _compare_with_command(state, nominal, (v, w), R, duration)
+        found = _contradicted(state, nominal.gravity, phase.flies)
+        for track in (state.older, state.newer):
+            _carry(track, state, nominal, R, duration)
             if not phase.flies:  # the ground may carry it
                 track.v_WB_W[2] = max(track.v_WB_W[2], 0.0)
                 track.v_attitude_W[2] = max(track.v_attitude_W[2], 0.0)
-        seen.track_age += duration
+        state.track_age += duration
     if duration <= 0.0:
-        kernels.store_vector(w, seen.rates)
-        kernels.store_vector(w, seen.late_rates)
-        _anchor(seen.older, v, R)
-        seen.newer = seen.older
-        seen.track_age, seen.track_time = 0.0, 0.0
+        kernels.store_vector(w, state.rates)
+        kernels.store_vector(w, state.late_rates)
+        _anchor(state.older, v, R)
+        state.newer = state.older
+        state.track_age, state.track_time = 0.0, 0.0
     elif phase.descends:
         pass  # the commands alone say where it goes
-    elif seen.track_time == 0.0:  # the first velocity that can be compared
-        _anchor(seen.older, _smaller(_velocity_of(seen, p, duration), v), R)
-        seen.newer = seen.older
-        seen.track_age, seen.track_time = 0.0, _TRACK_TIME
-    elif seen.track_age >= seen.track_time:
-        seen.older = seen.newer
-        x, y = kernels.vector(seen.position.x), kernels.vector(seen.position.y)
-        _anchor(seen.newer, _smaller(x, y), R)
-        seen.track_age = 0.0
-    kernels.store_vector(p, seen.p_WB)
-    kernels.store_vector(v, seen.v_WB_W)
-    kernels.store_matrix(R_reported, seen.R_WB)
-    kernels.store_vector(w, seen.w_WB_B)
+    elif state.track_time == 0.0:  # the first velocity that can be compared
+        _anchor(state.older, _smaller(_velocity_of(state, p, duration), v), R)
+        state.newer = state.older
+        state.track_age, state.track_time = 0.0, _TRACK_TIME
+    elif state.track_age >= state.track_time:
+        state.older = state.newer
+        x, y = kernels.vector(state.position.x), kernels.vector(state.position.y)
+        _anchor(state.newer, _smaller(x, y), R)
+        state.track_age = 0.0
+    kernels.store_vector(p, state.p_WB)
+    kernels.store_vector(v, state.v_WB_W)
+    kernels.store_matrix(R_reported, state.R_WB)
+    kernels.store_vector(w, state.w_WB_B)
     is_still = v[2] <= _CLIMBING and math.hypot(v[0], v[1]) <= _MOVING
     is_away = phase.flies and kernels.norm(v) < _AT_REST
     is_away &= kernels.distance(p_controlled, p_reference) > _AWAY
-    return found, Rest(is_still, is_away), seen.force.x[2] / nominal.gravity
+    return found, RestStatus(is_still, is_away), state.force.x[2] / nominal.gravity
 
 
 @compiled
 def _follow_command(
-    seen: Evidence, nominal: ModelParameters, command: Input, duration: float
+    state: ConsistencyState, nominal: ModelParameters, command: Input, duration: float
 ) -> None:
     """Let throttle and rates follow a command through their lags."""
     kept, _ = first_order_lag(nominal.thrust_time_constant, duration)
-    seen.throttle = command.throttle + kept * (seen.throttle - command.throttle)
+    state.throttle = command.throttle + kept * (state.throttle - command.throttle)
     kept, _ = first_order_lag(_UNMODELLED_LAG, duration)
-    seen.late_throttle = seen.throttle + kept * (seen.late_throttle - seen.throttle)
+    state.late_throttle = state.throttle + kept * (state.late_throttle - state.throttle)
     for k in range(3):
         kept, _ = first_order_lag(nominal.rate_time_constants[k], duration)
         rate = command.w_WB_B[k]
-        seen.rates[k] = rate + kept * (seen.rates[k] - rate)
+        state.rates[k] = rate + kept * (state.rates[k] - rate)
         kept, _ = first_order_lag(_UNMODELLED_LAG, duration)
-        late = seen.rates[k] + kept * (seen.late_rates[k] - seen.rates[k])
+        late = state.rates[k] + kept * (state.late_rates[k] - state.rates[k])
         if k == 2:
-            most = seen.yaw_acceleration * duration
-            late = kernels.clamp(late, seen.late_rates[k] - most, seen.late_rates[k] + most)
-        seen.late_rates[k] = late
+            most = state.yaw_acceleration * duration
+            late = kernels.clamp(late, state.late_rates[k] - most, state.late_rates[k] + most)
+        state.late_rates[k] = late
 
 
 @compiled
-def _follow_yaw_torque(seen: Evidence, yaw_rate: float, duration: float) -> None:
+def _follow_yaw_torque(state: ConsistencyState, yaw_rate: float, duration: float) -> None:
     """Let the most yaw acceleration that the vehicle has shown lately follow its yaw rate."""
     kept = math.exp(-duration / _YAW_ACCELERATION_TIME)
-    shown = abs(yaw_rate - seen.w_WB_B[2]) / duration
-    remembered = max(kept * seen.yaw_acceleration, shown)
-    seen.yaw_acceleration = max(remembered, _LEAST_YAW_ACCELERATION)
+    shown = abs(yaw_rate - state.w_WB_B[2]) / duration
+    remembered = max(kept * state.yaw_acceleration, shown)
+    state.yaw_acceleration = max(remembered, _LEAST_YAW_ACCELERATION)
 
 
 @compiled
 def _compare_motion(
-    seen: Evidence,
+    state: ConsistencyState,
     p: kernels.Vector,
     v: kernels.Vector,
     R: kernels.Matrix,
@@ -526,22 +526,22 @@ def _compare_motion(
 ) -> None:
     """Compare attitude with rates, and position with velocity, since the odometry before."""
     per_second = 1.0 / duration
-    turn = kernels.log(kernels.multiply(kernels.transposed(kernels.matrix(seen.R_WB)), R))
+    turn = kernels.log(kernels.multiply(kernels.transposed(kernels.matrix(state.R_WB)), R))
     turn, far = kernels.scaled(per_second, turn), _TURN_STEP * per_second
     # Rates may change at once: of those between both samples the one nearest to the turn.
-    before = kernels.vector(seen.w_WB_B)
+    before = kernels.vector(state.w_WB_B)
     rate = (
         _between(turn[0], before[0], w[0]),
         _between(turn[1], before[1], w[1]),
         _between(turn[2], before[2], w[2]),
     )
-    seen.turn_error = kernels.norm(kernels.minus(rate, turn))
-    _lowpass(seen.attitude, turn, rate, far, duration / _TURN_LOWPASS)
-    _remember(seen.attitude, duration)
-    move, far = _velocity_of(seen, p, duration), _STEP * per_second
-    speed = kernels.scaled(0.5, kernels.plus(kernels.vector(seen.v_WB_W), v))
-    _lowpass(seen.position, move, speed, far, duration / _LOWPASS)
-    _remember(seen.position, duration)
+    state.turn_error = kernels.norm(kernels.minus(rate, turn))
+    _lowpass(state.attitude, turn, rate, far, duration / _TURN_LOWPASS)
+    _remember(state.attitude, duration)
+    move, far = _velocity_of(state, p, duration), _STEP * per_second
+    speed = kernels.scaled(0.5, kernels.plus(kernels.vector(state.v_WB_W), v))
+    _lowpass(state.position, move, speed, far, duration / _LOWPASS)
+    _remember(state.position, duration)
 
 
 @compiled
@@ -552,14 +552,14 @@ def _between(value: float, before: float, after: float) -> float:
 
 
 @compiled
-def _velocity_of(seen: Evidence, p: kernels.Vector, duration: float) -> kernels.Vector:
+def _velocity_of(state: ConsistencyState, p: kernels.Vector, duration: float) -> kernels.Vector:
     """Return the mean velocity from the position before to this one."""
-    return kernels.scaled(1.0 / duration, kernels.minus(p, kernels.vector(seen.p_WB)))
+    return kernels.scaled(1.0 / duration, kernels.minus(p, kernels.vector(state.p_WB)))
 
 
 @compiled
 def _compare_with_command(
-    seen: Evidence,
+    state: ConsistencyState,
     nominal: ModelParameters,
     motion: tuple[kernels.Vector, kernels.Vector],
     R: kernels.Matrix,
@@ -567,21 +567,21 @@ def _compare_with_command(
 ) -> None:
     """Compare velocity and rates with the command that acted since the odometry before."""
     (v, w), times, far = motion, duration / _LOWPASS, _SPEED_STEP / duration
-    rates, late_rates = kernels.vector(seen.rates), kernels.vector(seen.late_rates)
-    _lowpass(seen.commanded, rates, w, _RATE_STEP, times)
-    _lowpass(seen.commanded_late, late_rates, w, _RATE_STEP, times)
-    gained = kernels.minus(v, kernels.vector(seen.v_WB_W))
+    rates, late_rates = kernels.vector(state.rates), kernels.vector(state.late_rates)
+    _lowpass(state.commanded, rates, w, _RATE_STEP, times)
+    _lowpass(state.commanded_late, late_rates, w, _RATE_STEP, times)
+    gained = kernels.minus(v, kernels.vector(state.v_WB_W))
     ax, ay, az = kernels.scaled(1.0 / duration, gained)
     force, up = (ax, ay, az + nominal.gravity), kernels.column(R, 2)
-    thrust = kernels.scaled(max(modelled_thrust(nominal, seen.throttle), 0.0), up)
-    late_thrust = kernels.scaled(max(modelled_thrust(nominal, seen.late_throttle), 0.0), up)
-    _lowpass(seen.force, thrust, force, far, times)
-    _lowpass(seen.force_late, late_thrust, force, far, times)
-    _lowpass(seen.drag, thrust, v, math.inf, times)
-    _lowpass(seen.drag_on_force, v, force, math.inf, times)
-    for turning in (seen.commanded, seen.commanded_late):
+    thrust = kernels.scaled(max(modelled_thrust(nominal, state.throttle), 0.0), up)
+    late_thrust = kernels.scaled(max(modelled_thrust(nominal, state.late_throttle), 0.0), up)
+    _lowpass(state.force, thrust, force, far, times)
+    _lowpass(state.force_late, late_thrust, force, far, times)
+    _lowpass(state.drag, thrust, v, math.inf, times)
+    _lowpass(state.drag_on_force, v, force, math.inf, times)
+    for turning in (state.commanded, state.commanded_late):
         _remember_changes(turning, duration)
-    for pushing in (seen.force, seen.force_late, seen.drag, seen.drag_on_force):
+    for pushing in (state.force, state.force_late, state.drag, state.drag_on_force):
         _remember_changes(pushing, duration)
 
 
@@ -638,23 +638,27 @@ def _forget(pair: Pair) -> None:
 
 
 @compiled
-def _begin_force(evidence: RecordArray[Evidence], model: RecordArray[ModelParameters]) -> None:
+def _begin_force(
+    memory: RecordArray[ConsistencyState], model: RecordArray[ModelParameters]
+) -> None:
     """Forget all evidence on the force: the vehicle is at rest."""
-    seen, gravity = evidence[()], model[()].gravity
-    for pair in (seen.force, seen.force_late, seen.drag, seen.drag_on_force):
+    state, gravity = memory[()], model[()].gravity
+    for pair in (state.force, state.force_late, state.drag, state.drag_on_force):
         _forget(pair)
-    for pair in (seen.force, seen.force_late):
+    for pair in (state.force, state.force_late):
         pair.x[2] = pair.y[2] = pair.mean_x[2] = pair.mean_y[2] = gravity
 
 
 @compiled
-def _contradicted(seen: Evidence, gravity: float, flies: bool) -> int:
+def _contradicted(state: ConsistencyState, gravity: float, flies: bool) -> int:
     """Return the relations that are contradicted.
 
     The ground may keep a vehicle from turning and from falling, but it reverses nothing.
     """
-    found, turn, move = 0, seen.attitude, seen.position
-    if seen.turn_error > _ABSURD or _is_contradicted(turn.yx, turn.xx, _trace(turn.yy), _ATTITUDE):
+    found, turn, move = 0, state.attitude, state.position
+    if state.turn_error > _ABSURD or _is_contradicted(
+        turn.yx, turn.xx, _trace(turn.yy), _ATTITUDE
+    ):
         found |= _OFF_ATTITUDE
     if _is_contradicted(turn.yx.T, turn.yy, _trace(turn.xx), _ATTITUDE_BACK):
         found |= _OFF_ATTITUDE | _OFF_RATES  # rates that nothing turns by
@@ -662,23 +666,23 @@ def _contradicted(seen: Evidence, gravity: float, flies: bool) -> int:
         move.yx.T, move.yy, _trace(move.xx), _POSITION_BACK
     ):
         found |= _OFF_POSITION
-    if _rates_are_contradicted(seen, _REVERSED):
+    if _rates_are_contradicted(state, _REVERSED):
         found |= _OFF_RATES | _OFF_REVERSED
-    elif flies and _rates_are_contradicted(seen, _RATES):
+    elif flies and _rates_are_contradicted(state, _RATES):
         found |= _OFF_RATES
     # Motors at their limits give more or less lift than asked for, hence the wide band below.
-    along, squares = _horizontal(seen.drag.yx), _trace(_horizontal(seen.drag.yy))
-    on_force, drag = _trace(_horizontal(seen.drag_on_force.yx)), 0.0
+    along, squares = _horizontal(state.drag.yx), _trace(_horizontal(state.drag.yy))
+    on_force, drag = _trace(_horizontal(state.drag_on_force.yx)), 0.0
     if squares > 0.0:
         # The drag that explains the difference best.
         drag = kernels.clamp((_trace(along) - on_force) / squares, 0.0, _MOST_DRAG)
-    measured = _trace(_horizontal(seen.force.yy)) + drag * (2.0 * on_force + drag * squares)
-    if _drives_apart(seen.force, drag * along, measured) and _drives_apart(
-        seen.force_late, drag * along, measured
+    measured = _trace(_horizontal(state.force.yy)) + drag * (2.0 * on_force + drag * squares)
+    if _drives_apart(state.force, drag * along, measured) and _drives_apart(
+        state.force_late, drag * along, measured
     ):
         found |= _OFF_FORCE
     # A fast climb takes as much lift as drag may be.
-    thrust, lift = seen.force.x[2], seen.force.y[2] + _MOST_DRAG * max(seen.v_WB_W[2], 0.0)
+    thrust, lift = state.force.x[2], state.force.y[2] + _MOST_DRAG * max(state.v_WB_W[2], 0.0)
     falls = lift < _LEAST_LIFT * thrust and lift < _FALLING * gravity
     if falls and thrust > _SOME_THRUST * gravity:
         found |= _OFF_LIFT
@@ -686,9 +690,9 @@ def _contradicted(seen: Evidence, gravity: float, flies: bool) -> int:
 
 
 @compiled
-def _rates_are_contradicted(seen: Evidence, limits: RelationLimits) -> bool:
+def _rates_are_contradicted(state: ConsistencyState, limits: RelationLimits) -> bool:
     """Whether rates do not follow their commands, neither as modelled nor later than that."""
-    modelled, late = seen.commanded, seen.commanded_late
+    modelled, late = state.commanded, state.commanded_late
     squares = _trace(modelled.yy)
     return _is_contradicted(modelled.yx, modelled.xx, squares, limits) and _is_contradicted(
         late.yx, late.xx, squares, limits
@@ -773,25 +777,29 @@ def _smaller(a: kernels.Vector, b: kernels.Vector) -> kernels.Vector:
 @compiled
 def _carry(
     track: Track,
-    seen: Evidence,
+    state: ConsistencyState,
     nominal: ModelParameters,
     R_reported: kernels.Matrix,
     duration: float,
 ) -> None:
     """Carry a track on by the commands: turn, thrust, gravity and drag."""
-    turn = kernels.scaled(duration, kernels.vector(seen.rates))
+    turn = kernels.scaled(duration, kernels.vector(state.rates))
     R = kernels.multiply(kernels.matrix(track.R_WB), kernels.exp(turn))
     kernels.store_matrix(R, track.R_WB)
-    _accelerate(track.v_WB_W, seen, nominal, kernels.column(R, 2), duration)
-    _accelerate(track.v_attitude_W, seen, nominal, kernels.column(R_reported, 2), duration)
+    _accelerate(track.v_WB_W, state, nominal, kernels.column(R, 2), duration)
+    _accelerate(track.v_attitude_W, state, nominal, kernels.column(R_reported, 2), duration)
 
 
 @compiled
 def _accelerate(
-    v: Array, seen: Evidence, nominal: ModelParameters, up: kernels.Vector, duration: float
+    v: Array,
+    state: ConsistencyState,
+    nominal: ModelParameters,
+    up: kernels.Vector,
+    duration: float,
 ) -> None:
     """Carry a velocity (3,) on with the thrust along a direction."""
-    thrust = max(modelled_thrust(nominal, seen.throttle), 0.0)
+    thrust = max(modelled_thrust(nominal, state.throttle), 0.0)
     for k in range(3):
         v[k] += duration * (thrust * up[k] - nominal.drag * v[k])
     v[2] -= duration * nominal.gravity

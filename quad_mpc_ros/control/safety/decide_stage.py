@@ -98,7 +98,7 @@ class DecideStage(Stage):
         plan = None if fault else planned.plan
         crashed = self._ground.state is GroundState.CRASHED
         decision, self._ladder = ladder.decide(
-            ladder.Inputs(
+            ladder.LadderInputs(
                 now_ns=due.now_ns,
                 odometry_ns=self._inputs.odometry_ns,
                 reference_ns=self._inputs.reference_seen_ns(due.now_ns),

@@ -37,7 +37,7 @@ _BLIND_DESCENT = 0.1  # fraction of the hover throttle given up by the end of th
 _DESCENT_SPEED = 2.0  # m/s, as a fall from 0.2 m, where the velocity is dead reckoned
 
 
-class Learned(NamedTuple):
+class DisturbanceEstimate(NamedTuple):
     """What the disturbance EKF has learned that a fallback can use as well.
 
     ``thrust_scale`` is the true thrust over the modelled, ``a_W`` (3,) [m/s^2] the acceleration of
@@ -81,7 +81,7 @@ class HoverFallback(Stage):
         x: State,
         *,
         p_hold: Array | None = None,
-        learned: Learned | None = None,
+        learned: DisturbanceEstimate | None = None,
         duration: float = 0.0,
     ) -> Input:
         """Return the command that brakes and holds the position where it was engaged.
@@ -91,7 +91,7 @@ class HoverFallback(Stage):
         """
         if self._p_hold is None:
             self._p_hold = (x.p_WB if p_hold is None else p_hold).copy()
-        error, (scale, a_W) = self._p_hold - x.p_WB, learned or Learned()
+        error, (scale, a_W) = self._p_hold - x.p_WB, learned or DisturbanceEstimate()
         wanted = _POSITION_GAIN * error - VELOCITY_GAIN * x.v_WB_W
         self._integrate(error, wanted, duration)
         wanted += self._integral
@@ -142,7 +142,7 @@ class BlindFallback(Stage):
         R_WB: Array,
         *,
         elapsed: float,
-        learned: Learned | None = None,
+        learned: DisturbanceEstimate | None = None,
         v_WB_W: Array | None = None,
     ) -> Input:
         """Return the command ``elapsed`` seconds after going blind.
@@ -153,7 +153,7 @@ class BlindFallback(Stage):
         if self._R_WB is not None:
             R_WB = self._R_WB
         share = min(elapsed / max(self._config.blind_time, 1e-9), 1.0)
-        scale, a_W = learned or Learned()
+        scale, a_W = learned or DisturbanceEstimate()
         force = np.array([0.0, 0.0, self._vehicle.gravity - a_W[2]])
         turn = levelling(R_WB, gain=_BLIND_TILT_GAIN)
         if v_WB_W is not None:

@@ -60,7 +60,7 @@ class Timeouts(NamedTuple):
     blind: int
 
 
-class Inputs(NamedTuple):
+class LadderInputs(NamedTuple):
     """What is known now.
 
     ``odometry_ns`` and ``reference_ns`` are when the last usable ones arrived. ``plan_fault`` is
@@ -103,7 +103,9 @@ def timeouts_of(config: MpcConfig) -> Timeouts:
     )
 
 
-def decide(inputs: Inputs, state: LadderState, timeouts: Timeouts) -> tuple[Decision, LadderState]:
+def decide(
+    inputs: LadderInputs, state: LadderState, timeouts: Timeouts
+) -> tuple[Decision, LadderState]:
     """Return who commands now, and the next state."""
     sighted = _is_within(inputs.odometry_ns, inputs.now_ns, timeouts.odometry)
     fault = _input_fault(inputs, timeouts) or inputs.plan_fault
@@ -128,7 +130,7 @@ def decide(inputs: Inputs, state: LadderState, timeouts: Timeouts) -> tuple[Deci
 
 
 def _rung(
-    inputs: Inputs,
+    inputs: LadderInputs,
     state: LadderState,
     timeouts: Timeouts,
     *,
@@ -154,7 +156,7 @@ def _rung(
     return Decision(Source.SILENT, fault)
 
 
-def _input_fault(inputs: Inputs, timeouts: Timeouts) -> str:
+def _input_fault(inputs: LadderInputs, timeouts: Timeouts) -> str:
     if inputs.odometry_ns is None:
         return "no odometry yet"
     longest_ns = timeouts.gap if inputs.foreseen else timeouts.odometry

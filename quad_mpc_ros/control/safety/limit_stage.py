@@ -20,8 +20,8 @@ from quad_mpc_ros.control.safety.consistency import ConsistencyMonitor
 from quad_mpc_ros.control.safety.decide_stage import Decided
 from quad_mpc_ros.control.safety.fallbacks import (
     BlindFallback,
+    DisturbanceEstimate,
     HoverFallback,
-    Learned,
     idle,
     levelling,
     stop_within,
@@ -47,7 +47,7 @@ class _HeldPlan(NamedTuple):
     planned_ns: int
 
 
-class _Sent(NamedTuple):
+class _SentCommand(NamedTuple):
     command: Input
     sent_ns: int
 
@@ -74,9 +74,9 @@ class LimitStage(Stage):
         self._hover = HoverFallback(config)
         self._blind = BlindFallback(config)
         self._plan: _HeldPlan | None = None
-        self._sent: _Sent | None = None
+        self._sent: _SentCommand | None = None
         # Vertical parts alone are read, which no reset of the estimate turns.
-        self._kept: deque[Learned] = deque(maxlen=_KEPT_ESTIMATES)
+        self._kept: deque[DisturbanceEstimate] = deque(maxlen=_KEPT_ESTIMATES)
         self._kept_ns: int | None = None
 
     @property
@@ -95,7 +95,7 @@ class LimitStage(Stage):
 
     def replace(self, u: Input, *, now_ns: int) -> None:
         """Take a command that is in force in place of the last one."""
-        self._sent = _Sent(u, now_ns)
+        self._sent = _SentCommand(u, now_ns)
 
     def step(
         self,
@@ -103,7 +103,7 @@ class LimitStage(Stage):
         decided: Decided,
         *,
         corridor: Corridor | None,
-        learned: Callable[[], Learned],
+        learned: Callable[[], DisturbanceEstimate],
     ) -> Input | None:
         """Return the command within every limit, which is then in force; None for nothing.
 
@@ -124,7 +124,7 @@ class LimitStage(Stage):
         if self._ground.state is GroundState.UNKNOWN and source is not Source.MPC:
             allowed = AllowedCommand.ALL  # it may be in the air, and may not be seen to fall
         u = self._limited(self._allowed(wanted, allowed, source), due.now_ns)
-        self._sent = _Sent(u, due.now_ns)
+        self._sent = _SentCommand(u, due.now_ns)
         self._log.command(by_fallback=source is not Source.MPC)
         return u
 
@@ -145,7 +145,7 @@ class LimitStage(Stage):
         due: Due,
         decided: Decided,
         corridor: Corridor | None,
-        learned: Callable[[], Learned],
+        learned: Callable[[], DisturbanceEstimate],
     ) -> Input | None:
         """Return the command of who commands, before any limit."""
         source, newest = decided.decision.source, self._inputs.odometry
@@ -184,10 +184,10 @@ class LimitStage(Stage):
             np.eye(3) if at.R_WB is None else at.R_WB,
             v_WB_W=at.v_WB_W,
             elapsed=elapsed,
-            learned=self._kept[0] if self._kept else Learned(),
+            learned=self._kept[0] if self._kept else DisturbanceEstimate(),
         )
 
-    def _keep(self, learned: Callable[[], Learned], now_ns: int) -> None:
+    def _keep(self, learned: Callable[[], DisturbanceEstimate], now_ns: int) -> None:
         """Keep the estimate for a descent, once a second."""
         if self._kept_ns is None or not -_KEPT_EVERY_NS < now_ns - self._kept_ns < _KEPT_EVERY_NS:
             self._kept_ns = now_ns

@@ -24,7 +24,7 @@ from quad_mpc_ros.configuration.errors import shown
 from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.obstacles.surfaces import area
-from quad_mpc_ros.simulation.scene import Scene, Volume
+from quad_mpc_ros.simulation.scene import ObstacleScene, Volume
 from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
 
 _OWN = {"box": ("size",), "cylinder": ("radius", "height"), "sphere": ("radius",)}
@@ -33,7 +33,7 @@ _LARGEST_AREA = 20_000.0  # m^2: two million points
 _SECTIONS = ("obstacles", "volume")
 
 
-def read_scene(path: Path | str) -> Scene:
+def read_scene(path: Path | str) -> ObstacleScene:
     """Return what a file states.
 
     Raises :class:`UserError` that names the file, the entry, what was given and what is expected.
@@ -42,12 +42,12 @@ def read_scene(path: Path | str) -> Scene:
     return scene_of(content, str(path))
 
 
-def scene_of_file(file: str) -> Scene:
+def scene_of_file(file: str) -> ObstacleScene:
     """Return what a file states that a parameter names; nothing where it names none."""
-    return read_scene(files.expanded(file)) if file else Scene()
+    return read_scene(files.expanded(file)) if file else ObstacleScene()
 
 
-def scene_of(content: object, where: str) -> Scene:
+def scene_of(content: object, where: str) -> ObstacleScene:
     """Return what the content of a file states; ``where`` begins its errors."""
     if not isinstance(content, Mapping):
         raise UserError(f"{where}: given {shown(content)}, expected 'obstacles:' with a list")
@@ -65,7 +65,7 @@ def scene_of(content: object, where: str) -> Scene:
             f"{_LARGEST_AREA:.0f} m^2 at most; leave out the ground and what is far away"
         )
     given = content.get("volume")
-    return Scene(shapes, None if given is None else _volume(given, f"{where}: volume"))
+    return ObstacleScene(shapes, None if given is None else _volume(given, f"{where}: volume"))
 
 
 def _shape(entry: object, where: str) -> Shape:

@@ -9,7 +9,7 @@ from quad_mpc_ros.configuration.records import Record, RecordArray
 from quad_mpc_ros.control.lie import Array
 
 
-class Section(Record):
+class FilterSection(Record):
     """Coefficients b and a (a_0 = 1) of a filter of second order."""
 
     b0: float
@@ -19,12 +19,12 @@ class Section(Record):
     a2: float
 
 
-def butterworth(cutoff: float, rate: float) -> RecordArray[Section]:
+def butterworth(cutoff: float, rate: float) -> RecordArray[FilterSection]:
     """Return a low-pass of second order, ``cutoff`` and ``rate`` in Hz; 0 lets everything pass.
 
     The bilinear transform of 1 / (s^2 + sqrt(2) s + 1), bent so that the cut-off stays.
     """
-    section = Section.zeros()
+    section = FilterSection.zeros()
     own = section[()]
     if cutoff == 0.0:
         own.b0 = 1.0
@@ -44,7 +44,7 @@ def smoothing(cutoff: float, rate: float) -> float:
 
 
 @compiled
-def filtered(value: float, section: Section, held: Array) -> float:
+def filtered(value: float, section: FilterSection, held: Array) -> float:
     """Return what a filter of second order makes of the next value; ``held`` (2,) is its state."""
     out = section.b0 * value + held[0]
     held[0] = section.b1 * value - section.a1 * out + held[1]
@@ -53,7 +53,7 @@ def filtered(value: float, section: Section, held: Array) -> float:
 
 
 @compiled
-def settle(value: float, section: Section, held: Array) -> None:
+def settle(value: float, section: FilterSection, held: Array) -> None:
     """Set the state (2,) of a filter as if a value had always been there."""
     held[1] = (section.b2 - section.a2) * value
     held[0] = (section.b1 - section.a1) * value + held[1]

@@ -30,7 +30,7 @@ from quad_mpc_ros.simulation.rotors.state import (
 _BODY = BodyState.dtype
 
 
-class Inputs(records.Inputs):
+class RotorInputs(records.PlantInputs):
     """What acts on the vehicle, held over a time."""
 
     push_W: Vector3  # force at the centre of mass [N]
@@ -42,7 +42,7 @@ def advance(
     speeds: Array,
     memory: RecordArray[rate_loop.Memory],
     wanted: Array,
-    inputs: RecordArray[Inputs],
+    inputs: RecordArray[RotorInputs],
     craft: RecordArray[Craft],
     rotors: RecordArray[Rotor],
     loop: RecordArray[rate_loop.Loop],
@@ -85,7 +85,7 @@ def coast(
     body: RecordArray[BodyState],
     speeds: Array,
     wanted: Array,
-    inputs: RecordArray[Inputs],
+    inputs: RecordArray[RotorInputs],
     craft: RecordArray[Craft],
     rotors: RecordArray[Rotor],
     duration_ns: int,

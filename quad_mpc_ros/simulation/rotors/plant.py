@@ -43,7 +43,7 @@ class RotorsPlant(DelayedPlant):
         begin_ns = round(1e9 * config.push.begin)
         lasting_ns = round(1e9 * config.push.duration) or NEVER_NS - begin_ns
         self._push_ns = begin_ns, begin_ns + lasting_ns
-        self._inputs = motion.Inputs.zeros()
+        self._inputs = motion.RotorInputs.zeros()
         self._inputs["throttle"] = config.initial_throttle
         self._inputs["w_WB_B"] = config.initial_body_rates
         self._wanted, self._speeds = np.zeros((2, config.motor_count))

@@ -37,7 +37,7 @@ class Loop(Record):
     integral_max: Vector3
     torque_max: Vector3
     inertia: Vector3  # diagonal [kg m^2]
-    gyro: filters.Section
+    gyro: filters.FilterSection
     smoothing: float
     airmode: int
     thrust_curve: Vector3  # of all rotors together [N]

@@ -11,7 +11,7 @@ from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import (
     TRANSITIONS,
     AllowedCommand,
-    Evidence,
+    GroundEvidence,
     GroundState,
     Learning,
     idles,
@@ -260,8 +260,8 @@ def test_table_is_complete_and_unambiguous() -> None:
         evidence = {row.evidence} if row.present else set()
         assert next_state(row.state, evidence) is row.then
     onto = {row.evidence for row in TRANSITIONS if row.then is GroundState.ON_GROUND}
-    assert onto == {Evidence.RESTS, Evidence.CLIMBS}
-    back = [row for row in TRANSITIONS if row[1:] == (Evidence.CLIMBS, False, row.then)]
+    assert onto == {GroundEvidence.RESTS, GroundEvidence.CLIMBS}
+    back = [row for row in TRANSITIONS if row[1:] == (GroundEvidence.CLIMBS, False, row.then)]
     assert [row.state for row in back] == [GroundState.LIFTING_OFF]
 
 

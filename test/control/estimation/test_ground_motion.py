@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from quad_mpc_ros.control.estimation.ground_motion import FilteredMotion
+from quad_mpc_ros.control.estimation.ground_motion import MotionFilter
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 
@@ -16,7 +16,7 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 def test_speeds_are_those_of_the_world(seed: int) -> None:
     rng = np.random.default_rng(seed)
     R_WB, v_WB_W = so3.exp(rng.normal(size=3)), rng.normal(size=3)
-    motion = FilteredMotion(9.81)
+    motion = MotionFilter(9.81)
     odometry = OdometrySample(
         stamp_ns=0,
         p_WB=np.zeros(3),
@@ -30,7 +30,7 @@ def test_speeds_are_those_of_the_world(seed: int) -> None:
 
 
 def test_steps_are_followed_with_a_tenth_of_a_second() -> None:
-    motion = FilteredMotion(9.81)
+    motion = MotionFilter(9.81)
     still = OdometrySample.at_rest([0.0, 0.0, 0.0])
     motion.follow(still, thrust=0.0, duration=0.0, flies=False)
     moved = OdometrySample.at_rest([3.0, 0.0, 4.0])
@@ -47,7 +47,7 @@ def test_steps_are_followed_with_a_tenth_of_a_second() -> None:
 
 def carried_after(falls: float) -> float | None:
     """Return when it seems carried [s] that falls by a share of what 0.7 of its thrust leave."""
-    motion, climb = FilteredMotion(9.81), 0.0
+    motion, climb = MotionFilter(9.81), 0.0
     for k in range(550):
         reduced = k >= 500
         climb -= falls * 0.3 * 9.81 * 0.02 * reduced

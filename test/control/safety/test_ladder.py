@@ -76,7 +76,7 @@ class Flight:
         if breach is not None:
             broken = self._ladder.Breach(self._ladder.Action[breach[0]], breach[1])
         decision, self._state = self._ladder.decide(
-            self._ladder.Inputs(
+            self._ladder.LadderInputs(
                 now_ns=stamp(None),
                 odometry_ns=None if "odometry" in never else stamp(odometry),
                 reference_ns=None if "reference" in never else stamp(reference),

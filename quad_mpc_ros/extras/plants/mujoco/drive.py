@@ -15,7 +15,7 @@ from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.simulation.rotors import rate_loop
 from quad_mpc_ros.simulation.rotors.craft import Craft, Rotor
 from quad_mpc_ros.simulation.rotors.mixer import Share
-from quad_mpc_ros.simulation.rotors.motion import Inputs, runge_kutta
+from quad_mpc_ros.simulation.rotors.motion import RotorInputs, runge_kutta
 from quad_mpc_ros.simulation.rotors.state import BodyState
 
 _BODY = BodyState.dtype
@@ -33,7 +33,7 @@ class Drive(Record):
 def command(
     memory: RecordArray[rate_loop.Memory],
     body: RecordArray[BodyState],
-    inputs: RecordArray[Inputs],
+    inputs: RecordArray[RotorInputs],
     stands: bool,
     loop: RecordArray[rate_loop.Loop],
     mix: RecordArray[Share],
@@ -57,7 +57,7 @@ def drive(
     body: RecordArray[BodyState],
     speeds: Array,
     wanted: Array,
-    inputs: RecordArray[Inputs],
+    inputs: RecordArray[RotorInputs],
     craft: RecordArray[Craft],
     rotors: RecordArray[Rotor],
     ground: float,
