@@ -140,9 +140,9 @@ class _Motion:
             z, z_rate = (np.einsum("nji,nj->ni", chart, vector) for vector in (z, z_rate))
         turn = so3.exp(_along_z(self.yaw, z))
         if not is_even:
-            uneven = self._uneven(drag, drag_rate)
-            z, thrust = uneven.axis(z, turn)
-            z_rate = uneven.axis_rate(z, turn, self.yaw_rate)
+            anisotropic = self._anisotropic(drag, drag_rate)
+            z, thrust = anisotropic.axis(z, turn)
+            z_rate = anisotropic.axis_rate(z, turn, self.yaw_rate)
         tilt, tilt_rate = _shortest_tilt(z, z_rate)
         R_WB = np.asarray(tilt @ turn if chart is None else chart @ tilt @ turn)
         more = (drag[:, 2:] - mean)[:, 0]
@@ -169,17 +169,17 @@ class _Motion:
         dragged = drag[:, 2] * u_rate[:, 2] + drag_rate[:, 2] * u[:, 2]
         return np.asarray(j[:, 2] + turned + dragged)
 
-    def _uneven(self, drag: Array, drag_rate: Array) -> _UnevenDrag:
+    def _anisotropic(self, drag: Array, drag_rate: Array) -> _AnisotropicDrag:
         up = _along_z(self.gravity, self.v)
         parts: tuple[Array, ...] = (self.v, self.a + up, self.a, self.j)
         if self.chart is not None:
             parts = tuple(np.einsum("nji,nj->ni", self.chart, vector) for vector in parts)
         v, force, a, j = parts
-        return _UnevenDrag(v=v, force=force, a=a, j=j, drag=drag, drag_rate=drag_rate)
+        return _AnisotropicDrag(v=v, force=force, a=a, j=j, drag=drag, drag_rate=drag_rate)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _UnevenDrag:
+class _AnisotropicDrag:
     """Motions (n, 3) in a chart: velocity, acceleration with and without gravity, and jerk.
 
     ``drag`` [1/s] and its rate [1/s^2], (1, 3) or (n, 3), are those along the body axes.

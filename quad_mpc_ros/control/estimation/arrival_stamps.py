@@ -115,9 +115,9 @@ class ArrivalStamps(Stage):
             self._regular = 0
             self._begin()
             return odometry
-        even = -_REGULAR < interval - before.interval < _REGULAR
-        self._regular = self._regular + 1 if even else 0
-        if self._regular >= _ENOUGH_REGULAR:  # compared no further, until one is uneven
+        regular = -_REGULAR < interval - before.interval < _REGULAR
+        self._regular = self._regular + 1 if regular else 0
+        if self._regular >= _ENOUGH_REGULAR:  # compared no further, until one differs
             if self._regular == _ENOUGH_REGULAR:
                 self._begin()
             return odometry

@@ -82,7 +82,7 @@ class VehicleEkf:
         self._filter, self._initial_throttle = state, throttle
         state.nominal = state.estimated = nominal
         state.enabled = int(enabled)
-        state.drag_shape[:] = nominal.uneven_drag / (nominal.drag or 1.0)
+        state.drag_shape[:] = nominal.anisotropic_drag / (nominal.drag or 1.0)
         bounds = state.bounds
         bounds.throttle_min, bounds.throttle_max = -math.inf, math.inf
         bounds.disturbance_max = math.inf

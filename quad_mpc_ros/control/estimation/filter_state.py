@@ -91,9 +91,9 @@ def write_estimated(state: Filter, parameters: ModelParameters) -> None:
     for k in range(3):
         parameters.rotor_drag[k] = nominal.rotor_drag[k]
         parameters.a_W[k] = x[MOTION.disturbance + k]
-        uneven = learned * shape[k]
-        parameters.learned_drag[k] = learned + uneven
-        parameters.uneven_drag[k] = nominal.uneven_drag[k] + uneven
+        anisotropic = learned * shape[k]
+        parameters.learned_drag[k] = learned + anisotropic
+        parameters.anisotropic_drag[k] = nominal.anisotropic_drag[k] + anisotropic
         lag = YAW if k == 2 else ROLL_PITCH
         parameters.rate_time_constants[k] = shares[k] * turning[lag]
     for k in range(2):

@@ -99,7 +99,7 @@ class Discretisation(NamedTuple):
 
     After it an actuator keeps ``decay`` of its distance to the command, ``share`` on the average
     over it; the velocity keeps ``velocity_decay`` and gains ``phi1`` times the acceleration, the
-    position ``phi1`` times the velocity and ``phi2`` times the acceleration. ``uneven`` says
+    position ``phi1`` times the velocity and ``phi2`` times the acceleration. ``anisotropic`` says
     whether the air does anything beyond that.
     """
 
@@ -109,7 +109,7 @@ class Discretisation(NamedTuple):
     velocity_decay: float
     phi1: float
     phi2: float
-    uneven: bool
+    anisotropic: bool
 
 
 @compiled
@@ -130,43 +130,43 @@ def discretised(model: ModelParameters, dt: float) -> Discretisation:
         math.exp(-x),
         phi1,
         phi2,
-        is_uneven(model),
+        is_anisotropic(model),
     )
 
 
 @compiled
-def is_uneven(model: ModelParameters) -> bool:
+def is_anisotropic(model: ModelParameters) -> bool:
     """Whether the air does anything but the drag that is alike along all axes."""
-    alike = kernels.is_zero(model.uneven_drag) and kernels.is_zero(model.rotor_drag)
+    alike = kernels.is_zero(model.anisotropic_drag) and kernels.is_zero(model.rotor_drag)
     return bool(not alike or model.translational_lift != 0.0)
 
 
 @compiled
-def rotor_speed(model: ModelParameters, push: float) -> float:
+def rotor_speed(model: ModelParameters, specific_thrust: float) -> float:
     """Return the speed of the rotors over that of hover, by the thrust over mass [m/s^2]."""
-    return math.sqrt(max(push, 0.0) / model.gravity)
+    return math.sqrt(max(specific_thrust, 0.0) / model.gravity)
 
 
 @compiled
-def uneven_air(model: ModelParameters, u: kernels.Vector, speed: float) -> kernels.Vector:
+def anisotropic_air(model: ModelParameters, u: kernels.Vector, speed: float) -> kernels.Vector:
     """Return what the air does at a velocity ``u``, both in the body, beyond the mean drag.
 
     ``speed`` is that of the rotors over hover's.
     """
-    even, rotors = model.uneven_drag, model.rotor_drag
-    d = even[0] + speed * rotors[0], even[1] + speed * rotors[1], even[2] + speed * rotors[2]
+    drag, rotors = model.anisotropic_drag, model.rotor_drag
+    d = drag[0] + speed * rotors[0], drag[1] + speed * rotors[1], drag[2] + speed * rotors[2]
     lift = model.translational_lift * (u[0] * u[0] + u[1] * u[1])
     return -d[0] * u[0], -d[1] * u[1], lift - d[2] * u[2]
 
 
 class Midpoint(NamedTuple):
     """A substep half way: mean of the actuators, the thrust's acceleration, half of the turn as a
-    vector and as a rotation, attitude; velocity in the body, where the air is uneven. The
+    vector and as a rotation, attitude; velocity in the body, where the air is anisotropic. The
     Jacobians are made of it.
     """
 
     mean: Actuators
-    push: float
+    specific_thrust: float
     half_turn: kernels.Vector
     half: kernels.Matrix
     R: kernels.Matrix
@@ -183,15 +183,19 @@ def substep(
     half_turn = kernels.scaled(0.5 * step.dt, (roll_rate, pitch_rate, yaw_rate))
     half = kernels.exp(half_turn)
     R_mid = kernels.multiply(x.R, half)
-    push = model.thrust_scale * ((model.a * throttle + model.b) * throttle + model.c)
-    force = kernels.plus(kernels.scaled(push, kernels.column(R_mid, 2)), kernels.vector(model.a_W))
+    thrust = model.thrust_scale * ((model.a * throttle + model.b) * throttle + model.c)
+    force = kernels.plus(
+        kernels.scaled(thrust, kernels.column(R_mid, 2)), kernels.vector(model.a_W)
+    )
     a, v_B = (force[0], force[1], force[2] - model.gravity), (0.0, 0.0, 0.0)
-    if step.uneven:
+    if step.anisotropic:
         slowed = kernels.plus(a, kernels.scaled(-model.drag, x.v))
         v_B = kernels.apply_transposed(
             R_mid, kernels.plus(x.v, kernels.scaled(0.5 * step.dt, slowed))
         )
-        a = kernels.plus(a, kernels.apply(R_mid, uneven_air(model, v_B, rotor_speed(model, push))))
+        a = kernels.plus(
+            a, kernels.apply(R_mid, anisotropic_air(model, v_B, rotor_speed(model, thrust)))
+        )
     after = Body(
         kernels.plus(
             x.p, kernels.plus(kernels.scaled(step.phi1, x.v), kernels.scaled(step.phi2, a))
@@ -200,7 +204,7 @@ def substep(
         kernels.multiply(R_mid, half),
         followed(step.decay, x.actuators, command),
     )
-    return after, Midpoint(mean, push, half_turn, half, R_mid, v_B)
+    return after, Midpoint(mean, thrust, half_turn, half, R_mid, v_B)
 
 
 @compiled

@@ -30,7 +30,7 @@ from quad_mpc_ros.control.model.reference_window import (
     SampleRecord,
     sample_into,
 )
-from quad_mpc_ros.control.model.rollout import SUBSTEPS, is_uneven, uneven_air
+from quad_mpc_ros.control.model.rollout import SUBSTEPS, anisotropic_air, is_anisotropic
 from quad_mpc_ros.control.model.state import INPUT_SIZE, U_RATE, U_THROTTLE, Input
 from quad_mpc_ros.control.model.vehicle import Vehicle
 
@@ -203,7 +203,7 @@ def _hold(
     d_W = kernels.vector(model.a_W)
     x, y, z = kernels.plus(a_WB_W, kernels.scaled(model.drag, v_WB_W))
     force = x, y, z + model.gravity
-    if is_uneven(model):
+    if is_anisotropic(model):
         force = kernels.plus(force, kernels.scaled(-1.0, _air(model, R_WB, v_WB_W, force)))
     against = kernels.plus(force, kernels.scaled(-1.0, d_W))
     learned, tilt = kernels.vector(model.learned_drag), (0.0, 0.0, 0.0)
@@ -221,18 +221,18 @@ def _hold(
 def _air(
     model: ModelParameters, R_WB: kernels.Matrix, v_WB_W: kernels.Vector, force: kernels.Vector
 ) -> kernels.Vector:
-    """Return what uneven air does, in the world, where the thrust has to make up for it.
+    """Return what anisotropic air does, in the world, where the thrust has to make up for it.
 
     ``force`` is what the thrust has to make without it; how fast the rotors turn depends on both.
     """
     u, speed = kernels.apply_transposed(R_WB, v_WB_W), 0.0
     if not kernels.is_zero(model.rotor_drag):
         along = kernels.dot(kernels.column(R_WB, 2), force)
-        still = along - uneven_air(model, u, 0.0)[2]
+        still = along - anisotropic_air(model, u, 0.0)[2]
         if still > 0.0:
             root = math.sqrt(model.gravity)
             speed = root_of_thrust(still, 0.5 * model.rotor_drag[2] * u[2] / root) / root
-    return kernels.apply(R_WB, uneven_air(model, u, speed))
+    return kernels.apply(R_WB, anisotropic_air(model, u, speed))
 
 
 @compiled

@@ -33,7 +33,7 @@ _BODY = BodyState.dtype
 class RotorInputs(records.PlantInputs):
     """What acts on the vehicle, held over a time."""
 
-    push_W: Vector3  # force at the centre of mass [N]
+    external_force_W: Vector3  # force at the centre of mass [N]
 
 
 @compiled
@@ -94,7 +94,7 @@ def coast(
 
     Nothing sinks into the ground.
     """
-    outside = kernels.vector(inputs[()].wind_W), kernels.vector(inputs[()].push_W)
+    outside = kernels.vector(inputs[()].wind_W), kernels.vector(inputs[()].external_force_W)
     x, center_B = body[()], kernels.vector(craft[()].center_B)
     steps = -(-duration_ns // craft[()].longest_step_ns)
     duration = duration_ns * 1e-9 / steps

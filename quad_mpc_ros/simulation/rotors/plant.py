@@ -99,7 +99,7 @@ class RotorsPlant(DelayedPlant):
         edges = [edge for edge in self._push_ns if self.time_ns < edge < end_ns]
         for from_ns, to_ns in pairwise([self.time_ns, *edges, end_ns]):
             pushed = self._push_ns[0] <= from_ns < self._push_ns[1]
-            self._inputs["push_W"] = self._config.push.force if pushed else 0.0
+            self._inputs["external_force_W"] = self._config.push.force if pushed else 0.0
             self._move(duration_ns=to_ns - from_ns)
 
     def _move(self, *, duration_ns: int) -> None:

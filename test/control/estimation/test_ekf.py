@@ -216,7 +216,7 @@ def test_drag_keeps_its_proportions() -> None:
     ekf = Ekf(parameters(vehicle=modelled), throttle=0.29)
     # The same air along all axes is as much as this on average, as far as its motion shows.
     learned = flown(ekf, drag=0.6).parameters()
-    along = np.add(learned.drag, learned.uneven_drag)
+    along = np.add(learned.drag, learned.anisotropic_drag)
     np.testing.assert_allclose(along / learned.drag, [1.0 / 3.0, 1.0, 5.0 / 3.0])
     np.testing.assert_allclose(along - learned.learned_drag, modelled.drag)
 

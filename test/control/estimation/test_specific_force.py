@@ -36,7 +36,7 @@ FLYING = Conditions(acts=True, flies=True, may_touch=False)
 
 
 def mean_shape() -> Array:
-    return np.asarray(NOMINAL.uneven_drag / NOMINAL.drag)
+    return np.asarray(NOMINAL.anisotropic_drag / NOMINAL.drag)
 
 
 def state_at(**values: float | Array) -> Array:
@@ -58,7 +58,7 @@ def parameters_at(x: Array) -> ModelParameters:
         thrust_scale=x[MOTION.scale],
         thrust_time_constant=x[MOTION.lag],
         drag=x[MOTION.drag],
-        uneven_drag=NOMINAL.uneven_drag + learned * mean_shape(),
+        anisotropic_drag=NOMINAL.anisotropic_drag + learned * mean_shape(),
         a_W=x[MOTION.disturbance : MOTION.scale],
     )
 

@@ -74,7 +74,7 @@ def drive(
     x, numbers, acts = body[()], craft[()], out[()]
     v, w = kernels.vector(x.v_WC_W), kernels.vector(x.w_WB_B)
     x.p_WC[_UP] -= ground
-    outside = kernels.vector(inputs[()].wind_W), kernels.vector(inputs[()].push_W)
+    outside = kernels.vector(inputs[()].wind_W), kernels.vector(inputs[()].external_force_W)
     runge_kutta(body, speeds, wanted, outside, craft=craft, rotors=rotors, duration=duration)
     a = _mean_rate(v, kernels.vector(x.v_WC_W), duration)
     alpha = _mean_rate(w, kernels.vector(x.w_WB_B), duration)
