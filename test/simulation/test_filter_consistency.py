@@ -65,7 +65,10 @@ def flown(plant: str, trajectory: str, seed: int, patch: pytest.MonkeyPatch) -> 
     for step, state in zip(steps, followed[-len(steps) :], strict=True):
         R_WB = so3.rotation_from_quaternion_xyzw(step.truth.q_WB_xyzw)
         truth = np.array([*step.truth.p_WB, *(R_WB @ step.truth.v_WB_B)])
-        error, P = state.motion.x[KINEMATIC] - truth, state.motion.P[KINEMATIC, KINEMATIC]
+        error, P = (
+            state.translation.x[KINEMATIC] - truth,
+            state.translation.P[KINEMATIC, KINEMATIC],
+        )
         found.append(
             Seen(
                 float(state.position_nis),

@@ -7,8 +7,8 @@ import math
 from quad_mpc_ros.control.estimation import error_state, measurement_noise
 from quad_mpc_ros.control.estimation.error_state import (
     MOTION,
+    RATES,
     ROLL_PITCH,
-    TURNING,
     YAW,
     variances_at,
 )
@@ -23,7 +23,8 @@ _USUAL_LATENCY, _CLOSEST = 0.13, 4.0
 
 def assume(state: Filter, closer: float) -> None:
     """Write what is assumed of each state, by the configured parameters."""
-    nominal, motion, turning = state.nominal, state.walks.motion, state.walks.turning
+    nominal = state.nominal
+    translation, rates = state.process_noise.translation, state.process_noise.rates
     roll, pitch, yaw = nominal.rate_time_constants.tolist()
     shared = 0.5 * (roll + pitch)
     # An offset that is found soon makes a loop as quick: only where short lags are configured.
@@ -37,19 +38,19 @@ def assume(state: Filter, closer: float) -> None:
         (MOTION.lag, error_state.THRUST_LAG, nominal.thrust_time_constant),
         (MOTION.drag, error_state.DRAG, 1.0),
     ):
-        motion.P[i, i], motion.x[i] = variances_at(assumed, scale)
+        translation.P[i, i], translation.x[i] = variances_at(assumed, scale)
     initial = measurement_noise.drift_variance_in(state.drift, 0.0)
     for k in range(3):
-        motion.P[MOTION.bias + k, MOTION.bias + k] = initial
+        translation.P[MOTION.bias + k, MOTION.bias + k] = initial
     for i, assumed, scale in (
         (ROLL_PITCH, of_lag, shared),
         (YAW, error_state.YAW_LAG, yaw),
-        *((TURNING.offset + k, error_state.OFFSET, share) for k in range(2)),
-        *((TURNING.offset_by_thrust + k, error_state.OFFSET_BY_THRUST, share) for k in range(2)),
-        (TURNING.lateness, error_state.LATENESS, share),
+        *((RATES.offset + k, error_state.OFFSET, share) for k in range(2)),
+        *((RATES.offset_by_thrust + k, error_state.OFFSET_BY_THRUST, share) for k in range(2)),
+        (RATES.lateness, error_state.LATENESS, share),
     ):
-        turning.P[i, i], turning.x[i] = variances_at(assumed, scale)
-    turning.x[TURNING.rate : TURNING.lag] = _RATE_WALK**2
+        rates.P[i, i], rates.x[i] = variances_at(assumed, scale)
+    rates.x[RATES.rate : RATES.lag] = _RATE_WALK**2
     # Shorter lags are trusted more: a lag that is learned although it is none, of odometry that
     # is late, is answered by commands that lead more, and oscillates.
     lags, shortest = state.rate_lags, error_state.SHORTEST_RATE_LAG
@@ -61,9 +62,9 @@ def assume(state: Filter, closer: float) -> None:
 
 def assume_accelerometer(state: Filter) -> None:
     """Write what is assumed of an accelerometer; without one it is known to have no bias."""
-    motion = state.walks.motion
+    translation = state.process_noise.translation
     for i in range(MOTION.accelerometer, MOTION.size):
-        motion.P[i, i], motion.x[i] = variances_at(error_state.ACCELEROMETER)
+        translation.P[i, i], translation.x[i] = variances_at(error_state.ACCELEROMETER)
 
 
 def closeness(nominal: ModelParameters, delay: float) -> float:

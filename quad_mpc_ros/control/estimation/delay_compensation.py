@@ -29,8 +29,8 @@ from quad_mpc_ros.control.estimation.estimate_health import EstimateHealth
 from quad_mpc_ros.control.estimation.filter_state import Filter, is_at_bounds, write_estimated
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import Learning
+from quad_mpc_ros.control.estimation.rate_update import add_offsets
 from quad_mpc_ros.control.estimation.specific_force import SpecificForces
-from quad_mpc_ros.control.estimation.turning_update import add_offsets
 from quad_mpc_ros.control.estimation.update_mode import (
     LONGEST_GAP_NS,
     MODE_TEXTS,
@@ -389,7 +389,7 @@ def _ahead(
     ``sent`` (4,) is what was commanded last, ``since_sent`` [s] ago.
     """
     followed, predicted = buffer[()], prediction[()]
-    known, x = followed.filter, followed.filter.motion.x
+    known, x = followed.filter, followed.filter.translation.x
     predicted.state = followed.measured
     predicted.state.throttle = x[MOTION.throttle]
     if known.enabled:

@@ -33,19 +33,19 @@ from quad_mpc_ros.control.estimation import measurement_noise
 from quad_mpc_ros.control.estimation.assumptions import assume, assume_accelerometer, closeness
 from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.error_state import (
-    LEARNED_OF_MOTION,
+    LEARNED_STATES,
     MOTION,
     ROLL_PITCH,
     SCALE_BOUNDS,
     YAW,
 )
 from quad_mpc_ros.control.estimation.filter_state import Filter, write_estimated
-from quad_mpc_ros.control.estimation.motion_update import restart, update_motion
-from quad_mpc_ros.control.estimation.turning_update import (
-    begin_turning,
+from quad_mpc_ros.control.estimation.rate_update import (
+    begin_rates,
     take_rates,
-    update_turning,
+    update_rates,
 )
+from quad_mpc_ros.control.estimation.translation_update import restart, update_translation
 from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode, update_mode
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
@@ -57,8 +57,8 @@ from quad_mpc_ros.control.model.state import U_THROTTLE
 class EkfMemory(NamedTuple):
     """What is estimated at a moment."""
 
-    motion: Any
-    turning: Any
+    translation: Any
+    rates: Any
 
 
 class VehicleEkf:
@@ -90,7 +90,7 @@ class VehicleEkf:
         measurement_noise.start(state.velocity_noise, measurement_noise.USUAL / closer)
         measurement_noise.start(state.position_noise, measurement_noise.LEAST_OF_POSITION)
         measurement_noise.start_drift(state.drift)
-        state.motion.x[MOTION.scale] = 1.0
+        state.translation.x[MOTION.scale] = 1.0
         assume(state, closer)
         if uses_accelerometer:
             assume_accelerometer(state)
@@ -104,18 +104,18 @@ class VehicleEkf:
         disturbance did together, for it may have been flying by them.
         """
         state = self._filter
-        nominal, x = state.nominal, state.motion.x
+        nominal, x = state.nominal, state.translation.x
         lifted = nominal.gravity - x[MOTION.disturbance + 2]
         scale = x[MOTION.scale] * nominal.gravity / lifted
         x[MOTION.disturbance : MOTION.scale] = 0.0
         x[MOTION.scale] = min(max(scale, SCALE_BOUNDS[0]), SCALE_BOUNDS[1])
         x[MOTION.accelerometer :] = 0.0
         x[MOTION.lag], x[MOTION.drag] = nominal.thrust_time_constant, nominal.drag
-        state.motion.P[:] = state.walks.motion.P
-        state.turning.x[:] = 0.0
-        state.turning.x[ROLL_PITCH] = 0.5 * sum(nominal.rate_time_constants.tolist()[:2])
-        state.turning.x[YAW] = nominal.rate_time_constants[2]
-        state.turning.P[:] = state.walks.turning.P
+        state.translation.P[:] = state.process_noise.translation.P
+        state.rates.x[:] = 0.0
+        state.rates.x[ROLL_PITCH] = 0.5 * sum(nominal.rate_time_constants.tolist()[:2])
+        state.rates.x[YAW] = nominal.rate_time_constants[2]
+        state.rates.P[:] = state.process_noise.rates.P
         restart(state, x[: MOTION.velocity].copy(), x[MOTION.velocity : MOTION.disturbance].copy())
 
     def reconfigure(
@@ -134,22 +134,22 @@ class VehicleEkf:
 
     def memory(self) -> EkfMemory:
         """Return the estimate and its covariance."""
-        return EkfMemory(self._filter.motion.copy(), self._filter.turning.copy())
+        return EkfMemory(self._filter.translation.copy(), self._filter.rates.copy())
 
     def recall(self, memory: EkfMemory) -> None:
         """Return to an earlier estimate of all but the present motion."""
-        state, learned = self._filter, slice(*LEARNED_OF_MOTION)
-        now = state.motion.x.copy()
-        now[learned] = memory.motion.x[learned]
-        state.motion, state.turning = memory.motion, memory.turning
-        state.motion.x[:] = now
+        state, learned = self._filter, slice(*LEARNED_STATES)
+        now = state.translation.x.copy()
+        now[learned] = memory.translation.x[learned]
+        state.translation, state.rates = memory.translation, memory.rates
+        state.translation.x[:] = now
         position, velocity = now[: MOTION.velocity], now[MOTION.velocity : MOTION.disturbance]
         restart(state, position.copy(), velocity + now[MOTION.bias : MOTION.accelerometer])
         take_rates(state)
 
     def turn(self, reset: EstimateReset) -> None:
         """Take an announced step of the world's coordinates."""
-        x, P, turns = self._filter.motion.x, self._filter.motion.P, np.eye(MOTION.size)
+        x, P, turns = self._filter.translation.x, self._filter.translation.P, np.eye(MOTION.size)
         turn, drift = reset.vectors(np.eye(3)).T, self._filter.drift
         for begin in (MOTION.position, MOTION.velocity, MOTION.disturbance, MOTION.bias):
             block = slice(begin, begin + 3)
@@ -163,12 +163,12 @@ class VehicleEkf:
     def start(self, *, p_WB: Array, v_WB_W: Array, w_WB_B: Array) -> None:
         """Begin with position, velocity and rates (3,) as measured; what was learned is kept."""
         state = self._filter
-        state.motion.x[MOTION.throttle] = self._initial_throttle
-        state.motion.P[MOTION.throttle, :] = state.motion.P[:, MOTION.throttle] = 0.0
+        state.translation.x[MOTION.throttle] = self._initial_throttle
+        state.translation.P[MOTION.throttle, :] = state.translation.P[:, MOTION.throttle] = 0.0
         state.position_noise.known = state.velocity_noise.known = 0
         measurement_noise.begin_drift(state.drift, p_WB, v_WB_W)
         restart(state, p_WB, v_WB_W)
-        begin_turning(state, w_WB_B)
+        begin_rates(state, w_WB_B)
 
 
 @compiled
@@ -199,6 +199,6 @@ def update(
     elif mode == UpdateMode.LEARN:
         state.paused_for = 0.0
     write_estimated(state, state.estimated)
-    mode = update_motion(state, before, after, acting, mode, given_variance)
-    update_turning(state, after, acting, mode)
+    mode = update_translation(state, before, after, acting, mode, given_variance)
+    update_rates(state, after, acting, mode)
     return mode

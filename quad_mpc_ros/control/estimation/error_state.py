@@ -41,25 +41,25 @@ class RateIndices(NamedTuple):
 
 
 MOTION = MotionIndices(0, 3, 6, 9, 10, 11, 12, 13, 16, 19)
-TURNING = RateIndices(0, 3, 5, 7, 9, 10)
-ROLL_PITCH, YAW = TURNING.lag, TURNING.lag + 1
+RATES = RateIndices(0, 3, 5, 7, 9, 10)
+ROLL_PITCH, YAW = RATES.lag, RATES.lag + 1
 
 # What is learned of the vehicle by its motion, from the first to before the last.
-LEARNED_OF_MOTION = MOTION.disturbance, MOTION.throttle
+LEARNED_STATES = MOTION.disturbance, MOTION.throttle
 
 
-class MotionEstimate(Record):
+class TranslationEstimate(Record):
     """Estimate and covariance of the motion."""
 
     x: Annotated[Array, (MOTION.size,)]
     P: Annotated[Array, (MOTION.size, MOTION.size)]
 
 
-class TurningEstimate(Record):
+class RateEstimate(Record):
     """Estimate and covariance of the body rates."""
 
-    x: Annotated[Array, (TURNING.size,)]
-    P: Annotated[Array, (TURNING.size, TURNING.size)]
+    x: Annotated[Array, (RATES.size,)]
+    P: Annotated[Array, (RATES.size, RATES.size)]
 
 
 class Assumed(NamedTuple):

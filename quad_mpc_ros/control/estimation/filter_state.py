@@ -7,13 +7,13 @@ from quad_mpc_ros.configuration.records import Record, Vector3, Vector4
 from quad_mpc_ros.control.estimation import error_state
 from quad_mpc_ros.control.estimation.error_state import (
     MOTION,
+    RATES,
     ROLL_PITCH,
     SCALE_BOUNDS,
-    TURNING,
     VERTICAL_BOUND,
     YAW,
-    MotionEstimate,
-    TurningEstimate,
+    RateEstimate,
+    TranslationEstimate,
 )
 from quad_mpc_ros.control.estimation.measurement_noise import VelocityDrift, WhiteNoise
 from quad_mpc_ros.control.estimation.specific_force import SpecificForce
@@ -28,11 +28,11 @@ class Bounds(Record):
     disturbance_max: float  # m/s^2, along the ground
 
 
-class Walks(Record):
+class ProcessNoise(Record):
     """Variance at the start and its growth per second, of each state."""
 
-    motion: MotionEstimate  # x the growth, the diagonal of P that at the start
-    turning: TurningEstimate
+    translation: TranslationEstimate  # x the growth, the diagonal of P that at the start
+    rates: RateEstimate
 
 
 class RateLags(Record):
@@ -43,7 +43,7 @@ class RateLags(Record):
     longest: Vector3
 
 
-class SlowRates(Record):
+class LowpassedRates(Record):
     """Commands and measured rates behind one low-pass: what a rate loop is of first order in."""
 
     command: Vector4
@@ -54,9 +54,9 @@ class SlowRates(Record):
 class Filter(Record):
     """All that the filter knows, and what is configured of it."""
 
-    motion: MotionEstimate
-    turning: TurningEstimate
-    walks: Walks
+    translation: TranslationEstimate
+    rates: RateEstimate
+    process_noise: ProcessNoise
     position_noise: WhiteNoise
     velocity_noise: WhiteNoise
     drift: VelocityDrift
@@ -64,7 +64,7 @@ class Filter(Record):
     estimated: ModelParameters
     drag_shape: Vector3  # what of the mean drag each axis has more or less, as a share of it
     rate_lags: RateLags
-    slow: SlowRates
+    lowpass: LowpassedRates
     bounds: Bounds
     enabled: int  # whether anything is learned
     paused_for: float  # s, for how long the velocity alone has been estimated
@@ -78,7 +78,7 @@ class Filter(Record):
 @compiled
 def write_estimated(state: Filter, parameters: ModelParameters) -> None:
     """Write the parameters as estimated by now."""
-    x, turning, shares = state.motion.x, state.turning.x, state.rate_lags.share
+    x, rates, shares = state.translation.x, state.rates.x, state.rate_lags.share
     shape, nominal = state.drag_shape, state.nominal
     learned = x[MOTION.drag] - nominal.drag
     parameters.a, parameters.b, parameters.c = nominal.a, nominal.b, nominal.c
@@ -95,16 +95,16 @@ def write_estimated(state: Filter, parameters: ModelParameters) -> None:
         parameters.learned_drag[k] = learned + anisotropic
         parameters.anisotropic_drag[k] = nominal.anisotropic_drag[k] + anisotropic
         lag = YAW if k == 2 else ROLL_PITCH
-        parameters.rate_time_constants[k] = shares[k] * turning[lag]
+        parameters.rate_time_constants[k] = shares[k] * rates[lag]
     for k in range(2):
-        parameters.rate_offset[k] = turning[TURNING.offset + k]
-        parameters.rate_offset_by_thrust[k] = turning[TURNING.offset_by_thrust + k]
+        parameters.rate_offset[k] = rates[RATES.offset + k]
+        parameters.rate_offset_by_thrust[k] = rates[RATES.offset_by_thrust + k]
 
 
 @compiled
 def is_at_bounds(state: Filter) -> bool:
     """Whether disturbance or scale are as far as they may go."""
-    x, farthest = state.motion.x, state.bounds.disturbance_max
+    x, farthest = state.translation.x, state.bounds.disturbance_max
     d, k = MOTION.disturbance, x[MOTION.scale]
     far = max(abs(x[d]), abs(x[d + 1])) >= farthest or abs(x[d + 2]) >= VERTICAL_BOUND
     return bool(far or not SCALE_BOUNDS[0] < k < SCALE_BOUNDS[1])

@@ -11,11 +11,11 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.error_state import (
     MOTION,
+    RATES,
     ROLL_PITCH,
-    TURNING,
     YAW,
-    MotionEstimate,
-    TurningEstimate,
+    RateEstimate,
+    TranslationEstimate,
 )
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.parameter_jacobians import (
@@ -32,10 +32,10 @@ from quad_mpc_ros.control.model.state import U_RATE, U_THROTTLE
 
 
 @compiled
-def predict_motion(
+def predict_translation(
     model: ModelParameters,
     drag_shape: Array,
-    estimate: MotionEstimate,
+    estimate: TranslationEstimate,
     acting: Acting,
     before: StateRecord,
     after: StateRecord,
@@ -71,7 +71,7 @@ def predict_motion(
 @compiled
 def _add_lateness(
     model: ModelParameters,
-    estimate: MotionEstimate,
+    estimate: TranslationEstimate,
     throttles: tuple[float, float],
     after: Body,
     duration: float,
@@ -120,7 +120,7 @@ def _write_jacobian(derivatives: MotionDerivatives, F: Array) -> None:
 
 @compiled
 def predict_unmodelled(
-    model: ModelParameters, estimate: MotionEstimate, acting: Acting, F: Array
+    model: ModelParameters, estimate: TranslationEstimate, acting: Acting, F: Array
 ) -> None:
     """Move the estimate on at its velocity, whatever moves it, and its throttle by the model."""
     x, duration = estimate.x, acting.durations.sum()
@@ -144,10 +144,10 @@ def predict_unmodelled(
 
 
 @compiled
-def predict_turning(
+def predict_rates(
     nominal: ModelParameters,
     shares: Array,
-    estimate: TurningEstimate,
+    estimate: RateEstimate,
     acting: Acting,
     F: Array,
     H: Array,
@@ -161,22 +161,22 @@ def predict_turning(
     identity(F)
     H[:] = 0.0
     for axis in range(3):
-        rate, lag = TURNING.rate + axis, YAW if axis == 2 else ROLL_PITCH
+        rate, lag = RATES.rate + axis, YAW if axis == 2 else ROLL_PITCH
         w, by = x[rate], OF_NO_TIME
         for k in range(len(acting.durations)):
             thrust = modelled_thrust(nominal, acting.commands[k, U_THROTTLE])
             command = acting.commands[k, U_RATE + axis]
             if axis < 2:
-                by_thrust = x[TURNING.offset_by_thrust + axis]
-                command += x[TURNING.offset + axis] + by_thrust * thrust
+                by_thrust = x[RATES.offset_by_thrust + axis]
+                command += x[RATES.offset + axis] + by_thrust * thrust
             time_constant = shares[axis] * x[lag]
             w, by = followed_rate(time_constant, command, thrust, acting.durations[k], w, by)
         F[rate, rate], F[rate, lag] = by.by_rate, shares[axis] * by.by_lag
         H[axis, rate] = 1.0
         if axis < 2:
-            F[rate, TURNING.offset + axis] = by.by_offset
-            F[rate, TURNING.offset_by_thrust + axis] = by.by_offset_by_thrust
-            H[axis, TURNING.lateness] = -(w - x[rate]) / duration
+            F[rate, RATES.offset + axis] = by.by_offset
+            F[rate, RATES.offset_by_thrust + axis] = by.by_offset_by_thrust
+            H[axis, RATES.lateness] = -(w - x[rate]) / duration
         x[rate] = w
 
 

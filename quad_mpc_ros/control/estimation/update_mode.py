@@ -11,7 +11,7 @@
 *hold*: position and velocity are followed by themselves, by no model of what moves the vehicle.
 *velocity only*: by the model; what is learned of the vehicle is considered, not changed.
 *learn*: all. *reject*: position and velocity start again from the odometry, whose velocity did not
-pass the gate of :mod:`.motion_update`.
+pass the gate of :mod:`.translation_update`.
 """
 
 from __future__ import annotations

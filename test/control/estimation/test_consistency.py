@@ -91,7 +91,7 @@ def flown(seed: int, drift: float) -> list[tuple[float, ...]]:
         acting = Acting(durations=np.array([PERIOD]), commands=np.array([command]))
         mode = update(state, before, measured, acting, FLYING, 0.0)
         assert mode == UpdateMode.LEARN
-        x, P = state.motion.x, state.motion.P
+        x, P = state.translation.x, state.translation.P
         motion = x[KINEMATIC] - np.array([*body.p, *body.v])
         learned = x[LEARNED] - np.array([*d, scale])
         found.append(

@@ -177,7 +177,7 @@ def test_estimates_time_constants(rate: float, thrust: float) -> None:
     assert learned.rate_time_constants[0] == pytest.approx(rate, rel=0.02)
     assert learned.thrust_time_constant == pytest.approx(thrust, rel=0.1)
     assert ekf.parameters().thrust_scale == pytest.approx(0.9, abs=0.02)
-    assert ekf.state.motion.x[MOTION.throttle] == pytest.approx(_lagging(thrust), abs=0.01)
+    assert ekf.state.translation.x[MOTION.throttle] == pytest.approx(_lagging(thrust), abs=0.01)
 
 
 @pytest.mark.parametrize("slower", [1.0, 2.5, 4.0])

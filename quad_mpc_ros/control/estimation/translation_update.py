@@ -10,13 +10,13 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.estimation import error_state, kalman, measurement_noise
 from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.error_state import (
-    LEARNED_OF_MOTION,
+    LEARNED_STATES,
     MOTION,
     SCALE_BOUNDS,
     VERTICAL_BOUND,
 )
 from quad_mpc_ros.control.estimation.filter_state import Filter, write_estimated
-from quad_mpc_ros.control.estimation.process_model import predict_motion, predict_unmodelled
+from quad_mpc_ros.control.estimation.process_model import predict_translation, predict_unmodelled
 from quad_mpc_ros.control.estimation.specific_force import force_innovation
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import Array, kernels
@@ -32,7 +32,7 @@ _HIDDEN, _HIDDEN_BY_SPEED = 0.05, 0.05
 
 
 @compiled
-def update_motion(
+def update_translation(
     state: Filter,
     before: StateRecord,
     after: StateRecord,
@@ -41,16 +41,18 @@ def update_motion(
     given_variance: float,
 ) -> UpdateMode:
     """Predict, gate and update the motion; return the mode, which may now be that of a jump."""
-    x, P, duration = state.motion.x, state.motion.P, acting.durations.sum()
+    x, P, duration = state.translation.x, state.translation.P, acting.durations.sum()
     F, lag_shows = np.empty((MOTION.size, MOTION.size)), False
     state.specific_force.used = 0
     if mode == UpdateMode.LEARN and state.specific_force.variance > 0.0:
         _update_by_force(state, before, after, acting, F)
     was = x.copy()
     if mode == UpdateMode.HOLD:
-        predict_unmodelled(state.estimated, state.motion, acting, F)
+        predict_unmodelled(state.estimated, state.translation, acting, F)
     else:
-        predict_motion(state.estimated, state.drag_shape, state.motion, acting, before, after, F)
+        predict_translation(
+            state.estimated, state.drag_shape, state.translation, acting, before, after, F
+        )
         lag_shows = _lag_shows(state, F, duration)
     _follow_noise(state, was, (before, after), mode, duration)
     white = measurement_noise.variance_in(state.velocity_noise)
@@ -79,7 +81,7 @@ def update_motion(
     kalman.update(x, P, seen, considered)
     _update_position(state, after.p_WB, considered)
     if mode == UpdateMode.LEARN:
-        _constrain_motion(state, considered)
+        _constrain_translation(state, considered)
     most = measurement_noise.MOST
     for i in range(MOTION.bias, MOTION.accelerometer):
         x[i] = kernels.clamp(x[i], -most, most)
@@ -91,9 +93,11 @@ def _update_by_force(
     state: Filter, before: StateRecord, after: StateRecord, acting: Acting, F: Array
 ) -> None:
     """Correct the estimate at ``before`` by the specific force since; F is overwritten."""
-    x, P, duration = state.motion.x, state.motion.P, acting.durations.sum()
+    x, P, duration = state.translation.x, state.translation.P, acting.durations.sum()
     was = x.copy()
-    predict_motion(state.estimated, state.drag_shape, state.motion, acting, before, after, F)
+    predict_translation(
+        state.estimated, state.drag_shape, state.translation, acting, before, after, F
+    )
     later = x.copy()
     x[:] = was
     lag_shows = _lag_shows(state, F, duration)
@@ -104,7 +108,7 @@ def _update_by_force(
         return
     considered = _considered(state, UpdateMode.LEARN, after.R_WB, lag_shows)
     kalman.update(x, P, seen, considered)
-    _constrain_motion(state, considered)
+    _constrain_translation(state, considered)
     write_estimated(state, state.estimated)
     state.specific_force.used = 1
 
@@ -112,7 +116,7 @@ def _update_by_force(
 @compiled
 def _update_position(state: Filter, measured: Array, considered: Array) -> None:
     """Correct by a measured position (3,); where it jumps it is taken as it is."""
-    x, P, H, nu = state.motion.x, state.motion.P, np.zeros((3, MOTION.size)), np.empty(3)
+    x, P, H, nu = state.translation.x, state.translation.P, np.zeros((3, MOTION.size)), np.empty(3)
     for k in range(3):
         H[k, MOTION.position + k] = 1.0
         nu[k] = measured[k] - x[MOTION.position + k]
@@ -134,7 +138,7 @@ def _update_position(state: Filter, measured: Array, considered: Array) -> None:
 @compiled
 def restart(state: Filter, p_WB: Array, v_WB_W: Array) -> None:
     """Take position and velocity (3,) as measured, and keep what was learned, and the bias."""
-    x, P = state.motion.x, state.motion.P
+    x, P = state.translation.x, state.translation.P
     for k in range(3):
         p, v, b = MOTION.position + k, MOTION.velocity + k, MOTION.bias + k
         x[p], x[v] = p_WB[k], v_WB_W[k] - x[b]
@@ -153,15 +157,15 @@ def _lag_shows(state: Filter, F: Array, duration: float) -> bool:
 
     By itself, and by the throttle, which has lagged with it until now.
     """
-    shown, speed, P = 0.0, 0.0, state.motion.P
+    shown, speed, P = 0.0, 0.0, state.translation.P
     if P[MOTION.lag, MOTION.lag] <= 0.0:
         return False
     lagged = P[MOTION.throttle, MOTION.lag] / P[MOTION.lag, MOTION.lag]
     for k in range(3):
         i = MOTION.velocity + k
         shown += (F[i, MOTION.lag] + F[i, MOTION.throttle] * lagged) ** 2
-        speed += state.motion.x[i] ** 2
-    spread = math.sqrt(state.walks.motion.P[MOTION.lag, MOTION.lag])
+        speed += state.translation.x[i] ** 2
+    spread = math.sqrt(state.process_noise.translation.P[MOTION.lag, MOTION.lag])
     hidden = _HIDDEN + _HIDDEN_BY_SPEED * math.sqrt(speed)
     return spread * math.sqrt(shown) > hidden * duration
 
@@ -181,7 +185,7 @@ def _follow_noise(
     if mode == UpdateMode.HOLD:
         state.position_noise.known = state.velocity_noise.known = 0
         return
-    x = state.motion.x
+    x = state.translation.x
     of_p = _unpredicted(before.p_WB, after.p_WB, was, x, MOTION.position)
     of_v = _unpredicted(before.v_WB_W, after.v_WB_W, was, x, MOTION.velocity)
     measurement_noise.follow(state.position_noise, of_p, duration)
@@ -217,20 +221,20 @@ def _add_memory(x: Array, F: Array, mode: UpdateMode, duration: float) -> None:
 @compiled
 def _motion_noise(state: Filter, white: float, drifting: float, duration: float) -> Array:
     """Return the process noise over a duration, the variances (n,)."""
-    P, walks, Q = state.motion.P, state.walks.motion, np.zeros(MOTION.size)
+    P, noise, Q = state.translation.P, state.process_noise.translation, np.zeros(MOTION.size)
     # An accelerometer shows the disturbance, however noisy the velocity is.
     quieter = 1.0 if state.specific_force.used else measurement_noise.USUAL / math.sqrt(white)
-    for i in range(LEARNED_OF_MOTION[0], LEARNED_OF_MOTION[1]):
+    for i in range(LEARNED_STATES[0], LEARNED_STATES[1]):
         if i < MOTION.scale:
-            Q[i] = walks.x[i] * quieter * max(quieter, 1.0) * duration
-        elif P[i, i] < walks.P[i, i]:  # what is not observed is no less certain than at first
-            Q[i] = walks.x[i] * duration
+            Q[i] = noise.x[i] * quieter * max(quieter, 1.0) * duration
+        elif P[i, i] < noise.P[i, i]:  # what is not observed is no less certain than at first
+            Q[i] = noise.x[i] * duration
     for k in range(3):
         Q[MOTION.velocity + k] = _ACCELERATION_NOISE**2 * duration
         Q[MOTION.bias + k] = drifting * -math.expm1(-2.0 * duration / _BIAS_TIME)
         i = MOTION.accelerometer + k
-        if P[i, i] < walks.P[i, i]:
-            Q[i] = walks.x[i] * duration
+        if P[i, i] < noise.P[i, i]:
+            Q[i] = noise.x[i] * duration
     return Q
 
 
@@ -249,9 +253,9 @@ def _add_unmodelled(P: Array, duration: float) -> None:
 @compiled
 def _considered(state: Filter, mode: UpdateMode, R_WB: Array, lag_shows: bool) -> Array:
     """Return which states of the motion (n,) are considered, not estimated."""
-    considered, x = np.zeros(MOTION.size), state.motion.x
+    considered, x = np.zeros(MOTION.size), state.translation.x
     if mode != UpdateMode.LEARN:
-        considered[LEARNED_OF_MOTION[0] : LEARNED_OF_MOTION[1]] = 1.0
+        considered[LEARNED_STATES[0] : LEARNED_STATES[1]] = 1.0
         return considered
     d, v = MOTION.disturbance, kernels.vector(x[MOTION.velocity : MOTION.disturbance])
     # Along the thrust, as in a climb, drag is not distinguished from thrust.
@@ -265,9 +269,9 @@ def _considered(state: Filter, mode: UpdateMode, R_WB: Array, lag_shows: bool) -
 
 
 @compiled
-def _constrain_motion(state: Filter, considered: Array) -> None:
+def _constrain_translation(state: Filter, considered: Array) -> None:
     """Bring what was learned of the motion inside its bounds."""
-    x, P, nominal = state.motion.x, state.motion.P, state.nominal
+    x, P, nominal = state.translation.x, state.translation.P, state.nominal
     lag, drag, d = nominal.thrust_time_constant, nominal.drag, MOTION.disturbance
     factor, farthest = error_state.LAG_FACTOR, state.bounds.disturbance_max
     latest = lag * factor + (error_state.LATEST if lag > 0.0 else 0.0)

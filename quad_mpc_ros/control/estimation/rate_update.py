@@ -7,9 +7,9 @@ import numpy as np
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.estimation import error_state, kalman
 from quad_mpc_ros.control.estimation.command_history import Acting
-from quad_mpc_ros.control.estimation.error_state import ROLL_PITCH, TURNING, YAW
-from quad_mpc_ros.control.estimation.filter_state import Filter, SlowRates
-from quad_mpc_ros.control.estimation.process_model import predict_turning
+from quad_mpc_ros.control.estimation.error_state import RATES, ROLL_PITCH, YAW
+from quad_mpc_ros.control.estimation.filter_state import Filter, LowpassedRates
+from quad_mpc_ros.control.estimation.process_model import predict_rates
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.actuators import first_order_lag
@@ -22,63 +22,63 @@ _RATE_NOISE = 0.02  # rad/s / sqrt(Hz), of a measured rate against the model
 
 
 @compiled
-def update_turning(state: Filter, after: StateRecord, acting: Acting, mode: UpdateMode) -> None:
+def update_rates(state: Filter, after: StateRecord, acting: Acting, mode: UpdateMode) -> None:
     """Predict and update the rates, and what is learned by them."""
-    x, P, walks, n = state.turning.x, state.turning.P, state.walks.turning, TURNING.size
+    x, P, noise, n = state.rates.x, state.rates.P, state.process_noise.rates, RATES.size
     if P[ROLL_PITCH, ROLL_PITCH] + P[YAW, YAW] <= 0.0:
         return
-    duration, slow = acting.durations.sum(), _slowed(state.slow, acting, after.w_WB_B)
+    duration, lowpass = acting.durations.sum(), _lowpassed(state.lowpass, acting, after.w_WB_B)
     if mode in (UpdateMode.HOLD, UpdateMode.REJECT):
         take_rates(state)
         return
     F, H = np.empty((n, n)), np.empty((3, n))
-    predict_turning(state.nominal, state.rate_lags.share, state.turning, slow, F, H)
+    predict_rates(state.nominal, state.rate_lags.share, state.rates, lowpass, F, H)
     Q = np.zeros(n)
     for i in range(n):
-        if i < TURNING.lag or P[i, i] < walks.P[i, i]:
-            Q[i] = walks.x[i] * duration
+        if i < RATES.lag or P[i, i] < noise.P[i, i]:
+            Q[i] = noise.x[i] * duration
     kalman.predict(P, F, Q)
     nu, considered = np.zeros(3), np.zeros(n)
     for k in range(3):
         for i in range(n):
             nu[k] -= H[k, i] * x[i]
-        nu[k] += state.slow.measured[k]
+        nu[k] += state.lowpass.measured[k]
     if mode != UpdateMode.LEARN:
-        considered[TURNING.lag :] = 1.0
+        considered[RATES.lag :] = 1.0
     R = _RATE_NOISE**2 / duration
     kalman.update(x, P, kalman.innovation(P, H, R, nu), considered)
-    _constrain_turning(state, considered)
+    _constrain_rates(state, considered)
 
 
 @compiled
 def take_rates(state: Filter) -> None:
     """Take the rates as measured, behind the low-pass, and keep what was learned."""
-    x, P = state.turning.x, state.turning.P
+    x, P = state.rates.x, state.rates.P
     for k in range(3):
-        i = TURNING.rate + k
-        x[i] = state.slow.measured[k]
+        i = RATES.rate + k
+        x[i] = state.lowpass.measured[k]
         P[i, :] = 0.0
         P[:, i] = 0.0
 
 
 @compiled
-def begin_turning(state: Filter, w_WB_B: Array) -> None:
+def begin_rates(state: Filter, w_WB_B: Array) -> None:
     """Begin with rates (3,) as measured.
 
     Rates that follow commands and offsets through a lag do so behind the low-pass too, if it
     begins with rates and commands that are alike, but for the offset, and without thrust.
     """
-    slow = state.slow
-    slow.command[:] = 0.0
-    add_offsets(state, slow.command)
+    lowpass = state.lowpass
+    lowpass.command[:] = 0.0
+    add_offsets(state, lowpass.command)
     for k in range(3):
-        slow.measured[k] = slow.last[k] = w_WB_B[k]
-        slow.command[U_RATE + k] = w_WB_B[k] - slow.command[U_RATE + k]
+        lowpass.measured[k] = lowpass.last[k] = w_WB_B[k]
+        lowpass.command[U_RATE + k] = w_WB_B[k] - lowpass.command[U_RATE + k]
     take_rates(state)
 
 
 @compiled
-def _slowed(slow: SlowRates, acting: Acting, measured: Array) -> Acting:
+def _lowpassed(lowpass: LowpassedRates, acting: Acting, measured: Array) -> Acting:
     """Carry commands and measured rates (3,) through the low-pass; return the former.
 
     Each is the mean over its duration. The rates were linear since those before.
@@ -87,34 +87,36 @@ def _slowed(slow: SlowRates, acting: Acting, measured: Array) -> Acting:
     for k in range(len(commands)):
         decay, share = first_order_lag(_SMOOTHING, acting.durations[k])
         for i in range(commands.shape[1]):
-            command, off = acting.commands[k, i], slow.command[i] - acting.commands[k, i]
+            command, off = acting.commands[k, i], lowpass.command[i] - acting.commands[k, i]
             commands[k, i] = command + share * off
-            slow.command[i] = command + decay * off
+            lowpass.command[i] = command + decay * off
     decay, share = first_order_lag(_SMOOTHING, acting.durations.sum())
     for i in range(3):
-        change = measured[i] - slow.last[i]
-        slow.measured[i] = decay * (slow.measured[i] - slow.last[i]) + measured[i] - share * change
-        slow.last[i] = measured[i]
+        change = measured[i] - lowpass.last[i]
+        lowpass.measured[i] = (
+            decay * (lowpass.measured[i] - lowpass.last[i]) + measured[i] - share * change
+        )
+        lowpass.last[i] = measured[i]
     return Acting(acting.durations, commands)
 
 
 @compiled
 def add_offsets(state: Filter, command: Array) -> None:
     """Make of a command (4,) what the rates follow."""
-    x, thrust = state.turning.x, modelled_thrust(state.nominal, command[U_THROTTLE])
+    x, thrust = state.rates.x, modelled_thrust(state.nominal, command[U_THROTTLE])
     for k in range(2):
-        command[U_RATE + k] += x[TURNING.offset + k] + x[TURNING.offset_by_thrust + k] * thrust
+        command[U_RATE + k] += x[RATES.offset + k] + x[RATES.offset_by_thrust + k] * thrust
 
 
 @compiled
-def _constrain_turning(state: Filter, considered: Array) -> None:
+def _constrain_rates(state: Filter, considered: Array) -> None:
     """Bring what was learned of the rates inside its bounds."""
-    x, P, lags = state.turning.x, state.turning.P, state.rate_lags
+    x, P, lags = state.rates.x, state.rates.P, state.rate_lags
     for i, axis in ((ROLL_PITCH, 0), (YAW, 2)):
         bounds = lags.shortest[axis], lags.longest[axis]
         kalman.constrain(x, P, i, bounds, considered)
     for k in range(2):
-        i, most = TURNING.offset + k, error_state.OFFSET_BOUND
+        i, most = RATES.offset + k, error_state.OFFSET_BOUND
         x[i] = kernels.clamp(x[i], -most, most)
-        i, most = TURNING.offset_by_thrust + k, error_state.OFFSET_BY_THRUST_BOUND
+        i, most = RATES.offset_by_thrust + k, error_state.OFFSET_BY_THRUST_BOUND
         x[i] = kernels.clamp(x[i], -most, most)
