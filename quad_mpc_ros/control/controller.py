@@ -144,7 +144,7 @@ class Controller:
 
     def landed(self, landed: bool | None) -> None:
         """Set whether the flight stack reports the vehicle landed; None where it does not say."""
-        self._estimation.ground.tell_landed(landed)
+        self._estimation.ground.set_landed(landed)
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Take an announced step of the estimate: the vehicle stays, its coordinates change.

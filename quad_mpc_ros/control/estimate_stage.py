@@ -115,7 +115,7 @@ class EstimateStage(Stage):
 
     def _predicted(self, odometry: OdometrySample | None, sent_ns: int) -> PredictedState | None:
         if odometry is None:
-            return self._estimator.foresee(sent_ns)
+            return self._estimator.predict_without_odometry(sent_ns)
         state = self._estimator.predict(odometry, late_ns=sent_ns - odometry.stamp_ns)
         self._has_failed = False
         return state

@@ -26,8 +26,8 @@ from quad_mpc_ros.control.estimation.ground_state import (
     HEIGHT,
     LEFT_GROUND,
     LEFT_GROUND_UNPOWERED,
+    GroundHeight,
     GroundState,
-    StandingHeight,
 )
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
@@ -117,7 +117,7 @@ class LiveReference:
         self._engaged: bool | None = None
         self._landed: bool | None = None
         self._ground = GroundState.UNKNOWN
-        self._stood = StandingHeight(LEFT_GROUND_UNPOWERED)
+        self._stood = GroundHeight(LEFT_GROUND_UNPOWERED)
         self.too_late: Callable[[int], bool] = lambda start_ns: False
         """Whether it is too late to begin at a time; such requests are refused."""
 
@@ -198,7 +198,7 @@ class LiveReference:
         if self._ground is GroundState.LIFTING_OFF:
             self._director.slipped(now_ns, p_WB=odometry.p_WB)
         if self._director.is_sinking(now_ns) and self._is_down(self._director, odometry):
-            self._stood.stand(float(odometry.p_WB[2]))
+            self._stood.set(float(odometry.p_WB[2]))
             return self._director.touched(now_ns, p_WB=odometry.p_WB)
         if self._director.timeline.last.name == GROUND and self._ground is GroundState.FLYING:
             self._director.sink(now_ns, p_WB=odometry.p_WB, yaw=_heading(odometry))
@@ -208,7 +208,7 @@ class LiveReference:
     def _is_down(self, director: Director, odometry: OdometrySample) -> bool:
         """Whether a landing has reached the ground."""
         if self._ground is not GroundState.UNKNOWN or self._landed is not True:
-            return self._ground.stands
+            return self._ground.is_on_ground
         reference_height = float(director.timeline.at([odometry.stamp_ns]).p_WB[0, 2])
         return float(odometry.p_WB[2]) - reference_height > LEFT_GROUND
 
@@ -427,18 +427,18 @@ class LiveReference:
     def _stands(self) -> bool:
         """Whether the vehicle stands on the ground: who says so, see the module."""
         if self._ground is not GroundState.UNKNOWN:
-            return not self._ground.flies
-        return not self._stood.left if self._landed is None else self._landed
+            return not self._ground.is_flying
+        return not self._stood.was_left if self._landed is None else self._landed
 
     def _see_height(self, odometry: OdometrySample) -> None:
         """Update the height of the ground, and whether the vehicle has left it."""
         height = float(odometry.p_WB[2])
         if self._landed:
-            self._stood.stand(height)
+            self._stood.set(height)
         elif self._landed is None and self._stood.height is None:
-            self._stood.stand(height)  # where it is seen first
+            self._stood.set(height)  # where it is seen first
         else:
-            self._stood.see(height)
+            self._stood.update(height)
 
     def _follow_as_it_is(self, now_ns: int) -> None:
         """Fly the configured trajectory from now on."""

@@ -38,7 +38,7 @@ def flown(plant: str, trajectory: str, seed: int, patch: pytest.MonkeyPatch) -> 
         self: DelayCompensation, odometry: OdometrySample, *, late_ns: int
     ) -> PredictedState:
         predicted = predict(self, odometry, late_ns=late_ns)
-        followed.append(self._followed.filter.copy())
+        followed.append(self._estimator.filter.copy())
         return predicted
 
     patch.setattr(DelayCompensation, "predict", recording)

@@ -1,4 +1,4 @@
-"""All that the filter knows, and the parameters of the model that this makes."""
+"""The record of the filter, and the model parameters that follow from it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from quad_mpc_ros.control.model.parameters import ModelParameters
 
 
 class Bounds(Record):
-    """Within what commands and estimate are."""
+    """Bounds of commands and estimate."""
 
     throttle_min: float
     throttle_max: float
@@ -29,14 +29,14 @@ class Bounds(Record):
 
 
 class ProcessNoise(Record):
-    """Variance at the start and its growth per second, of each state."""
+    """Growth of the variance per second (x), and initial variance (diagonal of P)."""
 
-    translation: TranslationEstimate  # x the growth, the diagonal of P that at the start
+    translation: TranslationEstimate
     rates: RateEstimate
 
 
 class RateLags(Record):
-    """Of each axis: its share of the time constant it has with others, and bounds of that [s]."""
+    """Share of each axis in the common time constant, and bounds of that [s]."""
 
     share: Vector3
     shortest: Vector3
@@ -44,15 +44,15 @@ class RateLags(Record):
 
 
 class LowpassedRates(Record):
-    """Commands and measured rates behind one low-pass: what a rate loop is of first order in."""
+    """Commands and measured rates behind the same first-order low-pass."""
 
     command: Vector4
     measured: Vector3  # rad/s
-    last: Vector3  # rad/s, measured before, as it was
+    last: Vector3  # rad/s, previous measurement, unfiltered
 
 
 class Filter(Record):
-    """All that the filter knows, and what is configured of it."""
+    """State and configuration of the filter."""
 
     translation: TranslationEstimate
     rates: RateEstimate
@@ -62,12 +62,12 @@ class Filter(Record):
     drift: VelocityDrift
     nominal: ModelParameters  # as configured
     estimated: ModelParameters
-    drag_shape: Vector3  # what of the mean drag each axis has more or less, as a share of it
+    drag_shape: Vector3  # anisotropic drag over the mean drag
     rate_lags: RateLags
     lowpass: LowpassedRates
     bounds: Bounds
-    enabled: int  # whether anything is learned
-    paused_for: float  # s, for how long the velocity alone has been estimated
+    enabled: int  # whether parameters are estimated
+    paused_for: float  # s, how long the velocity alone has been estimated
     # Normalised innovations squared of the last odometry, of 3 degrees of freedom each.
     position_nis: float
     velocity_nis: float
@@ -77,7 +77,7 @@ class Filter(Record):
 
 @compiled
 def write_estimated(state: Filter, parameters: ModelParameters) -> None:
-    """Write the parameters as estimated by now."""
+    """Write the estimated parameters."""
     x, rates, shares = state.translation.x, state.rates.x, state.rate_lags.share
     shape, nominal = state.drag_shape, state.nominal
     learned = x[MOTION.drag] - nominal.drag
@@ -103,7 +103,7 @@ def write_estimated(state: Filter, parameters: ModelParameters) -> None:
 
 @compiled
 def is_at_bounds(state: Filter) -> bool:
-    """Whether disturbance or scale are as far as they may go."""
+    """Whether disturbance or thrust scale are at their bounds."""
     x, farthest = state.translation.x, state.bounds.disturbance_max
     d, k = MOTION.disturbance, x[MOTION.scale]
     far = max(abs(x[d]), abs(x[d + 1])) >= farthest or abs(x[d + 2]) >= VERTICAL_BOUND

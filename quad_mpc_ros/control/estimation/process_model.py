@@ -1,8 +1,8 @@
-"""The process model of the filter: the MPC's own, between two odometries, with its derivatives.
+"""The process model of the filter: the MPC's model between two odometries, with its derivatives.
 
-Position, velocity and throttle follow the commands that acted, delayed and lagged, by what is
-estimated of the vehicle. The attitude turns evenly from one that was measured to the next, so the
-rates' part in it is known. The rates of the model follow their commands and offsets.
+Position, velocity and throttle follow from the commands that acted, delayed and lagged, and from
+the estimated parameters. The attitude turns at a constant rate between two measured attitudes.
+The modelled rates follow their commands and offsets.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ def predict_translation(
     after: StateRecord,
     F: Array,
 ) -> None:
-    """Move the estimate on, by ``model`` as estimated, and write its Jacobian F.
+    """Predict the translation with the estimated ``model``, and write the Jacobian F.
 
-    ``before`` and ``after`` are the states measured. Of a disturbance and a bias F has ones.
+    ``before`` and ``after`` are the measured states. Disturbance and bias have ones in F.
     """
     x, duration = estimate.x, acting.durations.sum()
     R = kernels.matrix(before.R_WB)
@@ -77,10 +77,9 @@ def _add_lateness(
     duration: float,
     F: Array,
 ) -> None:
-    """Add what a thrust lacks that is later than by its longest time constant.
+    """Add the effect of a thrust delay D beyond the longest time constant.
 
-    Over a duration, in which the throttle went from one to another: with a delay D the velocity
-    lacks D times the change of the thrust, to first order.
+    To first order, the velocity lacks D times the change of the thrust over the duration.
     """
     x, late = estimate.x, estimate.x[MOTION.lag] - model.thrust_time_constant
     if late <= 0.0:
@@ -97,7 +96,7 @@ def _add_lateness(
 
 @compiled
 def _write_jacobian(derivatives: MotionDerivatives, F: Array) -> None:
-    """Write the rows of position, velocity and throttle; others are those of one."""
+    """Write the rows of position, velocity and throttle into a unit matrix."""
     identity(F)
     p, v, s = derivatives
     for k in range(3):
@@ -122,7 +121,7 @@ def _write_jacobian(derivatives: MotionDerivatives, F: Array) -> None:
 def predict_unmodelled(
     model: ModelParameters, estimate: TranslationEstimate, acting: Acting, F: Array
 ) -> None:
-    """Move the estimate on at its velocity, whatever moves it, and its throttle by the model."""
+    """Predict at constant velocity, without forces, and the throttle by the model."""
     x, duration = estimate.x, acting.durations.sum()
     identity(F)
     for k in range(3):
@@ -152,10 +151,10 @@ def predict_rates(
     F: Array,
     H: Array,
 ) -> None:
-    """Move the rates of the model on, and write Jacobian F and measurement H (3, n).
+    """Predict the rates of the model, and write the Jacobian F and the measurement H (3, n).
 
-    ``shares`` (3,) is what each axis has of the time constant that it shares. A rate is measured
-    as late as it is, H x = w - D dw/dt.
+    ``shares`` (3,) are the axes' shares of the common time constants. H x = w - D dw/dt, as the
+    measurement is late.
     """
     x, duration = estimate.x, acting.durations.sum()
     identity(F)
@@ -182,7 +181,7 @@ def predict_rates(
 
 @compiled
 def identity(F: Array) -> None:
-    """Write ones."""
+    """Write a unit matrix."""
     F[:] = 0.0
     for k in range(len(F)):
         F[k, k] = 1.0

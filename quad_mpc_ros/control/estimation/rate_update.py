@@ -1,4 +1,4 @@
-"""Predict and update the body rates, and what is learned by them."""
+"""Prediction and update of the body rates and their parameters."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from quad_mpc_ros.control.model.parameters import modelled_thrust
 from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.state import U_RATE, U_THROTTLE
 
-_SMOOTHING = 0.1  # s, the low-pass of commands and rates
-_RATE_NOISE = 0.02  # rad/s / sqrt(Hz), of a measured rate against the model
+_LOWPASS_TIME = 0.1  # s, low-pass of commands and rates
+_RATE_NOISE = 0.02  # rad/s / sqrt(Hz), measurement noise of a rate
 
 
 @compiled
 def update_rates(state: Filter, after: StateRecord, acting: Acting, mode: UpdateMode) -> None:
-    """Predict and update the rates, and what is learned by them."""
+    """Predict and update the rates and their parameters."""
     x, P, noise, n = state.rates.x, state.rates.P, state.process_noise.rates, RATES.size
     if P[ROLL_PITCH, ROLL_PITCH] + P[YAW, YAW] <= 0.0:
         return
@@ -52,7 +52,7 @@ def update_rates(state: Filter, after: StateRecord, acting: Acting, mode: Update
 
 @compiled
 def take_rates(state: Filter) -> None:
-    """Take the rates as measured, behind the low-pass, and keep what was learned."""
+    """Set the rates to the low-passed measurement, and keep the parameters."""
     x, P = state.rates.x, state.rates.P
     for k in range(3):
         i = RATES.rate + k
@@ -63,10 +63,10 @@ def take_rates(state: Filter) -> None:
 
 @compiled
 def begin_rates(state: Filter, w_WB_B: Array) -> None:
-    """Begin with rates (3,) as measured.
+    """Start at measured rates (3,).
 
-    Rates that follow commands and offsets through a lag do so behind the low-pass too, if it
-    begins with rates and commands that are alike, but for the offset, and without thrust.
+    The low-pass starts with commands that equal the rates less the offset, so that low-passed
+    rates follow low-passed commands through the same lag.
     """
     lowpass = state.lowpass
     lowpass.command[:] = 0.0
@@ -79,18 +79,18 @@ def begin_rates(state: Filter, w_WB_B: Array) -> None:
 
 @compiled
 def _lowpassed(lowpass: LowpassedRates, acting: Acting, measured: Array) -> Acting:
-    """Carry commands and measured rates (3,) through the low-pass; return the former.
+    """Low-pass commands and measured rates (3,); return the commands, means over the durations.
 
-    Each is the mean over its duration. The rates were linear since those before.
+    Rates are interpolated linearly between measurements.
     """
     commands = acting.commands.copy()
     for k in range(len(commands)):
-        decay, share = first_order_lag(_SMOOTHING, acting.durations[k])
+        decay, share = first_order_lag(_LOWPASS_TIME, acting.durations[k])
         for i in range(commands.shape[1]):
             command, off = acting.commands[k, i], lowpass.command[i] - acting.commands[k, i]
             commands[k, i] = command + share * off
             lowpass.command[i] = command + decay * off
-    decay, share = first_order_lag(_SMOOTHING, acting.durations.sum())
+    decay, share = first_order_lag(_LOWPASS_TIME, acting.durations.sum())
     for i in range(3):
         change = measured[i] - lowpass.last[i]
         lowpass.measured[i] = (
@@ -102,7 +102,7 @@ def _lowpassed(lowpass: LowpassedRates, acting: Acting, measured: Array) -> Acti
 
 @compiled
 def add_offsets(state: Filter, command: Array) -> None:
-    """Make of a command (4,) what the rates follow."""
+    """Add the estimated rate offsets to a command (4,)."""
     x, thrust = state.rates.x, modelled_thrust(state.nominal, command[U_THROTTLE])
     for k in range(2):
         command[U_RATE + k] += x[RATES.offset + k] + x[RATES.offset_by_thrust + k] * thrust
@@ -110,7 +110,7 @@ def add_offsets(state: Filter, command: Array) -> None:
 
 @compiled
 def _constrain_rates(state: Filter, considered: Array) -> None:
-    """Bring what was learned of the rates inside its bounds."""
+    """Project the parameters of the rates into their bounds."""
     x, P, lags = state.rates.x, state.rates.P, state.rate_lags
     for i, axis in ((ROLL_PITCH, 0), (YAW, 2)):
         bounds = lags.shortest[axis], lags.longest[axis]

@@ -106,7 +106,7 @@ class OdometrySample:
         return float(1.0 - 2.0 * (x * x + y * y))
 
 
-def given_variance(variances: Iterable[float]) -> float:
+def reported_variance(variances: Iterable[float]) -> float:
     """Return the largest of the variances that a source gives of a velocity, 0 if it gives none.
 
     Many leave them zero, and some write nonsense, or something huge for unknown.

@@ -203,8 +203,8 @@ _NO_LIFT = (
 class FlightPhase(NamedTuple):
     """Whether nothing but the air touches the vehicle, the ground carries it, it descends."""
 
-    flies: bool
-    stands: bool
+    is_flying: bool
+    is_on_ground: bool
     descends: bool
 
 
@@ -337,8 +337,8 @@ class ConsistencyMonitor(Stage):
             p_reference=p_reference,
             duration=1e-9 * step_ns if compares else 0.0,
             phase=FlightPhase(
-                flies=self._ground.learning is Learning.LEARN,
-                stands=self._ground.allowed is AllowedCommand.IDLE,
+                is_flying=self._ground.learning is Learning.LEARN,
+                is_on_ground=self._ground.allowed is AllowedCommand.IDLE,
                 descends=self.breach is not None,
             ),
             model=self._model,
@@ -445,16 +445,16 @@ def _follow(
         _follow_yaw_torque(state, w[2], duration)
         _follow_command(state, nominal, command, duration)
         _compare_motion(state, p, v, R_reported, w, duration)
-        if phase.stands:
+        if phase.is_on_ground:
             _forget(state.commanded)
             _forget(state.commanded_late)
             _begin_force(memory, model)
         else:
             _compare_with_command(state, nominal, (v, w), R, duration)
-        found = _contradicted(state, nominal.gravity, phase.flies)
+        found = _contradicted(state, nominal.gravity, phase.is_flying)
         for track in (state.older, state.newer):
             _carry(track, state, nominal, R, duration)
-            if not phase.flies:  # the ground may carry it
+            if not phase.is_flying:  # the ground may carry it
                 track.v_WB_W[2] = max(track.v_WB_W[2], 0.0)
                 track.v_attitude_W[2] = max(track.v_attitude_W[2], 0.0)
         state.track_age += duration
@@ -480,7 +480,7 @@ def _follow(
     kernels.store_matrix(R_reported, state.R_WB)
     kernels.store_vector(w, state.w_WB_B)
     is_still = v[2] <= _CLIMBING and math.hypot(v[0], v[1]) <= _MOVING
-    is_away = phase.flies and kernels.norm(v) < _AT_REST
+    is_away = phase.is_flying and kernels.norm(v) < _AT_REST
     is_away &= kernels.distance(p_controlled, p_reference) > _AWAY
     return found, RestStatus(is_still, is_away), state.force.x[2] / nominal.gravity
 
@@ -650,7 +650,7 @@ def _begin_force(
 
 
 @compiled
-def _contradicted(state: ConsistencyState, gravity: float, flies: bool) -> int:
+def _contradicted(state: ConsistencyState, gravity: float, is_flying: bool) -> int:
     """Return the relations that are contradicted.
 
     The ground may keep a vehicle from turning and from falling, but it reverses nothing.
@@ -668,7 +668,7 @@ def _contradicted(state: ConsistencyState, gravity: float, flies: bool) -> int:
         found |= _OFF_POSITION
     if _rates_are_contradicted(state, _REVERSED):
         found |= _OFF_RATES | _OFF_REVERSED
-    elif flies and _rates_are_contradicted(state, _RATES):
+    elif is_flying and _rates_are_contradicted(state, _RATES):
         found |= _OFF_RATES
     # Motors at their limits give more or less lift than asked for, hence the wide band below.
     along, squares = _horizontal(state.drag.yx), _trace(_horizontal(state.drag.yy))

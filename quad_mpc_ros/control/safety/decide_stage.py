@@ -117,7 +117,7 @@ class DecideStage(Stage):
 
     @property
     def _lies_or_stands(self) -> bool:
-        return self._ground.state.stands or self._ground.state is GroundState.CRASHED
+        return self._ground.state.is_on_ground or self._ground.state is GroundState.CRASHED
 
     def _breach(
         self,

@@ -170,7 +170,7 @@ class MpcNode(ManagedNode[MpcConfig]):
 
     def loss_in_flight(self) -> str | None:
         """Return that commands stop, None where they do not act or the vehicle stands."""
-        if self._engaged is False or self._controller.ground_state.stands:
+        if self._engaged is False or self._controller.ground_state.is_on_ground:
             return None
         return "no more commands, the autopilot's failsafe takes over"
 

@@ -201,10 +201,10 @@ def test_reset_clears_offsets_and_recall_restores_them() -> None:
     rates, _ = off_centre_rates(throttle, commands, integral=0.0, off=OFF_CENTRE)
     filtered = Rates(quick())
     pitch_offsets(throttle, commands, rates, rates_of=filtered)
-    before, kept = filtered.ekf.parameters(), filtered.ekf.memory()
+    before, kept = filtered.ekf.parameters(), filtered.ekf.snapshot()
     filtered.ekf.start_over()
     assert not filtered.ekf.parameters().rate_offset.any()
-    filtered.ekf.recall(kept)
+    filtered.ekf.restore(kept)
     np.testing.assert_array_equal(filtered.ekf.parameters().rate_offset, before.rate_offset)
 
 

@@ -24,7 +24,7 @@ def test_speeds_are_those_of_the_world(seed: int) -> None:
         v_WB_B=R_WB.T @ v_WB_W,
         w_WB_B=np.zeros(3),
     )
-    motion.follow(odometry, thrust=1.0, duration=0.0, flies=False)
+    motion.follow(odometry, thrust=1.0, duration=0.0, is_flying=False)
     assert motion.now.climb == pytest.approx(v_WB_W[2])
     assert motion.now.aside == pytest.approx(math.hypot(*v_WB_W[:2]))
 
@@ -32,13 +32,13 @@ def test_speeds_are_those_of_the_world(seed: int) -> None:
 def test_steps_are_followed_with_a_tenth_of_a_second() -> None:
     motion = MotionFilter(9.81)
     still = OdometrySample.at_rest([0.0, 0.0, 0.0])
-    motion.follow(still, thrust=0.0, duration=0.0, flies=False)
+    motion.follow(still, thrust=0.0, duration=0.0, is_flying=False)
     moved = OdometrySample.at_rest([3.0, 0.0, 4.0])
     for _ in range(10):
-        motion.follow(moved, thrust=1.0, duration=0.02, flies=False)
+        motion.follow(moved, thrust=1.0, duration=0.02, is_flying=False)
     followed = 1.0 - math.exp(-0.2 / 0.1)
     assert motion.now.height == pytest.approx(4.0 * followed)
-    assert motion.now.way == pytest.approx(5.0 * followed)
+    assert motion.now.displacement == pytest.approx(5.0 * followed)
     assert motion.now.lift == pytest.approx(1.0 - math.exp(-0.2 / 0.3))
     for _ in range(100):
         motion.draw_ground(fast=False)
@@ -54,7 +54,7 @@ def carried_after(falls: float) -> float | None:
         odometry = OdometrySample.at_rest([0.0, 0.0, 1.0])
         odometry.v_WB_B[2] = climb
         thrust = 0.7 if reduced else 1.0
-        motion.follow(odometry, thrust=thrust, duration=0.02 if k else 0.0, flies=True)
+        motion.follow(odometry, thrust=thrust, duration=0.02 if k else 0.0, is_flying=True)
         if motion.now.carried:
             assert reduced
             return 0.02 * (k - 499)

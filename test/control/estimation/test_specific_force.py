@@ -32,7 +32,7 @@ VEHICLE = Vehicle(drag=(0.2, 0.3, 0.4), rotor_drag=(0.1, 0.1, 0.05), translation
 NOMINAL = parameters_of(VEHICLE, rate_time_constant=0.0, thrust_time_constant=0.04)[()]
 HOVER, GRAVITY = VEHICLE.hover_throttle, VEHICLE.gravity
 LEVEL = np.eye(3)
-FLYING = Conditions(acts=True, flies=True, may_touch=False)
+FLYING = Conditions(acts=True, is_flying=True, may_touch=False)
 
 
 def mean_shape() -> Array:
