@@ -71,7 +71,7 @@ def _compiled(function: Callable[_P, _T], *, nogil: bool) -> Callable[_P, _T]:
     return cast(Callable[_P, _T], dispatcher)
 
 
-def compiled_here() -> int:
+def functions_compiled() -> int:
     """Return how many functions this process has compiled because the cache did not have them."""
     return sum(sum(function.stats.cache_misses.values()) for function in FUNCTIONS)
 

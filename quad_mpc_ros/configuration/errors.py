@@ -16,7 +16,7 @@ class ArgumentError(UserError, ValueError):
     """An argument that cannot be used, with its name, what was given and what was expected."""
 
     def __init__(self, name: str, given: object, expected: str) -> None:
-        super().__init__(f"{name}: given {shown(given)}, expected {expected}")
+        super().__init__(f"{name}: given {readable(given)}, expected {expected}")
         self.name = name
         self.given = given
         self.expected = expected
@@ -52,10 +52,10 @@ def os_reason(error: OSError) -> str:
     return error.strerror or str(error) or type(error).__name__
 
 
-def shown(value: object) -> str:
+def readable(value: object) -> str:
     """Return a value as a person would write it, in one line; of an array type and shape."""
     if isinstance(value, list | tuple):
-        return _shortened(f"[{', '.join(shown(element) for element in value[:_LONGEST])}]")
+        return _shortened(f"[{', '.join(readable(element) for element in value[:_LONGEST])}]")
     if hasattr(value, "shape") and hasattr(value, "dtype"):
         return f"an array {value.shape} of {value.dtype}" if value.shape else str(value)
     try:

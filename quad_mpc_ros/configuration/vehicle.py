@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from quad_mpc_ros.configuration.errors import shown
+from quad_mpc_ros.configuration.errors import readable
 
 VEHICLE = (
     "mass",
@@ -29,7 +29,7 @@ VEHICLE = (
     "throttle_max",
     "radius",
 )
-CARRIES = ("mass", "gravity", "motor_count", "thrust_curve")
+LIFT_PARAMETERS = ("mass", "gravity", "motor_count", "thrust_curve")
 """What carries the vehicle: to nodes that differ in it one throttle is another acceleration."""
 _THRUST_MAP = "thrust_map."
 
@@ -57,7 +57,7 @@ def disagreements(vehicles: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
             else:
                 alike.append(node)
         if len(groups) > 1:
-            groups_text = (f"{shown(value)} of {' and '.join(who)}" for value, who in groups)
+            groups_text = (f"{readable(value)} of {' and '.join(who)}" for value, who in groups)
             found[name] = f"{name} {', '.join(groups_text)}"
     return found
 

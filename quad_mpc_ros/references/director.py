@@ -82,7 +82,7 @@ class Director:
         self._following: tuple[Phase, VelocityPath] | None = None
 
     @classmethod
-    def standing(cls, config: ReferenceConfig, *, p_WB: Array, yaw: float) -> Director:
+    def on_ground(cls, config: ReferenceConfig, *, p_WB: Array, yaw: float) -> Director:
         """Return the director of a vehicle that stands on the ground at ``p_WB`` (3,) [m]."""
         rest = _at_rest(config, p_WB, yaw)
         first = Phase(start_ns=_BEFORE_ALL, name=GROUND, trajectory=rest)
@@ -175,7 +175,7 @@ class Director:
         start = flat_state_of(trajectory, 0)
         return self._go(now_ns, GOING, start, then=TRACKING, trajectory=trajectory)
 
-    def change_way(self, phase: Phase, trajectory: Trajectory, *, from_ns: int) -> Reply:
+    def replace_trajectory(self, phase: Phase, trajectory: Trajectory, *, from_ns: int) -> Reply:
         """Fly in place of the last phase another trajectory, which is the same up to a time."""
         if self.timeline.last is not phase:
             return Reply(accepted=False, text="it is flown no more")
@@ -224,7 +224,7 @@ class Director:
         try:
             trajectory = FlatTrajectory(path, self._config)
         except ValueError as error:
-            return _no_way(str(error))
+            return _infeasible(str(error))
         following = Phase(start_ns=start_ns, name=VELOCITY, trajectory=trajectory)
         reply = self._follow(now_ns, [following], HOLD, None)
         if not reply.accepted:
@@ -296,12 +296,12 @@ class Director:
         try:
             leg = self._leg(name, start, goal)
         except ValueError as error:
-            return _no_way(str(error))
+            return _infeasible(str(error))
         verdict = self._judged(name, leg)
         if not verdict.feasible:
-            return _no_way(verdict.reason())
+            return _infeasible(verdict.reason())
         if not leg.upright:
-            return _no_way("it leads through upside down")
+            return _infeasible("it leads through upside down")
         phase = Phase(start_ns=now_ns, name=name, trajectory=leg)
         return self._follow(now_ns, [phase], then, trajectory)
 
@@ -399,7 +399,7 @@ def published_window(
     return idling(window, gravity) if stays else window
 
 
-def _no_way(reason: str) -> Reply:
+def _infeasible(reason: str) -> Reply:
     return Reply(accepted=False, text=f"no feasible way there: {reason}")
 
 

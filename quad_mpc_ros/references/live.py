@@ -8,9 +8,10 @@ waits at the vehicle, on the ground with idle motors, in the air coming to rest 
 Once they act, it continues from there: ``on_request`` stays, ``at_once`` begins the trajectory,
 after a take-off if on the ground. When they stop acting, it waits again.
 
-Whether the vehicle stands is the MPC's to say (:meth:`LiveReference.tell_ground`). Where it is
-not published or unknown, the flight stack's report counts, and without that, until a take-off,
-the height at which the vehicle was seen first. One of the two must say that a landing is over.
+The MPC's ground state decides whether the vehicle is on the ground
+(:meth:`LiveReference.set_ground_state`). If it is unknown, the flight stack's report counts;
+without a report, until a take-off, the height of the first odometry. A landing ends by one of the
+first two.
 """
 
 from __future__ import annotations
@@ -155,7 +156,7 @@ class LiveReference:
         self._landed = landed
         self._wait()
 
-    def tell_ground(self, state: GroundState) -> None:
+    def set_ground_state(self, state: GroundState) -> None:
         """Take what the MPC knows of the ground; it counts more than all that is known here."""
         self._ground = state
         self._wait()
@@ -236,7 +237,7 @@ class LiveReference:
         """Return the configured trajectory, for drawing."""
         return ReferenceServer(self._config, self.trajectory).whole()
 
-    def course(self, now_ns: int) -> TrajectorySamples:
+    def planned_samples(self, now_ns: int) -> TrajectorySamples:
         """Return all that is planned from now on, for drawing; one period of what repeats."""
         if self._director is None:
             return self.whole()
@@ -317,7 +318,7 @@ class LiveReference:
         """What is flown last; None before there is anything."""
         return None if self._director is None else self._director.timeline.last
 
-    def change_way(self, phase: Phase, trajectory: Trajectory, from_ns: int) -> Reply:
+    def replace_trajectory(self, phase: Phase, trajectory: Trajectory, from_ns: int) -> Reply:
         """Fly in place of the last phase another trajectory, which is the same up to a time."""
 
         def request(director: Director) -> Reply:
@@ -325,7 +326,7 @@ class LiveReference:
             fault = self._out_of_reach(director, way.p_WB)
             if fault is not None:
                 return Reply(accepted=False, text=fault)
-            return director.change_way(phase, trajectory, from_ns=from_ns)
+            return director.replace_trajectory(phase, trajectory, from_ns=from_ns)
 
         return self._requested(request)
 
@@ -364,7 +365,7 @@ class LiveReference:
         if self._at_once:
             self._follow_as_it_is(odometry.stamp_ns)
             return
-        self._follow(Director.standing(self._config, p_WB=odometry.p_WB, yaw=_heading(odometry)))
+        self._follow(Director.on_ground(self._config, p_WB=odometry.p_WB, yaw=_heading(odometry)))
 
     def _take_over(self, odometry: OdometrySample) -> Reply:
         """Continue from where the vehicle is, because commands act from now on."""
@@ -412,7 +413,7 @@ class LiveReference:
         odometry, ground = waiting.odometry, waiting.ground
         yaw = _heading(odometry)
         if waiting.on_ground:
-            return Director.standing(self._config, p_WB=odometry.p_WB, yaw=yaw)
+            return Director.on_ground(self._config, p_WB=odometry.p_WB, yaw=yaw)
         rest = FlatState.at_rest(odometry.p_WB, yaw=yaw)
         R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
         end = dataclasses.replace(rest.end, v_WB_W=R_WB @ odometry.v_WB_B)

@@ -83,7 +83,7 @@ class ReferenceServer:
             windows.append(
                 ReferenceWindow(
                     stamp_ns=stamp_ns,
-                    offset_ns=cut.shown - now_ns,
+                    offset_ns=cut.published - now_ns,
                     p_WB=samples.p_WB[part],
                     q_WB_xyzw=samples.q_WB_xyzw[part],
                     v_WB_W=samples.v_WB_W[part],
@@ -118,7 +118,7 @@ class ReferenceServer:
     def _held(self, now_ns: int) -> _Times:
         """Return the present twice: it is held over the window."""
         return _Times(
-            shown=np.array((now_ns, now_ns + self._duration_ns)),
+            published=np.array((now_ns, now_ns + self._duration_ns)),
             sampled=np.array((now_ns, now_ns)),
         )
 
@@ -133,12 +133,12 @@ class ReferenceServer:
         """
         jumps = self._trajectory.jumps(int(grid[0]), end_ns)
         if not jumps:
-            return _Times(shown=grid, sampled=grid)
+            return _Times(published=grid, sampled=grid)
         at_jumps = np.repeat(jumps, 2)
-        shown = np.concatenate((at_jumps, grid))
+        published = np.concatenate((at_jumps, grid))
         sampled = np.concatenate((at_jumps - np.tile((1, 0), len(jumps)), grid))
-        order = np.argsort(shown, kind="stable")
-        return _Times(shown=shown[order], sampled=sampled[order])
+        order = np.argsort(published, kind="stable")
+        return _Times(published=published[order], sampled=sampled[order])
 
 
 class WindowsAhead:
@@ -174,5 +174,5 @@ class WindowsAhead:
 class _Times(NamedTuple):
     """The times of a window's samples (n,): as shown, and as sampled from the trajectory."""
 
-    shown: NDArray[np.int64]
+    published: NDArray[np.int64]
     sampled: NDArray[np.int64]

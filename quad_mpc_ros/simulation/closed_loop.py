@@ -34,10 +34,10 @@ from quad_mpc_ros.simulation.sensors import (
     stamp_offset_ns,
 )
 from quad_mpc_ros.simulation.surroundings import (
-    NOTHING_SEEN,
+    NOTHING_SENSED,
     Collision,
     ObstacleReceiver,
-    Seen,
+    SensedObstacles,
     configured_surroundings,
 )
 
@@ -74,7 +74,7 @@ class LoopStep:
     command: CommandSample | None
     voltage: float | None = None
     imu: tuple[ImuSample, ...] = ()
-    seen: Seen = NOTHING_SEEN
+    sensed: SensedObstacles = NOTHING_SENSED
     collision: Collision | None = None
 
 
@@ -132,9 +132,9 @@ def fly(
         now_ns = SIMULATION_START_NS + sent.time_ns
         window = ahead.window(sent.odometry.stamp_ns)
         measured_ns = sent.truth.stamp_ns - SIMULATION_START_NS
-        seen, collision = NOTHING_SEEN, None
+        sensed, collision = NOTHING_SENSED, None
         if around is not None:
-            seen = around.look(sent.truth, measured_ns)
+            sensed = around.look(sent.truth, measured_ns)
             collision = around.collision(sent.truth, measured_ns)
         if world is not None:
             world.receive_odometry(sent.odometry)
@@ -142,7 +142,7 @@ def fly(
         if command is not None:
             plant.apply(command)
         if world is not None:
-            _tell(world, seen)
+            _deliver(world, sensed)
         yield LoopStep(
             odometry=sent.odometry,
             truth=sent.truth,
@@ -152,7 +152,7 @@ def fly(
             command=command,
             voltage=sent.voltage,
             imu=sent.imu,
-            seen=seen,
+            sensed=sensed,
             collision=collision,
         )
         if collision is not None:
@@ -194,12 +194,12 @@ def _answered(
     return tick, None if tick is None else tick.command
 
 
-def _tell(world: ObstacleReceiver, seen: Seen) -> None:
+def _deliver(world: ObstacleReceiver, sensed: SensedObstacles) -> None:
     """Tell a world what is seen, for the next tick, as the node does in lockstep."""
-    if seen.cloud is not None:
-        world.receive_cloud(seen.cloud)
-    if seen.markers:
-        world.receive_markers(seen.markers)
+    if sensed.cloud is not None:
+        world.receive_cloud(sensed.cloud)
+    if sensed.markers:
+        world.receive_markers(sensed.markers)
 
 
 def _trajectory(reference: ReferenceConfig, given: Trajectory | Path | None) -> Trajectory:

@@ -102,13 +102,13 @@ def advance(
 @compiled
 def measure(state: RecordArray[VehicleState], out: RecordArray[Measured]) -> None:
     """Write the true motion. On the ground nothing turns, whatever the command."""
-    x, seen = state[()], out[()]
+    x, measured = state[()], out[()]
     p, v = kernels.vector(x.p_WB), kernels.vector(x.v_WB_B)
-    kernels.store_vector(p, seen.p_WB)
-    store_quaternion(kernels.quaternion(kernels.matrix(x.R_WB)), seen.q_WB_xyzw)
-    kernels.store_vector(v, seen.v_WB_B)
+    kernels.store_vector(p, measured.p_WB)
+    store_quaternion(kernels.quaternion(kernels.matrix(x.R_WB)), measured.q_WB_xyzw)
+    kernels.store_vector(v, measured.v_WB_B)
     w = (0.0, 0.0, 0.0) if _on_ground(p, v) else kernels.vector(x.w_WB_B)
-    kernels.store_vector(w, seen.w_WB_B)
+    kernels.store_vector(w, measured.w_WB_B)
 
 
 @compiled

@@ -35,7 +35,7 @@ class ObstacleScene:
         self._radii = np.array([shape.outer_radius for shape in shapes])
 
     @property
-    def standing(self) -> ObstacleScene:
+    def static(self) -> ObstacleScene:
         """Those of the shapes that are there from the start and do not move."""
         still = [s for s in self.shapes if not s.moves and s.appears_at <= 0.0]
         return ObstacleScene(still, self.volume)
@@ -43,7 +43,7 @@ class ObstacleScene:
     @property
     def changes(self) -> bool:
         """Whether a shape moves, or appears later."""
-        return len(self.standing.shapes) < len(self.shapes)
+        return len(self.static.shapes) < len(self.shapes)
 
     def there(self, seconds: float) -> list[Shape]:
         """Return the shapes that are there at a time, where they are then."""

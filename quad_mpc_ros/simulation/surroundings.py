@@ -54,14 +54,14 @@ class Collision(NamedTuple):
         )
 
 
-class Seen(NamedTuple):
+class SensedObstacles(NamedTuple):
     """The message of a sensor at a time: a cloud, markers, or neither."""
 
     cloud: PointCloud | None = None
     markers: tuple[Marker, ...] = ()
 
 
-NOTHING_SEEN = Seen()
+NOTHING_SENSED = SensedObstacles()
 
 
 class ObstacleReceiver(Protocol):
@@ -86,7 +86,7 @@ class ObstacleSimulation(Protocol):
     def check_start(self, p_WB: Array) -> None:
         """Raise :class:`UserError` for a vehicle that would begin in contact at ``p_WB`` (3,)."""
 
-    def look(self, truth: OdometrySample, time_ns: int) -> Seen:
+    def look(self, truth: OdometrySample, time_ns: int) -> SensedObstacles:
         """Return the sensor message of an odometry, if the sensor is due."""
 
     def collision(self, truth: OdometrySample, time_ns: int) -> Collision | None:

@@ -22,7 +22,7 @@ FLIGHTS, SETTLED = 4, 150  # odometries
 KINEMATIC = slice(MOTION.position, MOTION.disturbance)
 
 
-class Seen(NamedTuple):
+class SensedObstacles(NamedTuple):
     """Of each odometry: NIS of position and velocity, innovation (3,), NEES."""
 
     position_nis: float
@@ -31,7 +31,9 @@ class Seen(NamedTuple):
     motion_nees: float
 
 
-def flown(plant: str, trajectory: str, seed: int, patch: pytest.MonkeyPatch) -> list[Seen]:
+def flown(
+    plant: str, trajectory: str, seed: int, patch: pytest.MonkeyPatch
+) -> list[SensedObstacles]:
     followed, predict = [], DelayCompensation.predict
 
     def recording(
@@ -70,7 +72,7 @@ def flown(plant: str, trajectory: str, seed: int, patch: pytest.MonkeyPatch) -> 
             state.translation.P[KINEMATIC, KINEMATIC],
         )
         found.append(
-            Seen(
+            SensedObstacles(
                 float(state.position_nis),
                 float(state.velocity_nis),
                 np.array(state.velocity_innovation),

@@ -124,7 +124,7 @@ class DelayCompensation(Stage):
             disturbance_max=config.disturbance_max,
         )
 
-    def renewed(self) -> DelayCompensation:
+    def fresh_copy(self) -> DelayCompensation:
         """Return a new instance with the same engagement."""
         fresh = DelayCompensation(self._config, ground=self._ground)
         fresh.engage(self._engaged)

@@ -46,7 +46,7 @@ def first_order_lag_slopes(time_constant: float, duration: float) -> tuple[float
 
 
 @compiled
-def lead(time_constant: float, duration: float, before: float, after: float) -> float:
+def inverse_lag(time_constant: float, duration: float, before: float, after: float) -> float:
     """Return the command that takes a lagging actuator from one value to another.
 
     The inverse of the lag, c = y + tau dy/dt, half way.

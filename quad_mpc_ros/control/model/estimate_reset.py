@@ -46,8 +46,8 @@ class EstimateReset:
         """
         duration = 1e-9 * (after.stamp_ns - before.stamp_ns)
         R_WB = so3.rotation_from_quaternion_xyzw(before.q_WB_xyzw)
-        led = so3.quaternion_xyzw_from_rotation(R_WB @ so3.exp(duration * before.w_WB_B))
-        stepped = heading(after.q_WB_xyzw.tolist()) - heading(led.tolist())
+        expected = so3.quaternion_xyzw_from_rotation(R_WB @ so3.exp(duration * before.w_WB_B))
+        stepped = heading(after.q_WB_xyzw.tolist()) - heading(expected.tolist())
         turn = math.remainder(stepped, math.tau)
         p = before.p_WB + duration * (R_WB @ before.v_WB_B)
         step_W = after.p_WB - _rotation(turn) @ p

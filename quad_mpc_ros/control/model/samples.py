@@ -58,7 +58,7 @@ class OdometrySample:
     v_variance: float = 0.0
 
     def __post_init__(self) -> None:
-        _settle(
+        _set_converted(
             self,
             stamp_ns=stamp(self.stamp_ns, "stamp_ns"),
             p_WB=array(self.p_WB, "p_WB", 3),
@@ -134,7 +134,7 @@ class ImuSample:
     frame_id: str = "base_link"
 
     def __post_init__(self) -> None:
-        _settle(
+        _set_converted(
             self,
             stamp_ns=stamp(self.stamp_ns, "stamp_ns"),
             f_B=array(self.f_B, "f_B", 3),
@@ -206,7 +206,7 @@ class ReferenceWindow:
     def __post_init__(self) -> None:
         offset_ns = stamps(self.offset_ns, "offset_ns")
         count = len(offset_ns)
-        _settle(
+        _set_converted(
             self,
             stamp_ns=stamp(self.stamp_ns, "stamp_ns"),
             offset_ns=offset_ns,
@@ -337,7 +337,7 @@ class ReferenceWindow:
         return p + fraction * (self.p_WB[before + 1] - p), q
 
 
-def _settle(sample: Any, **values: object) -> None:
+def _set_converted(sample: Any, **values: object) -> None:
     """Set the fields of a frozen sample that were given in another type."""
     fields = vars(sample)
     for name, value in values.items():

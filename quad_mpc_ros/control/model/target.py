@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vector3, Vector4
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.model.actuators import lead
+from quad_mpc_ros.control.model.actuators import inverse_lag
 from quad_mpc_ros.control.model.parameters import (
     ModelParameters,
     root_of_thrust,
@@ -100,13 +100,13 @@ def sample_target(
         for n in range(3):
             held[k, U_RATE + n] = point.w_WB_B[n]
         if k > 0:
-            _turn_with(tilts, R_held, dt, held, k)
+            _add_tilt_rates(tilts, R_held, dt, held, k)
         if k > 0 and k % SUBSTEPS == 0:
             stage = target[k // SUBSTEPS - 1]
             kernels.store_vector(kernels.vector(point.p_WB), stage.p_WB)
             kernels.store_vector(kernels.vector(point.v_WB_W), stage.v_WB_W)
             kernels.store_matrix(R_held, stage.R_WB)
-    _lead(model, dt, held, target, u_min=u_min, u_max=u_max)
+    _write_commands(model, dt, held, target, u_min=u_min, u_max=u_max)
     return R_start
 
 
@@ -167,7 +167,7 @@ def _is_same(point: PointRecord, before: PointRecord) -> bool:
 
 
 @compiled
-def _lead(
+def _write_commands(
     model: ModelParameters,
     dt: float,
     held: Array,
@@ -183,7 +183,7 @@ def _lead(
             stage, total = target[i], 0.0
             for j in range(SUBSTEPS):
                 k = i * SUBSTEPS + j
-                command = lead(lags[n], dt, held[k, n], held[k + 1, n])
+                command = inverse_lag(lags[n], dt, held[k, n], held[k + 1, n])
                 stage.inputs[j, n] = kernels.clamp(command, u_min[n], u_max[n])
                 total += stage.inputs[j, n]
             stage.mean_input[n] = total / SUBSTEPS
@@ -248,7 +248,7 @@ def _tilt(before: kernels.Vector, after: kernels.Vector) -> kernels.Matrix:
 
 
 @compiled
-def _turn_with(tilts: Array, R_WB: kernels.Matrix, dt: float, held: Array, k: int) -> None:
+def _add_tilt_rates(tilts: Array, R_WB: kernels.Matrix, dt: float, held: Array, k: int) -> None:
     """Add to the rates of a substep, and of the first, by how much the tilt turns the body."""
     change = kernels.plus(
         kernels.vector(tilts[k]), kernels.scaled(-1.0, kernels.vector(tilts[k - 1]))

@@ -245,16 +245,16 @@ def saturate_position_error(
 
 @compiled
 def regularise_limits(
-    R: Array, weights: Array, activity: float, steep_slope: float, stages: HorizonStages
+    R: Array, weights: Array, activity: float, full_damping_slope: float, stages: HorizonStages
 ) -> float:
     """Add a cost to changes of the plan, so that a step is not all or nothing; return its scale.
 
     ``R`` (4,) are the weights on its inputs. The scale is the steepest slope of the cost, times
-    the constraint ``activity`` or the share of that slope in ``steep_slope``, whichever is larger.
-    The iterations converge to the same plan.
+    the constraint ``activity`` or the slope over ``full_damping_slope``, whichever is larger. The
+    iterations converge to the same plan.
     """
     slope = _steepest_slope(weights)
-    scale = max(activity, min(1.0, slope / steep_slope)) * slope
+    scale = max(activity, min(1.0, slope / full_damping_slope)) * slope
     H = stages.H
     for i in range(len(H)):
         stages.R[i, U_THROTTLE] = R[U_THROTTLE] + _DAMPING_THROTTLE * scale

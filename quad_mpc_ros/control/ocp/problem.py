@@ -158,8 +158,10 @@ def write_qp(problem: Problem, is_flipping: bool, stages: HorizonStages) -> floa
     if len(work.limits.bounds) > 0:
         penalty, activity = write_limits(work.limits, target, plan, stages)
         cost += penalty
-        steep_slope = math.inf if is_flipping else settings.steep_slope
-        scale = regularise_limits(settings.R, work.limits.weights, activity, steep_slope, stages)
+        full_damping_slope = math.inf if is_flipping else settings.full_damping_slope
+        scale = regularise_limits(
+            settings.R, work.limits.weights, activity, full_damping_slope, stages
+        )
         if has_progress:
             regularise_progress(settings.progress_weight, scale, stages)
     return cost

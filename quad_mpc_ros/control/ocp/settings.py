@@ -27,7 +27,7 @@ class ProblemSettings(Record):
     rate_gain: Vector3  # of the rates over their commands
     limits: Vector4  # soft ones: tilt, speed, throttle margin, slew of the rates; 0 for none
     max_position_error: float  # m, at which the position error of the target saturates
-    steep_slope: float  # slope of the cost from which on changes are regularised fully
+    full_damping_slope: float  # slope of the cost from which on changes are regularised fully
     # Of how fast the reference's time passes: weight on its difference from 1, and bounds.
     progress_weight: float
     speed_min: float
@@ -62,5 +62,5 @@ def settings_of(config: MpcConfig) -> RecordArray[ProblemSettings]:
     # saturates, per 3 m/s.
     duration = config.horizon_steps * config.horizon_step
     heaviest = max(config.terminal_weight, 1.0) * max(*config.Q[POSITION], 1e-9)
-    settings.steep_slope = 3.0 * duration * heaviest * limits.pull_distance
+    settings.full_damping_slope = 3.0 * duration * heaviest * limits.pull_distance
     return result

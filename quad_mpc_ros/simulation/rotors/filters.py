@@ -53,7 +53,7 @@ def filtered(value: float, section: FilterSection, held: Array) -> float:
 
 
 @compiled
-def settle(value: float, section: FilterSection, held: Array) -> None:
+def initialize(value: float, section: FilterSection, held: Array) -> None:
     """Set the state (2,) of a filter as if a value had always been there."""
     held[1] = (section.b2 - section.a2) * value
     held[0] = (section.b1 - section.a1) * value + held[1]

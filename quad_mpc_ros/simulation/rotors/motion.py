@@ -21,10 +21,10 @@ from quad_mpc_ros.simulation.rotors.mixer import Share
 from quad_mpc_ros.simulation.rotors.state import (
     BodyState,
     add,
+    on_ground,
     origin_height,
     put,
     rotation_of,
-    stands,
 )
 
 _BODY = BodyState.dtype
@@ -60,7 +60,7 @@ def advance(
                 w_WB_B=body[()].w_WB_B,
                 throttle=command.throttle,
                 rates=command.w_WB_B,
-                stands=stands(body[()], center_B),
+                on_ground=on_ground(body[()], center_B),
                 loop=loop[()],
                 mix=mix,
                 out=wanted,
@@ -100,7 +100,7 @@ def coast(
     duration = duration_ns * 1e-9 / steps
     before = np.empty((), _BODY)
     for _ in range(steps):
-        stood = stands(x, center_B)
+        stood = on_ground(x, center_B)
         before[()] = x
         runge_kutta(body, speeds, wanted, outside, craft=craft, rotors=rotors, duration=duration)
         above = origin_height(x, center_B) > 0.0
@@ -158,15 +158,15 @@ def measure(
     body: RecordArray[BodyState], craft: RecordArray[Craft], out: RecordArray[records.Measured]
 ) -> None:
     """Write the true motion of the body's origin."""
-    x, seen = body[()], out[()]
+    x, measured = body[()], out[()]
     R_WB, w = rotation_of(x), kernels.vector(x.w_WB_B)
     to_origin = kernels.scaled(-1.0, kernels.vector(craft[()].center_B))
     p = kernels.plus(kernels.vector(x.p_WC), kernels.apply(R_WB, to_origin))
     v = kernels.apply_transposed(R_WB, kernels.vector(x.v_WC_W))
-    kernels.store_vector(p, seen.p_WB)
-    records.store_quaternion(kernels.quaternion(R_WB), seen.q_WB_xyzw)
-    kernels.store_vector(kernels.plus(v, kernels.cross(w, to_origin)), seen.v_WB_B)
-    kernels.store_vector(w, seen.w_WB_B)
+    kernels.store_vector(p, measured.p_WB)
+    records.store_quaternion(kernels.quaternion(R_WB), measured.q_WB_xyzw)
+    kernels.store_vector(kernels.plus(v, kernels.cross(w, to_origin)), measured.v_WB_B)
+    kernels.store_vector(w, measured.w_WB_B)
 
 
 @compiled

@@ -61,16 +61,16 @@ def loop_of(config: RotorsPlantParameters) -> RecordArray[Loop]:
 
     It knows the rotors as they are meant to be, not how strong they truly are.
     """
-    given, rotors, loop = config.rate_loop, config.rotors, Loop.zeros()
+    settings, rotors, loop = config.rate_loop, config.rotors, Loop.zeros()
     own = loop[()]
-    own.period, own.period_ns = 1.0 / given.rate, round(1e9 / given.rate)
-    own.p[:], own.i[:], own.d[:] = given.p, given.i, given.d
-    own.feed_forward[:], own.integral_max[:] = given.feed_forward, given.integral_max
+    own.period, own.period_ns = 1.0 / settings.rate, round(1e9 / settings.rate)
+    own.p[:], own.i[:], own.d[:] = settings.p, settings.i, settings.d
+    own.feed_forward[:], own.integral_max[:] = settings.feed_forward, settings.integral_max
     xx, yy, zz, *_ = config.airframe.inertia
-    own.torque_max[:], own.inertia[:] = given.torque_max, (xx, yy, zz)
-    own.gyro = filters.butterworth(given.gyro_cutoff, given.rate)[()]
-    own.smoothing = filters.smoothing(given.d_cutoff, given.rate)
-    own.airmode = given.airmode
+    own.torque_max[:], own.inertia[:] = settings.torque_max, (xx, yy, zz)
+    own.gyro = filters.butterworth(settings.gyro_cutoff, settings.rate)[()]
+    own.smoothing = filters.smoothing(settings.d_cutoff, settings.rate)
+    own.airmode = settings.airmode
     own.thrust_curve[:] = [config.motor_count * each for each in config.thrust_curve]
     own.thrust_coefficient = rotors.thrust_coefficient
     own.least = rotors.thrust_coefficient * rotors.speed_min**2
@@ -84,7 +84,7 @@ def begun(w_WB_B: Array, loop: RecordArray[Loop]) -> RecordArray[Memory]:
     own = memory[()]
     own.before[:] = w_WB_B
     for axis in range(3):
-        filters.settle(w_WB_B[axis], section=loop[()].gyro, held=own.gyro[axis])
+        filters.initialize(w_WB_B[axis], section=loop[()].gyro, held=own.gyro[axis])
     return memory
 
 
@@ -94,7 +94,7 @@ def run(
     w_WB_B: Array,
     throttle: float,
     rates: Array,
-    stands: bool,
+    on_ground: bool,
     loop: Loop,
     mix: RecordArray[Share],
     out: Array,
@@ -112,12 +112,12 @@ def run(
         alpha += loop.feed_forward[axis] * rates[axis]
         wanted[axis] = loop.inertia[axis] * alpha
     asked = _limited(wanted, loop.torque_max)
-    airmode = loop.airmode != 0 and not stands
+    airmode = loop.airmode != 0 and not on_ground
     turn, yaw = speeds(throttle, asked, airmode=airmode, loop=loop, mix=mix, out=out)
     for axis in range(3):
         share = turn if axis < 2 else yaw
         saturated = share < 1.0 or asked[axis] != wanted[axis]
-        if stands:
+        if on_ground:
             memory.integral[axis] = 0.0
         elif not (saturated and error[axis] * wanted[axis] > 0.0):
             step = loop.period * loop.i[axis] * error[axis]

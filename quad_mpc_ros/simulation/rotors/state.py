@@ -57,7 +57,7 @@ def origin_height(body: BodyState, center_B: kernels.Vector) -> float:
 
 
 @compiled
-def stands(body: BodyState, center_B: kernels.Vector) -> bool:
+def on_ground(body: BodyState, center_B: kernels.Vector) -> bool:
     """Whether the body rests on the ground."""
     x, y, z = kernels.vector(body.v_WC_W)
     return origin_height(body, center_B) <= 0.0 and x == 0.0 and y == 0.0 and z == 0.0

@@ -82,8 +82,8 @@ class Flight:
                 reference_ns=None if "reference" in never else stamp(reference),
                 plan_fault=fault,
                 breach=broken,
-                standing=standing,
-                foreseen=foreseen,
+                on_ground=standing,
+                is_predicted=foreseen,
             ),
             self._state,
             self._timeouts,
@@ -165,7 +165,7 @@ def test_predicted_state_does_not_extend_plan_timeout(
     flight.decide(0)
     assert flight.decide(120, odometry=0, foreseen=True) == (
         MPC,
-        "odometry is late: foreseen",
+        "odometry is late: predicted",
     )
     flight.follow([(200, MPC), (400, MPC)], odometry=0, foreseen=True)
     assert flight.decide(401, odometry=0, foreseen=True) == (BLIND, "odometry is 0.40 s old")
