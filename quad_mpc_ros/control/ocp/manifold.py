@@ -47,9 +47,8 @@ _JUMP_ITERATIONS = 3
 # A shifted plan whose cost has grown by this much meets a reference that has jumped.
 _JUMP_FACTOR, _JUMP_FLOOR = 4.0, 0.1
 _STEP_LENGTHS = (1.0, 0.5, 0.25, 0.1)
-_CONVERGED = 0.95
-# For how long after a flip of the reference the vehicle may be behind.
-_RECOVERING_NS = 500_000_000
+_CONVERGENCE_RATIO = 0.95  # of the cost, above which the plan has converged
+_FLIP_RECOVERY_NS = 500_000_000  # after a flip of the reference the vehicle may be behind
 
 
 class ProblemBuffers(NamedTuple):
@@ -101,7 +100,7 @@ class ManifoldProblem:
         self._cost, self._iterations, self._linearised = 0.0, 0, False
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over weights and bounds, in place; the last plan stays."""
+        """Apply weights and bounds; the last plan stays."""
         self._settings[()] = settings_of(config)[()]
 
     def pattern(self, *, constrained: bool = False) -> HorizonPattern:
@@ -127,7 +126,7 @@ class ManifoldProblem:
             work=buffers.work,
         )
         last_ns, last_cost = self._last
-        recovering = 0 <= self._flips_until_ns - state.stamp_ns <= _RECOVERING_NS
+        recovering = 0 <= self._flips_until_ns - state.stamp_ns <= _FLIP_RECOVERY_NS
         self._cost, self._iterations, is_flipping = begin(
             self._problem,
             self._stages,
@@ -136,7 +135,7 @@ class ManifoldProblem:
             recovering=recovering,
         )
         if is_flipping:
-            self._flips_until_ns = state.stamp_ns + _RECOVERING_NS
+            self._flips_until_ns = state.stamp_ns + _FLIP_RECOVERY_NS
         self._flipping = recovering or is_flipping
         # The roll-out for the cost has linearised on the way.
         self._linearised = True
@@ -157,7 +156,7 @@ class ManifoldProblem:
         plan are its own.
         """
         cost, plan = line_search(self._problem, inputs, self._cost, self._stamp_ns)
-        converged = not cost < _CONVERGED * self._cost
+        converged = not cost < _CONVERGENCE_RATIO * self._cost
         self._cost, self._iterations = cost, self._iterations - 1
         self._last = self._stamp_ns, cost
         return plan, converged or self._iterations == 0
@@ -167,7 +166,7 @@ class ManifoldProblem:
 def begin(
     problem: Problem, stages: HorizonStages, elapsed: float, last_cost: float, recovering: bool
 ) -> tuple[float, int, bool]:
-    """Write target and bounds, and the QP about the best start there is.
+    """Write target and bounds, and the QP about the best start.
 
     Args:
         problem: Target, bounds and the nominal plan are written.

@@ -55,7 +55,7 @@ class PaperProblem:
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over weights and bounds."""
+        """Apply weights and bounds."""
         self._u_min = np.array([config.throttle_min, *(-w for w in config.omega_max)])
         self._u_max = np.array([config.throttle_max, *config.omega_max])
         self._stages.H[:] = np.diag(config.Q)

@@ -112,7 +112,7 @@ def pattern_of(config: MpcConfig, limits: Limits) -> HorizonPattern:
     diagonal, all_states = np.eye(3, dtype=bool), progress.SIZE
     A = np.zeros((all_states, all_states), dtype=bool)
     A[POSITION, POSITION] = A[POSITION, VELOCITY] = A[VELOCITY, VELOCITY] = diagonal
-    A[:THETA, VELOCITY] |= not config.drags_alike  # anisotropic drag couples the axes
+    A[:THETA, VELOCITY] |= not config.has_isotropic_drag  # anisotropic drag couples the axes
     A[:THETA, THETA:STATE_SIZE] = True
     A[ATTITUDE, THETA:THROTTLE] = True
     A[RATE, RATE] = diagonal
@@ -133,8 +133,8 @@ def pattern_of(config: MpcConfig, limits: Limits) -> HorizonPattern:
         A=A[:nx, :nx],
         B=B[:nx, :nu],
         H=H[:nx, :nx],
-        state_size=np.append(_STATE_SIZES, progress.STATE_NATURAL)[:nx],
-        input_size=np.append(_INPUT_SIZES, progress.INPUT_NATURAL)[:nu],
+        state_size=np.append(_STATE_SIZES, progress.STATE_SIZES)[:nx],
+        input_size=np.append(_INPUT_SIZES, progress.INPUT_SIZES)[:nu],
         limits=limits.pattern(nx, nu),
     )
 

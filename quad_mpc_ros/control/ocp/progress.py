@@ -13,9 +13,8 @@ What is tracked is the path where progress is, at the speed that it has, and goi
 so that the errors have slopes in progress, de_p/dθ = -v, de_v/dθ = -s a and de_v/ds = -v. That is
 model predictive contouring control (Lam, Manzie, Good, CDC 2010; of quadrotors Romero, Sun, Foehn,
 Scaramuzza, T-RO 2022) with one weight on distance from the path and lag along it: where progress
-is free, what is left of the lag is what it is worth. The attitude that is tracked and the inputs
-that deviations count from are those of the progress that a tick begins with; the next one has
-those of what became of it.
+is free, the lag is determined by its weight. Tracked attitudes and reference inputs are those of
+the progress at the start of a tick.
 """
 
 from __future__ import annotations
@@ -35,10 +34,10 @@ from quad_mpc_ros.control.ocp.horizon_qp import HorizonStages, Mask
 from quad_mpc_ros.control.ocp.settings import ProblemSettings, stage_weight
 
 PATH_TIME, SPEED, SIZE = STATE_SIZE, STATE_SIZE + 1, STATE_SIZE + 2
-"""Where progress and its speed are in the state of the problem, and the size of that."""
+"""Indices of progress and its speed in the state of the problem, and its size."""
 SPEED_INPUT, INPUTS = INPUT_SIZE, INPUT_SIZE + 1
-"""Where the speed is in the input of the problem, and the size of that."""
-STATE_NATURAL, INPUT_NATURAL = np.array([0.07, 0.3]), np.array([0.1])
+"""Index of the speed in the input of the problem, and its size."""
+STATE_SIZES, INPUT_SIZES = np.array([0.07, 0.3]), np.array([0.1])
 """Natural sizes of the two states and of the input."""
 
 # Cost of a change of the speed near limits, in proportion to the same scale as other changes of
