@@ -44,7 +44,7 @@ from quad_mpc_ros.simulation.surroundings import (
 _DEFAULT_DURATION = 10.0  # s
 
 ControlLaw = Callable[[OdometrySample, ReferenceWindow], CommandSample | None]
-"""Returns the command that answers an odometry, or None for none: the last one goes on."""
+"""Returns the command for an odometry, or None to keep the last one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,7 +62,7 @@ class LoopStep:
         command: What was sent to the plant, if anything was.
         voltage: That of the battery [V], where it was measured with the odometry.
         imu: IMU samples since the last odometry, delivered before it.
-        seen: Obstacles that a sensor reports with it.
+        sensed: Obstacles reported by a sensor with the odometry.
         collision: Where it flew into one since the step before, which ends the flight.
     """
 
@@ -195,7 +195,7 @@ def _answered(
 
 
 def _deliver(world: ObstacleReceiver, sensed: SensedObstacles) -> None:
-    """Tell a world what is seen, for the next tick, as the node does in lockstep."""
+    """Deliver sensed obstacles for the next tick, as the node does in lockstep."""
     if sensed.cloud is not None:
         world.receive_cloud(sensed.cloud)
     if sensed.markers:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter
 from quad_mpc_ros.simulation.rotors.parameters import RotorsPlantParameters
 
-_STEEPEST = math.radians(60.0)
+_MAX_SLOPE = math.radians(60.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,7 @@ class GroundParameters(Configuration):
     owner = "simulator.mujoco.ground"
 
     slope: float = parameter(
-        0.0, doc="Inclination of the ground.", unit="rad", minimum=0.0, maximum=_STEEPEST
+        0.0, doc="Inclination of the ground.", unit="rad", minimum=0.0, maximum=_MAX_SLOPE
     )
     slope_heading: float = parameter(
         0.0, doc="Way up the slope, from east anticlockwise.", unit="rad"

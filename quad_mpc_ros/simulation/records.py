@@ -1,4 +1,4 @@
-"""Records that the plants share: what acts on a vehicle, and what its sensors would measure."""
+"""Records shared by the plants: inputs, and the measured motion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _X, _Y, _Z, _W = range(4)
 
 
 class PlantInputs(Record):
-    """What acts on a vehicle, held over a time."""
+    """Constant inputs of a vehicle."""
 
     throttle: float  # 0 to 1
     w_WB_B: Vector3  # commanded body rates [rad/s]

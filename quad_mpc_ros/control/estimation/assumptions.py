@@ -15,7 +15,7 @@ from quad_mpc_ros.control.estimation.error_state import (
 from quad_mpc_ros.control.estimation.filter_state import Filter
 from quad_mpc_ros.control.model.parameters import ModelParameters
 
-_RATE_NOISE = 0.2  # rad/s / sqrt(s), of the model's rates
+_RATE_PROCESS_NOISE = 0.2  # rad/s / sqrt(s), of the model's rates
 # Latency of the default vehicle from command to response [s], and the largest bandwidth scale.
 _DEFAULT_LATENCY, _MAX_BANDWIDTH_SCALE = 0.13, 4.0
 
@@ -49,7 +49,7 @@ def set_initial_variances(state: Filter, bandwidth_scale: float) -> None:
         (RATES.lateness, error_state.LATENESS, share),
     ):
         rates.P[i, i], rates.x[i] = variances_at(assumed, scale)
-    rates.x[RATES.rate : RATES.lag] = _RATE_NOISE**2
+    rates.x[RATES.rate : RATES.lag] = _RATE_PROCESS_NOISE**2
     # Late odometry looks like a lag; compensating a lag that does not exist oscillates. So the
     # longest lag is closer to the configured one for quick vehicles.
     lags, shortest = state.rate_lags, error_state.SHORTEST_RATE_LAG

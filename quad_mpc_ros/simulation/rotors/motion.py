@@ -1,7 +1,7 @@
-"""The motion of the plant ``rotors`` while neither command nor wind changes, compiled.
+"""The motion of the plant ``rotors`` at constant command and wind, compiled.
 
-One call moves it over any time: the rate loop runs at its own regular times, and between two of
-them Runge-Kutta steps of order 4 integrate the equations. The ground is at height 0.
+The rate loop runs at regular times; between them Runge-Kutta steps of order 4 integrate the
+equations. The ground is at height 0.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _BODY = BodyState.dtype
 
 
 class RotorInputs(records.PlantInputs):
-    """What acts on the vehicle, held over a time."""
+    """Constant inputs of the vehicle."""
 
     external_force_W: Vector3  # force at the centre of mass [N]
 
@@ -49,7 +49,7 @@ def advance(
     mix: RecordArray[Share],
     duration_ns: int,
 ) -> None:
-    """Move body, speeds (n,), the loop's memory and the wanted speeds (n,) over a time."""
+    """Advance body, speeds (n,), the loop's memory and the wanted speeds (n,) over a time."""
     command, held = inputs[()], memory[()]
     center_B = kernels.vector(craft[()].center_B)
     left = duration_ns
@@ -90,24 +90,21 @@ def coast(
     rotors: RecordArray[Rotor],
     duration_ns: int,
 ) -> None:
-    """Move body and speeds (n,) over a time in which the wanted speeds (n,) stay.
-
-    Nothing sinks into the ground.
-    """
+    """Advance body and speeds (n,) at constant wanted speeds (n,), above the ground."""
     outside = kernels.vector(inputs[()].wind_W), kernels.vector(inputs[()].external_force_W)
     x, center_B = body[()], kernels.vector(craft[()].center_B)
     steps = -(-duration_ns // craft[()].longest_step_ns)
     duration = duration_ns * 1e-9 / steps
     before = np.empty((), _BODY)
     for _ in range(steps):
-        stood = on_ground(x, center_B)
+        was_on_ground = on_ground(x, center_B)
         before[()] = x
         runge_kutta(body, speeds, wanted, outside, craft=craft, rotors=rotors, duration=duration)
         above = origin_height(x, center_B) > 0.0
-        if stood and not (above and x.v_WC_W[2] > 0.0):  # lifted, and not just tipped over
+        if was_on_ground and not (above and x.v_WC_W[2] > 0.0):  # not lifted off
             used = x.charge_used
             body[()] = before[()]
-            x.charge_used = used  # the ground holds the body, not the battery
+            x.charge_used = used
         elif not above:
             _land(x, center_B)
 
@@ -122,7 +119,7 @@ def runge_kutta(
     rotors: RecordArray[Rotor],
     duration: float,
 ) -> None:
-    """Move body and speeds (n,) in free flight by one Runge-Kutta step of order 4 [s]."""
+    """Advance body and speeds (n,) in free flight by one Runge-Kutta step of order 4 [s]."""
     bodies, rows = np.zeros(3, _BODY), np.zeros((3, speeds.shape[0]))
     rate, at, mean = bodies[0], bodies[1], bodies[2]
     accelerations, at_speeds, mean_accelerations = rows[0], rows[1], rows[2]
@@ -171,7 +168,7 @@ def measure(
 
 @compiled
 def _land(x: BodyState, center_B: kernels.Vector) -> None:
-    """Set a body down: at rest, level, heading kept."""
+    """Set the state after a touchdown: at rest, level, same heading."""
     R_WB = rotation_of(x)
     cosine, sine, _ = kernels.column(R_WB, 0)
     half_yaw = 0.5 * math.atan2(sine, cosine)

@@ -47,20 +47,17 @@ class Loop(Record):
 
 
 class Memory(Record):
-    """What a rate loop remembers from run to run, of each axis."""
+    """State of a rate loop."""
 
     integral: Vector3  # rad/s^2
     gyro: Annotated[Array, (3, 2)]  # state of the filter
     before: Vector3  # filtered rate of the last run [rad/s]
-    slope: Vector3  # filtered rate's derivative, filtered [rad/s^2]
-    until_run_ns: int  # how long until the loop runs next
+    slope: Vector3  # filtered derivative of the filtered rate [rad/s^2]
+    until_run_ns: int  # time until the next run
 
 
 def loop_of(config: RotorsPlantParameters) -> RecordArray[Loop]:
-    """Return a configured rate loop.
-
-    It knows the rotors as they are meant to be, not how strong they truly are.
-    """
+    """Return the configured rate loop, with nominal rotors."""
     settings, rotors, loop = config.rate_loop, config.rotors, Loop.zeros()
     own = loop[()]
     own.period, own.period_ns = 1.0 / settings.rate, round(1e9 / settings.rate)
@@ -79,7 +76,7 @@ def loop_of(config: RotorsPlantParameters) -> RecordArray[Loop]:
 
 
 def begun(w_WB_B: Array, loop: RecordArray[Loop]) -> RecordArray[Memory]:
-    """Return the memory of a loop that begins at rates (3,) [rad/s] that have lasted."""
+    """Return the memory of a loop at constant rates (3,) [rad/s]."""
     memory = Memory.zeros()
     own = memory[()]
     own.before[:] = w_WB_B
@@ -127,7 +124,7 @@ def run(
 
 @compiled
 def _measured(memory: Memory, axis: int, gyro: float, loop: Loop) -> float:
-    """Return the filtered rate of an axis [rad/s]; renew its filtered slope [rad/s^2]."""
+    """Return the filtered rate of an axis [rad/s]; update its filtered slope [rad/s^2]."""
     rate = filters.filtered(gyro, section=loop.gyro, held=memory.gyro[axis])
     slope = (rate - memory.before[axis]) / loop.period
     memory.before[axis] = rate
