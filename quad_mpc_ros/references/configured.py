@@ -21,9 +21,9 @@ from quad_mpc_ros.references.minimum_snap import snap_spline
 from quad_mpc_ros.references.path import Path, Slowed, SplinePath
 from quad_mpc_ros.references.trajectory import Trajectory
 
-# Of the search for how much slower: the growth of the factor, the last one, and the precision.
+# Search for the time scaling: growth of the factor, largest factor, and precision.
 _GROWTH, _LARGEST_FACTOR, _PRECISION = 1.2, 50.0, 1.005
-# Of a message: the time to prepare its trajectory grows with both, and windows must go on.
+# Limits of received trajectories, so that their preparation does not delay windows.
 _MOST_POINTS, _LONGEST = 1000, 600.0  # s
 
 
@@ -55,7 +55,7 @@ def joined_trajectory(
 def judged_trajectory(
     config: ReferenceConfig, *, read_bag: point_table.BagReader | None = None
 ) -> tuple[Trajectory, FeasibilityReport]:
-    """Return the configured trajectory with the verdict on it, also when it is not feasible."""
+    """Return the configured trajectory and its feasibility, also if it is not feasible."""
     if config.trajectory == "bag":
         return _judged(point_table.bag_path(config, read_bag), config)
     if config.trajectory == "gates":
@@ -74,7 +74,7 @@ def _judged(
 
 
 def _quickest(path: Path, config: ReferenceConfig) -> tuple[Trajectory, FeasibilityReport] | None:
-    """Return the trajectory of the path slowed down least that is feasible, or None.
+    """Return the feasible trajectory with the least time scaling, or None.
 
     The factor is searched from 1 upwards, then by bisection.
     """
@@ -139,7 +139,7 @@ def received_trajectory(window: ReferenceWindow, config: ReferenceConfig) -> Fla
 
     Positions and yaw are used; everything else follows by flatness. Few points are joined by the
     path of minimum snap, more are smoothed like a table. Raises :class:`UserError` or
-    ``ValueError`` for what is no trajectory.
+    ``ValueError`` for unusable points.
     """
     count = len(window.offset_ns)
     if not 2 <= count <= _MOST_POINTS:

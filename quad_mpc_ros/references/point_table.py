@@ -151,12 +151,12 @@ def table_path(table: PointTable, config: TableParameters) -> Path:
     (start, end), rest = _ends(path), End.at_rest(None)
     if not rests[0]:
         leg = leg_within(rest, start, **limits)
-        lead = turn and Leg(rest, _ends(turn)[0], duration=leg.duration)
-        links.insert(0, _with_yaw(leg, lead))
+        yaw_leg = turn and Leg(rest, _ends(turn)[0], duration=leg.duration)
+        links.insert(0, _with_yaw(leg, yaw_leg))
     if not rests[1]:
         leg = leg_within(end, rest, **limits)
-        lead = turn and Leg(_ends(turn)[1], rest, duration=leg.duration)
-        links.append(_with_yaw(leg, lead))
+        yaw_leg = turn and Leg(_ends(turn)[1], rest, duration=leg.duration)
+        links.append(_with_yaw(leg, yaw_leg))
     return Chain(links)
 
 
