@@ -51,8 +51,8 @@ def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
     return _compiled(function, nogil=False)
 
 
-def compiled_beside_others(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Compile as :func:`compiled`; while it runs, Python's other threads run as well."""
+def compiled_without_gil(function: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Compile as :func:`compiled`, without holding the GIL."""
     return _compiled(function, nogil=True)
 
 
