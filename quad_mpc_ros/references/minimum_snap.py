@@ -20,12 +20,12 @@ from quad_mpc_ros.references.trajectory import TrajectoryParameters
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-# Of the search for the duration of a leg.
+# Search for the duration of a leg.
 _SHORTEST_LEG = 0.3  # s
 _GROWTH = 1.05  # of the duration from one trial to the next
 _TRIALS = 200
 _LIMIT_SAMPLES = 101
-# Of the search for the times at waypoints.
+# Search for the times at waypoints.
 _DEGREE = 7
 _COARSE, _FINE = 20, 400  # samples a leg: to compare allocations, and to hold the limits
 _TIME_STRETCH = 1.02  # of a path that goes on from a motion, from one trial to the next
@@ -162,7 +162,7 @@ def minimum_snap_path(points: Array, *, max_speed: float, max_acceleration: floa
     from scipy.optimize import minimize
 
     def duration(shares: Array, *, samples: int) -> float:
-        # Of the spline over 0 to 1: velocity falls as 1/T, then 1/T^2.
+        # Spline over 0 to 1: velocity scales with 1/T, acceleration with 1/T^2.
         return _beyond(
             snap_spline(points, _times(shares)),
             np.linspace(0.0, 1.0, samples * len(shares) + 1),
@@ -185,7 +185,7 @@ def minimum_snap_path(points: Array, *, max_speed: float, max_acceleration: floa
 def minimum_snap_onward(
     points: Array, start: End, *, max_speed: float, max_acceleration: float
 ) -> SplinePath:
-    """Return the path through ``points`` (n, 3) [m], n > 1, that goes on from a motion, to rest.
+    """Return the path through ``points`` (n, 3) [m], n > 1, from a motion to rest.
 
     As :func:`minimum_snap_path`; the speed and acceleration of the start, and a tenth more, are
     always allowed. As these do not scale with time, the durations of the legs are what is searched

@@ -74,7 +74,7 @@ class VelocityCommand:
 
 @dataclass(frozen=True, kw_only=True)
 class VelocityLimits:
-    """What a path keeps, whatever the commands: numbers in SI units, the box by its corners."""
+    """Limits of velocity paths, in SI units; the box by its corners."""
 
     speed: float
     acceleration: float
@@ -201,7 +201,7 @@ class _Pursuit:
     def _before(self, distance: float) -> float:
         """Return the speed at a distance from a wall that needs less than the acceleration.
 
-        That of all three axes together: d = v T + v^2 / 2 a, with an a for each of them.
+        For all three axes together: d = v T + v^2 / 2 a, with an a for each axis.
         """
         most = self._limits.acceleration / math.sqrt(_AXES)
         root = math.sqrt(1.0 + 2.0 * max(distance, 0.0) / (most * _WALL_MARGIN**2))

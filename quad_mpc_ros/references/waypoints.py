@@ -23,7 +23,7 @@ _SAME_PLACE = 1e-6  # m
 
 @dataclass(frozen=True, kw_only=True)
 class StopParameters(LegParameters):
-    """What points that are held one after the other have in common."""
+    """Common parameters of trajectories that hold points one after the other."""
 
     dwell_time: float = parameter(
         2.0,

@@ -49,18 +49,18 @@ ControlLaw = Callable[[OdometrySample, ReferenceWindow], CommandSample | None]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopStep:
-    """One odometry of the loop and what followed from it.
+    """One odometry of the loop and its results.
 
     Attributes:
-        odometry: What was measured.
+        odometry: The measured odometry.
         truth: The odometry without errors.
         sent_ns: When it was sent [ns]. The command took effect then or, with a delay, began its
             way.
         window: The reference from the odometry's stamp on.
-        tick: What the controller did; None when the control rate skipped the odometry, and with
-            a control law of one's own.
-        command: What was sent to the plant, if anything was.
-        voltage: That of the battery [V], where it was measured with the odometry.
+        tick: Tick of the controller; None if the control rate skipped the odometry, and with a
+            control law.
+        command: The command sent to the plant, if any.
+        voltage: Voltage of the battery [V], if measured with the odometry.
         imu: IMU samples since the last odometry, delivered before it.
         sensed: Obstacles reported by a sensor with the odometry.
         collision: Where it flew into one since the step before, which ends the flight.

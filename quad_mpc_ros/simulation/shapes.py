@@ -23,7 +23,7 @@ def _zero() -> Array:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shape(ABC):
-    """What all shapes have.
+    """Base class of all shapes.
 
     Attributes:
         p_WO: Its centre (3,) [m], at the time 0.

@@ -131,7 +131,7 @@ class GroundDetector(Stage):
 
     @property
     def learning(self) -> Learning:
-        """What the estimator may do, as the ground may carry part of the weight."""
+        """The permitted learning, as the ground may carry part of the weight."""
         if not self.state.is_flying or self._has_just_left:
             return Learning.HOLD
         might_touch = self._lands or self._little_since_ns is not None

@@ -105,7 +105,7 @@ class AllowedCommand(enum.Enum):
 
 
 class Learning(enum.Enum):
-    """What the estimator may do with an odometry."""
+    """The permitted learning from an odometry."""
 
     HOLD = "hold what was learned"
     PAUSE = "follow the velocity, learn nothing"

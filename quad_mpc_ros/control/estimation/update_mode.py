@@ -23,7 +23,7 @@ from quad_mpc_ros.configuration.compilation import compiled
 
 
 class UpdateMode(enum.IntEnum):
-    """What an odometry may change."""
+    """The states that an odometry may change."""
 
     HOLD = 0
     VELOCITY_ONLY = 1

@@ -9,7 +9,7 @@ from quad_mpc_ros.control.lie.formulas import lowpass_share
 _TIME_CONSTANT = 2.0  # s, longer than the voltage sags with each burst of thrust
 _UNKNOWN_VOLTAGE = 65.535  # V: MAVLink's UINT16_MAX in millivolts, which MAVROS and others pass on
 _MAX_VOLTAGE = 120.0  # V: 28 cells
-# Of the expected voltage: a cell has 2.5 V to 4.35 V, and is expected at 3.5 V or more.
+# Shares of the expected voltage: a cell has 2.5 V to 4.35 V, and is expected at 3.5 V or more.
 _LEAST_SHARE, _MOST_SHARE = 0.6, 1.5
 
 

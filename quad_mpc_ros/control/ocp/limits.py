@@ -81,7 +81,7 @@ TILT_MARGIN, SPEED_MARGIN, _THROTTLE_MARGIN = 0.3, 1.0, 0.1
 _SLOPE_SHARE, _LEAST_WEIGHT, _LEAST_SHARE = 0.8, 0.4, 0.2
 _HALF_SPACE_SLOPE, _LEAST_HALF_SPACE_WEIGHT = 2.0, 4.0
 _SWERVE_TIME = 0.3  # s, in which a change of the velocity becomes one of the position
-# What a change of the plan costs, as a share of that slope: throttle, rates, velocity, attitude.
+# Costs of changes of the plan, as shares of that slope: throttle, rates, velocity, attitude.
 _DAMPING_THROTTLE = 0.02 / 0.3**2
 _DAMPING_RATES = 0.2 / 5.0**2
 _DAMPING_VELOCITY = 0.03 / 3.0**2

@@ -6,7 +6,7 @@ the stage before, and an input behind those of the vehicle:
 
     θ_{i+1} = θ_i + h ν_i,    s_{i+1} = ν_i
 
-What is tracked is the path where progress is, at the speed that it has, and going slowly costs:
+The tracked point is the path at the progress θ, with the speed s; the speed has a cost:
 
     e_p = p_i - p(θ_i),   e_v = v_i - s_i v(θ_i),   J += sum_{i=0..N-1} w (ν_i - 1)^2
 
