@@ -16,7 +16,7 @@ class ArgumentError(UserError, ValueError):
     """An unusable argument, with its name, the given value and the expected one."""
 
     def __init__(self, name: str, given: object, expected: str) -> None:
-        super().__init__(f"{name}: given {readable(given)}, expected {expected}")
+        super().__init__(f"{name}: given {text_of(given)}, expected {expected}")
         self.name = name
         self.given = given
         self.expected = expected
@@ -51,10 +51,10 @@ def os_reason(error: OSError) -> str:
     return error.strerror or str(error) or type(error).__name__
 
 
-def readable(value: object) -> str:
+def text_of(value: object) -> str:
     """Return a value as readable text in one line; type and shape of an array."""
     if isinstance(value, list | tuple):
-        return _shortened(f"[{', '.join(readable(element) for element in value[:_MAX_LENGTH])}]")
+        return _shortened(f"[{', '.join(text_of(element) for element in value[:_MAX_LENGTH])}]")
     if hasattr(value, "shape") and hasattr(value, "dtype"):
         return f"an array {value.shape} of {value.dtype}" if value.shape else str(value)
     try:

@@ -18,7 +18,7 @@ from typing import Any
 import yaml
 
 from quad_mpc_ros.configuration import ros_yaml
-from quad_mpc_ros.configuration.errors import ConfigurationError, UserError, readable
+from quad_mpc_ros.configuration.errors import ConfigurationError, UserError, text_of
 from quad_mpc_ros.configuration.extension import ExtensibleConfiguration
 from quad_mpc_ros.configuration.fields import Configuration
 from quad_mpc_ros.configuration.spelling import did_you_mean, nearest
@@ -281,11 +281,11 @@ def refuse_what_ros_misreads(where: str, value: Any) -> None:
         return
     kinds = {type(element) for element in value}
     if kinds & {list, dict, NoneType}:
-        raise UserError(f"{where}: given {readable(value)}, expected one value or a plain list")
+        raise UserError(f"{where}: given {text_of(value)}, expected one value or a plain list")
     if len(kinds) > 1:
         numbers = kinds == {int, float}
-        hint = f"; write {readable([float(element) for element in value])}" if numbers else ""
-        raise UserError(f"{where}: given {readable(value)}, expected elements of one type{hint}")
+        hint = f"; write {text_of([float(element) for element in value])}" if numbers else ""
+        raise UserError(f"{where}: given {text_of(value)}, expected elements of one type{hint}")
 
 
 def _sections(content: Mapping[Any, Any], within: str, path: Path) -> Iterator[ParameterSection]:

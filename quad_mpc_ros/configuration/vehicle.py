@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from quad_mpc_ros.configuration.errors import readable
+from quad_mpc_ros.configuration.errors import text_of
 
 VEHICLE = (
     "mass",
@@ -57,9 +57,7 @@ def disagreements(vehicles: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
             else:
                 alike.append(node)
         if len(groups) > 1:
-            groups_text = (
-                f"{readable(value)} of {' and '.join(nodes)}" for value, nodes in groups
-            )
+            groups_text = (f"{text_of(value)} of {' and '.join(nodes)}" for value, nodes in groups)
             found[name] = f"{name} {', '.join(groups_text)}"
     return found
 

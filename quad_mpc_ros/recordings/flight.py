@@ -25,7 +25,7 @@ from quad_mpc_ros.control.model.target import reference_throttles
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.control.safety.window_validation import reference_fault
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Stamps, StatsLog
-from quad_mpc_ros.simulation.scene import ObstacleScene
+from quad_mpc_ros.simulation.scene import Scene
 
 if TYPE_CHECKING:  # a simulated flight needs no reader of bags
     pass
@@ -109,7 +109,7 @@ class Flight:
     stats: Mapping[str, NDArray[Any]]
     parameters: Mapping[str, Mapping[str, Any]]
     mpc: MpcConfig
-    scene: ObstacleScene | None = None
+    scene: Scene | None = None
     gates: Sequence[GatePoses] = ()
     rejected: Mapping[str, int] = field(default_factory=dict)
 

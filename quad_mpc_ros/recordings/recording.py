@@ -59,7 +59,7 @@ from quad_mpc_ros.recordings.run import (
 )
 from quad_mpc_ros.references.point_table import PointTable
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.scene import ObstacleScene
+from quad_mpc_ros.simulation.scene import Scene
 
 Taker = Callable[[RecordedMessage], None]
 
@@ -158,7 +158,7 @@ class Recording:
             rejected=rejected,
         )
 
-    def scene(self) -> ObstacleScene | None:
+    def scene(self) -> Scene | None:
         """Return what a simulated vehicle flew among, of its run's folder or where it was read.
 
         None where nothing was, or the file is there no more.
@@ -170,7 +170,7 @@ class Recording:
         for file in (folder.parent / SCENE_NAME, files.expanded(str(given))):
             if file.is_file():
                 read = optional_part("read_scene", needed_by="simulator.obstacles.file")
-                scene: ObstacleScene = read(file)
+                scene: Scene = read(file)
                 return scene
         return None
 

@@ -13,7 +13,7 @@ from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.safety.validation import pose_fault
 from quad_mpc_ros.references import point_table
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.feasibility import FeasibilityReport, judged
+from quad_mpc_ros.references.feasibility import Feasibility, judged
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.gate_parameters import gates_path
@@ -54,7 +54,7 @@ def joined_trajectory(
 
 def judged_trajectory(
     config: ReferenceConfig, *, read_bag: point_table.BagReader | None = None
-) -> tuple[Trajectory, FeasibilityReport]:
+) -> tuple[Trajectory, Feasibility]:
     """Return the configured trajectory and its feasibility, also if it is not feasible."""
     if config.trajectory == "bag":
         return _judged(point_table.bag_path(config, read_bag), config)
@@ -63,9 +63,7 @@ def judged_trajectory(
     return _judged(config.entry().make(config), config)
 
 
-def _judged(
-    made: Path | Trajectory, config: ReferenceConfig
-) -> tuple[Trajectory, FeasibilityReport]:
+def _judged(made: Path | Trajectory, config: ReferenceConfig) -> tuple[Trajectory, Feasibility]:
     if isinstance(made, Trajectory):
         return made, judged(made, config)
     if config.time_scaling == "auto" and config.entry().scalable:
@@ -73,7 +71,7 @@ def _judged(
     return _flown(made, config)
 
 
-def _quickest(path: Path, config: ReferenceConfig) -> tuple[Trajectory, FeasibilityReport] | None:
+def _quickest(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Feasibility] | None:
     """Return the feasible trajectory with the least time scaling, or None.
 
     The factor is searched from 1 upwards, then by bisection.
@@ -95,7 +93,7 @@ def _quickest(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Feasibil
     return found
 
 
-def _feasible(path: Path, config: ReferenceConfig) -> tuple[Trajectory, FeasibilityReport] | None:
+def _feasible(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Feasibility] | None:
     try:
         trajectory, verdict = _flown(path, config)
     except ConfigurationError:  # free fall
@@ -103,7 +101,7 @@ def _feasible(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Feasibil
     return (trajectory, verdict) if verdict.feasible else None
 
 
-def _flown(path: Path, config: ReferenceConfig) -> tuple[Trajectory, FeasibilityReport]:
+def _flown(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Feasibility]:
     try:
         trajectory = FlatTrajectory(path, config, yaw=config.yaw)
     except ValueError as error:
@@ -111,9 +109,7 @@ def _flown(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Feasibility
     return trajectory, judged(trajectory, config)
 
 
-def _approved(
-    trajectory: Trajectory, verdict: FeasibilityReport, config: ReferenceConfig
-) -> Trajectory:
+def _approved(trajectory: Trajectory, verdict: Feasibility, config: ReferenceConfig) -> Trajectory:
     if trajectory.smooth and not verdict.feasible:
         raise _refusal(config, verdict.reason())
     return trajectory

@@ -25,7 +25,7 @@ from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.references.bounds import YAW_SHARE
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.feasibility import FeasibilityReport, judged
+from quad_mpc_ros.references.feasibility import Feasibility, judged
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.minimum_snap import End, Leg
 from quad_mpc_ros.references.path import RestPath, Straight
@@ -361,7 +361,7 @@ class Director:
         share = sum(abs(need.margin) / max(abs(need.limit), 1.0) for need in needs)
         return float(share) + (0.0 if leg.upright else _UPSIDE_DOWN_COST)
 
-    def _judged(self, name: str, leg: FlatTrajectory) -> FeasibilityReport:
+    def _judged(self, name: str, leg: FlatTrajectory) -> Feasibility:
         ground = -np.inf if _is_vertical(name) else self.ground
         return judged(leg, self._config, ground=ground)
 

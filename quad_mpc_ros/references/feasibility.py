@@ -117,7 +117,7 @@ class Need:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FeasibilityReport:
+class Feasibility:
     """Every need of a trajectory at its worst, the needs over time, and the jumps in it [s]."""
 
     needs: tuple[Need, ...]
@@ -143,9 +143,7 @@ class FeasibilityReport:
         return "; ".join(complaints)
 
 
-def rates_beyond(
-    verdict: FeasibilityReport, omega_max: Sequence[float]
-) -> list[tuple[Need, float]]:
+def rates_beyond(verdict: Feasibility, omega_max: Sequence[float]) -> list[tuple[Need, float]]:
     """Return the body rates that a trajectory needs beyond those of a controller (3,) [rad/s]."""
     rates = [need for need in verdict.needs if need.name.endswith("rate")]
     return [
@@ -155,7 +153,7 @@ def rates_beyond(
 
 def judged(
     trajectory: Trajectory, limits: FeasibilityParameters, *, ground: float = 0.0
-) -> FeasibilityReport:
+) -> Feasibility:
     """Return the feasibility of a trajectory over its duration or period; of a rest over 1 s.
 
     ``ground`` [m] is the height of the ground.
@@ -168,7 +166,7 @@ def judged(
     needs = needs_of(trajectory.at(times), vehicle, seconds=1e-9 * np.array(times))
     # A trajectory that begins in motion is also started in motion: see --start.
     jumps = trajectory.jumps(0, period - 1)
-    return FeasibilityReport(
+    return Feasibility(
         needs=_worst(needs, limits, hover=vehicle.hover_throttle, ground=ground),
         over_time=needs,
         limits=limits,

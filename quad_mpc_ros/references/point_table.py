@@ -22,7 +22,7 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError, UserError, files, parameter
-from quad_mpc_ros.configuration.errors import readable
+from quad_mpc_ros.configuration.errors import text_of
 from quad_mpc_ros.configuration.text_files import has_decimal_comma, read_csv_table
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.minimum_snap import (
@@ -256,7 +256,7 @@ def _column_names(path: FilePath, number: int, cells: list[str]) -> list[str]:
         name, unit = name.strip(), unit.strip().removesuffix("]").strip()
         if _ALL_UNITS.get(name) != unit or name in names:
             raise UserError(
-                f"{path}: line {number}: column {readable(cell)}, expected {_HEADER}, each once"
+                f"{path}: line {number}: column {text_of(cell)}, expected {_HEADER}, each once"
             )
         names.append(name)
     required = [name for name in _UNITS if name not in _OPTIONAL]
@@ -278,7 +278,7 @@ def _number(path: FilePath, number: int, name: str, cell: str) -> float:
     if not abs(value) <= _LARGEST:  # NaN is not
         hint = " with a point, not with a comma" if has_decimal_comma(cell) else ""
         raise UserError(
-            f"{path}: line {number}: {name} is {readable(cell)}, expected a finite number{hint}"
+            f"{path}: line {number}: {name} is {text_of(cell)}, expected a finite number{hint}"
         )
     return value
 

@@ -26,9 +26,7 @@ from quad_mpc_ros.references.transition import FlatState
 STEP_NS = 80_000_000
 _STEP = 1e-9 * STEP_NS
 _DEGREE = 5
-_CENTRE_STEPS = (
-    2  # steps from the beginning of the path to the time of its first control point, back
-)
+_CENTRE_STEPS = 2  # from the time of the first control point to the start of the path
 # The values of uniform B-splines of degree 5 to 1 at their knots.
 _AT_KNOTS = (
     np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0,

@@ -26,7 +26,7 @@ from quad_mpc_ros.references.server import ReferenceServer, WindowsAhead
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant
-from quad_mpc_ros.simulation.scene import ObstacleScene
+from quad_mpc_ros.simulation.scene import Scene
 from quad_mpc_ros.simulation.sensors import (
     OdometryStream,
     SentOdometry,
@@ -86,7 +86,7 @@ def fly(
     plant: Plant | None = None,
     trajectory: Trajectory | Path | None = None,
     controller: Controller | ControlLaw | None = None,
-    scene: ObstacleScene | None = None,
+    scene: Scene | None = None,
     world: ObstacleReceiver | None = None,
     on_reference: bool = False,
 ) -> Iterator[LoopStep]:

@@ -23,7 +23,7 @@ class Volume:
         return np.asarray(np.minimum(p_WQ - self.minimum, self.maximum - p_WQ).min(axis=1))
 
 
-class ObstacleScene:
+class Scene:
     """Shapes over time [s], and the volume of flight, if there is one."""
 
     def __init__(self, shapes: Sequence[Shape] = (), volume: Volume | None = None) -> None:
@@ -35,10 +35,10 @@ class ObstacleScene:
         self._radii = np.array([shape.outer_radius for shape in shapes])
 
     @property
-    def static(self) -> ObstacleScene:
+    def static(self) -> Scene:
         """The scene with the shapes that exist from the start and do not move."""
         still = [s for s in self.shapes if not s.moves and s.appears_at <= 0.0]
-        return ObstacleScene(still, self.volume)
+        return Scene(still, self.volume)
 
     @property
     def changes(self) -> bool:

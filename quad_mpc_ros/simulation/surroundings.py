@@ -11,7 +11,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.messages.obstacle_messages import Marker
 from quad_mpc_ros.messages.point_cloud import PointCloud
-from quad_mpc_ros.simulation.scene import ObstacleScene
+from quad_mpc_ros.simulation.scene import Scene
 
 _FILE_PARAMETER = "simulator.obstacles.file"
 
@@ -93,21 +93,21 @@ class ObstacleSimulation(Protocol):
         """Return the collision since the last odometry, if any."""
 
 
-def configured_scene(config: ObstacleSensorParameters) -> ObstacleScene | None:
+def configured_scene(config: ObstacleSensorParameters) -> Scene | None:
     """Return the scene of the configured file, None without a file.
 
     Raises :class:`UserError` for an unusable file.
     """
     if not config.file:
         return None
-    scene: ObstacleScene = optional_part("read_scene", needed_by=_FILE_PARAMETER)(
+    scene: Scene = optional_part("read_scene", needed_by=_FILE_PARAMETER)(
         files.expanded(config.file)
     )
     return scene
 
 
 def configured_surroundings(
-    config: ObstacleSensorParameters, *, radius: float, scene: ObstacleScene | None = None
+    config: ObstacleSensorParameters, *, radius: float, scene: Scene | None = None
 ) -> ObstacleSimulation | None:
     """Return the simulation of a scene, or of the configured file; None without obstacles.
 

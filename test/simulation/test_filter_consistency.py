@@ -22,7 +22,7 @@ FLIGHTS, SETTLED = 4, 150  # odometries
 KINEMATIC = slice(MOTION.position, MOTION.disturbance)
 
 
-class SensedObstacles(NamedTuple):
+class Seen(NamedTuple):
     """Of each odometry: NIS of position and velocity, innovation (3,), NEES."""
 
     position_nis: float
@@ -31,9 +31,7 @@ class SensedObstacles(NamedTuple):
     motion_nees: float
 
 
-def flown(
-    plant: str, trajectory: str, seed: int, patch: pytest.MonkeyPatch
-) -> list[SensedObstacles]:
+def flown(plant: str, trajectory: str, seed: int, patch: pytest.MonkeyPatch) -> list[Seen]:
     followed, predict = [], DelayCompensation.predict
 
     def recording(
@@ -67,12 +65,10 @@ def flown(
     for step, state in zip(steps, followed[-len(steps) :], strict=True):
         R_WB = so3.rotation_from_quaternion_xyzw(step.truth.q_WB_xyzw)
         truth = np.array([*step.truth.p_WB, *(R_WB @ step.truth.v_WB_B)])
-        error, P = (
-            state.translation.x[KINEMATIC] - truth,
-            state.translation.P[KINEMATIC, KINEMATIC],
-        )
+        x, P = state.translation.x, state.translation.P[KINEMATIC, KINEMATIC]
+        error = x[KINEMATIC] - truth
         found.append(
-            SensedObstacles(
+            Seen(
                 float(state.position_nis),
                 float(state.velocity_nis),
                 np.array(state.velocity_innovation),

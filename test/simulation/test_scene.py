@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quad_mpc_ros.simulation.scene import ObstacleScene, Volume
+from quad_mpc_ros.simulation.scene import Scene, Volume
 from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
 
 RANDOM = np.random.default_rng(3)
@@ -27,7 +27,7 @@ def shapes(count: int = 40) -> list[Shape]:
 
 @pytest.mark.parametrize("seconds", [0.0, 0.7, 3.0])
 def test_distance_is_the_least_of_the_distances_to_what_is_there(seconds: float) -> None:
-    scene = ObstacleScene(shapes())
+    scene = Scene(shapes())
     for place in RANDOM.uniform(-12, 12, (50, 3)):
         there = [
             float(shape.after(seconds).distance(place[None])[0])
@@ -38,7 +38,7 @@ def test_distance_is_the_least_of_the_distances_to_what_is_there(seconds: float)
 
 
 def test_clearances_along_a_flight_are_those_at_each_moment() -> None:
-    scene = ObstacleScene(shapes())
+    scene = Scene(shapes())
     times, places = np.linspace(0.0, 4.0, 60), RANDOM.uniform(-12, 12, (60, 3))
     moments = zip(places[:, None], times.tolist(), strict=True)
     expected = [scene.distance(place, time)[0] for place, time in moments]
@@ -46,7 +46,7 @@ def test_clearances_along_a_flight_are_those_at_each_moment() -> None:
 
 
 def test_what_is_near_is_all_that_is_in_reach() -> None:
-    scene = ObstacleScene(shapes())
+    scene = Scene(shapes())
     near = scene.near(np.zeros(3), 5.0, 2.0)
     in_reach = [s for s in scene.there(2.0) if s.distance(np.zeros((1, 3)))[0] <= 5.0]
     places = {tuple(shape.p_WO) for shape in near}
@@ -54,12 +54,12 @@ def test_what_is_near_is_all_that_is_in_reach() -> None:
 
 
 def test_an_empty_scene_is_infinitely_far() -> None:
-    assert ObstacleScene().distance(np.zeros((1, 3)), 0.0)[0] == np.inf
-    assert np.isinf(ObstacleScene().clearances(np.zeros((2, 3)), np.zeros(2))).all()
+    assert Scene().distance(np.zeros((1, 3)), 0.0)[0] == np.inf
+    assert np.isinf(Scene().clearances(np.zeros((2, 3)), np.zeros(2))).all()
 
 
 def test_what_stands_is_there_from_the_start_and_does_not_move() -> None:
-    scene = ObstacleScene(shapes())
+    scene = Scene(shapes())
     assert all(not s.moves and s.appears_at == 0.0 for s in scene.static.shapes)
     assert scene.changes and not scene.static.changes
 

@@ -53,10 +53,9 @@ _DELAYS = np.arange(0.0, 0.301, 0.02)
 
 
 class _Prior(NamedTuple):
-    """What is known of a parameter beforehand: the range that is searched, its natural size.
+    """Searched range and natural size of a parameter.
 
-    Half of a 95 % interval is too wide to be of use above both ``share`` of the value and
-    ``vague``; nuisance parameters have none.
+    Half of a 95 % interval above both ``share`` of the value and ``vague`` is too wide.
     """
 
     lowest: float

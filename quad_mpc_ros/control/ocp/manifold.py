@@ -32,13 +32,7 @@ from quad_mpc_ros.control.model.target import TargetStage, sample_target
 from quad_mpc_ros.control.ocp.horizon_qp import HorizonPattern, HorizonStages
 from quad_mpc_ros.control.ocp.limits import Limits, compute_bounds, flips, saturate_position_error
 from quad_mpc_ros.control.ocp.plan import Plan, PlannedTrajectory, apply_bounds, shift
-from quad_mpc_ros.control.ocp.problem import (
-    Problem,
-    ProblemArrays,
-    pattern_of,
-    plan_cost,
-    write_qp,
-)
+from quad_mpc_ros.control.ocp.problem import OcpArrays, Problem, pattern_of, plan_cost, write_qp
 from quad_mpc_ros.control.ocp.progress import SPEED_INPUT, ProgressBuffers, follow_path
 from quad_mpc_ros.control.ocp.settings import settings_of
 
@@ -55,11 +49,11 @@ class ProblemBuffers(NamedTuple):
     """The arrays and the pattern of a problem, with half-spaces or without."""
 
     pattern: HorizonPattern
-    work: ProblemArrays
+    work: OcpArrays
     stages: HorizonStages
 
     @staticmethod
-    def of(config: MpcConfig, work: ProblemArrays) -> ProblemBuffers:
+    def of(config: MpcConfig, work: OcpArrays) -> ProblemBuffers:
         """Return the buffers of a configuration with the limits of a workspace."""
         pattern = pattern_of(config, work.limits)
         return ProblemBuffers(pattern, work, HorizonStages.zeros(*pattern.sizes))
@@ -82,7 +76,7 @@ class ManifoldProblem:
         self._settings = settings_of(config)
         self.has_progress_state = config.formulation == "contouring"
         steps, settings = config.horizon_steps, self._settings[()]
-        work = ProblemArrays(
+        work = OcpArrays(
             target=TargetStage.zeros(steps),
             nominal=PlannedTrajectory.zeros(steps),
             plan=PlannedTrajectory.zeros(steps),

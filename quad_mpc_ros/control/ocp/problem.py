@@ -76,7 +76,7 @@ _STATE_SIZES = np.concatenate((np.repeat([1.0, 3.0, 0.5, 5.0], 3), [0.3]))
 _INPUT_SIZES = np.array([0.3, 5.0, 5.0, 5.0])
 
 
-class ProblemArrays(NamedTuple):
+class OcpArrays(NamedTuple):
     """The arrays of N stages.
 
     ``target`` (N,) is the reference along the horizon, ``nominal`` the plan linearised along and
@@ -101,7 +101,7 @@ class Problem(NamedTuple):
     samples: RecordArray[SampleRecord]
     prediction: RecordArray[Prediction]
     settings: RecordArray[ProblemSettings]
-    work: ProblemArrays
+    work: OcpArrays
 
 
 def pattern_of(config: MpcConfig, limits: Limits) -> HorizonPattern:

@@ -20,11 +20,11 @@ import numpy as np
 
 from quad_mpc_ros.configuration import UserError, files, ros_yaml
 from quad_mpc_ros.configuration.box import FARTHEST
-from quad_mpc_ros.configuration.errors import readable
+from quad_mpc_ros.configuration.errors import text_of
 from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.obstacles.surfaces import area
-from quad_mpc_ros.simulation.scene import ObstacleScene, Volume
+from quad_mpc_ros.simulation.scene import Scene, Volume
 from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
 
 _OWN = {"box": ("size",), "cylinder": ("radius", "height"), "sphere": ("radius",)}
@@ -33,7 +33,7 @@ _LARGEST_AREA = 20_000.0  # m^2: two million points
 _SECTIONS = ("obstacles", "volume")
 
 
-def read_scene(path: Path | str) -> ObstacleScene:
+def read_scene(path: Path | str) -> Scene:
     """Return what a file states.
 
     Raises :class:`UserError` that names the file, the entry, what was given and what is expected.
@@ -42,19 +42,19 @@ def read_scene(path: Path | str) -> ObstacleScene:
     return scene_of(content, str(path))
 
 
-def scene_of_file(file: str) -> ObstacleScene:
+def scene_of_file(file: str) -> Scene:
     """Return what a file states that a parameter names; nothing where it names none."""
-    return read_scene(files.expanded(file)) if file else ObstacleScene()
+    return read_scene(files.expanded(file)) if file else Scene()
 
 
-def scene_of(content: object, where: str) -> ObstacleScene:
+def scene_of(content: object, where: str) -> Scene:
     """Return what the content of a file states; ``where`` begins its errors."""
     if not isinstance(content, Mapping):
-        raise UserError(f"{where}: given {readable(content)}, expected 'obstacles:' with a list")
+        raise UserError(f"{where}: given {text_of(content)}, expected 'obstacles:' with a list")
     _refuse_unknown(content, _SECTIONS, where)
     entries = content.get("obstacles", [])
     if not isinstance(entries, list):
-        raise UserError(f"{where}: obstacles: given {readable(entries)}, expected a list")
+        raise UserError(f"{where}: obstacles: given {text_of(entries)}, expected a list")
     shapes = [
         _shape(entry, f"{where}: obstacle {number}") for number, entry in enumerate(entries, 1)
     ]
@@ -65,16 +65,16 @@ def scene_of(content: object, where: str) -> ObstacleScene:
             f"{_LARGEST_AREA:.0f} m^2 at most; leave out the ground and what is far away"
         )
     given = content.get("volume")
-    return ObstacleScene(shapes, None if given is None else _volume(given, f"{where}: volume"))
+    return Scene(shapes, None if given is None else _volume(given, f"{where}: volume"))
 
 
 def _shape(entry: object, where: str) -> Shape:
     if not isinstance(entry, Mapping):
-        raise UserError(f"{where}: given {readable(entry)}, expected {{shape: box, position: …}}")
+        raise UserError(f"{where}: given {text_of(entry)}, expected {{shape: box, position: …}}")
     kind = entry.get("shape")
     if not isinstance(kind, str) or kind not in _OWN:
         raise UserError(
-            f"{where}: shape: given {readable(kind)}, expected one of {', '.join(_OWN)}"
+            f"{where}: shape: given {text_of(kind)}, expected one of {', '.join(_OWN)}"
             f"{did_you_mean(str(kind), _OWN)}"
         )
     _refuse_unknown(entry, (*_COMMON, *_OWN[kind]), where)
@@ -88,7 +88,7 @@ def _shape(entry: object, where: str) -> Shape:
         size = _vector(entry, "size", where)
         if not (size > 0.0).all():
             raise UserError(
-                f"{where}: size: given {readable(entry['size'])}, expected 3 numbers > 0"
+                f"{where}: size: given {text_of(entry['size'])}, expected 3 numbers > 0"
             )
         return Box(size=size, **common)
     radius = _number(entry, "radius", where, above=0.0)
@@ -105,13 +105,13 @@ def rotation_about_z(yaw: float) -> Array:
 
 def _volume(given: object, where: str) -> Volume:
     if not isinstance(given, Mapping):
-        raise UserError(f"{where}: given {readable(given)}, expected {{minimum: …, maximum: …}}")
+        raise UserError(f"{where}: given {text_of(given)}, expected {{minimum: …, maximum: …}}")
     _refuse_unknown(given, ("minimum", "maximum"), where)
     minimum, maximum = (_vector(given, name, where) for name in ("minimum", "maximum"))
     if not (minimum < maximum).all():
         raise UserError(
-            f"{where}: minimum: given {readable(given['minimum'])}, expected 3 numbers below "
-            f"maximum {readable(given['maximum'])}"
+            f"{where}: minimum: given {text_of(given['minimum'])}, expected 3 numbers below "
+            f"maximum {text_of(given['maximum'])}"
         )
     return Volume(minimum=minimum, maximum=maximum)
 
@@ -120,7 +120,7 @@ def _refuse_unknown(given: Mapping[Any, Any], known: tuple[str, ...], where: str
     for name in given:
         if name not in known:
             raise UserError(
-                f"{where}: given {readable(name)}, expected {', '.join(known)}"
+                f"{where}: given {text_of(name)}, expected {', '.join(known)}"
                 f"{did_you_mean(str(name), known)}"
             )
 
@@ -153,7 +153,7 @@ def _number(
 
 
 def _given(given: Mapping[Any, Any], name: str) -> str:
-    return f"given {readable(given[name])}" if name in given else "given none"
+    return f"given {text_of(given[name])}" if name in given else "given none"
 
 
 def _usable(value: object) -> bool:

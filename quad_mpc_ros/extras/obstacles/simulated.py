@@ -14,7 +14,7 @@ from quad_mpc_ros.extras.obstacles.markers import shape_marker
 from quad_mpc_ros.extras.obstacles.rays import ray_lengths
 from quad_mpc_ros.messages.obstacle_messages import Marker
 from quad_mpc_ros.messages.point_cloud import PointCloud
-from quad_mpc_ros.simulation.scene import ObstacleScene
+from quad_mpc_ros.simulation.scene import Scene
 from quad_mpc_ros.simulation.shapes import Shape
 from quad_mpc_ros.simulation.surroundings import (
     NOTHING_SENSED,
@@ -31,9 +31,7 @@ _BETWEEN = 5  # places looked at between two odometries
 class SimulatedSurroundings:
     """A scene around a vehicle; times from the start of the flight."""
 
-    def __init__(
-        self, config: ObstacleSensorParameters, scene: ObstacleScene, *, radius: float
-    ) -> None:
+    def __init__(self, config: ObstacleSensorParameters, scene: Scene, *, radius: float) -> None:
         """Take the sensor, what is there, and the radius of the vehicle [m]."""
         self.scene = scene
         self._config, self._radius = config, radius
@@ -95,7 +93,7 @@ class SimulatedSurroundings:
 
 
 def scan(
-    scene: ObstacleScene, truth: OdometrySample, *, seconds: float, reach: float
+    scene: Scene, truth: OdometrySample, *, seconds: float, reach: float
 ) -> PointCloud | None:
     """Return the points, in the body, where rays all around meet a scene; None if none does.
 

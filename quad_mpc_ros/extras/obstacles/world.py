@@ -24,7 +24,7 @@ from quad_mpc_ros.extras.obstacles.surfaces import surface_points, wall_points
 from quad_mpc_ros.extras.obstacles.voxels import Points
 from quad_mpc_ros.messages.obstacle_messages import Marker, TimedPath, Transform
 from quad_mpc_ros.messages.point_cloud import PointCloud
-from quad_mpc_ros.simulation.scene import ObstacleScene
+from quad_mpc_ros.simulation.scene import Scene
 from quad_mpc_ros.simulation.shapes import Shape
 
 _SPACING = 0.1  # m between points of a surface
@@ -72,13 +72,13 @@ class World:
     def __init__(
         self,
         config: ObstacleParameters,
-        scene: ObstacleScene | None = None,
+        scene: Scene | None = None,
         *,
         frame_id: str = "odom",
         radius: float = 0.0,
     ) -> None:
         """Begin with what stands in a scene; ``radius`` [m] is that of a neighbour."""
-        self._scene = (scene or ObstacleScene()).static
+        self._scene = (scene or Scene()).static
         self._radius, self._resolution = radius, config.resolution
         self._frames = Frames(frame_id)
         self._clouds = Clouds(config, self._frames)
@@ -91,7 +91,7 @@ class World:
         self._standing = _Standing(0, self._clouds.points, self._clouds.origin, [])
 
     @property
-    def scene(self) -> ObstacleScene:
+    def scene(self) -> Scene:
         """What stands by the file, and the volume of flight."""
         return self._scene
 
@@ -229,7 +229,7 @@ class World:
         To points of clouds and lists they are not negative.
         """
         shapes: list[Shape] = [*self._scene.shapes, *self._markers.shapes(stamp_ns)]
-        nearest = ObstacleScene(shapes).distance(p_WQ, 0.0)
+        nearest = Scene(shapes).distance(p_WQ, 0.0)
         if self._scene.volume is not None:
             nearest = np.minimum(nearest, self._scene.volume.distance(p_WQ))
         known = self._standing

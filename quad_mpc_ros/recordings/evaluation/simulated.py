@@ -24,7 +24,7 @@ from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.closed_loop import ControlLaw, LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.plant import Plant
-from quad_mpc_ros.simulation.scene import ObstacleScene
+from quad_mpc_ros.simulation.scene import Scene
 from quad_mpc_ros.simulation.surroundings import configured_scene
 
 _LONGEST = 1e6  # s, of a flight
@@ -88,7 +88,7 @@ def simulate(
     plant: Plant | None = None,
     trajectory: Trajectory | Path | None = None,
     controller: Controller | ControlLaw | None = None,
-    scene: ObstacleScene | None = None,
+    scene: Scene | None = None,
     on_reference: bool = False,
 ) -> Flight:
     """Fly the closed loop in simulated time, as ``quad_mpc simulate`` does.
@@ -135,7 +135,7 @@ def simulate(
     if simulator.duration == 0.0:
         simulator = dataclasses.replace(simulator, duration=duration)
     if scene is not None:
-        instance(scene, "scene", ObstacleScene)
+        instance(scene, "scene", Scene)
     log = FlightLog(mpc, scene)
     for step in fly(
         mpc=mpc,
@@ -165,7 +165,7 @@ def _check_parts(**given: object) -> None:
 class FlightLog:
     """Collects the steps of a closed loop and makes a flight of them."""
 
-    def __init__(self, mpc: MpcConfig, scene: ObstacleScene | None = None) -> None:
+    def __init__(self, mpc: MpcConfig, scene: Scene | None = None) -> None:
         """Take who controls, and what is flown among, if not what the simulator's file says."""
         self._vehicle, self._scene = mpc.vehicle(), scene
         self._odometry, self._commands, self._stats = OdometryLog(), CommandLog(), StatsLog()

@@ -30,7 +30,7 @@ from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.spin import run
-from quad_mpc_ros.simulation.scene import ObstacleScene
+from quad_mpc_ros.simulation.scene import Scene
 
 
 class VisualisationNode(ReportingNode[VisualisationConfig]):
@@ -132,12 +132,12 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         return Health(level=OK, text="showing")
 
 
-def _scene(config: VisualisationConfig) -> ObstacleScene | None:
+def _scene(config: VisualisationConfig) -> Scene | None:
     """Return the obstacles of the configured file, None without one."""
     if not config.obstacles_file:
         return None
     read = optional_part("read_scene", needed_by=f"{config.owner}.obstacles_file")
-    scene: ObstacleScene = read(files.expanded(config.obstacles_file))
+    scene: Scene = read(files.expanded(config.obstacles_file))
     return scene
 
 
@@ -150,7 +150,7 @@ def _course(config: VisualisationConfig) -> Course | None:
     return course
 
 
-def _scene_markers(scene: ObstacleScene, odometry: OdometrySample) -> list[Any]:
+def _scene_markers(scene: Scene, odometry: OdometrySample) -> list[Any]:
     from quad_mpc_ros.extras.obstacles.markers import shape_marker  # for obstacles only
 
     stamp_ns, frame_id = odometry.stamp_ns, odometry.frame_id

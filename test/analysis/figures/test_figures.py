@@ -25,7 +25,7 @@ from quad_mpc_ros.analysis.figures.panels import (
     velocity_panels,
 )
 from quad_mpc_ros.recordings.flight import Flight
-from quad_mpc_ros.simulation.scene import ObstacleScene
+from quad_mpc_ros.simulation.scene import Scene
 from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
 
 FlightMaker = Callable[..., Flight]
@@ -100,7 +100,7 @@ def test_draws_flights_with_missing_data(
 
 def test_obstacles_are_drawn_with_the_distance_to_them(circling: Flight, tmp_path: Path) -> None:
     pillar = Cylinder(p_WO=np.array([0.0, 0.0, 1.0]), radius=0.3, height=2.0)
-    among = replace(circling, scene=ObstacleScene([pillar]))
+    among = replace(circling, scene=Scene([pillar]))
     paths = write_figures(among, tmp_path)
     assert [path.stem for path in paths][-2:] == ["clearance", "path"]
     plain = write_figures(circling, tmp_path / "plain")[-1]

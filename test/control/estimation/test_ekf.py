@@ -232,11 +232,9 @@ def test_learns_no_drag_at_rest() -> None:
 
 
 @pytest.mark.parametrize(
-    ("lag", "delay", "bandwidth_scale"), [(0.06, 0.02, 1), (0.02, 0.01, 4), (0.02, 0.0, 4)]
+    ("lag", "delay", "scale"), [(0.06, 0.02, 1), (0.02, 0.01, 4), (0.02, 0.0, 4)]
 )
-def test_fast_vehicle_is_estimated_faster(
-    lag: float, delay: float, bandwidth_scale: float
-) -> None:
+def test_fast_vehicle_is_estimated_faster(lag: float, delay: float, scale: float) -> None:
     level, push = under(Input(throttle=HOVER, w_WB_B=np.zeros(3))), 2.0
     ekf = Ekf(parameters(rate=lag, thrust=lag), throttle=HOVER, delay=delay)
     speed, drag = 0.0, VEHICLE.drag
@@ -249,7 +247,7 @@ def test_fast_vehicle_is_estimated_faster(
             acting=level,
         )
     found = ekf.parameters().a_W[0] / push
-    assert 0.85 < found < 1.15 if bandwidth_scale > 1 else found < 0.8
+    assert 0.85 < found < 1.15 if scale > 1 else found < 0.8
 
 
 def test_held_estimate_does_not_change() -> None:

@@ -14,13 +14,13 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.extras.obstacles.files import scene_of
 from quad_mpc_ros.extras.obstacles.simulated import SimulatedSurroundings, scan
 from quad_mpc_ros.messages.obstacle_messages import ADD, DELETE
-from quad_mpc_ros.simulation.scene import ObstacleScene
+from quad_mpc_ros.simulation.scene import Scene
 from quad_mpc_ros.simulation.surroundings import ObstacleSensorParameters, configured_surroundings
 
 SECOND = 1_000_000_000
 
 
-def scene(*entries: str) -> ObstacleScene:
+def scene(*entries: str) -> Scene:
     import yaml
 
     return scene_of({"obstacles": [yaml.safe_load(f"{{{each}}}") for each in entries]}, "test")

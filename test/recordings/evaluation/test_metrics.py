@@ -16,7 +16,7 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.recordings.evaluation.metrics import summarise, with_neighbours
 from quad_mpc_ros.recordings.evaluation.verdict import verdict_on
 from quad_mpc_ros.recordings.flight import Flight
-from quad_mpc_ros.simulation.scene import ObstacleScene
+from quad_mpc_ros.simulation.scene import Scene
 from quad_mpc_ros.simulation.shapes import Box, Cylinder, Sphere
 
 FlightMaker = Callable[..., Flight]
@@ -114,7 +114,7 @@ class TestObstacles:
 
     def test_clearance_is_from_surface_to_surface(self, make_flight: FlightMaker) -> None:
         pillar = Cylinder(p_WO=np.array([2.0, 0.7, 1.5]), radius=0.2, height=3.0)
-        flight = replace(self.flight(make_flight), scene=ObstacleScene([pillar]))
+        flight = replace(self.flight(make_flight), scene=Scene([pillar]))
         summary = summarise(flight)
         assert summary["clearance_min_m"] == pytest.approx(0.7 - 0.2 - 0.2, abs=1e-3)
         assert (summary["collided"], summary["collision"]) == (False, None)
@@ -123,7 +123,7 @@ class TestObstacles:
         self, make_flight: FlightMaker
     ) -> None:
         wall = Box(p_WO=np.array([3.0, 0.0, 1.5]), size=np.array([0.2, 4.0, 3.0]))
-        summary = summarise(replace(self.flight(make_flight), scene=ObstacleScene([wall])))
+        summary = summarise(replace(self.flight(make_flight), scene=Scene([wall])))
         assert summary["collided"] and summary["crash"] == "obstacle"
         assert summary["crash_time_s"] == summary["collision"]["time_s"]
         assert summary["collision"]["position_m"][0] == pytest.approx(2.7, abs=0.021)
@@ -133,7 +133,7 @@ class TestObstacles:
         ahead = Sphere(
             p_WO=np.array([1.0, 0.0, 2.0]), radius=0.3, v_WO_W=np.array([1.0, 0.0, 0.0])
         )
-        summary = summarise(replace(self.flight(make_flight), scene=ObstacleScene([ahead])))
+        summary = summarise(replace(self.flight(make_flight), scene=Scene([ahead])))
         assert summary["clearance_min_m"] == pytest.approx(1.0 - 0.3 - 0.2, abs=1e-6)
 
     def test_other_vehicles_are_obstacles(self, make_flight: FlightMaker) -> None:
