@@ -242,7 +242,7 @@ class Flight:
             assert window is not None
             self.controller.receive_reference(window, now_ns=now_ns)
             tick = self.controller.receive_odometry(sent.odometry, now_ns=now_ns)
-            self.reference.tell_ground(self.controller.ground_state)
+            self.reference.set_ground_state(self.controller.ground_state)
             throttle = 0.0
             if tick is not None and tick.command is not None:
                 self.plant.apply(tick.command)

@@ -264,7 +264,7 @@ def _requested() -> Callable[..., ReferenceWindow]:
         nonlocal requested
         now_ns = odometry.stamp_ns
         live.observe(odometry)
-        live.tell_ground(ground)
+        live.set_ground_state(ground)
         if not requested and now_ns - SIMULATION_START_NS >= 1e9 * TAKE_OFF_AT:
             requested = True
             live.take_off(now_ns)

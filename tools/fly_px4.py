@@ -140,7 +140,7 @@ class Pilot:
             tick = self._controller.receive_odometry(odometry, now_ns=self.now_ns)
             for warning in self._controller.take_warnings() + self._bridge.take_warnings():
                 print(f"  {warning}", flush=True)
-            self._live.tell_ground(self._controller.ground_state)
+            self._live.set_ground_state(self._controller.ground_state)
             self._bridge.receive_ground(self._controller.ground_state)
             if tick is None:
                 continue

@@ -18,7 +18,7 @@ import yaml
 
 from quad_mpc_ros.configuration import UserError, files, ros_yaml
 from quad_mpc_ros.configuration.extension import BRIDGES, registered_names
-from quad_mpc_ros.configuration.files import Section
+from quad_mpc_ros.configuration.files import ParameterSection
 from quad_mpc_ros.configuration.spelling import meant_instead_of
 from quad_mpc_ros.configuration.vehicle import describes_vehicle
 
@@ -35,7 +35,7 @@ class Given:
     """One section of a file, or one ``-p``; ``origin`` is the path, or the option."""
 
     origin: str
-    section: Section
+    section: ParameterSection
     in_file: bool = True
 
 
@@ -90,7 +90,7 @@ class GivenParameters:
 
     def unread_files(self, nodes: Iterable[str]) -> list[str]:
         """Return the files with nothing for any of the nodes, each with its sections."""
-        sections: dict[str, list[Section]] = {}
+        sections: dict[str, list[ParameterSection]] = {}
         for each in self._given:
             if each.in_file:
                 sections.setdefault(each.origin, []).append(each.section)
@@ -163,7 +163,9 @@ def read_arguments(arguments: Sequence[str], *, several: bool) -> GivenParameter
     return GivenParameters(given, several=several)
 
 
-def read_parameter_file(option: str, given: str, names: Iterable[str] = ()) -> list[Section]:
+def read_parameter_file(
+    option: str, given: str, names: Iterable[str] = ()
+) -> list[ParameterSection]:
     """Return what a parameter file states that was given by an option.
 
     Raises :class:`UserError` for one that is not there or that ROS cannot read, and for a node's
@@ -186,7 +188,7 @@ def _marked(arguments: Sequence[str]) -> Iterator[tuple[str, bool]]:
             yield word, for_ros
 
 
-def _override(option: str, word: str) -> Section:
+def _override(option: str, word: str) -> ParameterSection:
     """Return a ``-p`` as a section of a file."""
     rule = _RULE.fullmatch(word)
     if rule is None:
@@ -199,10 +201,12 @@ def _override(option: str, word: str) -> Section:
     if isinstance(value, dict):
         raise UserError(f"{option} {name}: given {text!r}, expected one value or a list")
     files.refuse_what_ros_misreads(f"{option} {name}", value)
-    return Section(key=node or "/**", values={name: value})
+    return ParameterSection(key=node or "/**", values={name: value})
 
 
-def _refuse_misspelt_nodes(origin: str, there: Sequence[Section], names: Iterable[str]) -> None:
+def _refuse_misspelt_nodes(
+    origin: str, there: Sequence[ParameterSection], names: Iterable[str]
+) -> None:
     """Refuse a name that surely is a misspelling of one of our nodes, which is not there.
 
     Sections of other nodes are ignored. ``names`` are those that nodes of this

@@ -11,14 +11,14 @@ from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory, judged_trajectory
-from quad_mpc_ros.references.feasibility import Need, Verdict
+from quad_mpc_ros.references.feasibility import Feasibility, Need
 
 
-def verdict(**changes: object) -> Verdict:
+def verdict(**changes: object) -> Feasibility:
     return judged_trajectory(ReferenceConfig.build(changes))[1]
 
 
-def need(found: Verdict, name: str) -> Need:
+def need(found: Feasibility, name: str) -> Need:
     return next(need for need in found.needs if need.name == name)
 
 

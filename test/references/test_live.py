@@ -255,11 +255,11 @@ def test_a_received_trajectory_is_flown_through_its_points(p_WB: object, seconds
 def test_course_leads_from_now_to_the_end() -> None:
     reference, now = hovering()
     assert goal(3.0, 0.0, 2.5)(reference, now).accepted
-    drawn = reference.course(now).p_WB
+    drawn = reference.planned_samples(now).p_WB
     assert_allclose(drawn[0], place(reference, now), atol=1e-9)
     assert_allclose(drawn[-1], [3.0, 0.0, 2.5], atol=1e-6)
     assert reference.start(now).accepted
-    assert 100 < len(reference.course(now).p_WB) <= 502
+    assert 100 < len(reference.planned_samples(now).p_WB) <= 502
 
 
 def moving(stamp_ns: int, p_WB: object, v_WB_W: object, *, yaw: float = 0.0) -> OdometrySample:
@@ -347,7 +347,7 @@ def test_follows_the_ground_state_of_the_mpc() -> None:
     """Whatever the stack says of it, and however its height drifts."""
     reference = waiting()
     reference.landed(False)
-    reference.tell_ground(GroundState.ON_GROUND)
+    reference.set_ground_state(GroundState.ON_GROUND)
     reference.observe(odometry(START, 3.0, 4.0, 1.0))
     reference.engage(True)
     now = START + SECOND
@@ -364,13 +364,13 @@ def test_a_take_off_climbs_above_where_the_vehicle_slips_to_until_it_flies() -> 
     reference = live()
     reference.observe(odometry(START))
     assert reference.take_off(START).accepted
-    reference.tell_ground(GroundState.LIFTING_OFF)
+    reference.set_ground_state(GroundState.LIFTING_OFF)
     now = START + SECOND // 2
     climbed = place(reference, now)[2]
     reference.observe(odometry(now, 0.3, -0.2, 0.05))
     assert reference.needs_odometry(now)
     assert_allclose(place(reference, now), [0.3, -0.2, climbed], atol=1e-6)
-    reference.tell_ground(GroundState.FLYING)
+    reference.set_ground_state(GroundState.FLYING)
     reference.observe(odometry(now, 0.8, -0.2, 0.2))
     assert_allclose(place(reference, now), [0.3, -0.2, climbed], atol=1e-6)
     assert_allclose(place(reference, now + 10 * SECOND), [0.3, -0.2, 1.5], atol=1e-6)
@@ -381,7 +381,7 @@ def test_a_take_off_that_leads_on_to_a_goal_does_not_move() -> None:
     reference.observe(odometry(START))
     reference.engage(True)
     now = START + SECOND // 2
-    reference.tell_ground(GroundState.LIFTING_OFF)
+    reference.set_ground_state(GroundState.LIFTING_OFF)
     planned = reference.window(now)
     reference.observe(odometry(now, 0.3, 0.0, 0.05))
     assert reference.mode(now) == "takeoff"
@@ -390,13 +390,13 @@ def test_a_take_off_that_leads_on_to_a_goal_does_not_move() -> None:
 
 def test_a_landing_ends_when_the_mpc_says_so() -> None:
     reference, now = hovering()
-    reference.tell_ground(GroundState.FLYING)
+    reference.set_ground_state(GroundState.FLYING)
     assert reference.land(now).accepted
     for _ in range(500):  # held in the air, or standing on what moves
         now += SECOND // 50
         reference.observe(odometry(now))
     assert reference.mode(now) == "landing"
-    reference.tell_ground(GroundState.ON_GROUND)
+    reference.set_ground_state(GroundState.ON_GROUND)
     reference.observe(odometry(now + SECOND // 50))
     assert reference.mode(now + SECOND // 50) == "ground"
 
@@ -404,7 +404,7 @@ def test_a_landing_ends_when_the_mpc_says_so() -> None:
 def test_sinks_if_the_vehicle_flies_while_the_reference_is_on_the_ground() -> None:
     reference = live()
     reference.observe(odometry(START, 0.0, 0.0, 8.0))
-    reference.tell_ground(GroundState.FLYING)
+    reference.set_ground_state(GroundState.FLYING)
     now = START + SECOND
     reference.observe(odometry(now, 0.0, 0.0, 7.7))
     assert reference.mode(now) == "landing"
@@ -714,7 +714,7 @@ def test_a_touchdown_is_never_too_late() -> None:
         clock[0] = stamp + 5_000_000  # on its way
         height = place(reference, stamp)[2]
         state = GroundState.ON_GROUND if height < -0.1 else state
-        reference.tell_ground(state)
+        reference.set_ground_state(state)
         replies.append(reference.observe(odometry(stamp, 0.0, 0.0, max(height, 0.0))))
     events = [reply for reply in replies if reply is not None]
     assert [reply.accepted for reply in events] == [True]
@@ -752,7 +752,7 @@ WRITES: dict[str, tuple[Callable[[], tuple[LiveReference, int]], Write]] = {
     "lands while it waits": (waits_in_the_air, lambda reference, now: reference.landed(True)),
     "is on the ground while it waits": (
         waits_in_the_air,
-        lambda reference, now: reference.tell_ground(GroundState.ON_GROUND),
+        lambda reference, now: reference.set_ground_state(GroundState.ON_GROUND),
     ),
     "is reset while it waits": (
         waits_in_the_air,

@@ -36,9 +36,9 @@ from quad_mpc_ros.analysis.identification.model import (
     ResponseModel,
 )
 from quad_mpc_ros.analysis.identification.result import (
-    Estimate,
     FittedCourse,
     Identification,
+    ParameterEstimate,
     ThrustOverVoltage,
 )
 from quad_mpc_ros.configuration import BagError, per_axis
@@ -52,11 +52,10 @@ _TIME_CONSTANTS = (0.003, 0.01, 0.02, 0.04, 0.08, 0.16, 0.3)
 _DELAYS = np.arange(0.0, 0.301, 0.02)
 
 
-class _Known(NamedTuple):
-    """What is known of a parameter beforehand: the range that is searched, its natural size.
+class _Prior(NamedTuple):
+    """Searched range and natural size of a parameter.
 
-    Half of a 95 % interval is too wide to be of use above both ``share`` of the value and
-    ``vague``; nuisance parameters have none.
+    Half of a 95 % interval above both ``share`` of the value and ``vague`` is too wide.
     """
 
     lowest: float
@@ -66,25 +65,25 @@ class _Known(NamedTuple):
     vague: float = np.inf
 
 
-_KNOWN = {
-    "rate_tau": _Known(0.0, 1.0, 0.03, share=0.5, vague=0.01),
-    "rate_gain": _Known(0.2, 3.0, 0.3, vague=0.1),
-    "thrust_tau": _Known(0.0, 1.0, 0.03, share=0.5, vague=0.01),
-    "delay": _Known(0.0, 0.5, 0.03, share=0.5, vague=0.01),
-    "scale": _Known(0.1, 10.0, 1.0, share=0.5, vague=0.1),
-    "drag": _Known(0.0, 10.0, 0.3, share=0.5, vague=0.1),
-    "lift": _Known(-0.5, 0.5, 0.02, share=0.5, vague=0.01),
-    "rotor_drag": _Known(0.0, 10.0, 0.3, share=0.5, vague=0.1),
-    "acceleration": _Known(-20.0, 20.0, 1.0),
-    "rate_bias": _Known(-5.0, 5.0, 0.1),
-    "exponent": _Known(-1.0, 4.0, 1.0, vague=0.5),
+_PRIORS = {
+    "rate_tau": _Prior(0.0, 1.0, 0.03, share=0.5, vague=0.01),
+    "rate_gain": _Prior(0.2, 3.0, 0.3, vague=0.1),
+    "thrust_tau": _Prior(0.0, 1.0, 0.03, share=0.5, vague=0.01),
+    "delay": _Prior(0.0, 0.5, 0.03, share=0.5, vague=0.01),
+    "scale": _Prior(0.1, 10.0, 1.0, share=0.5, vague=0.1),
+    "drag": _Prior(0.0, 10.0, 0.3, share=0.5, vague=0.1),
+    "lift": _Prior(-0.5, 0.5, 0.02, share=0.5, vague=0.01),
+    "rotor_drag": _Prior(0.0, 10.0, 0.3, share=0.5, vague=0.1),
+    "acceleration": _Prior(-20.0, 20.0, 1.0),
+    "rate_bias": _Prior(-5.0, 5.0, 0.1),
+    "exponent": _Prior(-1.0, 4.0, 1.0, vague=0.5),
 }
 
 
 def _vectors() -> Array:
-    """Return what is known as vectors (22,) in the order of the fields of :class:`_Known`."""
-    vectors = np.empty((len(_Known._fields), MOST_PARAMETERS))
-    for name, known in _KNOWN.items():
+    """Return what is known as vectors (22,) in the order of the fields of :class:`_Prior`."""
+    vectors = np.empty((len(_Prior._fields), MOST_PARAMETERS))
+    for name, known in _PRIORS.items():
         vectors[:, PLACES[name]] = np.array(known)[:, None]
     return vectors
 
@@ -156,12 +155,14 @@ class _Fit:
         low = (theta <= _LOWEST[:p] + margin) & (_LOWEST[:p] != 0.0)
         return np.asarray(_REPORTED[:p] & (low | (theta >= _HIGHEST[:p] - margin)))
 
-    def estimates(self, parameters: NDArray[np.intp], *, free: bool) -> dict[int, Estimate]:
+    def estimates(
+        self, parameters: NDArray[np.intp], *, free: bool
+    ) -> dict[int, ParameterEstimate]:
         """Return what is found of parameters; those that are held at last are not ``free``."""
         least = _LEAST_SHARE * np.abs(self.theta)
         width, enough, at_bound = np.maximum(self.half_width, least), self.enough, self.at_bound
         return {
-            p: Estimate(
+            p: ParameterEstimate(
                 value=float(self.theta[p]),
                 half_width=float(width[p]),
                 seen=bool(self.alone[p] <= enough[p]),
@@ -213,7 +214,7 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
             "under commands: record a longer flight"
         )
     theta, held = _searched(model, data), _as_given(given, data)[: model.parameters]
-    estimates: dict[int, Estimate] = {}
+    estimates: dict[int, ParameterEstimate] = {}
     free = np.ones(model.parameters, dtype=bool)
     while True:
         found = _fit(model, theta, free)
@@ -250,7 +251,7 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
 
 
 def _over_voltage(
-    estimates: Mapping[int, Estimate], data: Measurements
+    estimates: Mapping[int, ParameterEstimate], data: Measurements
 ) -> ThrustOverVoltage | None:
     if not data.knows_voltage:
         return None

@@ -57,7 +57,7 @@ class Moved(NamedTuple):
     number: int
 
 
-class _Known(NamedTuple):
+class _LiveMarker(NamedTuple):
     """A shape or points (n, 3) on surfaces, with the times of its receipt and of its end [ns]."""
 
     number: int
@@ -84,7 +84,7 @@ class Markers:
     def __init__(self, frames: Frames, *, spacing: float) -> None:
         """Take frames, and how far points on a surface are apart [m]."""
         self._frames, self._spacing = frames, spacing
-        self._known: dict[tuple[str, int], _Known] = {}
+        self._known: dict[tuple[str, int], _LiveMarker] = {}
         self._count = 0
         self.revision = 0
         """A number that grows with what stands."""
@@ -182,7 +182,7 @@ class Markers:
         before = self._known.get(marker.name)
         number = self._count if before is None else before.number
         self._count += before is None
-        self._known[marker.name] = _Known(number, shape, points, stamp_ns, until_ns)
+        self._known[marker.name] = _LiveMarker(number, shape, points, stamp_ns, until_ns)
         if before is None or not _same_points(before.points, points):
             self.revision += 1
 

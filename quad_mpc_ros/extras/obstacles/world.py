@@ -78,7 +78,7 @@ class World:
         radius: float = 0.0,
     ) -> None:
         """Begin with what stands in a scene; ``radius`` [m] is that of a neighbour."""
-        self._scene = (scene or Scene()).standing
+        self._scene = (scene or Scene()).static
         self._radius, self._resolution = radius, config.resolution
         self._frames = Frames(frame_id)
         self._clouds = Clouds(config, self._frames)

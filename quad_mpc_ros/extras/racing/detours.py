@@ -113,7 +113,7 @@ class Detours:
             self._lead = max(_LEAD, _LONGER * (time.monotonic() - since))
         if isinstance(answer, Way):
             start_ns = phase.start_ns + round(1e9 * detour.leave_seconds)
-            reply = self._live.change_way(phase, answer.trajectory, start_ns)
+            reply = self._live.replace_trajectory(phase, answer.trajectory, start_ns)
             if reply.accepted:
                 return Reply(accepted=True, text=self._race.take(detour, answer))
             answer = reply.text

@@ -20,8 +20,8 @@ from quad_mpc_ros.control.estimation.ground_state import (
     LEFT_GROUND,
     LEFT_GROUND_UNPOWERED,
     NO_LIFT,
+    GroundHeight,
     GroundState,
-    StandingHeight,
 )
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample
@@ -133,19 +133,19 @@ class Ground:
     def __init__(self) -> None:
         self.landed: bool | None = None
         """Whether it stands; None while unknown."""
-        self._stood = StandingHeight(LEFT_GROUND)
+        self._stood = GroundHeight(LEFT_GROUND)
 
     def update(
         self, p_WB: Array, *, armed: bool, state: GroundState = GroundState.UNKNOWN
     ) -> None:
         """Take a position (3,) [m], whether it is armed, and the ``state`` by who flies it."""
         height = float(p_WB[2])
-        if not armed or state.stands:
+        if not armed or state.is_on_ground:
             self.landed = True
-            self._stood.stand(height)
+            self._stood.set(height)
         else:
-            self._stood.see(height)
-            self.landed = self.landed is True and not (state.flies or self._stood.left)
+            self._stood.update(height)
+            self.landed = self.landed is True and not (state.is_flying or self._stood.was_left)
 
 
 class LatestStatus:

@@ -137,7 +137,7 @@ class MpcNode(ManagedNode[MpcConfig]):
     def obstacle(self) -> str | None:
         """Return which of odometry and reference is missing, or who commands already."""
         config, now_ns = self._controller.config, self._time.now_ns()
-        obstacle = self._standby.obstacle(config, now_ns=now_ns)
+        obstacle = self._standby.activation_blocker(config, now_ns=now_ns)
         if obstacle is None:
             return self._commanders.obstacle()
         missing = self._standby.missing
@@ -162,7 +162,7 @@ class MpcNode(ManagedNode[MpcConfig]):
     def deactivate(self) -> None:
         """Forget the flight: the MPC does not command until the next activation."""
         self._commanders.end()
-        self._controller, self._tick = self._controller.renewed(), None
+        self._controller, self._tick = self._controller.fresh_copy(), None
         if self._engaged is not None:
             self._controller.engage(self._engaged)
         self._controller.landed(self._landed)
@@ -170,7 +170,7 @@ class MpcNode(ManagedNode[MpcConfig]):
 
     def loss_in_flight(self) -> str | None:
         """Return that commands stop, None where they do not act or the vehicle stands."""
-        if self._engaged is False or self._controller.ground_state.stands:
+        if self._engaged is False or self._controller.ground_state.is_on_ground:
             return None
         return "no more commands, the autopilot's failsafe takes over"
 
@@ -287,7 +287,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         period = 1.0 / self._controller.config.control_rate
         if self._time.is_simulated:  # it may run faster than the timer
             return period
-        pause = min(self._controller.seconds_until_unseen(now_ns=now_ns), _LONGEST_PAUSE)
+        pause = min(self._controller.seconds_until_odometry_lost(now_ns=now_ns), _LONGEST_PAUSE)
         return max(pause, period)
 
     def _finish(self, tick: Tick | None) -> None:

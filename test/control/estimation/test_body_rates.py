@@ -10,7 +10,7 @@ from scipy.signal import cont2discrete
 from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.ekf import VehicleEkf
 from quad_mpc_ros.control.estimation.filter_state import Filter
-from quad_mpc_ros.control.estimation.turning_update import update_turning
+from quad_mpc_ros.control.estimation.rate_update import update_rates
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
@@ -38,7 +38,7 @@ class Rates:
         found = []
         for k in range(1, len(commands)):
             mode = UpdateMode.LEARN if learns else UpdateMode.VELOCITY_ONLY
-            update_turning(
+            update_rates(
                 self._state,
                 state_of(actuators=[0.0, *rates[k]]),
                 Acting(durations=np.array([period]), commands=commands[k - 1 : k]),
@@ -201,10 +201,10 @@ def test_reset_clears_offsets_and_recall_restores_them() -> None:
     rates, _ = off_centre_rates(throttle, commands, integral=0.0, off=OFF_CENTRE)
     filtered = Rates(quick())
     pitch_offsets(throttle, commands, rates, rates_of=filtered)
-    before, kept = filtered.ekf.parameters(), filtered.ekf.memory()
+    before, kept = filtered.ekf.parameters(), filtered.ekf.snapshot()
     filtered.ekf.start_over()
     assert not filtered.ekf.parameters().rate_offset.any()
-    filtered.ekf.recall(kept)
+    filtered.ekf.restore(kept)
     np.testing.assert_array_equal(filtered.ekf.parameters().rate_offset, before.rate_offset)
 
 

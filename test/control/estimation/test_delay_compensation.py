@@ -252,7 +252,7 @@ def test_tick_makes_two_calls_into_compiled_code(
         calls.clear()
         compensation.predict(_odometry(stamp_ns=20 * MS * k))
         if k >= 5:
-            assert calls == ["_follow", "_ahead"]
+            assert calls == ["_update_filter", "_predict_ahead"]
         compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
     assert compensation.status.text == "learn"
 

@@ -127,7 +127,7 @@ def test_hover_action_leaves_room_to_stop_inside(
     watch = Watch(CONFIG, make_odometry)
     action, reported = watch.look(0, **at(x=2.0), **velocity)
     assert (action == "HOVER") == broken
-    assert ("come to a stop" in reported) == broken
+    assert ("stopping point" in reported) == broken
 
 
 def test_reports_most_severe_breach(watch: Watch) -> None:

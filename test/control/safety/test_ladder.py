@@ -76,14 +76,14 @@ class Flight:
         if breach is not None:
             broken = self._ladder.Breach(self._ladder.Action[breach[0]], breach[1])
         decision, self._state = self._ladder.decide(
-            self._ladder.Inputs(
+            self._ladder.LadderInputs(
                 now_ns=stamp(None),
                 odometry_ns=None if "odometry" in never else stamp(odometry),
                 reference_ns=None if "reference" in never else stamp(reference),
                 plan_fault=fault,
                 breach=broken,
-                standing=standing,
-                foreseen=foreseen,
+                on_ground=standing,
+                is_predicted=foreseen,
             ),
             self._state,
             self._timeouts,
@@ -165,7 +165,7 @@ def test_predicted_state_does_not_extend_plan_timeout(
     flight.decide(0)
     assert flight.decide(120, odometry=0, foreseen=True) == (
         MPC,
-        "odometry is late: foreseen",
+        "odometry is late: predicted",
     )
     flight.follow([(200, MPC), (400, MPC)], odometry=0, foreseen=True)
     assert flight.decide(401, odometry=0, foreseen=True) == (BLIND, "odometry is 0.40 s old")

@@ -197,7 +197,7 @@ def test_a_flight_is_not_disturbed_by_a_position_that_jumps_by_30_m() -> None:
     assert "position jumped by 30.0 m" in log[0]
 
 
-TURNING = np.array([0.3, -0.4, 0.5])  # rad/s
+RATES = np.array([0.3, -0.4, 0.5])  # rad/s
 
 
 def used(
@@ -215,7 +215,7 @@ def used(
     """
     jumps, p_WB, errors, off = OdometryJumps(), np.zeros(3), [], []
     for k, seconds in enumerate(times):
-        R_WB, v_WB_W = so3.exp(seconds * TURNING), np.array([2.0, 0.0, 0.0])
+        R_WB, v_WB_W = so3.exp(seconds * RATES), np.array([2.0, 0.0, 0.0])
         pushed = np.zeros(3) if push is None else push(seconds)
         p_WB = p_WB + 0.02 * (v_WB_W + (pushed if follows_push else 0.0)) if k else p_WB
         R_off = R_WB if turn is None else so3.exp(turn(seconds)) @ R_WB
@@ -224,7 +224,7 @@ def used(
             p_WB=p_WB,
             q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_off),
             v_WB_B=(R_off if twist_in_world else R_WB).T @ (v_WB_W + pushed),
-            w_WB_B=TURNING,
+            w_WB_B=RATES,
         )
         checked = jumps.checked(odometry)
         R_used = so3.rotation_from_quaternion_xyzw(checked.q_WB_xyzw)

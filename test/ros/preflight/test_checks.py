@@ -314,7 +314,7 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
             configured("reference", trajectory="circle", circle_radius=2.4, circle_speed=3.0),
         ),
         ERROR,
-        "where it would come to a stop",
+        "at the stopping point",
     ),
     "a take-off through the roof": (
         "fence",

@@ -351,9 +351,9 @@ class MavlinkBridge(Bridge):
 
     def _due_landed(self, now_ns: int) -> list[Any]:
         """Return what lets the autopilot notice that the MPC has landed, if it needs that."""
-        if self._handover.state is not State.ENGAGED or not self._mpc_ground.stands:
+        if self._handover.state is not State.ENGAGED or not self._mpc_ground.is_on_ground:
             self._flown = self._handover.state is State.ENGAGED and (
-                self._flown or self._mpc_ground.flies
+                self._flown or self._mpc_ground.is_flying
             )
             self._stands_ns = None
             return []
