@@ -11,8 +11,8 @@ from quad_mpc_ros.extras.racing.gates import read_course
 from quad_mpc_ros.extras.racing.held_gates import GuidedThrough, HeldGates
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.extras.obstacles.surroundings import Surroundings
-    from quad_mpc_ros.extras.obstacles.world import World
+    from quad_mpc_ros.extras.obstacles.surroundings import LocalMapProvider
+    from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 
 
 class Guidance(NamedTuple):
@@ -21,8 +21,8 @@ class Guidance(NamedTuple):
     Each is None where there is nothing of the kind; ``surroundings`` is what is made of the world.
     """
 
-    world: World | None = None
-    surroundings: Surroundings | None = None
+    world: ObstacleWorld | None = None
+    surroundings: LocalMapProvider | None = None
     gates: HeldGates | None = None
     guide: Guide | None = None
 
@@ -41,10 +41,10 @@ def guidance(config: MpcConfig) -> Guidance:
         return Guidance(gates=gates, guide=gates)
     # SciPy's KD-trees take 16 MiB and a tenth of a second.
     from quad_mpc_ros.extras.obstacles.avoidance import ObstacleAvoidance
-    from quad_mpc_ros.extras.obstacles.world import World
+    from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 
     frame_id = config.odometry.frame_id
-    world = World(own, scene_of_file(own.file), frame_id=frame_id, radius=config.radius)
+    world = ObstacleWorld(own, scene_of_file(own.file), frame_id=frame_id, radius=config.radius)
     neighbours = world if own.neighbours else None
     around = ObstacleAvoidance(config, world, radius=config.radius, neighbours=neighbours)
     guide: Guide = around if gates is None else GuidedThrough(around, gates)

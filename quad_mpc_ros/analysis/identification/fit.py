@@ -52,7 +52,7 @@ _TIME_CONSTANTS = (0.003, 0.01, 0.02, 0.04, 0.08, 0.16, 0.3)
 _DELAYS = np.arange(0.0, 0.301, 0.02)
 
 
-class _Known(NamedTuple):
+class _ParameterRange(NamedTuple):
     """What is known of a parameter beforehand: the range that is searched, its natural size.
 
     Half of a 95 % interval is too wide to be of use above both ``share`` of the value and
@@ -67,23 +67,23 @@ class _Known(NamedTuple):
 
 
 _KNOWN = {
-    "rate_tau": _Known(0.0, 1.0, 0.03, share=0.5, vague=0.01),
-    "rate_gain": _Known(0.2, 3.0, 0.3, vague=0.1),
-    "thrust_tau": _Known(0.0, 1.0, 0.03, share=0.5, vague=0.01),
-    "delay": _Known(0.0, 0.5, 0.03, share=0.5, vague=0.01),
-    "scale": _Known(0.1, 10.0, 1.0, share=0.5, vague=0.1),
-    "drag": _Known(0.0, 10.0, 0.3, share=0.5, vague=0.1),
-    "lift": _Known(-0.5, 0.5, 0.02, share=0.5, vague=0.01),
-    "rotor_drag": _Known(0.0, 10.0, 0.3, share=0.5, vague=0.1),
-    "acceleration": _Known(-20.0, 20.0, 1.0),
-    "rate_bias": _Known(-5.0, 5.0, 0.1),
-    "exponent": _Known(-1.0, 4.0, 1.0, vague=0.5),
+    "rate_tau": _ParameterRange(0.0, 1.0, 0.03, share=0.5, vague=0.01),
+    "rate_gain": _ParameterRange(0.2, 3.0, 0.3, vague=0.1),
+    "thrust_tau": _ParameterRange(0.0, 1.0, 0.03, share=0.5, vague=0.01),
+    "delay": _ParameterRange(0.0, 0.5, 0.03, share=0.5, vague=0.01),
+    "scale": _ParameterRange(0.1, 10.0, 1.0, share=0.5, vague=0.1),
+    "drag": _ParameterRange(0.0, 10.0, 0.3, share=0.5, vague=0.1),
+    "lift": _ParameterRange(-0.5, 0.5, 0.02, share=0.5, vague=0.01),
+    "rotor_drag": _ParameterRange(0.0, 10.0, 0.3, share=0.5, vague=0.1),
+    "acceleration": _ParameterRange(-20.0, 20.0, 1.0),
+    "rate_bias": _ParameterRange(-5.0, 5.0, 0.1),
+    "exponent": _ParameterRange(-1.0, 4.0, 1.0, vague=0.5),
 }
 
 
 def _vectors() -> Array:
-    """Return what is known as vectors (22,) in the order of the fields of :class:`_Known`."""
-    vectors = np.empty((len(_Known._fields), MOST_PARAMETERS))
+    """Return one vector (22,) for each field of :class:`_ParameterRange`, in their order."""
+    vectors = np.empty((len(_ParameterRange._fields), MOST_PARAMETERS))
     for name, known in _KNOWN.items():
         vectors[:, PLACES[name]] = np.array(known)[:, None]
     return vectors

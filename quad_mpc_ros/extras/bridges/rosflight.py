@@ -37,7 +37,7 @@ from quad_mpc_ros.ros.bridges.frames import (
     flu_from_frd,
     q_enu_flu_xyzw_from_ned_frd_wxyz,
 )
-from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack, State, is_old
+from quad_mpc_ros.ros.bridges.handover import HandoverState, LatestStatus, Stack, is_old
 
 MODE_ROLLRATE_PITCHRATE_YAWRATE_THROTTLE = 1
 IGNORE_NONE = 0
@@ -254,7 +254,9 @@ class RosflightBridge(Bridge):
             self._capped_ns = None
         elif self._capped_ns is None:
             self._capped_ns = now_ns
-        elif now_ns - self._capped_ns > _CAPPED_NS and self._handover.state is State.ENGAGED:
+        elif (
+            now_ns - self._capped_ns > _CAPPED_NS and self._handover.state is HandoverState.ENGAGED
+        ):
             self._capped_ns = now_ns
             self._warnings.append(
                 "the pilot's throttle is lower than ours and is used (TAKE_MIN_THR): raise it"

@@ -34,7 +34,7 @@ from quad_mpc_ros.extras.obstacles.detour import (
 )
 from quad_mpc_ros.extras.obstacles.guide import (
     STEP,
-    Followed,
+    GuideMotion,
     PathLimits,
     followed,
     smoothed,
@@ -42,9 +42,9 @@ from quad_mpc_ros.extras.obstacles.guide import (
 )
 from quad_mpc_ros.extras.obstacles.local_map import THINNED, LocalMap
 from quad_mpc_ros.extras.obstacles.moving import Movers
-from quad_mpc_ros.extras.obstacles.search import Workspace, search, shortened
+from quad_mpc_ros.extras.obstacles.search import SearchBuffers, search, shortened
 from quad_mpc_ros.extras.obstacles.sharing import Neighbours, Shared, shared_space
-from quad_mpc_ros.extras.obstacles.surroundings import Standing, Surroundings
+from quad_mpc_ros.extras.obstacles.surroundings import LocalMapProvider, Standing
 
 _LOOK = 0.1  # m, between places at which a way is looked at
 _SEARCH_MARGIN = 0.05  # m, that ways keep beyond what the plan has to
@@ -142,7 +142,7 @@ class _Lead(NamedTuple):
     """How the guide moves from a time on."""
 
     start_ns: int
-    motion: Followed
+    motion: GuideMotion
 
 
 class _Goal(NamedTuple):
@@ -172,10 +172,10 @@ class ObstacleAvoidance(Guide):
         """``radius`` [m] is that of a ball about the vehicle, and about each neighbour."""
         self._obstacles, self._radius = obstacles, radius
         self._neighbours = neighbours
-        self.surroundings = Surroundings(obstacles)
+        self.surroundings = LocalMapProvider(obstacles)
         self._way: _Way | None = None
         self._lead: _Lead | None = None
-        self._workspace = Workspace.of(0)
+        self._search_buffers = SearchBuffers.of(0)
         _compile()
         self.reconfigure(config)
 
@@ -402,8 +402,8 @@ class ObstacleAvoidance(Guide):
         keep = min(seen.keep + _SEARCH_MARGIN, grid.far - _LEAST_COMFORT)
         speed = max(float(np.linalg.norm(seen.v_W)), 1.0)
         floor = min(self._own.floor, float(start[2]), float(goal[2]))
-        if len(self._workspace.cost) != grid.distances.size:
-            self._workspace = Workspace.of(grid.distances.size)
+        if len(self._search_buffers.cost) != grid.distances.size:
+            self._search_buffers = SearchBuffers.of(grid.distances.size)
         cells, arrives = search(
             grid,
             start=start,
@@ -412,7 +412,7 @@ class ObstacleAvoidance(Guide):
             floor=floor - 0.1,
             speed=speed,
             movers=movers,
-            workspace=self._workspace,
+            workspace=self._search_buffers,
         )
         cells[0] = start
         if arrives:
@@ -422,7 +422,7 @@ class ObstacleAvoidance(Guide):
             cells = shortened(grid, cells, keep, speed, movers)
         return cells, arrives
 
-    def _motion(self, seen: _Seen, way: _Way, ahead: Ahead) -> Followed:
+    def _motion(self, seen: _Seen, way: _Way, ahead: Ahead) -> GuideMotion:
         """Return how the guide flies the reference until it is left, and follows a way then."""
         hardest = max(self._own.acceleration, ahead.acceleration)
         limits = PathLimits(way.speeds, hardest)
@@ -463,7 +463,7 @@ class ObstacleAvoidance(Guide):
         config = self._config
         return np.asarray(config.horizon_step * np.arange(config.horizon_steps + 1), float)
 
-    def _along(self, way: _Way, motion: Followed) -> Array:
+    def _along(self, way: _Way, motion: GuideMotion) -> Array:
         """Return the places (N + 1, 3) that the guide has come to at the stages' ends."""
         places = np.vstack([motion.p_W[: motion.before], way.points])
         along = np.interp(self._times, STEP * np.arange(len(motion.along)), motion.along)
@@ -522,7 +522,7 @@ def _compile() -> None:
         floor=-1.0,
         speed=1.0,
         movers=Movers.none(),
-        workspace=Workspace.of(here.grid.distances.size),
+        workspace=SearchBuffers.of(here.grid.distances.size),
     )
     corners = smoothed(shortened(here.grid, way, 0.3, 1.0, Movers.none()))
     limits = PathLimits(np.ones(len(corners)), 1.0)

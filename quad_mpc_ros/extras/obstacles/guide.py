@@ -162,7 +162,7 @@ def _steer(
         position[c] += 0.5 * dt * (before + velocity[c])
 
 
-class Followed(NamedTuple):
+class GuideMotion(NamedTuple):
     """A point mass along a way: positions and velocities (m, 3), and the place on the way (m,).
 
     The first ``before`` of them are before the way begins, each a place of its own.
@@ -173,20 +173,20 @@ class Followed(NamedTuple):
     along: Array
     before: int = 0
 
-    def after(self, p_W: Array, v_W: Array) -> Followed:
+    def after(self, p_W: Array, v_W: Array) -> GuideMotion:
         """Return the motion that has had these positions and velocities (k, 3) before."""
         along = np.concatenate((np.arange(len(p_W), dtype=float), self.along + len(p_W)))
-        return Followed(
+        return GuideMotion(
             np.vstack([p_W, self.p_W]), np.vstack([v_W, self.v_W]), along, before=len(p_W)
         )
 
 
 def followed(
     way: Array, limits: PathLimits, *, p_W: Array, v_W: Array, duration: float
-) -> Followed:
+) -> GuideMotion:
     """Return how a point mass follows a way (n, 3) from a state on, for ``duration`` [s]."""
     count = math.ceil(duration / STEP) + 1
-    motion = Followed(np.empty((count, 3)), np.empty((count, 3)), np.empty(count))
+    motion = GuideMotion(np.empty((count, 3)), np.empty((count, 3)), np.empty(count))
     speeds = speeds_along(way, limits.speeds, limits.acceleration)
     follow(
         way,
@@ -202,7 +202,7 @@ def followed(
 
 
 def window_of(
-    motion: Followed, reference: ReferenceWindow, *, start_ns: int, gravity: float
+    motion: GuideMotion, reference: ReferenceWindow, *, start_ns: int, gravity: float
 ) -> ReferenceWindow:
     """Return the window of a motion from a stamp on, with the heading of a reference.
 

@@ -49,7 +49,7 @@ _STANDS, _FASTEST = 0.05, 30.0  # m/s: slower is noise, faster another thing wit
 _FORESEEN = 1.0  # s: as long as it is taken to go on
 
 
-class Moved(NamedTuple):
+class MovingShape(NamedTuple):
     """A moving shape at its predicted place, its time of receipt [ns], and its number."""
 
     shape: Shape
@@ -57,7 +57,7 @@ class Moved(NamedTuple):
     number: int
 
 
-class _Known(NamedTuple):
+class _TrackedMarker(NamedTuple):
     """A shape or points (n, 3) on surfaces, with the times of its receipt and of its end [ns]."""
 
     number: int
@@ -84,7 +84,7 @@ class Markers:
     def __init__(self, frames: Frames, *, spacing: float) -> None:
         """Take frames, and how far points on a surface are apart [m]."""
         self._frames, self._spacing = frames, spacing
-        self._known: dict[tuple[str, int], _Known] = {}
+        self._known: dict[tuple[str, int], _TrackedMarker] = {}
         self._count = 0
         self.revision = 0
         """A number that grows with what stands."""
@@ -139,10 +139,10 @@ class Markers:
         """Points (n, 3) [m] on the surfaces of what stands."""
         return [known.points for known in self._known.values() if len(known.points)]
 
-    def moving(self, stamp_ns: int) -> list[Moved]:
+    def moving(self, stamp_ns: int) -> list[MovingShape]:
         """Return what moves, where it is predicted to be at a time."""
         return [
-            Moved(body, known.stamp_ns, known.number)
+            MovingShape(body, known.stamp_ns, known.number)
             for known in self._known.values()
             if (body := known.body_at(stamp_ns)) is not None and body.moves
         ]
@@ -182,7 +182,7 @@ class Markers:
         before = self._known.get(marker.name)
         number = self._count if before is None else before.number
         self._count += before is None
-        self._known[marker.name] = _Known(number, shape, points, stamp_ns, until_ns)
+        self._known[marker.name] = _TrackedMarker(number, shape, points, stamp_ns, until_ns)
         if before is None or not _same_points(before.points, points):
             self.revision += 1
 

@@ -43,7 +43,7 @@ class Grid(NamedTuple):
         return Grid(np.full(shape, far, np.float32), (corner + 0.5) * cell, cell, far)
 
 
-class Workspace(NamedTuple):
+class SearchBuffers(NamedTuple):
     """What a search writes of each cell, kept for the next: fresh memory takes longer than that.
 
     The cost and the length of the way to it, the cell before, and whether these are final.
@@ -55,10 +55,10 @@ class Workspace(NamedTuple):
     closed: NDArray[np.bool_]
 
     @staticmethod
-    def of(size: int) -> Workspace:
+    def of(size: int) -> SearchBuffers:
         """Return room for so many cells."""
         parent, closed = np.zeros(size, np.int32), np.zeros(size, np.bool_)
-        return Workspace(np.zeros(size), np.zeros(size), parent, closed)
+        return SearchBuffers(np.zeros(size), np.zeros(size), parent, closed)
 
 
 @compiled_beside_others
@@ -154,7 +154,7 @@ def search(
     floor: float,
     speed: float,
     movers: Movers,
-    workspace: Workspace,
+    workspace: SearchBuffers,
 ) -> tuple[NDArray[np.float64], bool]:
     """Return a way (n, 3) from cell to cell, and whether it reaches the goal.
 

@@ -30,7 +30,7 @@ class Standing(Protocol):
         ...
 
 
-class _Asked(NamedTuple):
+class _MapRequest(NamedTuple):
     """Where (3,) and when a map was asked for last, and how wide."""
 
     p_W: Array
@@ -39,7 +39,7 @@ class _Asked(NamedTuple):
     far: float
 
 
-class Surroundings:
+class LocalMapProvider:
     """Has a :class:`.local_map.LocalMap` of what stands around the vehicle.
 
     A map serves while what is known and asked for stays the same and the vehicle has not moved by
@@ -53,7 +53,7 @@ class Surroundings:
         self._standing = standing
         self._here: LocalMap | None = None
         self._oldest = standing.revision  # maps of earlier ones are in other coordinates
-        self._asked: _Asked | None = None
+        self._asked: _MapRequest | None = None
         self.wake: Callable[[], None] | None = None
         """Called, in the tick, when another map is due."""
 
@@ -62,7 +62,7 @@ class Surroundings:
 
         To be further than ``far`` [m] from a point makes no difference to who asks.
         """
-        here, asked = self._here, _Asked(p_W.copy(), stamp_ns, radius, far)
+        here, asked = self._here, _MapRequest(p_W.copy(), stamp_ns, radius, far)
         self._asked = asked
         if here is not None and here.revision >= self._oldest:
             if self._serves(here, asked):
@@ -85,7 +85,7 @@ class Surroundings:
         """
         self._here, self._oldest = None, self._standing.revision
 
-    def _serves(self, here: LocalMap, asked: _Asked) -> bool:
+    def _serves(self, here: LocalMap, asked: _MapRequest) -> bool:
         return (
             here.revision == self._standing.revision
             and here.radius == asked.radius
@@ -93,7 +93,7 @@ class Surroundings:
             and _moved(here, asked.p_W) < _MOVED
         )
 
-    def _made(self, asked: _Asked, *, with_grid: bool = False) -> LocalMap:
+    def _made(self, asked: _MapRequest, *, with_grid: bool = False) -> LocalMap:
         revision = self._standing.revision
         points = self._standing.points(asked.stamp_ns, near=asked.p_W, radius=asked.radius)
         made = LocalMap(

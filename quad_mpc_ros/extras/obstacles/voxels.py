@@ -26,7 +26,7 @@ def local_origin(p_W: Array) -> Array:
     return np.asarray(_TILE * np.round(p_W / _TILE))
 
 
-class _Known(NamedTuple):
+class _VoxelPoints(NamedTuple):
     """Points (n, 3) [m], when each was last seen [ns], the key of its cube, where that hashes."""
 
     points: Points
@@ -34,11 +34,11 @@ class _Known(NamedTuple):
     keys: NDArray[np.int64]
     places: NDArray[np.intp]
 
-    def chosen(self, which: NDArray[Any]) -> _Known:
-        return _Known(*(column[which] for column in self))
+    def chosen(self, which: NDArray[Any]) -> _VoxelPoints:
+        return _VoxelPoints(*(column[which] for column in self))
 
-    def with_more(self, other: _Known) -> _Known:
-        return _Known(
+    def with_more(self, other: _VoxelPoints) -> _VoxelPoints:
+        return _VoxelPoints(
             np.concatenate((self.points, other.points)),
             np.concatenate((self.seen_ns, other.seen_ns)),
             np.concatenate((self.keys, other.keys)),
@@ -97,11 +97,11 @@ class VoxelMap:
         self._settle(self._known.chosen(stays))
         return True
 
-    def _settle(self, known: _Known) -> None:
+    def _settle(self, known: _VoxelPoints) -> None:
         self._table[known.places] = np.arange(len(known.points), dtype=np.int32)
         self._known = known
 
-    def _made(self, points: Points, stamp_ns: int) -> _Known:
+    def _made(self, points: Points, stamp_ns: int) -> _VoxelPoints:
         mask, keys = (1 << _CELL_BITS) - 1, np.zeros(len(points), dtype=np.int64)
         for coordinate in points.T:
             cells = np.floor(coordinate * self._per_metre).astype(np.int32)
@@ -109,4 +109,4 @@ class VoxelMap:
             keys |= cells & mask
         hashed = (keys.view(np.uint64) * _MIXER) >> np.uint64(64 - _BITS)
         seen_ns = np.full(len(points), stamp_ns, dtype=np.int64)
-        return _Known(points, seen_ns, keys, hashed.astype(np.intp))
+        return _VoxelPoints(points, seen_ns, keys, hashed.astype(np.intp))

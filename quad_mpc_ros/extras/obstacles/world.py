@@ -58,7 +58,7 @@ class _Standing(NamedTuple):
     markers: list[Array]
 
 
-class World:
+class ObstacleWorld:
     """What is known of obstacles, as :class:`.avoidance.Obstacles` says.
 
     Every ``receive`` raises ``ValueError`` with one line for what is of no use, and is then as if

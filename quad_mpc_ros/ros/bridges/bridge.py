@@ -43,9 +43,9 @@ from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.handover import (
     Ground,
     Handover,
+    HandoverConditions,
+    HandoverState,
     Stack,
-    State,
-    Surroundings,
 )
 from quad_mpc_ros.ros.bridges.line import OwnLine
 from quad_mpc_ros.ros.bridges.odometry import OdometryStamps
@@ -171,7 +171,7 @@ class Bridge(ABC):
         self._newest_ns: int | None = None
         self._warnings: list[str] = []
         self._handover = Handover(config.handover, patient=self.patient)
-        self._surroundings = Surroundings(config.handover)
+        self._handover_conditions = HandoverConditions(config.handover)
         self._ground, self._mpc_ground = Ground(), GroundState.UNKNOWN
         self._arming: tuple[bool, int] | None = None  # what was requested, and when [ns]
         self._refusal: list[str] = []  # of that request
@@ -221,7 +221,7 @@ class Bridge(ABC):
             self._handover.release("released on request")
             return self._switch_back(now_ns)
         self._advance(now_ns)
-        if self._handover.state is not State.RELEASED:
+        if self._handover.state is not HandoverState.RELEASED:
             text = f"already requested: {self._handover.state.value}"
             return Response(accepted=True, text=text)
         obstacle = self._stack(now_ns).fault or self._obstacle(now_ns)
@@ -244,7 +244,7 @@ class Bridge(ABC):
             return Response(accepted=False, text=obstacle)
         if response.accepted:
             self._arming, self._refusal, self._reasons = (wanted, now_ns), [], []
-            if not wanted and self._handover.state is not State.RELEASED:
+            if not wanted and self._handover.state is not HandoverState.RELEASED:
                 self._handover.release("released by disarming")
         return response
 
@@ -269,7 +269,7 @@ class Bridge(ABC):
 
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
         """Take a reference, by which a handover is judged."""
-        self._surroundings.reference.receive(window, now_ns)
+        self._handover_conditions.reference.receive(window, now_ns)
 
     def receive_ground(self, state: GroundState) -> None:
         """Take what the MPC knows of the ground, which counts while it flies the vehicle."""
@@ -284,7 +284,7 @@ class Bridge(ABC):
         fault = self._command_fault(command, now_ns)
         if fault is None:
             share = self.thrust.specific_thrust(command.throttle) / self._config.gravity
-            self._surroundings.command.receive((command, share), now_ns)
+            self._handover_conditions.command.receive((command, share), now_ns)
             self._advance(now_ns)
             self._handover.commanded(now_ns=now_ns)
         if fault is None:
@@ -304,11 +304,11 @@ class Bridge(ABC):
     def engaged(self, *, now_ns: int) -> bool:
         """Return whether the vehicle acts on commands: armed, in the mode that takes them."""
         self._advance(now_ns)
-        return self._handover.state is State.ENGAGED
+        return self._handover.state is HandoverState.ENGAGED
 
     @property
     def handover(self) -> tuple[str, str]:
-        """Who flies, in a word of :class:`.handover.State`, and why it is released, if it is."""
+        """The value of the :class:`.HandoverState`, and the reason for a release."""
         return self._handover.state.value, self._handover.reason
 
     def landed(self, *, now_ns: int) -> bool | None:
@@ -323,29 +323,29 @@ class Bridge(ABC):
     def _advance(self, now_ns: int) -> None:
         """Advance or end the handover by the present state."""
         before = self._handover.state
-        if before is State.RELEASED:
+        if before is HandoverState.RELEASED:
             return
-        waits = before in (State.OFFERED, State.STANDBY)
+        waits = before in (HandoverState.OFFERED, HandoverState.STANDBY)
         obstacle = self._obstacle(now_ns) if waits else ""
         self._handover.advance(self._stack(now_ns), obstacle=obstacle, now_ns=now_ns)
-        if self._handover.state is State.RELEASED:
+        if self._handover.state is HandoverState.RELEASED:
             self._warnings.append(self._handover.reason)
 
     def _obstacle(self, now_ns: int) -> str:
-        return self._surroundings.obstacle(landed=self.landed(now_ns=now_ns), now_ns=now_ns)
+        return self._handover_conditions.obstacle(landed=self.landed(now_ns=now_ns), now_ns=now_ns)
 
     def _obstacle_to_arming(self, now_ns: int) -> str:
         """Return why the vehicle must not be armed now, or nothing."""
         stack = self._stack(now_ns)
         match self._handover.state:
-            case State.RELEASED if stack.takes_setpoints:
+            case HandoverState.RELEASED if stack.takes_setpoints:
                 return (
                     "engage it first: the stack is in the mode that takes setpoints, and would "
                     "fly any"
                 )
-            case State.OFFERED:
+            case HandoverState.OFFERED:
                 return "it is being engaged: try again"
-            case State.STANDBY:
+            case HandoverState.STANDBY:
                 return stack.fault or self._obstacle(now_ns)
             case _:
                 return ""
@@ -452,7 +452,7 @@ class Bridge(ABC):
             self.announced_reset = reset = EstimateReset.between(before, odometry)
             step = math.hypot(*reset.step_W)
             self._warnings.append(f"the estimate steps by {step:.2f} m ({cause})")
-        self._surroundings.odometry.receive(odometry, now_ns)
+        self._handover_conditions.odometry.receive(odometry, now_ns)
         self._see_ground(odometry, now_ns)
         return odometry
 
@@ -460,7 +460,7 @@ class Bridge(ABC):
         """Judge whether the vehicle stands, where the stack reports whether it is armed."""
         stack = self._stack(now_ns)
         if not stack.fault:
-            flown = self._handover.state is State.ENGAGED
+            flown = self._handover.state is HandoverState.ENGAGED
             state = self._mpc_ground if flown else GroundState.UNKNOWN
             self._ground.update(odometry.p_WB, armed=bool(stack.armed), state=state)
 

@@ -35,7 +35,7 @@ _FRESH, _REFERENCE_FRESH = 0.5, 1.0  # s
 _HOLDING_SHARES = (0.5, 1.6)  # of the weight as thrust: keeps its height for a moment
 
 
-class State(enum.Enum):
+class HandoverState(enum.Enum):
     """Who flies."""
 
     RELEASED = "released"
@@ -66,7 +66,7 @@ class Handover:
 
     def __init__(self, parameters: HandoverParameters, *, patient: bool = False) -> None:
         """Begin released; ``patient`` is for a stack that a pilot switches at any time."""
-        self.state = State.RELEASED
+        self.state = HandoverState.RELEASED
         self.reason = "not engaged: call the service engage"
         """Why it is released."""
         self._gap_ns = round(parameters.release_after * _SECOND)
@@ -76,13 +76,13 @@ class Handover:
 
     def offer(self, *, now_ns: int) -> None:
         """Begin to hand over, on request and without obstacles."""
-        self.state, self.reason = State.OFFERED, ""
+        self.state, self.reason = HandoverState.OFFERED, ""
         self._offered_ns = self._command_ns = now_ns
         self._odd_since_ns = None
 
     def release(self, reason: str) -> None:
         """Hand back until the next request."""
-        self.state, self.reason = State.RELEASED, f"{reason}: call the service engage"
+        self.state, self.reason = HandoverState.RELEASED, f"{reason}: call the service engage"
 
     def commanded(self, *, now_ns: int) -> None:
         """Note a fresh command."""
@@ -94,19 +94,19 @@ class Handover:
 
     def advance(self, stack: Stack, *, obstacle: str, now_ns: int) -> None:
         """Take what the stack reports now, and what is an obstacle to engaging it now."""
-        if self.state is State.RELEASED:
+        if self.state is HandoverState.RELEASED:
             return
         gap_ns = now_ns - self._command_ns
         if abs(gap_ns) > self._gap_ns:  # or the clock was set back
             self.release(f"released after {abs(gap_ns) / _SECOND:.2f} s without a fresh command")
         elif stack.fault:
             self.release(f"released because {stack.fault}")
-        elif self.state is not State.OFFERED and not stack.takes_setpoints:
+        elif self.state is not HandoverState.OFFERED and not stack.takes_setpoints:
             gap = f"no fresh command came for {gap_ns / _SECOND:.2f} s, and "
             self.release(f"released because {gap if gap_ns > _GAP_NS else ''}{stack.left}")
-        elif self.state is State.ENGAGED and not stack.armed:
+        elif self.state is HandoverState.ENGAGED and not stack.armed:
             self.release("released by disarming")
-        elif self.state is not State.ENGAGED:
+        elif self.state is not HandoverState.ENGAGED:
             self._approach(stack, obstacle=obstacle, now_ns=now_ns)
 
     def _approach(self, stack: Stack, *, obstacle: str, now_ns: int) -> None:
@@ -118,7 +118,7 @@ class Handover:
         if self._odd_since_ns is not None and now_ns - self._odd_since_ns > _LASTING_NS:
             self.release(f"released because {obstacle}")
         elif stack.takes_setpoints:
-            self.state = State.ENGAGED if stack.armed else State.STANDBY
+            self.state = HandoverState.ENGAGED if stack.armed else HandoverState.STANDBY
         elif not self._patient and self.offered_for(now_ns=now_ns) > _PATIENCE_NS:
             self.release("released because the stack has not switched within 5 s")
 
@@ -173,7 +173,7 @@ class LatestStatus:
         return self._value if abs(now_ns - self._received_ns) <= self._timeout_ns else None
 
 
-class Surroundings:
+class HandoverConditions:
     """The newest odometry, command and reference, with which a handover would begin."""
 
     def __init__(self, parameters: HandoverParameters) -> None:

@@ -29,8 +29,8 @@ from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import message_class, message_in, odometry_in
 
 if TYPE_CHECKING:  # a node without obstacles imports neither
-    from quad_mpc_ros.extras.obstacles.surroundings import Surroundings
-    from quad_mpc_ros.extras.obstacles.world import World
+    from quad_mpc_ros.extras.obstacles.surroundings import LocalMapProvider
+    from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 
 _SILENT = 1.0  # s without a scan, after the first
 
@@ -44,7 +44,12 @@ class ObstacleInputs:
     """
 
     def __init__(
-        self, node: ManagedNode[Any], world: World, surroundings: Surroundings, *, lockstep: bool
+        self,
+        node: ManagedNode[Any],
+        world: ObstacleWorld,
+        surroundings: LocalMapProvider,
+        *,
+        lockstep: bool,
     ) -> None:
         self._node, self._world, self._lockstep = node, world, lockstep
         self._surroundings = surroundings

@@ -47,7 +47,7 @@ _TRIALS = 3
 _INACTIVE = Reply(accepted=False, text="the reference node is inactive: activate it first")
 
 
-class _Sent(NamedTuple):
+class _PublishedWindow(NamedTuple):
     """The version of the last window, the offset of its stamps, and when it was published."""
 
     version: object
@@ -89,7 +89,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._live.too_late = lambda start_ns: self._flight_ns() > start_ns
         self._time, self._stamps = FlightTime(), StampClock()
         self._request = ""
-        self._sent: _Sent | None = None
+        self._sent: _PublishedWindow | None = None
         self._renewal_ns = round(config.renewal_period * 1e9)
         self.health.lockstep = config.lockstep
         self._reference = self.health.publisher(topics.REFERENCE)
@@ -332,7 +332,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             return
         ahead_ns = self._stamps.ahead_ns
         window = replace(published.window(self._time.at(now_ns)), stamp_ns=now_ns + ahead_ns)
-        self._sent = _Sent(published.version, ahead_ns, now_ns)
+        self._sent = _PublishedWindow(published.version, ahead_ns, now_ns)
         if self._hand_over is not None:
             self._hand_over(window)
             if self._reference.get_subscription_count() == 0:

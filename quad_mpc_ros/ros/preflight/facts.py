@@ -52,8 +52,8 @@ class Arrival:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Course:
-    """What the reference leads along, as odometry of a vehicle on it, and the verdict on it."""
+class ReferenceSamples:
+    """Samples along the reference, as odometry, and the verdict of the reference check."""
 
     samples: tuple[OdometrySample, ...]
     verdict: Verdict
@@ -68,8 +68,8 @@ class Facts:
         bridge: The bridge asked for: the name of its node, ``none``, or empty for any.
         has_clock: Whether a node publishes ``/clock``.
         arrivals: Odometries in order.
-        course: None where the reference's parameters give none here; then ``course_fault`` says
-            why.
+        reference_samples: None if they cannot be computed from the reference's parameters; then
+        ``reference_samples_error`` has the reason.
         stated: What files given on the command line state, by node and parameter.
     """
 
@@ -77,8 +77,8 @@ class Facts:
     bridge: str = ""
     has_clock: bool = False
     arrivals: tuple[Arrival, ...] = ()
-    course: Course | None = None
-    course_fault: str = ""
+    reference_samples: ReferenceSamples | None = None
+    reference_samples_error: str = ""
     stated: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
 
     @property

@@ -15,7 +15,7 @@ from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import judged_trajectory
 from quad_mpc_ros.references.feasibility import rates_beyond
 from quad_mpc_ros.references.point_table import BagReader
-from quad_mpc_ros.ros.preflight.facts import Course, Facts
+from quad_mpc_ros.ros.preflight.facts import Facts, ReferenceSamples
 from quad_mpc_ros.ros.preflight.finding import Finding, error, ok, unknown, warning
 from quad_mpc_ros.ros.preflight.own import limit_findings
 
@@ -23,7 +23,7 @@ _MOST_SAMPLES = 500
 _UNKNOWN = unknown("the parameters of mpc or reference are unknown")
 
 
-def course_of(config: ReferenceConfig, *, read_bag: BagReader) -> Course:
+def sampled_reference(config: ReferenceConfig, *, read_bag: BagReader) -> ReferenceSamples:
     """Return what a configured reference leads along.
 
     Raises :class:`UserError` where that cannot be found out here: of a file on another computer.
@@ -35,7 +35,7 @@ def course_of(config: ReferenceConfig, *, read_bag: BagReader) -> Course:
     R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
     v_WB_B = np.einsum("nji,nj->ni", R_WB, samples.v_WB_W)
     w_WB_B = np.einsum("nji,nj->ni", R_WB, samples.w_WB_W)
-    return Course(
+    return ReferenceSamples(
         samples=tuple(
             OdometrySample(
                 stamp_ns=0,
@@ -85,14 +85,14 @@ def rates_findings(facts: Facts) -> list[Finding]:
     if mpc is None:
         return [_UNKNOWN]
     found = []
-    if facts.course is not None:
+    if facts.reference_samples is not None:
         found += [
             warning(
                 f"the reference needs a {need.name} of {need.worst:.3g} rad/s, mpc.omega_max is "
                 f"{bound:.3g}",
                 "slow it down: reference.time_scaling: auto",
             )
-            for need, bound in rates_beyond(facts.course.verdict, mpc.omega_max)
+            for need, bound in rates_beyond(facts.reference_samples.verdict, mpc.omega_max)
         ]
     return found or [ok(f"omega_max {[round(rate, 2) for rate in mpc.omega_max]} rad/s")]
 
@@ -113,8 +113,8 @@ def fence_findings(facts: Facts) -> list[Finding]:
         if breach is not None:
             judged = warning if breach.action is Action.WARN else error
             found.append(judged(f"{name} would break a limit: {breach.reason}", remedy))
-    if facts.course_fault:
-        found.append(unknown(f"the way of the reference: {facts.course_fault}"))
+    if facts.reference_samples_error:
+        found.append(unknown(f"the way of the reference: {facts.reference_samples_error}"))
     return found or [ok("vehicle, take-off and reference are inside")]
 
 
@@ -137,9 +137,13 @@ def _places(facts: Facts) -> list[tuple[str, Sequence[OdometrySample], str]]:
                 "lower reference.takeoff_height, or raise fence.maximum",
             )
         )
-    if facts.course is not None:
+    if facts.reference_samples is not None:
         places.append(
-            ("the reference", facts.course.samples, "change it, or widen fence.* or envelope.*")
+            (
+                "the reference",
+                facts.reference_samples.samples,
+                "change it, or widen fence.* or envelope.*",
+            )
         )
     return places
 

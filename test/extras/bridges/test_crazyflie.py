@@ -208,7 +208,7 @@ def test_a_crazyflie_that_arms_itself_counts_as_disarmed_once_it_stands(new: New
 
 
 def test_what_a_firmware_has_said_prepares_a_session_and_flies() -> None:
-    session, reader = Session(), crtp.Reader()
+    session, reader = Session(), crtp.PacketReader()
     infos = []
     list(session.requests(now_ns=T0))
     for packet in reader.read(SAID.read_bytes()):
@@ -254,7 +254,7 @@ def test_fuzzed_frames_change_nothing_that_they_should_not(new: New) -> None:
 @pytest.mark.parametrize("cuts", [1, 2, 3, 7])
 def test_a_stream_may_come_in_any_pieces(cuts: int) -> None:
     stream = SAID.read_bytes()
-    reader, whole = crtp.Reader(), list(crtp.Reader().read(stream))
+    reader, whole = crtp.PacketReader(), list(crtp.PacketReader().read(stream))
     pieces = [stream[place : place + cuts] for place in range(0, len(stream), cuts)]
     assert [packet for piece in pieces for packet in reader.read(piece)] == whole
 

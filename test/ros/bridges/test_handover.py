@@ -17,7 +17,13 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.bridges.bridge import Bridge
 from quad_mpc_ros.ros.bridges.config import HandoverParameters
-from quad_mpc_ros.ros.bridges.handover import Ground, Handover, Stack, State, Surroundings
+from quad_mpc_ros.ros.bridges.handover import (
+    Ground,
+    Handover,
+    HandoverConditions,
+    HandoverState,
+    Stack,
+)
 
 New = Callable[[str], Any]
 
@@ -46,13 +52,13 @@ def engaged() -> Handover:
 
 def test_follows_the_documented_transitions() -> None:
     handover = offered()
-    assert handover.state is State.OFFERED
-    assert advanced(handover, Stack()).state is State.OFFERED
-    assert advanced(handover, Stack(takes_setpoints=True)).state is State.STANDBY
-    assert advanced(handover, READY).state is State.ENGAGED
+    assert handover.state is HandoverState.OFFERED
+    assert advanced(handover, Stack()).state is HandoverState.OFFERED
+    assert advanced(handover, Stack(takes_setpoints=True)).state is HandoverState.STANDBY
+    assert advanced(handover, READY).state is HandoverState.ENGAGED
     assert handover.reason == ""
     handover.release("released on request")
-    assert handover.state is State.RELEASED
+    assert handover.state is HandoverState.RELEASED
 
 
 @pytest.mark.parametrize(
@@ -65,9 +71,9 @@ def test_follows_the_documented_transitions() -> None:
 )
 def test_takeover_releases_for_good(stack: Stack, reason: str) -> None:
     handover = advanced(engaged(), stack)
-    assert handover.state is State.RELEASED
+    assert handover.state is HandoverState.RELEASED
     assert reason in handover.reason
-    assert advanced(handover, *[READY] * 1000).state is State.RELEASED
+    assert advanced(handover, *[READY] * 1000).state is HandoverState.RELEASED
 
 
 def test_names_the_missing_commands_when_the_stack_leaves_the_mode_after_a_gap() -> None:
@@ -81,7 +87,7 @@ def test_names_the_missing_commands_when_the_stack_leaves_the_mode_after_a_gap()
 def test_command_gap_releases(away: float) -> None:
     handover = engaged()
     handover.advance(READY, obstacle="", now_ns=round(away * SECOND))
-    assert handover.state is State.RELEASED
+    assert handover.state is HandoverState.RELEASED
     assert "without a fresh command" in handover.reason
 
 
@@ -105,11 +111,11 @@ def test_only_a_request_leaves_released(actions: list[Any]) -> None:
         handover.advance(stack, obstacle=obstacle, now_ns=now_ns)
         if fresh:
             handover.commanded(now_ns=now_ns)
-        if before is State.RELEASED:
-            assert handover.state is State.RELEASED
-        if handover.state is State.ENGAGED:
+        if before is HandoverState.RELEASED:
+            assert handover.state is HandoverState.RELEASED
+        if handover.state is HandoverState.ENGAGED:
             assert stack == READY
-        assert bool(handover.reason) is (handover.state is State.RELEASED)
+        assert bool(handover.reason) is (handover.state is HandoverState.RELEASED)
 
 
 def test_persistent_obstacle_ends_offer_and_brief_one_does_not() -> None:
@@ -118,7 +124,7 @@ def test_persistent_obstacle_ends_offer_and_brief_one_does_not() -> None:
         handover.commanded(now_ns=now_ns)
         flickers = "too far" if (now_ns // PERIOD) % 10 else ""
         handover.advance(Stack(takes_setpoints=True), obstacle=flickers, now_ns=now_ns)
-    assert handover.state is State.STANDBY
+    assert handover.state is HandoverState.STANDBY
     for now_ns in range(SECOND, 2 * SECOND, PERIOD):
         handover.commanded(now_ns=now_ns)
         handover.advance(Stack(takes_setpoints=True), obstacle="too far", now_ns=now_ns)
@@ -151,7 +157,7 @@ class Scene:
     rises: float = 0.0
 
     def obstacle(self) -> str:
-        surroundings = Surroundings(HandoverParameters())
+        surroundings = HandoverConditions(HandoverParameters())
         tilted = so3.quaternion_xyzw_from_rotation(so3.exp([self.tilt, 0.0, 0.0]))
         odometry = dataclasses.replace(
             OdometrySample.at_rest(PLACE, stamp_ns=T0), q_WB_xyzw=np.asarray(tilted)

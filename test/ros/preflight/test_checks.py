@@ -23,7 +23,7 @@ from quad_mpc_ros.ros.preflight.facts import (
     NodeFacts,
 )
 from quad_mpc_ros.ros.preflight.finding import Level
-from quad_mpc_ros.ros.preflight.way import course_of
+from quad_mpc_ros.ros.preflight.way import sampled_reference
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 NOW_NS = 50_000_000_000
@@ -66,7 +66,7 @@ def fit() -> Facts:
             "rates_bridge": NodeFacts(config=RatesConfig(), values=GROUNDED),
         },
         arrivals=arrivals(),
-        course=course_of(reference, read_bag=no_bag),
+        reference_samples=sampled_reference(reference, read_bag=no_bag),
     )
 
 
@@ -98,7 +98,7 @@ def configured(name: str, **values: Any) -> Change:
         wanted = config.updated({key.replace("__", "."): each for key, each in values.items()})
         changed = with_node(name, config=wanted)(facts)
         if isinstance(wanted, ReferenceConfig):
-            changed = changed.changed(course=course_of(wanted, read_bag=no_bag))
+            changed = changed.changed(reference_samples=sampled_reference(wanted, read_bag=no_bag))
         return changed
 
     return change
@@ -330,7 +330,9 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
     ),
     "a way that is not known here": (
         "fence",
-        lambda facts: facts.changed(course=None, course_fault="there.csv does not exist"),
+        lambda facts: facts.changed(
+            reference_samples=None, reference_samples_error="there.csv does not exist"
+        ),
         UNKNOWN,
         "there.csv does not exist",
     ),

@@ -53,7 +53,7 @@ class CrazyflieBridge(Bridge):
         self.subscriptions = [
             self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)
         ]
-        self._reader = crtp.Reader()
+        self._reader = crtp.PacketReader()
         self._session = Session()
         self._unlocking = 0
         self._sent_ns: int | None = None

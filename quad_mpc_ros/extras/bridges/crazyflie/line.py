@@ -40,7 +40,7 @@ class CrazyflieLine(ReopenedLine):
         self._driver: Any = None
         self._errors: deque[str] = deque(maxlen=1)
         self._sender: _Sender | None = None
-        self._reader = crtp.Reader()
+        self._reader = crtp.PacketReader()
 
     def read(self) -> bytes:
         """Return what has come, each packet after its length."""

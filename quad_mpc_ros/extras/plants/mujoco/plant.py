@@ -7,7 +7,7 @@ import numpy as np
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.extras.plants.mujoco import drive
 from quad_mpc_ros.extras.plants.mujoco.model import up_of
-from quad_mpc_ros.extras.plants.mujoco.scene import Scene
+from quad_mpc_ros.extras.plants.mujoco.scene import MujocoScene
 from quad_mpc_ros.simulation.mujoco_parameters import MujocoParameters
 from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
 
@@ -49,7 +49,7 @@ class MujocoPlant(RotorsPlant):
     def _start(self) -> None:
         """Begin where the parameters say; on the ground, standing on its feet."""
         super()._start()
-        self.scene = Scene(self._surroundings, mass=self._vehicle.mass)
+        self.scene = MujocoScene(self._surroundings, mass=self._vehicle.mass)
         """MuJoCo's model and state."""
         given = self._surroundings
         moves = any((*given.initial_velocity, *given.initial_body_rates))

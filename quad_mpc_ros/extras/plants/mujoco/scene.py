@@ -27,7 +27,7 @@ _GROUPS = 6  # of geoms in MuJoCo
 _AXES, _WRENCH = 3, 6
 
 
-class Scene:
+class MujocoScene:
     """MuJoCo's model and state; times in seconds from the start of the plant."""
 
     def __init__(self, config: MujocoParameters, *, mass: float) -> None:

@@ -20,7 +20,7 @@ from quad_mpc_ros.extras.racing.planning.transcription import (
     SHORTEST,
     Dynamics,
     Nodes,
-    Progress,
+    ProgressCallback,
     solve,
 )
 from quad_mpc_ros.references.course import Course
@@ -41,7 +41,7 @@ def flown_by_a_point(
     vehicle: PlannedVehicle,
     *,
     lowest: float,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Nodes:
     """Return the course as a point flies it in the least time: states p, v; inputs a.
 

@@ -35,7 +35,7 @@ from quad_mpc_ros.extras.racing.planning.settings import PlanSettings
 from quad_mpc_ros.extras.racing.planning.transcription import (
     Dynamics,
     Nodes,
-    Progress,
+    ProgressCallback,
     Solved,
     solve,
 )
@@ -92,7 +92,7 @@ def plan_race(
     gate_margin: float = 0.0,
     radius: float = 0.0,
     step: float = 0.05,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> RacePlan:
     """Return the plan of minimum time through gates, by CasADi (the extra ``plan``).
 
@@ -163,7 +163,7 @@ def _solved(
     model: Model,
     *,
     step: float,
-    progress: Progress | None,
+    progress: ProgressCallback | None,
 ) -> Solved:
     lowest = lowest_of(course)
     point = flown_by_a_point(course, legs, vehicle, lowest=lowest, progress=progress)

@@ -20,7 +20,7 @@ from quad_mpc_ros.extras.racing.planning.legs import BESIDE, CourseLeg, Goal
 
 _STOPPED = "User_Requested_Stop"
 SHORTEST, LONGEST = 0.02, 60.0  # s, of a leg
-Progress = Callable[[str, int, float, Array], None]
+ProgressCallback = Callable[[str, int, float, Array], None]
 """Takes what is solved, the iteration, the time planned so far [s] and the variables."""
 
 
@@ -90,7 +90,7 @@ def solve(
     *,
     name: str,
     most_iterations: int,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Solved:
     """Return the motion of least weighted time along the legs, from a first guess.
 
@@ -103,7 +103,7 @@ def solve(
     final = ca.MX.sym("final", nx + 1)
     states = ca.horzcat(stage[: nx + 1, :], final)
     inputs = stage[nx + 1 :, :]
-    rows = _Rows()
+    rows = _Constraints()
     _add_motion(rows, dynamics, states, inputs, counts=guess.counts)
     for leg, end in zip(legs, ends.tolist(), strict=True):
         if leg.goal is not None:
@@ -164,7 +164,7 @@ def _packed(nodes: Nodes) -> Array:
     return np.concatenate((rows.ravel(), nodes.states[-1], durations[-1:]))
 
 
-class _Rows:
+class _Constraints:
     """Constraints one after the other, and their bounds."""
 
     def __init__(self) -> None:
@@ -188,7 +188,7 @@ class _Rows:
 
 
 def _add_motion(
-    rows: _Rows, dynamics: Dynamics, states: Any, inputs: Any, *, counts: tuple[int, ...]
+    rows: _Constraints, dynamics: Dynamics, states: Any, inputs: Any, *, counts: tuple[int, ...]
 ) -> None:
     """Add that each node follows from the one before, and what bounds states and inputs."""
     ca = casadi()
@@ -213,7 +213,7 @@ def _add_motion(
             rows.add(bounded[:, k], lower, upper)
 
 
-def _add_goal(rows: _Rows, goal: Goal, states: Any, end: int) -> None:
+def _add_goal(rows: _Constraints, goal: Goal, states: Any, end: int) -> None:
     """Add what holds at the end of a leg; a gate is passed from its front, not just touched."""
     rows.add(goal.expressions(states[0:3, end], states[3:6, end]), goal.lower, goal.upper)
     if goal.depth is None:
@@ -243,7 +243,9 @@ def _fix(states: Array, node: int, values: Array) -> None:
     states[node, : len(values)][given] = values[given]
 
 
-def _watch(name: str, progress: Progress, *, sizes: tuple[int, int], nodes: Nodes, nx: int) -> Any:
+def _watch(
+    name: str, progress: ProgressCallback, *, sizes: tuple[int, int], nodes: Nodes, nx: int
+) -> Any:
     """Return what IPOPT calls after every iteration."""
     ca = casadi()
     variables, rows = sizes

@@ -25,13 +25,13 @@ from quad_mpc_ros.ros.bridges.bridge import (
     Response,
     command_result,
 )
-from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack, State, is_old
+from quad_mpc_ros.ros.bridges.handover import HandoverState, LatestStatus, Stack, is_old
 from quad_mpc_ros.ros.bridges.line import Line
 from quad_mpc_ros.ros.bridges.mavlink import codec
 from quad_mpc_ros.ros.bridges.mavlink.autopilots import AUTOPILOTS, Autopilot
 from quad_mpc_ros.ros.bridges.mavlink.codec import Codec
 from quad_mpc_ros.ros.bridges.mavlink.config import MavlinkConfig
-from quad_mpc_ros.ros.bridges.mavlink.link import OtherCommanders, Settings, VehicleTime
+from quad_mpc_ros.ros.bridges.mavlink.link import AutopilotParameters, OtherCommanders, VehicleTime
 
 _SECOND = 1_000_000_000
 _LINE_PERIOD = 0.002  # s: what comes waits for half of it
@@ -76,7 +76,7 @@ class MavlinkBridge(Bridge):
             ]
         self._codec: Codec | None = None
         self._autopilot: Autopilot | None = None
-        self._settings = Settings(())
+        self._settings = AutopilotParameters(())
         self._component = codec.AUTOPILOT_COMPONENT
         self._time, self._others = VehicleTime(), OtherCommanders()
         self._heartbeat = LatestStatus(timeout=_HEARTBEAT_TIMEOUT)
@@ -214,7 +214,7 @@ class MavlinkBridge(Bridge):
             return
         if not isinstance(self._autopilot, kind):
             self._autopilot = kind(self._config)
-            self._settings = Settings(self._autopilot.settings)
+            self._settings = AutopilotParameters(self._autopilot.settings)
             self.streams, self.warm_up = self._autopilot.streams, self._autopilot.warm_up
         self._heartbeat.receive(message, now_ns)
         self._see_mode(int(message.custom_mode), now_ns)
@@ -282,7 +282,7 @@ class MavlinkBridge(Bridge):
     def _on_target(self, message: Any, now_ns: int) -> None:
         land = self._land.value(now_ns=now_ns)
         flies = land is not None and land.landed_state == _IN_AIR
-        if self._autopilot is not None and flies and self._handover.state is State.ENGAGED:
+        if self._autopilot is not None and flies and self._handover.state is HandoverState.ENGAGED:
             self._others.target(self._autopilot.echo(message), now_ns=now_ns)
             if self._others.suspected:
                 self._done_ns.pop("request", None)
@@ -351,8 +351,8 @@ class MavlinkBridge(Bridge):
 
     def _due_landed(self, now_ns: int) -> list[Any]:
         """Return what lets the autopilot notice that the MPC has landed, if it needs that."""
-        if self._handover.state is not State.ENGAGED or not self._mpc_ground.stands:
-            self._flown = self._handover.state is State.ENGAGED and (
+        if self._handover.state is not HandoverState.ENGAGED or not self._mpc_ground.stands:
+            self._flown = self._handover.state is HandoverState.ENGAGED and (
                 self._flown or self._mpc_ground.flies
             )
             self._stands_ns = None

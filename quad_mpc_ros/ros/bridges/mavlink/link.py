@@ -44,7 +44,7 @@ class VehicleTime:
         self.behind_ns = min(max(self.behind_ns, least_ns), most_ns)
 
 
-class Settings:
+class AutopilotParameters:
     """The vehicle's parameters that matter, as far as they were received."""
 
     def __init__(self, names: Sequence[str]) -> None:
