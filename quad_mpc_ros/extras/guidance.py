@@ -8,10 +8,10 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.guide import Guide
 from quad_mpc_ros.extras.obstacles.files import scene_of_file
 from quad_mpc_ros.extras.racing.gates import read_course
-from quad_mpc_ros.extras.racing.held_gates import GuidedThrough, HeldGates
+from quad_mpc_ros.extras.racing.held_gates import CombinedGuide, HeldGates
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.extras.obstacles.surroundings import LocalMapProvider
+    from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider
     from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 
 
@@ -47,5 +47,5 @@ def guidance(config: MpcConfig) -> Guidance:
     world = ObstacleWorld(own, scene_of_file(own.file), frame_id=frame_id, radius=config.radius)
     neighbours = world if own.neighbours else None
     around = ObstacleAvoidance(config, world, radius=config.radius, neighbours=neighbours)
-    guide: Guide = around if gates is None else GuidedThrough(around, gates)
+    guide: Guide = around if gates is None else CombinedGuide(around, gates)
     return Guidance(world, around.surroundings, gates, guide)

@@ -14,7 +14,7 @@ from quad_mpc_ros.extras.obstacles.frames import Frames, Pose
 from quad_mpc_ros.extras.obstacles.voxels import Points, VoxelMap, local_origin
 from quad_mpc_ros.messages.point_cloud import PointCloud
 
-_LATE = 1.0  # s before the newest odometry
+_MAX_SCAN_AGE = 1.0  # s before the newest odometry
 
 
 class Placement(NamedTuple):
@@ -46,7 +46,7 @@ class Clouds:
         """A number that grows with what is known."""
 
     @property
-    def is_heard(self) -> bool:
+    def has_cloud(self) -> bool:
         """Whether a cloud has come."""
         return self._newest_ns is not None
 
@@ -69,12 +69,12 @@ class Clouds:
         if newest_ns is None:
             raise ValueError("a cloud, and no odometry yet, by which it could be placed")
         late = 1e-9 * (newest_ns - cloud.stamp_ns)
-        if late > _LATE and not self._is_map:
+        if late > _MAX_SCAN_AGE and not self._is_map:
             raise ValueError(f"a cloud stamped {late:.3f} s before the newest odometry")
-        stamp_ns = newest_ns if self._is_map and abs(late) > _LATE else cloud.stamp_ns
+        stamp_ns = newest_ns if self._is_map and abs(late) > _MAX_SCAN_AGE else cloud.stamp_ns
         pose = self._frames.pose(cloud.frame_id, stamp_ns)
         body = self._frames.body_pose(newest_ns if self._is_map else stamp_ns).p
-        origin = self.origin if self.is_heard else local_origin(body)
+        origin = self.origin if self.has_cloud else local_origin(body)
         return Placement(stamp_ns, pose._replace(p=pose.p - origin), body - origin, origin)
 
     def placed(self, cloud: PointCloud, placement: Placement) -> Points:

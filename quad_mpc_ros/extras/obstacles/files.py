@@ -27,10 +27,10 @@ from quad_mpc_ros.extras.obstacles.surfaces import area
 from quad_mpc_ros.simulation.scene import Scene, Volume
 from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
 
-_OWN = {"box": ("size",), "cylinder": ("radius", "height"), "sphere": ("radius",)}
-_COMMON = ("shape", "position", "yaw", "velocity", "appears_at")
-_LARGEST_AREA = 20_000.0  # m^2: two million points
-_SECTIONS = ("obstacles", "volume")
+_SHAPE_KEYS = {"box": ("size",), "cylinder": ("radius", "height"), "sphere": ("radius",)}
+_COMMON_KEYS = ("shape", "position", "yaw", "velocity", "appears_at")
+_MAX_TOTAL_AREA = 20_000.0  # m^2: two million points
+_FILE_KEYS = ("obstacles", "volume")
 
 
 def read_scene(path: Path | str) -> Scene:
@@ -51,7 +51,7 @@ def scene_of(content: object, where: str) -> Scene:
     """Return what the content of a file states; ``where`` begins its errors."""
     if not isinstance(content, Mapping):
         raise UserError(f"{where}: given {shown(content)}, expected 'obstacles:' with a list")
-    _refuse_unknown(content, _SECTIONS, where)
+    _refuse_unknown(content, _FILE_KEYS, where)
     entries = content.get("obstacles", [])
     if not isinstance(entries, list):
         raise UserError(f"{where}: obstacles: given {shown(entries)}, expected a list")
@@ -59,10 +59,10 @@ def scene_of(content: object, where: str) -> Scene:
         _shape(entry, f"{where}: obstacle {number}") for number, entry in enumerate(entries, 1)
     ]
     whole = sum(area(shape) for shape in shapes)
-    if whole > _LARGEST_AREA:
+    if whole > _MAX_TOTAL_AREA:
         raise UserError(
             f"{where}: obstacles: given surfaces of {whole:.0f} m^2 in all, expected "
-            f"{_LARGEST_AREA:.0f} m^2 at most; leave out the ground and what is far away"
+            f"{_MAX_TOTAL_AREA:.0f} m^2 at most; leave out the ground and what is far away"
         )
     given = content.get("volume")
     return Scene(shapes, None if given is None else _volume(given, f"{where}: volume"))
@@ -72,12 +72,12 @@ def _shape(entry: object, where: str) -> Shape:
     if not isinstance(entry, Mapping):
         raise UserError(f"{where}: given {shown(entry)}, expected {{shape: box, position: …}}")
     kind = entry.get("shape")
-    if not isinstance(kind, str) or kind not in _OWN:
+    if not isinstance(kind, str) or kind not in _SHAPE_KEYS:
         raise UserError(
-            f"{where}: shape: given {shown(kind)}, expected one of {', '.join(_OWN)}"
-            f"{did_you_mean(str(kind), _OWN)}"
+            f"{where}: shape: given {shown(kind)}, expected one of {', '.join(_SHAPE_KEYS)}"
+            f"{did_you_mean(str(kind), _SHAPE_KEYS)}"
         )
-    _refuse_unknown(entry, (*_COMMON, *_OWN[kind]), where)
+    _refuse_unknown(entry, (*_COMMON_KEYS, *_SHAPE_KEYS[kind]), where)
     common: dict[str, Any] = {
         "p_WO": _vector(entry, "position", where),
         "R_WO": rotation_about_z(_number(entry, "yaw", where, default=0.0)),

@@ -15,10 +15,10 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages.obstacle_messages import Transform
 
-_KEPT_NS = 2_000_000_000
-_AHEAD_NS = 100_000_000  # as far as a pose is foreseen by the last two
-_MOST_LINKS = 32
-_UNIT = 1e-3  # off the length of a quaternion
+_POSE_HISTORY_NS = 2_000_000_000
+_MAX_EXTRAPOLATION_NS = 100_000_000  # as far as a pose is foreseen by the last two
+_MAX_CHAIN_LENGTH = 32
+_UNIT_TOLERANCE = 1e-3  # off the length of a quaternion
 
 
 class Pose(NamedTuple):
@@ -45,7 +45,7 @@ class Pose(NamedTuple):
         return np.stack(rows).T
 
 
-_SAME = Pose(np.zeros(3), np.eye(3))
+_IDENTITY = Pose(np.zeros(3), np.eye(3))
 
 
 class _Stamped(NamedTuple):
@@ -68,12 +68,12 @@ class Frames:
         if odometry_fault(odometry, frame_id=self._frame_id) is not None:
             return
         stamp_ns, poses = odometry.stamp_ns, self._poses
-        if poses and not 0 < stamp_ns - poses[-1].stamp_ns < _KEPT_NS:
+        if poses and not 0 < stamp_ns - poses[-1].stamp_ns < _POSE_HISTORY_NS:
             if stamp_ns == poses[-1].stamp_ns:
                 return
             poses.clear()
         poses.append(_Stamped(stamp_ns, odometry))
-        while stamp_ns - poses[0].stamp_ns > _KEPT_NS:
+        while stamp_ns - poses[0].stamp_ns > _POSE_HISTORY_NS:
             poses.popleft()
         self._body = odometry.child_frame_id.lstrip("/")
 
@@ -84,7 +84,7 @@ class Frames:
         """
         numbers = np.append(transform.p, transform.q_xyzw)
         near = (np.abs(numbers) <= FARTHEST).all()  # NaN compares with nothing
-        unit = near and abs(float(np.linalg.norm(transform.q_xyzw)) - 1.0) < _UNIT
+        unit = near and abs(float(np.linalg.norm(transform.q_xyzw)) - 1.0) < _UNIT_TOLERANCE
         if not unit or transform.child == transform.parent:
             raise ValueError(f"a transform to '{transform.child}' that is none")
         self._links[transform.child] = transform
@@ -125,8 +125,8 @@ def _chain(name: str, links: dict[str, Transform], *, until: str) -> Iterator[tu
 
     What is above the body is not asked: the odometry knows better.
     """
-    pose = _SAME
-    for _ in range(_MOST_LINKS):
+    pose = _IDENTITY
+    for _ in range(_MAX_CHAIN_LENGTH):
         yield name, pose
         link = links.get(name)
         if link is None or name == until:
@@ -145,7 +145,7 @@ def _body_pose(poses: Sequence[_Stamped], stamp_ns: int) -> Pose:
     first, last = poses[0].stamp_ns, poses[-1].stamp_ns
     if stamp_ns < first:
         raise ValueError(f"stamp {1e-9 * (last - stamp_ns):.3f} s before the newest odometry")
-    if stamp_ns - last > _AHEAD_NS:
+    if stamp_ns - last > _MAX_EXTRAPOLATION_NS:
         raise ValueError(f"stamp {1e-9 * (stamp_ns - last):.3f} s after the newest odometry")
     stamps = [each.stamp_ns for each in poses]
     # Between two poses, or beyond the last two.

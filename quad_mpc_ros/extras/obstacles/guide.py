@@ -19,12 +19,12 @@ from quad_mpc_ros.control.model.samples import ReferenceWindow
 
 STEP = 0.04
 """s, between samples of a window."""
-_SPACING = 0.1  # m, between the points of a way
+_POINT_SPACING = 0.1  # m, between the points of a way
 _SUBSTEPS = 4
-_STEERING = 0.12  # s, in which the velocity becomes the wanted one
+_VELOCITY_TIME_CONSTANT = 0.12  # s, in which the velocity becomes the wanted one
 # Ahead of the point mass: this, and as far as it flies in this time.
-_AHEAD, _AHEAD_TIME = 0.25, 0.2
-_ROUNDS, _REACH = 3, 3  # of smoothing, and how many points to both sides it takes
+_LOOKAHEAD, _LOOKAHEAD_TIME = 0.25, 0.2
+_ROUNDS, _HALF_WIDTH = 3, 3  # of smoothing, and how many points to both sides it takes
 
 
 class PathLimits(NamedTuple):
@@ -38,36 +38,36 @@ def smoothed(corners: Array) -> Array:
     """Return a way (n, 3) of points a tenth of a metre apart, its corners rounded."""
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     along = np.concatenate(([0.0], np.cumsum(lengths)))
-    count = max(math.ceil(along[-1] / _SPACING), 1) + 1
+    count = max(math.ceil(along[-1] / _POINT_SPACING), 1) + 1
     places = np.linspace(0.0, along[-1], count)
-    way = np.column_stack([np.interp(places, along, corners[:, k]) for k in range(3)])
-    width = 2 * _REACH + 1
+    path = np.column_stack([np.interp(places, along, corners[:, k]) for k in range(3)])
+    width = 2 * _HALF_WIDTH + 1
     for _ in range(_ROUNDS if count > width else 0):
-        padded = np.vstack([np.tile(way[0], (_REACH, 1)), way, np.tile(way[-1], (_REACH, 1))])
+        padded = np.pad(path, ((_HALF_WIDTH, _HALF_WIDTH), (0, 0)), mode="edge")
         total = np.vstack([np.zeros(3), np.cumsum(padded, axis=0)])
         mean = (total[width:] - total[:-width]) / width
-        way[1:-1] = mean[1:-1]
-    return way
+        path[1:-1] = mean[1:-1]
+    return path
 
 
 @compiled
-def speeds_along(way: Array, fastest: Array, acceleration: float) -> Array:
+def speeds_along(path: Array, fastest: Array, acceleration: float) -> Array:
     """Return how fast to be at the points of a way (n, 3): in bends, and before what is slower.
 
     ``fastest`` (n,) is how fast one may be there, whatever the way.
     """
-    n = len(way)
+    n = len(path)
     speeds = fastest.copy()
     for k in range(1, n - 1):
         before, after, bend = 0.0, 0.0, 0.0
         for c in range(3):
-            before += (way[k, c] - way[k - 1, c]) ** 2
-            after += (way[k + 1, c] - way[k, c]) ** 2
+            before += (path[k, c] - path[k - 1, c]) ** 2
+            after += (path[k + 1, c] - path[k, c]) ** 2
         before, after = math.sqrt(before), math.sqrt(after)
         if min(before, after) < 1e-6:
             continue
         for c in range(3):
-            change = (way[k + 1, c] - way[k, c]) / after - (way[k, c] - way[k - 1, c]) / before
+            change = (path[k + 1, c] - path[k, c]) / after - (path[k, c] - path[k - 1, c]) / before
             bend += change * change
         curvature = math.sqrt(bend) / (0.5 * (before + after))
         if curvature > 1e-6:
@@ -75,15 +75,15 @@ def speeds_along(way: Array, fastest: Array, acceleration: float) -> Array:
     for k in range(n - 2, -1, -1):
         length = 0.0
         for c in range(3):
-            length += (way[k + 1, c] - way[k, c]) ** 2
+            length += (path[k + 1, c] - path[k, c]) ** 2
         braked = speeds[k + 1] ** 2 + 2.0 * acceleration * math.sqrt(length)
         speeds[k] = min(speeds[k], math.sqrt(braked))
     return speeds
 
 
 @compiled
-def follow(
-    way: Array,
+def simulate_pursuit(
+    path: Array,
     speeds: Array,
     acceleration: float,
     p: Array,
@@ -101,21 +101,21 @@ def follow(
     position, velocity, at = p.copy(), v.copy(), 0
     for k in range(len(positions)):
         for _ in range(_SUBSTEPS if k > 0 else 0):
-            _steer(way, speeds, acceleration, (position, velocity), dt, at)
-            at = _nearest(way, position, at)
+            _steer(path, speeds, acceleration, (position, velocity), dt, at)
+            at = _nearest(path, position, at)
         if k == 0:
-            at = _nearest(way, position, 0)
+            at = _nearest(path, position, 0)
         positions[k], velocities[k], along[k] = position, velocity, at
 
 
 @compiled
-def _nearest(way: Array, position: Array, at: int) -> int:
+def _nearest(path: Array, position: Array, at: int) -> int:
     """Return the nearest point of a way, from a place on it on, not further than it was."""
     least, best = math.inf, at
-    for k in range(at, min(at + 12, len(way))):
+    for k in range(at, min(at + 12, len(path))):
         squared = 0.0
         for c in range(3):
-            squared += (way[k, c] - position[c]) ** 2
+            squared += (path[k, c] - position[c]) ** 2
         if squared < least:
             least, best = squared, k
     return best
@@ -123,7 +123,7 @@ def _nearest(way: Array, position: Array, at: int) -> int:
 
 @compiled
 def _steer(
-    way: Array,
+    path: Array,
     speeds: Array,
     acceleration: float,
     state: tuple[Array, Array],
@@ -133,27 +133,27 @@ def _steer(
     """Move the point mass on by a step."""
     position, velocity = state
     fast = math.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
-    ahead, to, length = _AHEAD + _AHEAD_TIME * fast, at, 0.0
-    while to < len(way) - 1 and length < ahead:
+    ahead, to, length = _LOOKAHEAD + _LOOKAHEAD_TIME * fast, at, 0.0
+    while to < len(path) - 1 and length < ahead:
         squared = 0.0
         for c in range(3):
-            squared += (way[to + 1, c] - way[to, c]) ** 2
+            squared += (path[to + 1, c] - path[to, c]) ** 2
         length += math.sqrt(squared)
         to += 1
     distance = 0.0
     for c in range(3):
-        distance += (way[to, c] - position[c]) ** 2
+        distance += (path[to, c] - position[c]) ** 2
     distance = math.sqrt(distance)
     wanted = speeds[at]
-    if to == len(way) - 1:  # towards the end itself, no faster than brakes stop there
-        end = speeds[len(way) - 1]
+    if to == len(path) - 1:  # towards the end itself, no faster than brakes stop there
+        end = speeds[len(path) - 1]
         wanted = min(wanted, math.sqrt(end * end + 2.0 * acceleration * distance))
         if end == 0.0:
-            wanted = min(wanted, distance / (2.0 * _STEERING))
+            wanted = min(wanted, distance / (2.0 * _VELOCITY_TIME_CONSTANT))
     share, change = wanted / max(distance, 1e-6), np.empty(3)
     squared = 0.0
     for c in range(3):
-        change[c] = (share * (way[to, c] - position[c]) - velocity[c]) / _STEERING
+        change[c] = (share * (path[to, c] - position[c]) - velocity[c]) / _VELOCITY_TIME_CONSTANT
         squared += change[c] ** 2
     factor = min(1.0, acceleration / max(math.sqrt(squared), 1e-9))
     for c in range(3):
@@ -181,15 +181,15 @@ class GuideMotion(NamedTuple):
         )
 
 
-def followed(
-    way: Array, limits: PathLimits, *, p_W: Array, v_W: Array, duration: float
+def follow_path(
+    path: Array, limits: PathLimits, *, p_W: Array, v_W: Array, duration: float
 ) -> GuideMotion:
     """Return how a point mass follows a way (n, 3) from a state on, for ``duration`` [s]."""
     count = math.ceil(duration / STEP) + 1
     motion = GuideMotion(np.empty((count, 3)), np.empty((count, 3)), np.empty(count))
-    speeds = speeds_along(way, limits.speeds, limits.acceleration)
-    follow(
-        way,
+    speeds = speeds_along(path, limits.speeds, limits.acceleration)
+    simulate_pursuit(
+        path,
         speeds,
         limits.acceleration,
         p=p_W,
@@ -210,7 +210,7 @@ def window_of(
     """
     count = len(motion.p_W)
     a, w, q = np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 4))
-    _turn(motion.v_W, _heading(reference.q_WB_xyzw[0]), gravity, a_W=a, q_xyzw=q, w_W=w)
+    _write_attitudes(motion.v_W, _heading(reference.q_WB_xyzw[0]), gravity, a_W=a, q_xyzw=q, w_W=w)
     return ReferenceWindow(
         stamp_ns=reference.stamp_ns,
         offset_ns=start_ns
@@ -226,7 +226,7 @@ def window_of(
 
 
 @compiled
-def _turn(
+def _write_attitudes(
     v_W: Array, heading: float, gravity: float, a_W: Array, q_xyzw: Array, w_W: Array
 ) -> None:
     """Write accelerations (n, 3), attitudes (n, 4) and angular velocities (n, 3) of velocities."""

@@ -10,11 +10,11 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.obstacles.search import Grid, fill
 from quad_mpc_ros.extras.obstacles.voxels import VoxelMap, local_origin
 
-THINNED = 0.1
+VOXEL_SIZE = 0.1
 """Side of the cubes of each of which one point is kept [m]."""
 
-_CELL = 0.2  # m
-_UP = 2.4  # m, that ways lead up or down at most
+_CELL_SIZE = 0.2  # m
+_MAX_VERTICAL_RANGE = 2.4  # m, that ways lead up or down at most
 
 
 class LocalMap:
@@ -24,7 +24,7 @@ class LocalMap:
         self, points: Array, *, centre: Array, radius: float, far: float, revision: int
     ) -> None:
         """Take points within a ``radius``; of distances beyond ``far`` [m] nothing depends."""
-        thinned, origin = VoxelMap(THINNED), local_origin(centre)
+        thinned, origin = VoxelMap(VOXEL_SIZE), local_origin(centre)
         thinned.insert((points - origin).astype(np.float32), 0)
         self.points = np.ascontiguousarray(thinned.points + origin)
         self.centre, self.radius, self.revision = centre.copy(), radius, revision
@@ -56,8 +56,8 @@ class LocalMap:
 
     def make_grid(self) -> Grid:
         """Make the grid of distances."""
-        half = self.radius, min(_UP, self.radius)
-        grid = Grid.about(self.centre, half=half, cell=_CELL, far=self.far)
+        half = self.radius, min(_MAX_VERTICAL_RANGE, self.radius)
+        grid = Grid.about(self.centre, half=half, cell=_CELL_SIZE, far=self.far)
         fill(self.points, grid)
         self._grid = grid
         return grid

@@ -34,7 +34,7 @@ class Movers(NamedTuple):
         later = self.keep + self.growth * time
         return self._replace(p_W=self.p_W + time * self.v_W, keep=later)
 
-    def room(self, times: Array, places: Array) -> Array:
+    def clearance(self, times: Array, places: Array) -> Array:
         """Return how much further than kept places (n, 3) at times (n,) [s] are from each ball.
 
         Shape (n, m), negative where one is too near.
@@ -45,7 +45,7 @@ class Movers(NamedTuple):
 
     def meet(self, times: Array, places: Array) -> bool:
         """Whether a ball is too near to places (n, 3) at times (n,) [s] from now."""
-        return len(self.keep) > 0 and bool((self.room(times, places) < 0.0).any())
+        return len(self.keep) > 0 and bool((self.clearance(times, places) < 0.0).any())
 
     def write_half_spaces(
         self, times: Array, places: Array, *, normals: Array, offsets: Array
@@ -57,14 +57,14 @@ class Movers(NamedTuple):
         """
         if len(self.keep) == 0:
             return 0
-        at, room = self._at(times), self.room(times, places)
+        at, clearance = self._at(times), self.clearance(times, places)
         bodies = np.unique(self.body).tolist()
-        nearest = sorted(bodies, key=lambda body: float(room[:, self.body == body].min()))
+        nearest = sorted(bodies, key=lambda body: float(clearance[:, self.body == body].min()))
         rows: int = min(len(bodies), (offsets.shape[1] + 1) // 2)
         stages = np.arange(len(times))
         for row, body in enumerate(nearest[:rows]):
             own = np.flatnonzero(self.body == body)
-            ball = own[room[:, own].argmin(axis=1)]
+            ball = own[clearance[:, own].argmin(axis=1)]
             away = at[stages, ball] - places
             n = away / np.maximum(np.linalg.norm(away, axis=1), 1e-6)[:, None]
             normals[:, row] = n

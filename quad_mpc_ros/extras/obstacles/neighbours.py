@@ -14,16 +14,16 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages.obstacle_messages import TimedPath
 
-_KEPT_NS = 3_000_000_000  # after the last message
-_LOST_NS = 1_000_000_000  # its odometry goes on for so long: then its plan is lost
-_LONGEST = 10.0  # s of a plan
+_MESSAGE_TIMEOUT_NS = 3_000_000_000  # after the last message
+_PLAN_TIMEOUT_NS = 1_000_000_000  # its odometry goes on for so long: then its plan is lost
+_MAX_PLAN_DURATION = 10.0  # s of a plan
 
 
-class Heard(NamedTuple):
+class NeighbourPositions(NamedTuple):
     """Where a neighbour is at n times (n, 3) [m], and when it was received [ns]."""
 
     p_W: Array
-    told_ns: int
+    received_ns: int
 
 
 class _Plan(NamedTuple):
@@ -64,22 +64,23 @@ class Neighbour:
         if len(p) < 2 or not (np.abs(p) <= FARTHEST).all():  # NaN compares with nothing
             raise ValueError(f"a plan of {len(p)} positions, expected 2 or more, finite")
         duration = 1e-9 * int(times_ns[-1] - times_ns[0])
-        if not (np.diff(times_ns) > 0).all() or duration > _LONGEST:
+        if not (np.diff(times_ns) > 0).all() or duration > _MAX_PLAN_DURATION:
             raise ValueError("a plan whose stamps do not rise, or beyond 10 s")
         self._plan = _Plan(times_ns, p, path.stamp_ns)
 
-    def at(self, stamps_ns: Sequence[int], *, now_ns: int) -> Heard | None:
+    def at(self, stamps_ns: Sequence[int], *, now_ns: int) -> NeighbourPositions | None:
         """Return where it is predicted to be at times; None without a recent message."""
         plan, state = self._plan, self._state
-        told_ns = max((each.stamp_ns for each in (plan, state) if each is not None), default=None)
-        if told_ns is None or now_ns - told_ns > _KEPT_NS:
+        stamps = [each.stamp_ns for each in (plan, state) if each is not None]
+        received_ns = max(stamps, default=None)
+        if received_ns is None or now_ns - received_ns > _MESSAGE_TIMEOUT_NS:
             return None
         times_ns = np.asarray(stamps_ns, dtype=np.int64)
-        if plan is not None and told_ns - plan.stamp_ns <= _LOST_NS:
-            return Heard(_along(plan, times_ns), plan.stamp_ns)
+        if plan is not None and received_ns - plan.stamp_ns <= _PLAN_TIMEOUT_NS:
+            return NeighbourPositions(_along(plan, times_ns), plan.stamp_ns)
         assert state is not None
         seconds = 1e-9 * (times_ns - state.stamp_ns)
-        return Heard(state.p + seconds[:, None] * state.v, state.stamp_ns)
+        return NeighbourPositions(state.p + seconds[:, None] * state.v, state.stamp_ns)
 
 
 def _along(plan: _Plan, times_ns: NDArray[np.int64]) -> Array:

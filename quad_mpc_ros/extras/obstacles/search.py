@@ -13,13 +13,13 @@ from quad_mpc_ros.configuration.compilation import compiled, compiled_beside_oth
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.obstacles.moving import Movers
 
-_MOST_EXPANDED = 12_000
+_MAX_EXPANSIONS = 12_000
 # What a way of a metre costs besides, where it is just as near to points as it may be.
-_NEAR_COST = 1.5
+_PROXIMITY_COST = 1.5
 # Where the goal cannot be reached: how much nearer to it a metre more of way has to lead.
-_DETOUR = 0.3
+_DETOUR_PENALTY = 0.3
 # Ways up or down cost this much of those across: the ground is near, and pillars are high.
-_CLIMB = 1.5
+_CLIMB_COST_FACTOR = 1.5
 
 
 class Grid(NamedTuple):
@@ -133,7 +133,7 @@ def _cell_of(grid: Grid, place: Array) -> tuple[int, int, int]:
 
 
 @compiled
-def _moves_into(movers: Movers, x: float, y: float, z: float, time: float) -> bool:
+def _collides(movers: Movers, x: float, y: float, z: float, time: float) -> bool:
     """Whether something that moves is too near to a place at a time [s] from now."""
     for k in range(len(movers.keep)):
         dx = movers.p_W[k, 0] + time * movers.v_W[k, 0] - x
@@ -172,15 +172,15 @@ def search(
     cost[first], length[first], parent[first] = 0.0, 0.0, -1
     queue = [(0.0, first)]
     best, least, expanded = first, math.inf, 0
-    while len(queue) > 0 and expanded < _MOST_EXPANDED:
+    while len(queue) > 0 and expanded < _MAX_EXPANSIONS:
         _, at = heapq.heappop(queue)
         if closed[at]:
             continue
         closed[at] = True
         expanded += 1
         i, j, k = at // (ny * nz), (at // nz) % ny, at % nz
-        left = _way(goal_cell[0] - i, goal_cell[1] - j, goal_cell[2] - k)
-        left += _DETOUR * cost[at]
+        left = _weighted_length(goal_cell[0] - i, goal_cell[1] - j, goal_cell[2] - k)
+        left += _DETOUR_PENALTY * cost[at]
         if left < least:
             best, least = at, left
         if at == last:
@@ -195,66 +195,66 @@ def search(
                     z = grid.origin[2] + c * grid.cell
                     if (distance < keep and distance <= flat[at]) or (z < floor and c <= k):
                         continue
-                    step = _way(a - i, b - j, c - k)
+                    step = _weighted_length(a - i, b - j, c - k)
                     nearness = max(0.0, (grid.far - distance) / (grid.far - keep))
-                    reached = cost[at] + step * (1.0 + _NEAR_COST * min(nearness, 2.0))
+                    reached = cost[at] + step * (1.0 + _PROXIMITY_COST * min(nearness, 2.0))
                     if reached >= cost[to]:
                         continue
                     straight = math.sqrt((a - i) ** 2 + (b - j) ** 2 + (c - k) ** 2)
                     if len(movers.keep) > 0:
                         x, y = grid.origin[0] + a * grid.cell, grid.origin[1] + b * grid.cell
                         time = (length[at] + straight) * grid.cell / speed
-                        if _moves_into(movers, x, y, z, time):
+                        if _collides(movers, x, y, z, time):
                             continue
                     cost[to], parent[to], length[to] = reached, at, length[at] + straight
-                    ahead = _way(goal_cell[0] - a, goal_cell[1] - b, goal_cell[2] - c)
+                    ahead = _weighted_length(goal_cell[0] - a, goal_cell[1] - b, goal_cell[2] - c)
                     heapq.heappush(queue, (reached + ahead, to))
     count, at = 1, best
     while parent[at] >= 0:
         count, at = count + 1, parent[at]
-    way, at = np.empty((count, 3)), best
+    path, at = np.empty((count, 3)), best
     for n in range(count - 1, -1, -1):
-        way[n, 0] = grid.origin[0] + (at // (ny * nz)) * grid.cell
-        way[n, 1] = grid.origin[1] + ((at // nz) % ny) * grid.cell
-        way[n, 2] = grid.origin[2] + (at % nz) * grid.cell
+        path[n, 0] = grid.origin[0] + (at // (ny * nz)) * grid.cell
+        path[n, 1] = grid.origin[1] + ((at // nz) % ny) * grid.cell
+        path[n, 2] = grid.origin[2] + (at % nz) * grid.cell
         at = parent[at]
-    return way, best == last
+    return path, best == last
 
 
 @compiled
-def _way(x: int, y: int, z: int) -> float:
+def _weighted_length(x: int, y: int, z: int) -> float:
     """Return the length of a way, one up or down counting for more."""
-    return math.sqrt(x * x + y * y + (_CLIMB * z) ** 2)
+    return math.sqrt(x * x + y * y + (_CLIMB_COST_FACTOR * z) ** 2)
 
 
 @compiled
 def shortened(
-    grid: Grid, way: Array, keep: float, speed: float, movers: Movers
+    grid: Grid, path: Array, keep: float, speed: float, movers: Movers
 ) -> NDArray[np.float64]:
     """Return the corners (m, 3) of a way that is as short as straight lines make it.
 
     Straight lines keep clear of points and of what moves as :func:`search` does.
     """
-    corners = np.empty_like(way)
-    corners[0] = way[0]
+    corners = np.empty_like(path)
+    corners[0] = path[0]
     count, at, time = 1, 0, 0.0
-    while at < len(way) - 1:
+    while at < len(path) - 1:
         to = at + 1
-        for k in range(len(way) - 1, at + 1, -1):
-            if is_clear(grid, way[at], way[k], keep) and not _is_met(
-                movers, way[at], way[k], time, speed, grid.cell
+        for k in range(len(path) - 1, at + 1, -1):
+            if is_clear(grid, path[at], path[k], keep) and not _segment_collides(
+                movers, path[at], path[k], time, speed, grid.cell
             ):
                 to = k
                 break
-        leg = way[to] - way[at]
+        leg = path[to] - path[at]
         time += math.sqrt(leg[0] ** 2 + leg[1] ** 2 + leg[2] ** 2) / speed
-        corners[count] = way[to]
+        corners[count] = path[to]
         count, at = count + 1, to
     return corners[:count].copy()
 
 
 @compiled
-def _is_met(
+def _segment_collides(
     movers: Movers, start: Array, end: Array, begun: float, speed: float, step: float
 ) -> bool:
     """Whether what moves is met on the straight way between places, begun at a time [s]."""
@@ -266,6 +266,6 @@ def _is_met(
     for k in range(count + 1):
         s = k / count
         x, y, z = start[0] + s * dx, start[1] + s * dy, start[2] + s * dz
-        if _moves_into(movers, x, y, z, begun + s * length / speed):
+        if _collides(movers, x, y, z, begun + s * length / speed):
             return True
     return False

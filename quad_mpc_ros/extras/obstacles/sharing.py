@@ -22,8 +22,8 @@ import numpy as np
 
 from quad_mpc_ros.control.lie import Array
 
-_NEAR = 0.4  # m, beyond the distance kept, within which a plane is between two plans
-_TURN = 0.35  # rad, to the right
+_ACTIVATION_DISTANCE = 0.4  # m, beyond the distance kept: a plane separates nearer plans
+_AVOIDANCE_ANGLE = 0.35  # rad, to the right
 
 
 class Plans(NamedTuple):
@@ -60,7 +60,7 @@ def shared_space(
     away = (plans.p_W - own_W) * scale
     apart = np.linalg.norm(away, axis=2)
     room = (apart - keep[:, None]).min(axis=1, initial=math.inf)
-    near = np.flatnonzero(room < _NEAR)
+    near = np.flatnonzero(room < _ACTIVATION_DISTANCE)
     if len(near) == 0:
         return None
     near = near[np.argsort(room[near], kind="stable")]
@@ -68,8 +68,8 @@ def shared_space(
     beside = np.maximum(apart, 1e-6)[..., None]
     n = np.where(apart[..., None] > 1e-6, away / beside, [1.0, 0.0, 0.0])
     x, y = n[..., 0].copy(), n[..., 1].copy()
-    n[..., 0] = math.cos(_TURN) * x - math.sin(_TURN) * y
-    n[..., 1] = math.sin(_TURN) * x + math.cos(_TURN) * y
+    n[..., 0] = math.cos(_AVOIDANCE_ANGLE) * x - math.sin(_AVOIDANCE_ANGLE) * y
+    n[..., 1] = math.sin(_AVOIDANCE_ANGLE) * x + math.cos(_AVOIDANCE_ANGLE) * y
     middle = 0.5 * (own_W + plans.p_W[near]) * scale
     offsets = (n * middle).sum(axis=2) - 0.5 * keep[near, None]
     normals = n * scale

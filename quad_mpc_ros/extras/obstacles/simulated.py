@@ -23,9 +23,9 @@ from quad_mpc_ros.simulation.surroundings import (
     Seen,
 )
 
-_ROUND, _UP_AND_DOWN = 240, 31  # rays: a pillar of 0.2 m is met at 6 m
-_HIGHEST = math.radians(45.0)
-_BETWEEN = 5  # places looked at between two odometries
+_AZIMUTH_COUNT, _ELEVATION_COUNT = 240, 31  # rays: a pillar of 0.2 m is met at 6 m
+_MAX_ELEVATION = math.radians(45.0)
+_COLLISION_CHECKS = 5  # places looked at between two odometries
 
 
 class SimulatedSurroundings:
@@ -67,7 +67,7 @@ class SimulatedSurroundings:
         seconds, place = 1e-9 * time_ns, truth.p_WB
         before, now = self._before or (seconds, place), (seconds, place)
         self._before = now
-        for share in np.linspace(1.0 / _BETWEEN, 1.0, _BETWEEN):
+        for share in np.linspace(1.0 / _COLLISION_CHECKS, 1.0, _COLLISION_CHECKS):
             time = before[0] + share * (now[0] - before[0])
             p_WB = before[1] + share * (now[1] - before[1])
             near = self.scene.near(p_WB, self._radius, time)
@@ -131,8 +131,8 @@ def _marker(truth: OdometrySample, number: int, shape: Shape | None) -> Marker:
 
 def _rays() -> Array:
     """Return unit vectors (n, 3) all around, level and up to 45 degrees up and down."""
-    azimuth = np.linspace(-math.pi, math.pi, _ROUND, endpoint=False)
-    elevation = np.linspace(-_HIGHEST, _HIGHEST, _UP_AND_DOWN)
+    azimuth = np.linspace(-math.pi, math.pi, _AZIMUTH_COUNT, endpoint=False)
+    elevation = np.linspace(-_MAX_ELEVATION, _MAX_ELEVATION, _ELEVATION_COUNT)
     around, up = (each.ravel() for each in np.meshgrid(azimuth, elevation))
     flat = np.cos(up)
     return np.column_stack((flat * np.cos(around), flat * np.sin(around), np.sin(up)))

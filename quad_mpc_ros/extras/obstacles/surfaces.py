@@ -10,7 +10,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.simulation.scene import Volume
 from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
 
-_ON = 1e-6  # m from a wall
+_WALL_TOLERANCE = 1e-6  # m from a wall
 
 
 def area(shape: Shape) -> float:
@@ -51,7 +51,7 @@ def wall_points(volume: Volume, spacing: float, *, near: Array, radius: float) -
     points = surface_points(Box(p_WO=0.5 * (low + high), size=high - low), spacing)
     floor = volume.minimum.copy()
     floor[2] = floor[2] if floor[2] > 0.0 else -np.inf
-    on_wall = (points <= floor + _ON) | (points >= volume.maximum - _ON)
+    on_wall = (points <= floor + _WALL_TOLERANCE) | (points >= volume.maximum - _WALL_TOLERANCE)
     return points[on_wall.any(axis=1)]
 
 

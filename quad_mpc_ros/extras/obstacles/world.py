@@ -28,10 +28,10 @@ from quad_mpc_ros.simulation.scene import Scene
 from quad_mpc_ros.simulation.shapes import Shape
 
 _SPACING = 0.1  # m between points of a surface
-_BESIDE = 1.0  # m beyond what was asked for, so that the answer serves the next ticks too
+_QUERY_MARGIN = 1.0  # m beyond what was asked for, so that the answer serves the next ticks too
 
 
-class _Answer(NamedTuple):
+class _QueryResult(NamedTuple):
     """The points within a radius of a place, of a revision."""
 
     points: Array
@@ -45,7 +45,7 @@ class _Answer(NamedTuple):
         return revision == self.revision and away + radius <= self.radius
 
 
-class _Standing(NamedTuple):
+class _StaticObstacles(NamedTuple):
     """What was received of what stands, as it is at one moment; nothing changes it.
 
     ``clouds`` (n, 3) [m] are 32-bit and relative to ``origin`` (3,); ``markers`` are arrays of
@@ -86,9 +86,9 @@ class ObstacleWorld:
         self._neighbours = {name: Neighbour(frame_id) for name in config.neighbours}
         surfaces = [surface_points(shape, _SPACING) for shape in self._scene.shapes]
         self._fixed = np.vstack(surfaces) if surfaces else np.zeros((0, 3))
-        self._answer: _Answer | None = None
+        self._query_result: _QueryResult | None = None
         self._lock, self._resets = threading.Lock(), 0
-        self._standing = _Standing(0, self._clouds.points, self._clouds.origin, [])
+        self._static = _StaticObstacles(0, self._clouds.points, self._clouds.origin, [])
 
     @property
     def scene(self) -> Scene:
@@ -106,12 +106,12 @@ class ObstacleWorld:
 
         Of cubes side by side the points that were kept may be at opposite ends.
         """
-        return max(_SPACING, 2.0 * self._resolution) if self._clouds.is_heard else _SPACING
+        return max(_SPACING, 2.0 * self._resolution) if self._clouds.has_cloud else _SPACING
 
     @property
     def revision(self) -> int:
         """A number that changes when what :meth:`points` returns may have changed."""
-        return self._standing.revision
+        return self._static.revision
 
     def receive_odometry(self, odometry: OdometrySample) -> None:
         """Take where the vehicle is, by which clouds in its frame are placed, and the time.
@@ -172,32 +172,33 @@ class ObstacleWorld:
                 yield
             finally:
                 revision = self._clouds.revision + self._markers.revision
-                if revision != self._standing.revision:
-                    clouds, markers = self._clouds, self._markers.standing_points
-                    self._standing = _Standing(revision, clouds.points, clouds.origin, markers)
+                if revision != self._static.revision:
+                    clouds, markers = self._clouds, self._markers.static_points
+                    cloud = clouds.points, clouds.origin
+                    self._static = _StaticObstacles(revision, *cloud, markers)
 
     def points(self, stamp_ns: int, *, near: Array, radius: float) -> Array:
         """Return points (n, 3) [m] of what stands, all within a radius of a place and some more.
 
         The same array as long as it serves.
         """
-        known, answer = self._standing, self._answer
-        if answer is None or not answer.serves(near, radius, known.revision):
-            wide = radius + _BESIDE
+        known, result = self._static, self._query_result
+        if result is None or not result.serves(near, radius, known.revision):
+            wide = radius + _QUERY_MARGIN
             found = [_within(points, near, wide) for points in (self._fixed, *known.markers)]
             found.insert(1, _within(known.clouds, near - known.origin, wide) + known.origin)
             if self._scene.volume is not None:
                 found.append(wall_points(self._scene.volume, _SPACING, near=near, radius=wide))
-            answer = _Answer(np.vstack(found), near.copy(), wide, known.revision)
-            self._answer = answer
-        return answer.points
+            result = _QueryResult(np.vstack(found), near.copy(), wide, known.revision)
+            self._query_result = result
+        return result.points
 
     def moving(self, stamp_ns: int, *, near: Array, radius: float) -> MovingPoints:
         """Return what moves, neighbours apart, where it is predicted to be at a time."""
         now_ns = self._frames.newest_ns or stamp_ns
         parts = []
         for moved in self._markers.moving(stamp_ns):
-            shape, old_ns = moved.shape, now_ns - moved.told_ns
+            shape, old_ns = moved.shape, now_ns - moved.received_ns
             if float(np.linalg.norm(shape.p_WO - near)) - shape.outer_radius <= radius:
                 surface = surface_points(shape, _SPACING)
                 parts.append(_points_of(surface, shape.v_WO_W, moved.number, old_ns))
@@ -212,7 +213,7 @@ class ObstacleWorld:
         known = [each for each in plans if each is not None]
         return Plans(
             np.array([each.p_W for each in known]).reshape(len(known), len(stamps_ns), 3),
-            np.array([1e-9 * max(now_ns - each.told_ns, 0) for each in known]),
+            np.array([1e-9 * max(now_ns - each.received_ns, 0) for each in known]),
         )
 
     def age(self, stamp_ns: int) -> float:
@@ -232,7 +233,7 @@ class ObstacleWorld:
         nearest = Scene(shapes).distance(p_WQ, 0.0)
         if self._scene.volume is not None:
             nearest = np.minimum(nearest, self._scene.volume.distance(p_WQ))
-        known = self._standing
+        known = self._static
         points = np.vstack([known.clouds + known.origin, *known.markers])
         if len(points):
             from scipy.spatial import cKDTree

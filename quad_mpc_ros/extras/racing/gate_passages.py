@@ -20,8 +20,8 @@ from quad_mpc_ros.references.course import Course, Gate
 
 # What choosing a passage costs: one outside of the opening, its distance [m] coming on top, and
 # none. One more through its opening is worth any number of these differences.
-_FARTHEST = 1e4  # m: misses beyond it count alike
-_MISSED, _ABSENT = 1e8, 1e8 + 2.0 * _FARTHEST
+_MAX_MISS = 1e4  # m: misses beyond it count alike
+_MISS_COST, _ABSENT_COST = 1e8, 1e8 + 2.0 * _MAX_MISS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,13 +182,13 @@ def _in_order(found: list[list[Passage]]) -> tuple[Passage, ...]:
     none = Passage(time=None, miss=None, passed=False, clipped=False)
     chains: list[tuple[float, float, tuple[Passage, ...]]] = [(-math.inf, 0.0, ())]
     for candidates in found:
-        longer = [(time, cost + _ABSENT, (*chain, none)) for time, cost, chain in chains]
+        longer = [(time, cost + _ABSENT_COST, (*chain, none)) for time, cost, chain in chains]
         for each in candidates:
             assert each.time is not None and each.miss is not None
             before = [entry for entry in chains if entry[0] < each.time]
             if before:
                 _, cost, chain = min(before, key=lambda entry: entry[1])
-                own = each.time if each.passed else _MISSED + min(each.miss, _FARTHEST)
+                own = each.time if each.passed else _MISS_COST + min(each.miss, _MAX_MISS)
                 longer.append((each.time, cost + own, (*chain, each)))
         chains = []
         for entry in sorted(longer, key=lambda entry: entry[:2]):

@@ -17,11 +17,11 @@ from quad_mpc_ros.references.motion_table import PlannedMotion
 from quad_mpc_ros.references.path import Path, SplinePath
 from quad_mpc_ros.references.point_table import csv_path
 
-_SAMPLED = 0.005  # s
-_AHEAD = 1.0  # m in front of a gate and behind it, where the path has to go straight through
-_SHORTEST = 0.05  # m, between two points
-_LOWEST, _SHARE_OF_LOWEST = 0.3, 0.5  # m: a path is led up that dips lower without need
-_MOST_BETWEEN = 3  # points on the line between two gates
+_SAMPLE_PERIOD = 0.005  # s
+_LEAD_IN = 1.0  # m in front of a gate and behind it, where the path has to go straight through
+_MIN_SPACING = 0.05  # m, between two points
+_MIN_HEIGHT, _HEIGHT_RATIO = 0.3, 0.5  # m: a path is led up that dips lower without need
+_MAX_INTERMEDIATE_POINTS = 3  # points on the line between two gates
 
 
 def gates_path(config: GateParameters) -> Path | PlannedMotion:
@@ -59,17 +59,17 @@ def smooth_path(
     the gate to behind it; where it would dip towards the ground, through points on the straight
     line between the gates. Raises :class:`UserError` where a gate is still not passed.
     """
-    guides = _Guides(course)
+    waypoints = _Waypoints(course)
     limits = {"max_speed": max_speed, "max_acceleration": max_acceleration}
     while True:
         if start is None:
-            path = minimum_snap_path(guides.points(), **limits)
+            path = minimum_snap_path(waypoints.points(), **limits)
         else:
-            path = minimum_snap_onward(guides.points(), start, **limits)
-        seconds = np.linspace(0.0, path.duration, 2 + round(path.duration / _SAMPLED))
+            path = minimum_snap_onward(waypoints.points(), start, **limits)
+        seconds = np.linspace(0.0, path.duration, 2 + round(path.duration / _SAMPLE_PERIOD))
         p_WB = path.at(seconds).p_WB
         lap = passages(course, seconds=seconds, p_WB=p_WB)
-        if not guides.improve(lap, seconds=seconds, height=p_WB[:, 2]):
+        if not waypoints.improve(lap, seconds=seconds, height=p_WB[:, 2]):
             break
     for number, passage in zip(course.numbers, lap.passages, strict=True):
         if not passage.passed:
@@ -80,14 +80,14 @@ def smooth_path(
     return path
 
 
-class _Guides:
+class _Waypoints:
     """The points that lead a smooth path through a course: more where one is not enough."""
 
     def __init__(self, course: Course) -> None:
         self._course = course
         self._straight = [False] * len(course.gates)
         self._between = [0] * (len(course.places()) - 1)
-        self._lowest = min(_LOWEST, *(_SHARE_OF_LOWEST * place[2] for place in course.places()))
+        self._lowest = min(_MIN_HEIGHT, *(_HEIGHT_RATIO * place[2] for place in course.places()))
 
     def improve(self, lap: Lap, *, seconds: Array, height: Array) -> bool:
         """Add points where a path misses a gate or dips; return whether there were any to add."""
@@ -101,7 +101,7 @@ class _Guides:
             for leg in range(len(self._between)):
                 inside = (seconds >= ends[leg]) & (seconds <= ends[leg + 1])
                 if height[inside].min(initial=np.inf) < self._lowest:
-                    self._between[leg] = min(2 * self._between[leg] + 1, _MOST_BETWEEN)
+                    self._between[leg] = min(2 * self._between[leg] + 1, _MAX_INTERMEDIATE_POINTS)
         return before != (self._straight, self._between)
 
     def points(self) -> Array:
@@ -119,20 +119,20 @@ class _Guides:
         gate = self._course.gates[number]
         if gate.R_WG is None or not self._straight[number]:
             return [gate.p_WG]
-        way = gate.R_WG[:, 0]
-        if gate.both_ways and float(way @ (gate.p_WG - begin)) < 0.0:
-            way = -way
-        return [gate.p_WG - _AHEAD * way, gate.p_WG, gate.p_WG + _AHEAD * way]
+        normal = gate.R_WG[:, 0]
+        if gate.both_ways and float(normal @ (gate.p_WG - begin)) < 0.0:
+            normal = -normal
+        return [gate.p_WG - _LEAD_IN * normal, gate.p_WG, gate.p_WG + _LEAD_IN * normal]
 
 
 def _apart(one: Array, other: Array) -> bool:
-    return bool(np.linalg.norm(other - one) > _SHORTEST)
+    return bool(np.linalg.norm(other - one) > _MIN_SPACING)
 
 
 def _check_passes(plan: Path | PlannedMotion, course: Course, config: GateParameters) -> None:
     """Refuse the plan of the configured file unless it passes the course."""
     duration = 1e-9 * plan.period_ns if isinstance(plan, PlannedMotion) else plan.duration
-    seconds = np.linspace(0.0, duration, 2 + round(duration / _SAMPLED))
+    seconds = np.linspace(0.0, duration, 2 + round(duration / _SAMPLE_PERIOD))
     if isinstance(plan, PlannedMotion):
         p_WB = plan.at(np.round(1e9 * seconds).astype(np.int64).tolist()).p_WB
     else:

@@ -33,11 +33,11 @@ from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.references.course import OFF_UNIT, Course, Finish, Gate
 
-_FEWEST, _MOST = 2, 100  # passages of gates
-_LARGEST = 100.0  # m, of an opening
+_MIN_GATES, _MAX_GATES = 2, 100  # passages of gates
+_MAX_OPENING = 100.0  # m, of an opening
 _END_TOLERANCE = 0.3  # m
 _SAME_PLACE = 1e-3  # m
-_TURNED = 0.2  # cosine: more than 100 degrees off the way, before and after the gate
+_MAX_REVERSED_COSINE = 0.2  # cosine: more than 100 degrees off the way, before and after the gate
 _COURSE_KEYS = ("start", "end", "laps", "order", "gates")
 _TOGT_KEYS = {"initState", "endState", "orders"}
 _GATE_KEYS = ("position", "yaw", "quaternion", "width", "height", "tolerance", "direction")
@@ -108,9 +108,9 @@ def course_from(content: Mapping[Any, Any], *, source: str = "gates") -> Course:
     if not isinstance(order, Sequence) or isinstance(order, str) or not order:
         raise entries.error("order", order, f"numbers of gates from 1 to {len(gates)}")
     numbers = [entries.whole("order", each, least=1, most=len(gates)) for each in order] * laps
-    if not _FEWEST <= len(numbers) <= _MOST:
+    if not _MIN_GATES <= len(numbers) <= _MAX_GATES:
         raise entries.error(
-            "gates", len(numbers), f"{_FEWEST} to {_MOST} passages of gates, those of all laps"
+            "gates", len(numbers), f"{_MIN_GATES} to {_MAX_GATES} passages of gates in all laps"
         )
     start, start_yaw = _start(entries, content.get("start"))
     course = Course(
@@ -122,7 +122,7 @@ def course_from(content: Mapping[Any, Any], *, source: str = "gates") -> Course:
         end=_end(entries, content["end"]) if content.get("end") is not None else None,
     )
     _check_apart(entries, gates)
-    _check_way(entries, course)
+    _check_headings(entries, course)
     return course
 
 
@@ -155,7 +155,7 @@ class _Entries:
             raise self.error(entry, given, f"a number > {above:g} and <= {most:g}")
         return float(given)
 
-    def whole(self, entry: str, given: Any, *, least: int, most: int = _MOST) -> int:
+    def whole(self, entry: str, given: Any, *, least: int, most: int = _MAX_GATES) -> int:
         """Return a whole number within limits."""
         if not isinstance(given, int) or isinstance(given, bool) or not least <= given <= most:
             raise self.error(entry, given, f"a whole number from {least} to {most}")
@@ -201,7 +201,7 @@ def _end(entries: _Entries, given: Any) -> Finish:
     return Finish(
         p_WB=entries.place("end.position", given.get("position")),
         tolerance=entries.number(
-            "end.tolerance", given.get("tolerance", _END_TOLERANCE), above=0.0, most=_LARGEST
+            "end.tolerance", given.get("tolerance", _END_TOLERANCE), above=0.0, most=_MAX_OPENING
         ),
         at_rest=at_rest,
     )
@@ -217,7 +217,7 @@ def _gate(entries: _Entries, entry: str, given: Any) -> Gate:
         raise entries.error(entry, dict(given), "yaw or quaternion beside width and height")
     names = ("tolerance", "tolerance") if is_round else ("width", "height")
     sizes = [
-        entries.number(f"{entry}.{name}", given.get(name), above=0.0, most=_LARGEST)
+        entries.number(f"{entry}.{name}", given.get(name), above=0.0, most=_MAX_OPENING)
         for name in names
     ]
     direction = given.get("direction", "both" if R_WG is None else "forward")
@@ -294,7 +294,7 @@ def _reaches_into(one: Gate, other: Gate) -> bool:
     return bool((other.room(before + share * (after - before)) > _SAME_PLACE).any())
 
 
-def _check_way(entries: _Entries, course: Course) -> None:
+def _check_headings(entries: _Entries, course: Course) -> None:
     """Refuse gates one after the other at one place, and those that are turned round."""
     places = course.places()
     names = ["start", *(f"gates[{number}]" for number in course.numbers), "end"]
@@ -308,7 +308,7 @@ def _check_way(entries: _Entries, course: Course) -> None:
         if gate.R_WG is None or gate.both_ways:
             continue
         ways = (steps[i : i + 2] / np.linalg.norm(steps[i : i + 2], axis=1)[:, None]) @ gate.R_WG
-        if (ways[:, 0] < -_TURNED).all():
+        if (ways[:, 0] < -_MAX_REVERSED_COSINE).all():
             after = f" and on to {names[i + 2]}" if len(ways) > 1 else ""
             heading = math.atan2(gate.R_WG[1, 0], gate.R_WG[0, 0])
             raise entries.error(

@@ -25,17 +25,17 @@ from quad_mpc_ros.references.course import Course, Gate
 
 # m: kept from the edge of an opening, beyond the vehicle's radius from one that has a frame; at
 # most this share of half of it.
-_KEPT, _MOST_KEPT = 0.05, 0.8
+_EDGE_MARGIN, _MAX_MARGIN_RATIO = 0.05, 0.8
 # m: a path that leads past a gate by more than this does not mean it.
-_REACH = 1.5
+_MAX_MISS = 1.5
 # How many of the gates to come are looked at.
-_AHEAD = 2
-_PARTS = np.linspace(0.0, 1.0, 9)  # of a stage, to find where in it the plan is at a gate
-_AT_REST = 0.1  # m/s
-_ROUND = math.cos(math.pi / GATE_HALF_SPACES)  # of a polygon inside of a circle
+_GATES_AHEAD = 2
+_STAGE_SAMPLES = np.linspace(0.0, 1.0, 9)  # of a stage, to find where in it the plan is at a gate
+_REST_SPEED = 0.1  # m/s
+_POLYGON_INRADIUS = math.cos(math.pi / GATE_HALF_SPACES)  # of a polygon inside of a circle
 
 
-class _Pass(NamedTuple):
+class _Crossing(NamedTuple):
     """Where a plan passes a gate: when [s], from the centre (3,), axes across (3, 2) in W."""
 
     time: float
@@ -71,52 +71,52 @@ class HeldGates(Guide):
         self._advance(before.p_WB, odometry)
         since = 1e-9 * (odometry.stamp_ns - before.stamp_ns)
         corridor: Corridor | None = None
-        for gate in self._course.gates[self._next : self._next + _AHEAD]:
+        for gate in self._course.gates[self._next : self._next + _GATES_AHEAD]:
             passed = _passage(gate, plan)
-            if passed is not None and passed.room < self._kept(gate):
-                corridor = corridor or _anywhere(plan, since)
-                self._hold(gate, passed, plan, since, corridor)
+            if passed is not None and passed.room < self._margin(gate):
+                corridor = corridor or _unconstrained_corridor(plan, since)
+                self._constrain(gate, passed, plan, since, corridor)
         return Guided(window, corridor)
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Forget the odometry in the coordinates before."""
         self._before = None
 
-    def _kept(self, gate: Gate) -> float:
-        kept = _KEPT if gate.R_WG is None else _KEPT + self._radius
-        return min(kept, _MOST_KEPT * min(gate.half_width, gate.half_height))
+    def _margin(self, gate: Gate) -> float:
+        margin = _EDGE_MARGIN if gate.R_WG is None else _EDGE_MARGIN + self._radius
+        return min(margin, _MAX_MARGIN_RATIO * min(gate.half_width, gate.half_height))
 
     def _advance(self, p_before: Array, odometry: OdometrySample) -> None:
         """Count the gate that was passed since the odometry before."""
-        if odometry.speed < _AT_REST:
+        if odometry.speed < _REST_SPEED:
             self._next = 0
-        for ahead, gate in enumerate(self._course.gates[self._next : self._next + _AHEAD]):
+        for ahead, gate in enumerate(self._course.gates[self._next : self._next + _GATES_AHEAD]):
             if _passes(gate, p_before, odometry):
                 self._next += ahead + 1
                 return
 
-    def _hold(
-        self, gate: Gate, passed: _Pass, plan: Plan, since: float, corridor: Corridor
+    def _constrain(
+        self, gate: Gate, passed: _Crossing, plan: Plan, since: float, corridor: Corridor
     ) -> None:
         """Write half-spaces for the stages before and after a passage."""
-        kept, sides = self._kept(gate), 4
+        margin, sides = self._margin(gate), 4
         angles = np.arange(sides) * 2.0 * math.pi / sides
-        half = np.tile([gate.half_width, gate.half_height], 2) - kept
+        half = np.tile([gate.half_width, gate.half_height], 2) - margin
         if gate.is_round:
             sides = GATE_HALF_SPACES
             angles = np.arange(sides) * 2.0 * math.pi / sides
-            half = np.full(sides, _ROUND * (gate.half_width - kept))
+            half = np.full(sides, _POLYGON_INRADIUS * (gate.half_width - margin))
         normals = np.column_stack((np.cos(angles), np.sin(angles))) @ passed.across.T
         left = half - normals @ passed.offset_W
         stage = math.floor((passed.time - since) / plan.step)
         for end in (stage, stage + 1):
             if 1 <= end <= len(corridor.offsets):
-                place = _place(plan, since + end * plan.step)
+                place = _position_at(plan, since + end * plan.step)
                 corridor.normals[end - 1, :sides] = normals
                 corridor.offsets[end - 1, :sides] = left + normals @ place
 
 
-class GuidedThrough(Guide):
+class CombinedGuide(Guide):
     """Guide around obstacles and, where the reference is free, through gates."""
 
     def __init__(self, around: Guide, gates: HeldGates) -> None:
@@ -148,7 +148,7 @@ class GuidedThrough(Guide):
         return through._replace(avoidance=around.avoidance)
 
 
-def _anywhere(plan: Plan, since: float) -> Corridor:
+def _unconstrained_corridor(plan: Plan, since: float) -> Corridor:
     """Return a corridor for the problem ``since`` seconds after a plan's that holds nothing."""
     count = len(plan.p_WB) - 1
     return Corridor(
@@ -159,7 +159,7 @@ def _anywhere(plan: Plan, since: float) -> Corridor:
     )
 
 
-def _place(plan: Plan, time: float) -> Array:
+def _position_at(plan: Plan, time: float) -> Array:
     """Return where a plan is at a time after its beginning (3,), by the cubic through four."""
     last = len(plan.p_WB) - 1
     first = min(max(math.floor(time / plan.step) - 1, 0), max(last - 3, 0))
@@ -172,45 +172,45 @@ def _place(plan: Plan, time: float) -> Array:
     return np.asarray(np.array(weights) @ plan.p_WB[ends])
 
 
-def _passage(gate: Gate, plan: Plan) -> _Pass | None:
+def _passage(gate: Gate, plan: Plan) -> _Crossing | None:
     """Return where a plan passes a gate first, None if it does not come by."""
     relative = plan.p_WB - gate.p_WG
     if gate.R_WG is None:
         distance = np.linalg.norm(relative, axis=1)
         nearest = int(distance.argmin())
-        if not 0 < nearest < len(distance) - 1 or distance[nearest] > _REACH + gate.half_width:
+        if not 0 < nearest < len(distance) - 1 or distance[nearest] > _MAX_MISS + gate.half_width:
             return None
-        times = plan.step * (nearest - 1.0 + 2.0 * _PARTS)
-        offsets = np.array([_place(plan, time) for time in times.tolist()]) - gate.p_WG
+        times = plan.step * (nearest - 1.0 + 2.0 * _STAGE_SAMPLES)
+        offsets = np.array([_position_at(plan, time) for time in times.tolist()]) - gate.p_WG
         at = int(np.linalg.norm(offsets, axis=1).argmin())
-        way = offsets[min(at + 1, len(offsets) - 1)] - offsets[max(at - 1, 0)]
-        across = _across(way)
+        direction = offsets[min(at + 1, len(offsets) - 1)] - offsets[max(at - 1, 0)]
+        across = _across(direction)
         offset_W = across @ (across.T @ offsets[at])  # of the line that it is on
-        return _Pass(times[at], offset_W, across, gate.half_width - math.hypot(*offset_W))
+        return _Crossing(times[at], offset_W, across, gate.half_width - math.hypot(*offset_W))
     x = relative @ gate.R_WG[:, 0]
     crossed = np.flatnonzero(_crosses(gate, x[:-1], x[1:]))
     if not len(crossed):
         return None
-    times = plan.step * (crossed[0] + _PARTS)
-    offsets = np.array([_place(plan, time) for time in times.tolist()]) - gate.p_WG
+    times = plan.step * (crossed[0] + _STAGE_SAMPLES)
+    offsets = np.array([_position_at(plan, time) for time in times.tolist()]) - gate.p_WG
     inside = offsets @ gate.R_WG
     at = int(np.abs(inside[:, 0]).argmin())
-    if math.hypot(*inside[at, 1:]) > _REACH + max(gate.half_width, gate.half_height):
+    if math.hypot(*inside[at, 1:]) > _MAX_MISS + max(gate.half_width, gate.half_height):
         return None
     across = gate.R_WG[:, 1:]
     room = float(gate.room(inside[at : at + 1])[0])
-    return _Pass(times[at], across @ inside[at, 1:], across, room)
+    return _Crossing(times[at], across @ inside[at, 1:], across, room)
 
 
 def _passes(gate: Gate, p_before: Array, odometry: OdometrySample) -> bool:
     """Whether the vehicle passed a gate since it was at a place before."""
     before, after = p_before - gate.p_WG, odometry.p_WB - gate.p_WG
-    reach = _REACH + max(gate.half_width, gate.half_height)
+    reach = _MAX_MISS + max(gate.half_width, gate.half_height)
     if min(math.hypot(*before), math.hypot(*after)) > reach:
         return False
     if gate.R_WG is None:
-        way = after - before
-        return bool(before @ way < 0.0 <= after @ way)
+        direction = after - before
+        return bool(before @ direction < 0.0 <= after @ direction)
     x_axis = gate.R_WG[:, 0]
     return bool(_crosses(gate, np.array(before @ x_axis), np.array(after @ x_axis)))
 
@@ -221,9 +221,9 @@ def _crosses(gate: Gate, x: Array, x_after: Array) -> Array:
     return np.asarray(forward | backward if gate.both_ways else forward)
 
 
-def _across(way: Array) -> Array:
+def _across(direction: Array) -> Array:
     """Return two unit vectors (3, 2) across a way (3,)."""
-    along = way / max(float(np.linalg.norm(way)), 1e-9)
+    along = direction / max(float(np.linalg.norm(direction)), 1e-9)
     first = np.cross(along, np.eye(3)[int(np.abs(along).argmin())])
     first /= np.linalg.norm(first)
     return np.column_stack((first, np.cross(along, first)))

@@ -29,7 +29,7 @@ from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import message_class, message_in, odometry_in
 
 if TYPE_CHECKING:  # a node without obstacles imports neither
-    from quad_mpc_ros.extras.obstacles.surroundings import LocalMapProvider
+    from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider
     from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 
 _SILENT = 1.0  # s without a scan, after the first
@@ -180,7 +180,7 @@ class ObstacleInputs:
                 data = self._newest.pop() if self._newest else None
             if data is not None:
                 self._read_cloud(data)
-            self._surroundings.renew()
+            self._surroundings.update_map()
 
     def _on_markers(self, data: bytes) -> None:
         self._world.receive_markers(markers_from_message(message_in(OBSTACLE_MARKERS, data)))

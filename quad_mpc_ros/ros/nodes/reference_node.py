@@ -34,7 +34,7 @@ from quad_mpc_ros.ros.messages import odometry_in
 from quad_mpc_ros.ros.spin import run
 
 if TYPE_CHECKING:  # imported for a race only
-    from quad_mpc_ros.extras.racing.detours import Detours
+    from quad_mpc_ros.extras.racing.replanning import GateReplanner
 
 _BODY_FRAME = "base_link"
 # A request begins after a lead, as it has to be planned first; if planning takes longer, it is
@@ -71,7 +71,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     _config: ReferenceConfig
     _live: LiveReference
-    _detours: Detours | None
+    _replanner: GateReplanner | None
 
     def __init__(self, *, hand_over: Callable[[ReferenceWindow], None] | None = None) -> None:
         """Make it; ``hand_over`` passes windows to another node of the process."""
@@ -85,7 +85,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     def configure(self, config: ReferenceConfig) -> None:
         """Prepare the trajectory and listen."""
         self._config = config
-        self._live, self._detours = self._prepared(), None
+        self._live, self._replanner = self._prepared(), None
         self._live.too_late = lambda start_ns: self._flight_ns() > start_ns
         self._time, self._stamps = FlightTime(), StampClock()
         self._request = ""
@@ -108,7 +108,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self.managed_subscription(topics.TRAJECTORY, self._on_trajectory)
         self.managed_subscription(topics.VELOCITY, self._on_velocity, expected=False)
         if config.trajectory == "gates":
-            self._lead_through_gates()
+            self._set_up_replanning()
         for name, request in (
             ("takeoff", self._live.take_off),
             ("start", self._live.start),
@@ -139,8 +139,8 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     def cleanup(self) -> None:
         """Release the trajectory."""
-        if self._detours is not None:
-            self._detours.close()
+        if self._replanner is not None:
+            self._replanner.close()
         del self._live
 
     def _prepared(self) -> LiveReference:
@@ -154,14 +154,14 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             self._config, trajectory, joined=(lambda: trajectory) if trajectory.smooth else joined
         )
 
-    def _lead_through_gates(self) -> None:
-        from quad_mpc_ros.extras.racing.detours import Detours
+    def _set_up_replanning(self) -> None:
+        from quad_mpc_ros.extras.racing.replanning import GateReplanner
 
         waits = self._config.lockstep
-        self._detours = Detours(self._config, self._live, waits=waits)
+        self._replanner = GateReplanner(self._config, self._live, waits=waits)
         self.managed_subscription(topics.GATES, self._on_gates, expected=False)
         if not waits:
-            self.managed_timer(_LOOKED_AT, self._on_detours)
+            self.managed_timer(_LOOKED_AT, self._replan)
 
     def _on_odometry(self, data: bytes) -> None:
         if not self.active:
@@ -184,7 +184,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         if starting or self._config.lockstep:
             self._newest_ns = odometry.stamp_ns
             if self._config.lockstep:
-                self._on_detours()
+                self._replan()
             with self._publishing:
                 self._publish(now_ns)
 
@@ -247,18 +247,18 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     def _on_gates(self, message: Any) -> None:
         """Take where the gates of the race are by now."""
-        assert self._detours is not None
+        assert self._replanner is not None
         try:
             poses = conversions.poses_from_message(message, frame_id=self._config.frame_id)
-            self._detours.move(*poses)
+            self._replanner.move(*poses)
         except UserError as error:
             self._report_request("race", Reply(accepted=False, text=str(error)))
 
-    def _on_detours(self) -> None:
+    def _replan(self) -> None:
         """Fly another way where gates have moved."""
-        if self._detours is None or not self.active:
+        if self._replanner is None or not self.active:
             return
-        reply = self._detours.poll(self._flight_ns())
+        reply = self._replanner.poll(self._flight_ns())
         if reply is not None:
             self._report_request("race", reply)
             if reply.accepted:

@@ -17,10 +17,10 @@ from quad_mpc_ros.control.config import ObstacleParameters
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.extras.obstacles import clouds, frames, markers, surroundings
+from quad_mpc_ros.extras.obstacles import clouds, frames, local_map_provider, markers
 from quad_mpc_ros.extras.obstacles import world as world_module
 from quad_mpc_ros.extras.obstacles.files import scene_of
-from quad_mpc_ros.extras.obstacles.surroundings import LocalMapProvider
+from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider
 from quad_mpc_ros.extras.obstacles.voxels import VoxelMap
 from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 from quad_mpc_ros.messages.markers import filled_marker
@@ -621,7 +621,7 @@ def between(
         made.append((w, around))
         return lambda: call(w, around), lambda: other(w, around)
 
-    modules = world_module, clouds, frames, markers, surroundings
+    modules = world_module, clouds, frames, local_map_provider, markers
     for _ in interleaved(prepare, *modules, waits=lambda: made[-1][0]._lock.locked()):
         yield made[-1]
 
@@ -656,9 +656,9 @@ class TestThreads:
             assert points.tolist() in ([], [[7.0, 0.0, 1.0]])
 
     def test_no_local_map_is_in_the_coordinates_before_a_reset(self) -> None:
-        def renew(w: ObstacleWorld, around: LocalMapProvider) -> None:
+        def update_map(w: ObstacleWorld, around: LocalMapProvider) -> None:
             give_map(w, around)
-            around.renew()
+            around.update_map()
 
-        for _, around in between(renew, reset, before=scan):
+        for _, around in between(update_map, reset, before=scan):
             assert len(around.at(HERE, SECOND, radius=6.0, far=1.0).points) < 2

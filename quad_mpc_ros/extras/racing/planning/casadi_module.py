@@ -9,7 +9,7 @@ from typing import Any
 
 from quad_mpc_ros.configuration import UserError
 
-_WHOLE = "casadi==3.6.7"  # as acados' wheel has it, which replaces files of any other CasADi
+_WHEEL = "casadi==3.6.7"  # as acados' wheel has it, which replaces files of any other CasADi
 
 
 def casadi() -> Any:
@@ -40,5 +40,5 @@ def casadi_fault() -> str | None:
     replaced = "" if installed == version else f" in place of {installed}"
     return (
         f"given CasADi {version}{replaced}, of another package and without IPOPT (as acados' "
-        f"wheel brings it), expected a whole one: pip install --force-reinstall --no-deps {_WHOLE}"
+        f"wheel brings it), expected a whole one: pip install --force-reinstall --no-deps {_WHEEL}"
     )

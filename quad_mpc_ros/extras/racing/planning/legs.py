@@ -12,9 +12,9 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
 from quad_mpc_ros.references.course import Course, Finish, Gate
 
-_INSIDE = 1e-4  # m: what is planned at an edge is not to be judged outside of it
-_THROUGH = 1.0  # m/s, least speed through the plane of a gate
-BESIDE = 0.03  # m: so far in front of a gate is the node before that in it, and behind it the next
+_EDGE_TOLERANCE = 1e-4  # m: what is planned at an edge is not to be judged outside of it
+_MIN_GATE_SPEED = 1.0  # m/s, least speed through the plane of a gate
+GATE_NODE_GAP = 0.03  # m, at least, from a gate's plane to the nodes before and behind it
 _ROUTE_WEIGHT, _RUN_OUT_WEIGHT = 1.0, 0.05
 
 
@@ -55,22 +55,22 @@ def legs_of(course: Course, *, margin: float, radius: float) -> list[CourseLeg]:
     places = course.places()
     legs = []
     for i, gate in enumerate(course.gates):
-        kept = _INSIDE + (margin if gate.R_WG is None else margin + radius)
+        kept = _EDGE_TOLERANCE + (margin if gate.R_WG is None else margin + radius)
         half = min(gate.half_width, gate.half_height)
         if half <= kept:
             raise UserError(
                 f"{course.source}: gates[{course.numbers[i]}]: unreachable: half of its opening "
                 f"is {half:g} m, what is kept from its edge {kept:.3g} m; lower --gate-margin"
             )
-        goal = _gate_goal(gate, margin=kept, way=places[i + 1] - places[i])
+        goal = _gate_goal(gate, margin=kept, direction=places[i + 1] - places[i])
         legs.append(CourseLeg(p_WB=gate.p_WG, goal=goal, at_rest=False, weight=_ROUTE_WEIGHT))
     end = course.end
     if end is not None:
         goal = _end_goal(end)
         legs.append(CourseLeg(p_WB=end.p_WB, goal=goal, at_rest=end.at_rest, weight=_ROUTE_WEIGHT))
     if end is None or not end.at_rest:
-        way = places[-1] - places[-2]
-        beyond = places[-1] + 4.0 * way / np.linalg.norm(way)
+        direction = places[-1] - places[-2]
+        beyond = places[-1] + 4.0 * direction / np.linalg.norm(direction)
         legs.append(CourseLeg(p_WB=beyond, goal=None, at_rest=True, weight=_RUN_OUT_WEIGHT))
     return legs
 
@@ -92,13 +92,13 @@ def _ball(place: Array, radius: float) -> Goal:
     )
 
 
-def _gate_goal(gate: Gate, *, margin: float, way: Array) -> Goal:
+def _gate_goal(gate: Gate, *, margin: float, direction: Array) -> Goal:
     """Return what holds where a gate is passed that is come to by a ``way`` (3,)."""
     if gate.R_WG is None:
         return _ball(gate.p_WG, gate.half_width - margin)
     ca = casadi()
     axes, place = ca.DM(gate.R_WG), gate.p_WG
-    backward = gate.both_ways and float(way @ gate.R_WG[:, 0]) < 0.0
+    backward = gate.both_ways and float(direction @ gate.R_WG[:, 0]) < 0.0
     through = -axes[:, 0] if backward else axes[:, 0]
     half_width, half_height = gate.half_width - margin, gate.half_height - margin
 
@@ -114,7 +114,7 @@ def _gate_goal(gate: Gate, *, margin: float, way: Array) -> Goal:
     low = [0.0] if gate.is_round else [-half_width, -half_height]
     return Goal(
         expressions=expressions,
-        lower=np.array([0.0, *low, _THROUGH]),
+        lower=np.array([0.0, *low, _MIN_GATE_SPEED]),
         upper=np.array([0.0, *across, np.inf]),
         depth=lambda p: ca.dot(through, p - place),
     )

@@ -15,7 +15,7 @@ from quad_mpc_ros.simulation.rotors.mixer import allocation
 
 ROTORS_PLANT = "rotors"
 MODELS = ("rates", "rotors")
-_SMALLEST_THRUST = 0.02  # of the weight: without thrust there is no attitude
+_MIN_THRUST_RATIO = 0.02  # of the weight: without thrust there is no attitude
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,7 +89,7 @@ def planned_vehicle(
         rate_time_constant=np.array(per_axis(mpc.rate_time_constant)),
         thrust_time_constant=mpc.thrust_time_constant,
         omega_max=np.asarray(omega_max),
-        least=max(least, _SMALLEST_THRUST * vehicle.gravity),
+        least=max(least, _MIN_THRUST_RATIO * vehicle.gravity),
         greatest=greatest,
         rotors=rotors,
     )

@@ -29,10 +29,10 @@ P, V, Q, W, F = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13), slice(13,
 THRUST = slice(3, 4)
 """Where the thrust over mass stands in the inputs of ``rates``, after the body rates."""
 
-_SHORTEST_LAG = 0.002  # s
-_PARTS = 2  # Runge-Kutta steps in one
-_ROUNDING = 1e-6  # below the root
-_LOOKED_AT = (0.0, 0.2, 0.5, 1.0)  # of a step, where the thrusts of the rotors are bounded
+_MIN_LAG = 0.002  # s
+_SUBSTEPS = 2  # Runge-Kutta steps in one
+_ROOT_OFFSET = 1e-6  # below the root
+_SAMPLED_SHARES = (0.0, 0.2, 0.5, 1.0)  # of a step, where the thrusts of the rotors are bounded
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,15 +69,15 @@ def rates_model(vehicle: PlannedVehicle) -> Model:
     """Return the model commanded by body rates and thrust, with their lags."""
     ca = casadi()
     x, u, h = ca.SX.sym("x", 14), ca.SX.sym("u", 4), ca.SX.sym("h")
-    lags = np.maximum([*vehicle.rate_time_constant, vehicle.thrust_time_constant], _SHORTEST_LAG)
+    lags = np.maximum([*vehicle.rate_time_constant, vehicle.thrust_time_constant], _MIN_LAG)
     lagging, wanted = x[10:14], u
 
     def after(time: Any) -> Any:
         return wanted + (lagging - wanted) * ca.exp(-time / lags)
 
     body = x[0:10]
-    for number in range(_PARTS):
-        begin, length = h * (number / _PARTS), h / _PARTS
+    for number in range(_SUBSTEPS):
+        begin, length = h * (number / _SUBSTEPS), h / _SUBSTEPS
         body = _runge_kutta(
             lambda y, time, begin=begin: _motion(y, after(begin + time), vehicle), body, length
         )
@@ -86,7 +86,7 @@ def rates_model(vehicle: PlannedVehicle) -> Model:
     if vehicle.rotors is not None:
         within = [
             _rotor_thrusts(after(share * h), wanted, lags, vehicle, vehicle.rotors)
-            for share in _LOOKED_AT
+            for share in _SAMPLED_SHARES
         ]
         path = ca.vertcat(*within)
         count = path.shape[0]
@@ -121,8 +121,8 @@ def rotors_model(vehicle: PlannedVehicle, rotors: RotorLimits) -> Model:
         return ca.vertcat(_motion(y[0:10], ca.vertcat(y[W], thrust), vehicle), turn)
 
     end = x
-    for _ in range(_PARTS):
-        end = _runge_kutta(rate, end, h / _PARTS)
+    for _ in range(_SUBSTEPS):
+        end = _runge_kutta(rate, end, h / _SUBSTEPS)
     end = ca.vertcat(end[0:6], end[6:10] / ca.norm_2(end[6:10]), end[W])
     acceleration = _motion(x[0:10], ca.vertcat(x[W], thrust), vehicle)[3:6]
     bound = vehicle.omega_max
@@ -158,7 +158,7 @@ def _motion(y: Any, turning: Any, vehicle: PlannedVehicle) -> Any:
     drag = vehicle.drag
     if drag.any() or vehicle.rotor_drag.any() or vehicle.translational_lift:
         u = R.T @ v
-        speed = ca.sqrt(ca.fmax(thrust, _ROUNDING) / vehicle.gravity)
+        speed = ca.sqrt(ca.fmax(thrust, _ROOT_OFFSET) / vehicle.gravity)
         force = -(ca.DM(drag) + speed * ca.DM(vehicle.rotor_drag)) * u
         lift = vehicle.translational_lift * (u[0] ** 2 + u[1] ** 2)
         pull = pull + R @ (force + ca.vertcat(0, 0, lift))

@@ -44,11 +44,11 @@ from quad_mpc_ros.references.course import Course
 from quad_mpc_ros.references.motion_table import MotionTable, PlannedMotion
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
-_ROWS = 0.01  # s, of the table
-_LOWEST = 0.5  # m: nothing is planned nearer to the ground that does not have to be
-_SMOOTHING = 2e-4  # s: what a change of an input by its whole size costs
-_ITERATIONS = 600
-_HALF_OF_LOWEST = 0.5
+_ROW_PERIOD = 0.01  # s, of the table
+_MIN_HEIGHT = 0.5  # m: nothing is planned nearer to the ground that does not have to be
+_INPUT_CHANGE_COST = 2e-4  # s: what a change of an input by its whole size costs
+_MAX_ITERATIONS = 600
+_HEIGHT_RATIO = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -177,7 +177,7 @@ def _solved(
             dynamics,
             guess,
             name="vehicle",
-            most_iterations=_ITERATIONS,
+            most_iterations=_MAX_ITERATIONS,
             progress=progress,
         )
         if solved.optimal:
@@ -192,7 +192,7 @@ def _solved(
 def lowest_of(course: Course) -> float:
     """Return the height that a plan keeps above [m]."""
     heights = [place[2] for place in course.places()]
-    return float(min(_LOWEST, course.start[2], *(_HALF_OF_LOWEST * each for each in heights)))
+    return float(min(_MIN_HEIGHT, course.start[2], *(_HEIGHT_RATIO * each for each in heights)))
 
 
 def dynamics_of(model: Model, *, first: Array, lowest: float) -> Dynamics:
@@ -212,7 +212,7 @@ def dynamics_of(model: Model, *, first: Array, lowest: float) -> Dynamics:
         first=first,
         last=last,
         scale=model.scale,
-        smoothing=_SMOOTHING,
+        smoothing=_INPUT_CHANGE_COST,
     )
 
 
@@ -264,7 +264,7 @@ def table_of(
     rests: tuple[bool, bool] = (True, True),
 ) -> MotionTable:
     """Return the motion between the nodes in rows, by the equations that it was planned with."""
-    counts = np.ceil(nodes.steps / _ROWS - 1e-9).astype(int)
+    counts = np.ceil(nodes.steps / _ROW_PERIOD - 1e-9).astype(int)
     owner = np.repeat(np.arange(len(counts)), counts)
     place = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
     since = place * (nodes.steps / counts)[owner]

@@ -16,10 +16,10 @@ import numpy as np
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
-from quad_mpc_ros.extras.racing.planning.legs import BESIDE, CourseLeg, Goal
+from quad_mpc_ros.extras.racing.planning.legs import GATE_NODE_GAP, CourseLeg, Goal
 
-_STOPPED = "User_Requested_Stop"
-SHORTEST, LONGEST = 0.02, 60.0  # s, of a leg
+_INTERRUPTED = "User_Requested_Stop"
+MIN_LEG_DURATION, MAX_LEG_DURATION = 0.02, 60.0  # s, of a leg
 ProgressCallback = Callable[[str, int, float, Array], None]
 """Takes what is solved, the iteration, the time planned so far [s] and the variables."""
 
@@ -135,7 +135,7 @@ def solve(
     stats = solver.stats()
     if watch is not None and watch.raised is not None:
         raise watch.raised
-    if stats["return_status"] == _STOPPED:  # CasADi asked Python for signals, and there was one
+    if stats["return_status"] == _INTERRUPTED:  # CasADi checks for Python's signals
         raise KeyboardInterrupt
     return Solved(
         nodes=unpacked(np.array(found["x"]).ravel(), guess),
@@ -218,15 +218,15 @@ def _add_goal(rows: _Constraints, goal: Goal, states: Any, end: int) -> None:
     rows.add(goal.expressions(states[0:3, end], states[3:6, end]), goal.lower, goal.upper)
     if goal.depth is None:
         return
-    rows.add(goal.depth(states[0:3, end - 1]), np.array([-np.inf]), np.array([-BESIDE]))
+    rows.add(goal.depth(states[0:3, end - 1]), np.array([-np.inf]), np.array([-GATE_NODE_GAP]))
     if end + 1 < states.shape[1]:
-        rows.add(goal.depth(states[0:3, end + 1]), np.array([BESIDE]), np.array([np.inf]))
+        rows.add(goal.depth(states[0:3, end + 1]), np.array([GATE_NODE_GAP]), np.array([np.inf]))
 
 
 def _bounds(legs: Sequence[CourseLeg], dynamics: Dynamics, guess: Nodes) -> tuple[Array, Array]:
     steps, sides = len(guess.inputs), []
     nx = len(dynamics.first)
-    for side, length in enumerate((SHORTEST, LONGEST)):
+    for side, length in enumerate((MIN_LEG_DURATION, MAX_LEG_DURATION)):
         state = np.tile(np.append(dynamics.state_bounds[side], length), (steps + 1, 1))
         _fix(state, 0, dynamics.first)
         for leg, end in zip(legs, guess.ends.tolist(), strict=True):

@@ -7,7 +7,7 @@ import pytest
 from fixtures.obstacles import Standing
 
 from quad_mpc_ros.extras.obstacles.local_map import LocalMap
-from quad_mpc_ros.extras.obstacles.surroundings import LocalMapProvider
+from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider
 
 START = np.zeros(3)
 POINTS = np.array([[2.0, 0.0, 0.0], [0.0, 3.0, 0.0]])
@@ -34,12 +34,12 @@ def test_ticks_go_on_with_the_map_of_before_until_it_is_renewed() -> None:
     surroundings.wake = lambda: calls.append(True)
     first = map_at(surroundings, 0.0)  # there is none of before
     assert calls == []
-    surroundings.renew()
+    surroundings.update_map()
     assert map_at(surroundings, 0.0) is first
     standing.revision += 1
     assert map_at(surroundings, 0.0) is first
     assert calls == [True]
-    surroundings.renew()
+    surroundings.update_map()
     renewed = map_at(surroundings, 0.0)
     assert renewed is not first
     assert renewed.revision == standing.revision
@@ -51,7 +51,7 @@ def test_the_next_map_is_about_where_the_vehicle_was_last() -> None:
     surroundings.wake = lambda: None
     map_at(surroundings, 0.0)
     map_at(surroundings, 1.5)
-    surroundings.renew()
+    surroundings.update_map()
     assert map_at(surroundings, 1.5).centre == pytest.approx([1.5, 0.0, 0.0])
 
 
@@ -73,7 +73,7 @@ def test_the_grid_is_made_beforehand_only_where_ways_are_searched() -> None:
 
     def renewed() -> LocalMap:
         standing.revision += 1
-        surroundings.renew()
+        surroundings.update_map()
         return map_at(surroundings, 0.0)
 
     map_at(surroundings, 0.0)

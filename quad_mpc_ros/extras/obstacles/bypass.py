@@ -16,14 +16,14 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 
 _SPACING = 0.1  # m, between places beyond the window's end
-_BEYOND = 2.0  # m, that a reference is followed on to find where it comes out
-AT_REST = 0.1
+_EXTRAPOLATED = 2.0  # m, that a reference is followed on to find where it comes out
+REST_SPEED = 0.1
 """Slower than this a reference is at rest [m/s]."""
 # A piece of the reference is nearly straight if its ends are apart by this share of its length.
-_STRAIGHT = 0.9
+_MIN_STRAIGHTNESS = 0.9
 
 
-class Ahead(NamedTuple):
+class Preview(NamedTuple):
     """The reference from now on, and straight on beyond the end of its window.
 
     Places ``p_W`` (n, 3) [m], velocities ``v_W`` (n, 3) [m/s] and from now on the ``times`` (n,)
@@ -37,7 +37,7 @@ class Ahead(NamedTuple):
     acceleration: float
 
     @staticmethod
-    def of(window: ReferenceWindow, start_ns: int) -> Ahead:
+    def of(window: ReferenceWindow, start_ns: int) -> Preview:
         """Return what a window says from a time on; at its end it stays if it is at rest."""
         times = np.asarray(1e-9 * (window.offset_ns + (window.stamp_ns - start_ns)), float)
         first = min(max(int(np.searchsorted(times, 0.0, side="right")) - 1, 0), len(times) - 1)
@@ -47,24 +47,25 @@ class Ahead(NamedTuple):
         v_W[0] = interpolated(now, times, window.v_WB_W)[0]
         times = np.maximum(times[first:], 0.0)
         known, v, speed = len(times), v_W[-1], float(np.linalg.norm(v_W[-1]))
-        if speed > AT_REST and len(window.p_WB) > 2:
-            further = np.linspace(_SPACING, _BEYOND, round(_BEYOND / _SPACING)) / speed
+        if speed > REST_SPEED and len(window.p_WB) > 2:
+            further = np.linspace(_SPACING, _EXTRAPOLATED, round(_EXTRAPOLATED / _SPACING)) / speed
             p_W = np.vstack([p_W, p_W[-1] + further[:, None] * v])
             v_W = np.vstack([v_W, np.tile(v, (len(further), 1))])
             times = np.concatenate((times, times[-1] + further))
         hardest = float(np.linalg.norm(window.a_WB_W[first:], axis=1).max(initial=0.0))
-        return Ahead(p_W, v_W, times, known, hardest)
+        return Preview(p_W, v_W, times, known, hardest)
 
     @property
     def speeds(self) -> Array:
         """How fast it is (n,) [m/s]."""
         return np.asarray(np.linalg.norm(self.v_W, axis=1))
 
-    def part(self, begin: int, end: int) -> Ahead:
+    def part(self, begin: int, end: int) -> Preview:
         """Return some of its samples."""
         piece = slice(begin, end)
         known = max(min(self.known, end) - begin, 0)
-        return Ahead(self.p_W[piece], self.v_W[piece], self.times[piece], known, self.acceleration)
+        p_W, v_W, times = self.p_W[piece], self.v_W[piece], self.times[piece]
+        return Preview(p_W, v_W, times, known, self.acceleration)
 
     def at(self, times: Array) -> tuple[Array, Array]:
         """Return places and velocities (k, 3) at times (k,) [s]."""
@@ -74,21 +75,21 @@ class Ahead(NamedTuple):
         )
 
 
-class Detour(NamedTuple):
+class Bypass(NamedTuple):
     """The samples of the reference where it is left, 0 for at once, and where it is rejoined."""
 
     leave: int
     rejoin: int
 
 
-def detour(
-    ahead: Ahead,
+def find_bypass(
+    ahead: Preview,
     clear: NDArray[np.bool_],
     near: NDArray[np.bool_],
     *,
     speed_max: float,
     astray: bool,
-) -> Detour | None:
+) -> Bypass | None:
     """Return where to leave the reference and where to rejoin it; None where it nowhere can be.
 
     Args:
@@ -102,7 +103,7 @@ def detour(
     first = int(blocked[0]) if len(blocked) else -1
     after = good[good > first]
     if len(after) == 0:  # in front of it, until it is known where the reference comes out
-        return Detour(0, int(good[-1])) if len(good) else None
+        return Bypass(0, int(good[-1])) if len(good) else None
     beyond = after[after >= ahead.known - 1]
     after = after[: len(after) - len(beyond) + 1]
     steps = np.linalg.norm(np.diff(ahead.p_W, axis=0), axis=1)
@@ -117,7 +118,7 @@ def detour(
     apart = np.linalg.norm(ahead.p_W[wanted] - ahead.p_W[leave], axis=1)
     fastest = np.maximum(ahead.speeds[wanted], speed_max)
     in_time = wanted[apart <= fastest * (ahead.times[wanted] - ahead.times[leave])]
-    return Detour(leave, int(in_time[0] if len(in_time) else after[-1]))
+    return Bypass(leave, int(in_time[0] if len(in_time) else after[-1]))
 
 
 def interpolated(times: Array, at: NDArray[Any], places: Array) -> Array:
@@ -128,7 +129,7 @@ def interpolated(times: Array, at: NDArray[Any], places: Array) -> Array:
 def is_nearly_straight(p_W: Array) -> bool:
     """Return whether places (n, 3) lead nearly straight from the first to the last."""
     length = np.linalg.norm(np.diff(p_W, axis=0), axis=1).sum()
-    return bool(np.linalg.norm(p_W[-1] - p_W[0]) >= _STRAIGHT * length - 1e-9)
+    return bool(np.linalg.norm(p_W[-1] - p_W[0]) >= _MIN_STRAIGHTNESS * length - 1e-9)
 
 
 def _nearly_straight(
@@ -136,4 +137,4 @@ def _nearly_straight(
 ) -> NDArray[np.bool_]:
     """Return which pieces between places, one start or one end for all, are nearly straight."""
     apart = np.linalg.norm(p_W[ends] - p_W[starts], axis=1)
-    return np.asarray(apart >= _STRAIGHT * (along[ends] - along[starts]) - 1e-9)
+    return np.asarray(apart >= _MIN_STRAIGHTNESS * (along[ends] - along[starts]) - 1e-9)
