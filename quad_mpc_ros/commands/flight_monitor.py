@@ -27,7 +27,7 @@ from quad_mpc_ros.messages.topics import (
     REFERENCE_PATH,
     STATS,
 )
-from quad_mpc_ros.ros.commanders import DISCOVERING
+from quad_mpc_ros.ros.command_ownership import DISCOVERING
 from quad_mpc_ros.ros.messages import odometry_in
 
 # The first start after an installation compiles, on a small computer for minutes.

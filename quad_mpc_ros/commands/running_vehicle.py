@@ -29,7 +29,7 @@ from quad_mpc_ros.ros.preflight.facts import (
     NodeFacts,
     ReferenceSamples,
 )
-from quad_mpc_ros.ros.preflight.way import sampled_reference
+from quad_mpc_ros.ros.preflight.reference import sample_reference
 
 _NAME = "quad_mpc_preflight"
 _SETTLING = 1.5  # s: in which nodes are discovered, and report their health
@@ -193,7 +193,7 @@ def _reference_samples(node: NodeFacts | None) -> tuple[ReferenceSamples | None,
     if node is None or not isinstance(node.config, ReferenceConfig):
         return None, ""
     try:
-        return sampled_reference(node.config, read_bag=flown_points), ""
+        return sample_reference(node.config, read_bag=flown_points), ""
     except UserError as error:
         return None, str(error)
 

@@ -11,11 +11,11 @@ from rclpy.node import Node
 from quad_mpc_ros.configuration.compilation import compiled_here
 from quad_mpc_ros.ros.clocks import Metronome
 
-_PERIOD = 3.0  # s
+_LOG_PERIOD = 3.0  # s
 
 
 @contextmanager
-def reported(node: Node, *, period: float = _PERIOD) -> Iterator[None]:
+def log_compilation(node: Node, *, period: float = _LOG_PERIOD) -> Iterator[None]:
     """Log how many functions have been compiled, every ``period`` seconds and in the end."""
     begun, before = time.monotonic(), compiled_here()
 

@@ -31,7 +31,7 @@ from quad_mpc_ros.ros.vehicle_watch import VEHICLE_KEY, VehicleWatch
 
 C = TypeVar("C", bound=Configuration)
 
-_PERIOD = 1.0
+_REPORT_PERIOD = 1.0
 _POLL_PERIOD = 0.1
 
 
@@ -69,7 +69,7 @@ class _Endpoint(NamedTuple):
             return list(node.get_subscriptions_info_by_topic(self.entity.topic_name))
         return list(node.get_publishers_info_by_topic(self.entity.topic_name))
 
-    def misfit(self, peer: TopicEndpointInfo) -> str:
+    def mismatch_with(self, peer: TopicEndpointInfo) -> str:
         """Return why a peer cannot be matched, empty if it can."""
         publishes = isinstance(self.entity, Publisher)
         node = f"{peer.node_namespace.rstrip('/')}/{peer.node_name}"
@@ -94,7 +94,7 @@ class HealthReporter:
         self._node = node
         self._probe = probe
         self._endpoints: dict[str, _Endpoint] = {}
-        self._counted: list[tuple[str, str]] = []
+        self._reported_peers: list[tuple[str, str]] = []
         self._reported_s = 0.0
         self._unmatched: set[str] = set()
         self._mismatches: list[str] = []
@@ -159,7 +159,7 @@ class HealthReporter:
             values=[*peers, *health.values, *vehicle],
         )
         self._publisher.publish(message)
-        self._reported_s, self._counted = time.monotonic(), peers
+        self._reported_s, self._reported_peers = time.monotonic(), peers
 
     def peers(self) -> list[tuple[str, str]]:
         """Return how many peers each endpoint has matched, as it is reported."""
@@ -169,9 +169,9 @@ class HealthReporter:
             if endpoint.expected
         ]
 
-    def rivals(self) -> str:
+    def duplicate_publishers(self) -> str:
         """Return which topics have several publishers where there must be one; empty if none."""
-        rivals = [
+        duplicate_publishers = [
             f"{count} publishers on {name}"
             for name, endpoint in sorted(self._endpoints.items())
             if isinstance(endpoint.entity, Subscription)
@@ -179,7 +179,7 @@ class HealthReporter:
             and endpoint.topic.single_source
             and (count := endpoint.peer_count()) > 1
         ]
-        return f"{', '.join(rivals)}, expected one" if rivals else ""
+        return f"{', '.join(duplicate_publishers)}, expected one" if duplicate_publishers else ""
 
     def publishers_of(self, topic: Topic) -> str:
         """Return in words the publishers of a subscribed topic, and why they do not match."""
@@ -187,16 +187,18 @@ class HealthReporter:
         name, found = str(endpoint.entity.topic_name), endpoint.known_peers(self._node)
         if not found:
             return f"no publisher on {name}"
-        misfits = [why for each in found if (why := endpoint.misfit(each))]
+        mismatches = [why for each in found if (why := endpoint.mismatch_with(each))]
         count = f"{len(found)} publisher{'s' if len(found) > 1 else ''} on {name}"
-        if misfits:
-            return f"{count}, not received: {'; '.join(misfits)}"
+        if mismatches:
+            return f"{count}, not received: {'; '.join(mismatches)}"
         return f"{count}, nothing received"
 
     def _with_faults(self, health: Health) -> Health:
         """Return the health with a warning of rivals, different vehicles and mismatched peers."""
         vehicles = self.watch.fault() if self.watch is not None else ""
-        faults = [fault for fault in (self.rivals(), vehicles, *self._mismatches) if fault]
+        faults = [
+            each for each in (self.duplicate_publishers(), vehicles, *self._mismatches) if each
+        ]
         if not faults:
             return health
         text = "; ".join([*faults, health.text])
@@ -213,10 +215,10 @@ class HealthReporter:
         )
 
     def _poll(self) -> None:
-        due = time.monotonic() - self._reported_s >= _PERIOD
+        due = time.monotonic() - self._reported_s >= _REPORT_PERIOD
         if due:
             self._find_mismatches()
-        if due or self.peers() != self._counted:
+        if due or self.peers() != self._reported_peers:
             self.report()
 
     def _find_mismatches(self) -> None:
@@ -227,9 +229,9 @@ class HealthReporter:
             if endpoint.peer_count() < endpoint.known_peer_count(self._node)
         }
         self._mismatches = [
-            f"{name}: {misfit}; no message passes"
+            f"{name}: {mismatch_with}; no message passes"
             for name in sorted(unmatched & self._unmatched)
-            for misfit in self._misfits(name)
+            for mismatch_with in self._mismatches_of(name)
         ]
         for mismatch in self._mismatches:
             if mismatch not in self._logged:
@@ -237,11 +239,11 @@ class HealthReporter:
                 self._node.get_logger().warning(mismatch)
         self._unmatched = unmatched
 
-    def _misfits(self, name: str) -> list[str]:
+    def _mismatches_of(self, name: str) -> list[str]:
         """Return why the peers of an endpoint do not match, each kind once."""
         endpoint = self._endpoints[name]
         peers = endpoint.known_peers(self._node)
-        return sorted({why for peer in peers if (why := endpoint.misfit(peer))})
+        return sorted({why for peer in peers if (why := endpoint.mismatch_with(peer))})
 
 
 class ReportingNode(ParameterNode, Generic[C]):

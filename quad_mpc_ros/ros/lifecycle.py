@@ -26,7 +26,7 @@ from quad_mpc_ros.ros.clocks import Metronome, create_steady_timer
 from quad_mpc_ros.ros.health import Health, HealthReporter
 from quad_mpc_ros.ros.parameters import ManagedParameters, ParameterNode
 from quad_mpc_ros.ros.preflight.own import own_findings
-from quad_mpc_ros.ros.realtime import settle_memory
+from quad_mpc_ros.ros.realtime import freeze_gc
 from quad_mpc_ros.ros.repeated_warnings import RepeatedWarnings
 from quad_mpc_ros.ros.spin import stop, until_the_end
 
@@ -48,11 +48,11 @@ _TRANSITIONS = {
     },
 }
 # s: what prevents an activation is in the log after so long.
-_PATIENCE, _REMINDER_PERIOD = 3.0, 0.5
+_REMINDER_DELAY, _REMINDER_PERIOD = 3.0, 0.5
 _SHUTDOWN_DELAY = 0.1  # s: the response to the request for the shutdown goes out first
 
 
-class _ObstacleError(UserError):
+class _BlockedError(UserError):
     """Something prevents an activation."""
 
 
@@ -75,9 +75,9 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         self.active = False
         self._configured = False
         self._autostarting = False
-        self._frozen = False
+        self._gc_frozen = False
         self._fault: Exception | None = None
-        self._made = ExitStack()
+        self._resources = ExitStack()
         self._managed_parameters = ManagedParameters(self, configuration, apply=self.reconfigure)
         self.health = HealthReporter(self, self._probe)
         self.warnings = RepeatedWarnings(self)
@@ -94,16 +94,16 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         cleanup, or when this hook fails.
         """
 
-    def obstacle(self) -> str | None:
+    def activation_blocker(self) -> str | None:
         """Return why the node cannot be activated now, or None."""
         return None
 
-    def prepare(self, obstacle: str | None) -> bool:
+    def prepare(self, blocker: str | None) -> bool:
         """Return whether a node that starts by itself is to be activated now.
 
         ``obstacle`` is what prevents it.
         """
-        return obstacle is None
+        return blocker is None
 
     def activate(self) -> None:
         """Begin, or continue."""
@@ -170,11 +170,11 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         """
         if not self._autostarting:
             return False
-        if not self.prepare(self.obstacle()):
+        if not self.prepare(self.activation_blocker()):
             self._remind()
             return False
         self.trigger_activate()
-        self._autostarting = isinstance(self._fault, _ObstacleError)
+        self._autostarting = isinstance(self._fault, _BlockedError)
         return not self._autostarting
 
     def stay_inactive(self, reason: str) -> None:
@@ -189,9 +189,9 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         """Log what prevents an activation after a while, and again as long as it lasts."""
         if not (self._autostarting and self._configured) or self.active:
             return
-        obstacle = self.obstacle()
-        if obstacle is not None and time.monotonic() - self._awaiting_since > _PATIENCE:
-            self.warnings.warn(f"inactive: {obstacle}")
+        blocker = self.activation_blocker()
+        if blocker is not None and time.monotonic() - self._awaiting_since > _REMINDER_DELAY:
+            self.warnings.warn(f"inactive: {blocker}")
 
     def managed_timer(
         self, period: float, callback: Callable[[], float | None], *, steady: bool = True
@@ -211,7 +211,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             timer = create_steady_timer(self, period, guarded)
         else:
             timer = self.create_timer(period, until_the_end(self, guarded))
-        self._made.callback(self.destroy_timer, timer)
+        self._resources.callback(self.destroy_timer, timer)
 
     def managed_beat(self, period: float, callback: Callable[[], None]) -> None:
         """Call back every ``period`` [s] until the cleanup, even while the executor is busy.
@@ -231,7 +231,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
                     self.exit_code = 1
                     stop()
 
-        self._made.callback(Metronome(period, guarded).stop)
+        self._resources.callback(Metronome(period, guarded).stop)
 
     def managed_service(self, kind: type[Any], name: str, callback: Callable[..., Any]) -> None:
         """Create a service until the cleanup."""
@@ -240,7 +240,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             return callback(request, response) if self._configured else response
 
         service = self.create_service(kind, name, guarded)
-        self._made.callback(self.destroy_service, service)
+        self._resources.callback(self.destroy_service, service)
 
     def managed_subscription(
         self,
@@ -305,7 +305,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
 
     def _configure(self) -> None:
         try:
-            config = self._managed_parameters.settle()
+            config = self._managed_parameters.finalize()
             self.health.vehicle = config.vehicle_values()
             for finding in own_findings(config):
                 self.get_logger().warning(finding.text)
@@ -314,14 +314,14 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             self._destroy_made()
             raise
         self._configured, self._awaiting_since = True, time.monotonic()
-        if not self._frozen:
-            self._frozen = True
-            settle_memory()
+        if not self._gc_frozen:
+            self._gc_frozen = True
+            freeze_gc()
 
     def _activate(self) -> None:
-        obstacle = self.obstacle()
-        if obstacle is not None:
-            raise _ObstacleError(obstacle)
+        blocker = self.activation_blocker()
+        if blocker is not None:
+            raise _BlockedError(blocker)
         self.activate()
         self.active = True
         self._autostarting = False
@@ -342,7 +342,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             self._destroy_made()
 
     def _destroy_made(self) -> None:
-        self._made.close()
+        self._resources.close()
         self.health.destroy_endpoints()
         self._managed_parameters.release()
 
@@ -407,8 +407,8 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         if self.active:
             health = self.report()
             return dataclasses.replace(health, values=[*values, *health.values])
-        why = self.obstacle() if self._configured else None
-        if why is None and not isinstance(self._fault, _ObstacleError | None):
+        why = self.activation_blocker() if self._configured else None
+        if why is None and not isinstance(self._fault, _BlockedError | None):
             why = str(self._fault)
         return Health(
             level=WARN, text=self.state if why is None else f"{self.state}: {why}", values=values

@@ -29,7 +29,7 @@ from quad_mpc_ros.configuration import (
 from quad_mpc_ros.configuration.errors import shown
 from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.configuration.vehicle import describes_vehicle
-from quad_mpc_ros.ros.parameter_files import given_parameters, refuse_misspelt
+from quad_mpc_ros.ros.parameter_files import command_line_parameters, refuse_misspelt
 
 C = TypeVar("C", bound=Configuration)
 
@@ -104,7 +104,7 @@ def _configured(configuration: type[C], given: Mapping[str, Any], node: Node) ->
     A vehicle file is for every node, whatever each of them reads of it. Who gave what is known
     only of a process's own arguments; otherwise all but a vehicle's is taken as given by name.
     """
-    arguments = given_parameters()
+    arguments = command_line_parameters()
     if arguments is None:
         own = {name: value for name, value in given.items() if not describes_vehicle(name)}
         return _built(configuration, given, own)
@@ -149,7 +149,7 @@ class ManagedParameters(Generic[C]):
         self._node = node
         self._kind = configuration
         self._apply = apply
-        self._settled: C | None = None
+        self._finalized: C | None = None
         self._accepted: C | None = None
         # The choice of a trajectory or plant may add parameters.
         self._specs = {
@@ -157,21 +157,21 @@ class ManagedParameters(Generic[C]):
         }
         node.add_pre_set_parameters_callback(self._as_declared)
         node.add_on_set_parameters_callback(self._validate)
-        node.add_post_set_parameters_callback(self._take_over)
+        node.add_post_set_parameters_callback(self._apply_accepted)
 
-    def settle(self) -> C:
+    def finalize(self) -> C:
         """Return the configuration; from now on only live parameters change.
 
         Raises :class:`ConfigurationError` when values do not fit together.
         """
         parameters = self._node.get_parameters(list(self._specs))
-        self._settled = self._kind.build({p.name: _plain(p.value) for p in parameters})
+        self._finalized = self._kind.build({p.name: _plain(p.value) for p in parameters})
         self._accepted = None
-        return self._settled
+        return self._finalized
 
     def release(self) -> None:
         """Let every parameter be set again."""
-        self._settled = None
+        self._finalized = None
 
     def _as_declared(self, parameters: list[Parameter]) -> list[Parameter]:
         """Take a whole number for a real one, as everywhere else."""
@@ -190,8 +190,8 @@ class ManagedParameters(Generic[C]):
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
         changes = {p.name: _plain(p.value) for p in parameters if p.name in self._specs}
         try:
-            if self._settled is not None:
-                self._accepted = self._changed(self._settled, changes)
+            if self._finalized is not None:
+                self._accepted = self._updated(self._finalized, changes)
             else:
                 for name, value in changes.items():
                     self._specs[name].validated(value, owner=self._kind.owner)
@@ -199,12 +199,12 @@ class ManagedParameters(Generic[C]):
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _take_over(self, _: list[Parameter]) -> None:
+    def _apply_accepted(self, _: list[Parameter]) -> None:
         """Apply what has been accepted and stored."""
-        if self._settled is not None and self._accepted is not None:
-            before, self._settled, self._accepted = self._settled, self._accepted, None
-            self._apply(self._settled)
-            self._log_changes(before.flattened(), self._settled.flattened())
+        if self._finalized is not None and self._accepted is not None:
+            before, self._finalized, self._accepted = self._finalized, self._accepted, None
+            self._apply(self._finalized)
+            self._log_changes(before.flattened(), self._finalized.flattened())
 
     def _log_changes(self, before: Mapping[str, Any], after: Mapping[str, Any]) -> None:
         changes = ", ".join(
@@ -215,12 +215,12 @@ class ManagedParameters(Generic[C]):
         if changes:
             self._node.get_logger().info(f"changed: {changes}")
 
-    def _changed(self, settled: C, changes: Mapping[str, object]) -> C:
+    def _updated(self, config: C, changes: Mapping[str, object]) -> C:
         """Return a configuration with live parameters changed, validated as a whole.
 
         A structural one may be given unchanged, as in a whole file; a switch stays on or off.
         """
-        in_force = settled.flattened()
+        in_force = config.flattened()
         for name, value in changes.items():
             spec = self._specs[name]
             wanted = spec.validated(value, owner=self._kind.owner)
@@ -234,7 +234,7 @@ class ManagedParameters(Generic[C]):
                     f"{kept} as long as the node is configured; to change it, deactivate and "
                     "clean up the node first, or set it in the parameter file and restart",
                 )
-        return settled.updated(changes) if changes else settled
+        return config.updated(changes) if changes else config
 
 
 def _descriptor(spec: ParameterSpec, *, managed: bool) -> ParameterDescriptor:

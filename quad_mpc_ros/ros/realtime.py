@@ -85,7 +85,7 @@ def _lock_memory() -> None:
         raise OSError(number, os.strerror(number))
 
 
-def settle_memory() -> None:
+def freeze_gc() -> None:
     """Take what exists now for as long-lived as the process.
 
     A full collection in flight then need not look at it, which would take milliseconds.
@@ -105,7 +105,7 @@ def free_memory() -> None:
 class GarbageCollection:
     """Collects garbage when there is time for it, instead of whenever enough has gathered.
 
-    A collection looks only at what has come since :func:`settle_memory`, and is short.
+    A collection looks only at what has come since :func:`freeze_gc`, and is short.
     """
 
     _TICKS = 50

@@ -7,8 +7,8 @@ import time
 
 from rclpy.node import Node
 
-_PERIOD = 5.0  # s
-_VARYING = re.compile(r"'[^']*'|[\d.]+")
+_REPEAT_PERIOD = 5.0  # s
+_VARYING_TEXT = re.compile(r"'[^']*'|[\d.]+")
 
 
 class RepeatedWarnings:
@@ -20,8 +20,8 @@ class RepeatedWarnings:
 
     def warn(self, text: str) -> None:
         """Log it, if it is due."""
-        now, kind = time.monotonic(), _VARYING.sub("", text)
-        self._logged = {each: at for each, at in self._logged.items() if now - at < _PERIOD}
+        now, kind = time.monotonic(), _VARYING_TEXT.sub("", text)
+        self._logged = {each: at for each, at in self._logged.items() if now - at < _REPEAT_PERIOD}
         if kind not in self._logged:
             self._logged[kind] = now
             self._node.get_logger().warning(text)

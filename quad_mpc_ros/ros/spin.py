@@ -24,11 +24,11 @@ from rclpy.task import Future
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.ros.parameter_files import (
-    in_force,
     read_arguments,
     refuse_own_arguments,
+    using_parameters,
 )
-from quad_mpc_ros.ros.realtime import free_memory, settle_memory
+from quad_mpc_ros.ros.realtime import free_memory, freeze_gc
 
 _P = ParamSpec("_P")
 
@@ -36,8 +36,8 @@ EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 # A signal that comes just before the executor waits does not wake it; then it ends this late.
 _SPIN_TIMEOUT = 1.0
-_SOON = 0.001  # s
-_HEARD = (signal.SIGINT, signal.SIGTERM)
+_REPEAT_DELAY = 0.001  # s
+_END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _SWITCH_INTERVAL = 0.0005  # s; Python's own are 5 ms, a quarter of a control period
 
 
@@ -58,7 +58,7 @@ def run(
         The exit code: 2 for a wrong parameter, file or argument, which is one line on stderr, and
         130 when it was asked to end while it was still starting.
     """
-    with _heard_once(process_ends=args is None) as interrupts:
+    with _handling_signals(process_ends=args is None) as interrupts:
         return _run([create], args, interrupts, message_info=message_info, only_ros=True)
 
 
@@ -69,7 +69,7 @@ def run_together(creates: Sequence[Callable[[], Node]], args: list[str] | None =
     is not to delay another. The thread that runs changes every half a millisecond at most.
     """
     sys.setswitchinterval(_SWITCH_INTERVAL)
-    with _heard_once(process_ends=args is None) as interrupts:
+    with _handling_signals(process_ends=args is None) as interrupts:
         return _run(creates, args, interrupts)
 
 
@@ -90,22 +90,22 @@ def _run(
         if only_ros:
             refuse_own_arguments(arguments)
         given = read_arguments(arguments, several=len(creates) > 1)
-        _begin(args)
+        _init_ros(args)
         # rclpy's signal thread reads the list of executors without a lock: one that is added or
         # freed meanwhile is a segmentation fault. So they exist before and after that thread.
         # Never the multi-threaded executor: a single thread owns the controller.
         executors += [fastest_executor(message_info=message_info) for _ in creates]
-        with in_force(given):
+        with using_parameters(given):
             for create in creates:
                 nodes.append(create())
         starting = False
         known = {
             node.get_fully_qualified_name(): node.get_parameters_by_prefix("") for node in nodes
         }
-        given.refuse_overrides_of_nobody(known)
+        given.reject_unused_overrides(known)
         for unread in given.unread_files(known):
             nodes[0].get_logger().warning(unread)
-        settle_memory()
+        freeze_gc()
         interrupts.spinning()
         for node in nodes:
             if begin := getattr(node, "begin", None):
@@ -113,7 +113,7 @@ def _run(
         for node, executor in zip(nodes, executors, strict=True):
             _register(node, executor)
         install_signal_handlers(SignalHandlerOptions.ALL)
-        if not interrupts.heard:
+        if not interrupts.received:
             threads += map(_spinning, nodes[1:], executors[1:])
             _spin(executors[0])
     except UserError as error:
@@ -123,7 +123,7 @@ def _run(
         if starting:
             return EXIT_INTERRUPTED
     except Exception:
-        if rclpy.ok() and not interrupts.heard:
+        if rclpy.ok() and not interrupts.received:
             raise
         # else asked to end meanwhile: rclpy then fails at whatever comes next
         if starting:
@@ -147,7 +147,7 @@ def _run(
     return max(exit_codes)
 
 
-def _begin(args: list[str] | None) -> None:
+def _init_ros(args: list[str] | None) -> None:
     """Start ROS; raise :class:`UserError` for arguments that it does not take."""
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -166,12 +166,12 @@ class _Interrupts:
         self._interrupts = True
         self._number = int(signal.SIGINT)
         self.started = False
-        self.heard = False
+        self.received = False
         """Whether a signal has come."""
 
     def __call__(self, number: int, _frame: object) -> None:
         """Hear a signal."""
-        self.heard = True
+        self.received = True
         if self._interrupts:
             self._interrupts, self._number = False, number
             raise KeyboardInterrupt
@@ -184,7 +184,7 @@ class _Interrupts:
         while not self.started:
             try:
                 self._interrupts = True
-                threading.Timer(_SOON, signal.raise_signal, [self._number]).start()
+                threading.Timer(_REPEAT_DELAY, signal.raise_signal, [self._number]).start()
                 return
             except KeyboardInterrupt:  # raised here, where it would be lost as well
                 pass
@@ -197,12 +197,12 @@ class _Interrupts:
         """Hear no more signals: what is written out stays whole."""
         self._interrupts = False
         if threading.current_thread() is threading.main_thread():
-            for number in _HEARD:
+            for number in _END_SIGNALS:
                 signal.signal(number, signal.SIG_IGN)
 
 
 @contextmanager
-def _heard_once(*, process_ends: bool) -> Iterator[_Interrupts]:
+def _handling_signals(*, process_ends: bool) -> Iterator[_Interrupts]:
     """Let the first signal end a start, or the spinning, and no further one.
 
     A process that goes on hears signals afterwards as before, and so does what it starts, which
@@ -212,7 +212,7 @@ def _heard_once(*, process_ends: bool) -> Iterator[_Interrupts]:
     if threading.current_thread() is not threading.main_thread():
         yield interrupts
         return
-    before = {number: signal.getsignal(number) for number in _HEARD}
+    before = {number: signal.getsignal(number) for number in _END_SIGNALS}
     for number, handler in before.items():
         if handler is not signal.SIG_IGN:
             signal.signal(number, interrupts)

@@ -27,7 +27,7 @@ from quad_mpc_ros.ros.nodes.reference_node import ReferenceNode
 from quad_mpc_ros.ros.parameter_files import own_arguments
 from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run_together
 
-_NONE = "none"
+_NO_BRIDGE = "none"
 
 
 def nodes_of_stack(bridge: str, *, with_reference: bool) -> list[Callable[[], Node]]:
@@ -39,13 +39,13 @@ def nodes_of_stack(bridge: str, *, with_reference: bool) -> list[Callable[[], No
     made: list[MpcNode] = []
 
     def mpc() -> Node:
-        made.append(MpcNode(hears_reference=not with_reference))
+        made.append(MpcNode(subscribes_reference=not with_reference))
         return made[0]
 
     nodes = [mpc]
     if with_reference:
         nodes.append(lambda: ReferenceNode(hand_over=made[0].take_reference))
-    if bridge != _NONE:
+    if bridge != _NO_BRIDGE:
         nodes.append(functools.partial(BridgeNode, load_bridge(bridge)))
     return nodes
 
@@ -54,7 +54,7 @@ def main(args: list[str] | None = None) -> int:
     """Run the nodes until one of them ends; return the exit code."""
     parser = ArgumentParser(prog="stack_node", description=__doc__.partition("\n")[0])
     parser.add_argument(
-        "--bridge", default=_NONE, metavar="NAME", help="to a flight stack, as px4"
+        "--bridge", default=_NO_BRIDGE, metavar="NAME", help="to a flight stack, as px4"
     )
     parser.add_argument(
         "--reference", default="true", choices=["true", "false"], help="run the reference as well"

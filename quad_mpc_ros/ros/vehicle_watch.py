@@ -17,8 +17,8 @@ from quad_mpc_ros.ros.preflight.vehicles import carried_differently
 
 VEHICLE_KEY = "vehicle"
 """Of the diagnostic value of a node that has its vehicle as JSON."""
-_MARK = b"vehicle\0"
-_STALE = 5.0  # s without a report: the node has ended
+_VEHICLE_MARK = b"vehicle\0"
+_REPORT_TIMEOUT = 5.0  # s without a report: the node has ended
 
 
 class VehicleWatch:
@@ -31,7 +31,7 @@ class VehicleWatch:
 
     def receive(self, data: bytes) -> None:
         """Take a raw message of ``/diagnostics``; log what differs when it is new."""
-        if _MARK not in data:  # all sorts of nodes report there
+        if _VEHICLE_MARK not in data:  # all sorts of nodes report there
             return
         for status in decoded(DIAGNOSTICS, data).status:
             namespace, _, name = status.name.rpartition("/")
@@ -51,8 +51,8 @@ class VehicleWatch:
 
     def _fresh(self) -> dict[str, Mapping[str, Any]]:
         """Return the vehicles of the nodes that still report."""
-        now = time.monotonic()
-        return {name: it for name, (it, seen) in self._stated.items() if now - seen < _STALE}
+        since = time.monotonic() - _REPORT_TIMEOUT
+        return {name: it for name, (it, at) in self._stated.items() if at > since}
 
     def _compare(self, name: str, text: str) -> None:
         ours = self._node.get_name()

@@ -135,7 +135,7 @@ class RosflightBridge(Bridge):
     )
     Config = RosflightConfig
     streams = True
-    patient = True
+    pilot_switches_mode = True
 
     def __init__(self, config: RosflightConfig, new: NewMessage) -> None:
         super().__init__(config, new)
@@ -162,9 +162,9 @@ class RosflightBridge(Bridge):
 
     def engage(self, wanted: bool, *, now_ns: int) -> Response:
         """Hand the vehicle to the MPC, unless the firmware would not follow, or take it back."""
-        obstacle = self._rc_obstacle(now_ns) if wanted else ""
-        if obstacle:
-            return Response(accepted=False, text=obstacle)
+        blocker = self._rc_blocker(now_ns) if wanted else ""
+        if blocker:
+            return Response(accepted=False, text=blocker)
         if wanted:
             self._scale_fault = ""  # it may be correct by now; the answer shows it
         response = super().engage(wanted, now_ns=now_ns)
@@ -194,7 +194,7 @@ class RosflightBridge(Bridge):
                 "TAKE_MIN_THR is 1: the pilot's throttle caps ours, so raise it fully to fly"
             )
 
-    def _rc_obstacle(self, now_ns: int) -> str:
+    def _rc_blocker(self, now_ns: int) -> str:
         """Return why the firmware would not follow, or nothing."""
         status = self._status.value(now_ns=now_ns)
         if status is None or status.failsafe:

@@ -47,19 +47,19 @@ from quad_mpc_ros.ros.bridges.handover import (
     HandoverState,
     Stack,
 )
-from quad_mpc_ros.ros.bridges.line import OwnLine
+from quad_mpc_ros.ros.bridges.line import LineFactory
 from quad_mpc_ros.ros.bridges.odometry import OdometryStamps
 from quad_mpc_ros.ros.bridges.thrust import ThrustMap
 
 FORCED = 21196.0
 """Second parameter of MAV_CMD_COMPONENT_ARM_DISARM: disarm in the air as well."""
 
-_FASTEST_TURN = 100.0  # rad/s: more than the gyroscope of a vehicle can measure
+_MAX_BODY_RATE = 100.0  # rad/s: more than the gyroscope of a vehicle can measure
 _COMMAND_TIMEOUT = 0.1  # s: an older command, by its stamp, is not passed on
-_ASKED_AGAIN_NS = 1_000_000_000
-_RESULTS = "accepted", "temporarily rejected", "denied", "unsupported", "failed"
+_SWITCH_RETRY_NS = 1_000_000_000
+_MAV_RESULTS = "accepted", "temporarily rejected", "denied", "unsupported", "failed"
 _ARMING_TIMEOUT_NS = 3_000_000_000  # until the stack reports what was requested
-_REASON_NS = 500_000_000  # for texts with the reason of a refusal
+_REFUSAL_REASON_NS = 500_000_000  # for texts with the reason of a refusal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,10 +137,10 @@ class Bridge(ABC):
     """How long [s] setpoints must have run before the stack may be asked to act on them."""
     streams: bool = False
     """Whether setpoints are sent before the stack acts on them."""
-    patient: bool = False
+    pilot_switches_mode: bool = False
     """Whether a pilot switches the stack to setpoints, at any time."""
 
-    line: OwnLine | None = None
+    line: LineFactory | None = None
     """The line to the stack in place of topics, if there is one."""
 
     subscriptions: Sequence[Subscription]
@@ -170,13 +170,13 @@ class Bridge(ABC):
         self._newest: OdometrySample | None = None  # that was passed on, and when it came
         self._newest_ns: int | None = None
         self._warnings: list[str] = []
-        self._handover = Handover(config.handover, patient=self.patient)
+        self._handover = Handover(config.handover, by_pilot=self.pilot_switches_mode)
         self._handover_conditions = HandoverConditions(config.handover)
         self._ground, self._mpc_ground = Ground(), GroundState.UNKNOWN
         self._arming: tuple[bool, int] | None = None  # what was requested, and when [ns]
         self._refusal: list[str] = []  # of that request
         self._reasons: list[str] = []  # what the stack said since then
-        self._asked_ns: int | None = None
+        self._requested_ns: int | None = None
 
     @abstractmethod
     def _stack(self, now_ns: int) -> Stack:
@@ -224,11 +224,11 @@ class Bridge(ABC):
         if self._handover.state is not HandoverState.RELEASED:
             text = f"already requested: {self._handover.state.value}"
             return Response(accepted=True, text=text)
-        obstacle = self._stack(now_ns).fault or self._obstacle(now_ns)
-        if obstacle:
-            return Response(accepted=False, text=obstacle)
+        blocker = self._stack(now_ns).fault or self._engage_blocker(now_ns)
+        if blocker:
+            return Response(accepted=False, text=blocker)
         self._handover.offer(now_ns=now_ns)
-        self._asked_ns = None
+        self._requested_ns = None
         self._advance(now_ns)
         return Response(accepted=True, text=f"{self._handover.state.value}: the MPC will fly")
 
@@ -239,9 +239,9 @@ class Bridge(ABC):
         """
         self._advance(now_ns)
         response = self._arm(wanted)
-        obstacle = self._obstacle_to_arming(now_ns) if wanted and response.accepted else ""
-        if obstacle:
-            return Response(accepted=False, text=obstacle)
+        blocker = self._arming_blocker(now_ns) if wanted and response.accepted else ""
+        if blocker:
+            return Response(accepted=False, text=blocker)
         if response.accepted:
             self._arming, self._refusal, self._reasons = (wanted, now_ns), [], []
             if not wanted and self._handover.state is not HandoverState.RELEASED:
@@ -256,7 +256,7 @@ class Bridge(ABC):
         what, elapsed_ns = "armed" if wanted else "disarmed", abs(now_ns - since_ns)
         if self._reports_armed(wanted, now_ns) is wanted:
             return Response(accepted=True, text=what)
-        if elapsed_ns < (_REASON_NS if self._refusal else _ARMING_TIMEOUT_NS):
+        if elapsed_ns < (_REFUSAL_REASON_NS if self._refusal else _ARMING_TIMEOUT_NS):
             return None
         unanswered = f"the stack has not reported that it is {what} within 3 s"
         return Response(
@@ -295,11 +295,11 @@ class Bridge(ABC):
         stack = self._stack(now_ns)
         if not (stack.takes_setpoints or self.streams):
             self.silence = "waiting for the stack to switch to setpoints"
-            return self._asked_to_switch(now_ns)
+            return self._switch_requests(now_ns)
         self.silence = ""
         self.passed += 1
         messages: list[Outgoing] = [*self._messages(command, now_ns)]
-        return messages if stack.takes_setpoints else messages + self._asked_to_switch(now_ns)
+        return messages if stack.takes_setpoints else messages + self._switch_requests(now_ns)
 
     def engaged(self, *, now_ns: int) -> bool:
         """Return whether the vehicle acts on commands: armed, in the mode that takes them."""
@@ -326,15 +326,15 @@ class Bridge(ABC):
         if before is HandoverState.RELEASED:
             return
         waits = before in (HandoverState.OFFERED, HandoverState.STANDBY)
-        obstacle = self._obstacle(now_ns) if waits else ""
-        self._handover.advance(self._stack(now_ns), obstacle=obstacle, now_ns=now_ns)
+        blocker = self._engage_blocker(now_ns) if waits else ""
+        self._handover.advance(self._stack(now_ns), blocker=blocker, now_ns=now_ns)
         if self._handover.state is HandoverState.RELEASED:
             self._warnings.append(self._handover.reason)
 
-    def _obstacle(self, now_ns: int) -> str:
-        return self._handover_conditions.obstacle(landed=self.landed(now_ns=now_ns), now_ns=now_ns)
+    def _engage_blocker(self, now_ns: int) -> str:
+        return self._handover_conditions.blocker(landed=self.landed(now_ns=now_ns), now_ns=now_ns)
 
-    def _obstacle_to_arming(self, now_ns: int) -> str:
+    def _arming_blocker(self, now_ns: int) -> str:
         """Return why the vehicle must not be armed now, or nothing."""
         stack = self._stack(now_ns)
         match self._handover.state:
@@ -346,7 +346,7 @@ class Bridge(ABC):
             case HandoverState.OFFERED:
                 return "it is being engaged: try again"
             case HandoverState.STANDBY:
-                return stack.fault or self._obstacle(now_ns)
+                return stack.fault or self._engage_blocker(now_ns)
             case _:
                 return ""
 
@@ -359,13 +359,13 @@ class Bridge(ABC):
         self._warnings.append(reason)
         self._refusal = [reason]
 
-    def _asked_to_switch(self, now_ns: int) -> list[Outgoing]:
+    def _switch_requests(self, now_ns: int) -> list[Outgoing]:
         """Return what switches the stack to setpoints, once they have run for long enough."""
         if self._handover.offered_for(now_ns=now_ns) < round(self.warm_up * 1e9):
             return []
-        if self._asked_ns is not None and now_ns - self._asked_ns < _ASKED_AGAIN_NS:
+        if self._requested_ns is not None and now_ns - self._requested_ns < _SWITCH_RETRY_NS:
             return []
-        self._asked_ns = now_ns
+        self._requested_ns = now_ns
         return [*self._switch()]
 
     def _topic(self, path: str, type_name: str, **quality: Any) -> Topic:
@@ -453,10 +453,10 @@ class Bridge(ABC):
             step = math.hypot(*reset.step_W)
             self._warnings.append(f"the estimate steps by {step:.2f} m ({cause})")
         self._handover_conditions.odometry.receive(odometry, now_ns)
-        self._see_ground(odometry, now_ns)
+        self._update_ground(odometry, now_ns)
         return odometry
 
-    def _see_ground(self, odometry: OdometrySample, now_ns: int) -> None:
+    def _update_ground(self, odometry: OdometrySample, now_ns: int) -> None:
         """Judge whether the vehicle stands, where the stack reports whether it is armed."""
         stack = self._stack(now_ns)
         if not stack.fault:
@@ -489,8 +489,8 @@ class Bridge(ABC):
         if not 0.0 <= command.throttle <= 1.0:
             return f"the command's throttle {command.throttle:.3g} is outside [0, 1]"
         fastest = max(map(abs, command.w_WB_B.tolist()))
-        if fastest > _FASTEST_TURN:
-            return f"the command's body rate {fastest:.3g} rad/s is beyond {_FASTEST_TURN:g} rad/s"
+        if fastest > _MAX_BODY_RATE:
+            return f"the command's body rate {fastest:.3g} rad/s exceeds {_MAX_BODY_RATE:g} rad/s"
         age = (now_ns - command.stamp_ns) * 1e-9
         if abs(age) > _COMMAND_TIMEOUT:
             return f"the command is {age:.3f} s old by its stamp"
@@ -499,7 +499,7 @@ class Bridge(ABC):
 
 def command_result(number: int) -> str:
     """Return a MAV_RESULT in words; PX4 and MAVROS answer with the same numbers."""
-    return _RESULTS[number] if 0 <= number < len(_RESULTS) else f"result {number}"
+    return _MAV_RESULTS[number] if 0 <= number < len(_MAV_RESULTS) else f"result {number}"
 
 
 class SwitchedBridge(Bridge):
@@ -508,5 +508,5 @@ class SwitchedBridge(Bridge):
     def _stack(self, now_ns: int) -> Stack:
         return Stack(takes_setpoints=True, armed=True)
 
-    def _see_ground(self, odometry: OdometrySample, now_ns: int) -> None:
+    def _update_ground(self, odometry: OdometrySample, now_ns: int) -> None:
         """Whether the vehicle stands is unknown."""

@@ -28,11 +28,11 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.ros.bridges.config import HandoverParameters
 
 _SECOND = 1_000_000_000
-_PATIENCE_NS = 5 * _SECOND  # until the stack has switched
-_LASTING_NS = 300_000_000  # obstacles to an offered handover are ignored for so long
-_GAP_NS = 100_000_000  # without a fresh command, after which the stack may act on the gap
-_FRESH, _REFERENCE_FRESH = 0.5, 1.0  # s
-_HOLDING_SHARES = (0.5, 1.6)  # of the weight as thrust: keeps its height for a moment
+_SWITCH_TIMEOUT_NS = 5 * _SECOND  # until the stack has switched
+_BLOCKED_NS = 300_000_000  # obstacles to an offered handover are ignored for so long
+_COMMAND_GAP_NS = 100_000_000  # without a fresh command, after which the stack may act on the gap
+_MAX_AGE, _MAX_REFERENCE_AGE = 0.5, 1.0  # s
+_HOVER_THRUST_RATIOS = (0.5, 1.6)  # of the weight as thrust: keeps its height for a moment
 
 
 class HandoverState(enum.Enum):
@@ -58,27 +58,27 @@ class Stack:
     fault: str = ""
     takes_setpoints: bool = False
     armed: bool | None = None
-    left: str = "another node, a pilot or a failsafe switched the mode"
+    exit_reason: str = "another node, a pilot or a failsafe switched the mode"
 
 
 class Handover:
     """The state machine. Times are nanoseconds of the node's clock."""
 
-    def __init__(self, parameters: HandoverParameters, *, patient: bool = False) -> None:
-        """Begin released; ``patient`` is for a stack that a pilot switches at any time."""
+    def __init__(self, parameters: HandoverParameters, *, by_pilot: bool = False) -> None:
+        """Begin released; ``by_pilot``: a pilot may switch the mode of the stack at any time."""
         self.state = HandoverState.RELEASED
         self.reason = "not engaged: call the service engage"
         """Why it is released."""
         self._gap_ns = round(parameters.release_after * _SECOND)
-        self._patient = patient
+        self._by_pilot = by_pilot
         self._offered_ns = self._command_ns = 0
-        self._odd_since_ns: int | None = None
+        self._blocked_since_ns: int | None = None
 
     def offer(self, *, now_ns: int) -> None:
         """Begin to hand over, on request and without obstacles."""
         self.state, self.reason = HandoverState.OFFERED, ""
         self._offered_ns = self._command_ns = now_ns
-        self._odd_since_ns = None
+        self._blocked_since_ns = None
 
     def release(self, reason: str) -> None:
         """Hand back until the next request."""
@@ -92,7 +92,7 @@ class Handover:
         """Return for how long it has been offered [ns]."""
         return now_ns - self._offered_ns
 
-    def advance(self, stack: Stack, *, obstacle: str, now_ns: int) -> None:
+    def advance(self, stack: Stack, *, blocker: str, now_ns: int) -> None:
         """Take what the stack reports now, and what is an obstacle to engaging it now."""
         if self.state is HandoverState.RELEASED:
             return
@@ -103,23 +103,24 @@ class Handover:
             self.release(f"released because {stack.fault}")
         elif self.state is not HandoverState.OFFERED and not stack.takes_setpoints:
             gap = f"no fresh command came for {gap_ns / _SECOND:.2f} s, and "
-            self.release(f"released because {gap if gap_ns > _GAP_NS else ''}{stack.left}")
+            reason = stack.exit_reason if gap_ns <= _COMMAND_GAP_NS else gap + stack.exit_reason
+            self.release(f"released because {reason}")
         elif self.state is HandoverState.ENGAGED and not stack.armed:
             self.release("released by disarming")
         elif self.state is not HandoverState.ENGAGED:
-            self._approach(stack, obstacle=obstacle, now_ns=now_ns)
+            self._approach(stack, blocker=blocker, now_ns=now_ns)
 
-    def _approach(self, stack: Stack, *, obstacle: str, now_ns: int) -> None:
+    def _approach(self, stack: Stack, *, blocker: str, now_ns: int) -> None:
         """Follow the stack's progress, unless an obstacle persists."""
-        if not obstacle:
-            self._odd_since_ns = None
-        elif self._odd_since_ns is None:
-            self._odd_since_ns = now_ns
-        if self._odd_since_ns is not None and now_ns - self._odd_since_ns > _LASTING_NS:
-            self.release(f"released because {obstacle}")
+        if not blocker:
+            self._blocked_since_ns = None
+        elif self._blocked_since_ns is None:
+            self._blocked_since_ns = now_ns
+        if self._blocked_since_ns is not None and now_ns - self._blocked_since_ns > _BLOCKED_NS:
+            self.release(f"released because {blocker}")
         elif stack.takes_setpoints:
             self.state = HandoverState.ENGAGED if stack.armed else HandoverState.STANDBY
-        elif not self._patient and self.offered_for(now_ns=now_ns) > _PATIENCE_NS:
+        elif not self._by_pilot and self.offered_for(now_ns=now_ns) > _SWITCH_TIMEOUT_NS:
             self.release("released because the stack has not switched within 5 s")
 
 
@@ -133,7 +134,7 @@ class Ground:
     def __init__(self) -> None:
         self.landed: bool | None = None
         """Whether it stands; None while unknown."""
-        self._stood = StandingHeight(LEFT_GROUND)
+        self._standing_height = StandingHeight(LEFT_GROUND)
 
     def update(
         self, p_WB: Array, *, armed: bool, state: GroundState = GroundState.UNKNOWN
@@ -142,10 +143,10 @@ class Ground:
         height = float(p_WB[2])
         if not armed or state.stands:
             self.landed = True
-            self._stood.stand(height)
+            self._standing_height.stand(height)
         else:
-            self._stood.see(height)
-            self.landed = self.landed is True and not (state.flies or self._stood.left)
+            self._standing_height.see(height)
+            self.landed = self.landed is True and not (state.flies or self._standing_height.left)
 
 
 class LatestStatus:
@@ -178,12 +179,12 @@ class HandoverConditions:
 
     def __init__(self, parameters: HandoverParameters) -> None:
         self._limits = parameters
-        self.odometry = LatestStatus(timeout=_FRESH)
-        self.command = LatestStatus(timeout=_FRESH)
+        self.odometry = LatestStatus(timeout=_MAX_AGE)
+        self.command = LatestStatus(timeout=_MAX_AGE)
         """Of each fresh command, it and its thrust over the weight."""
-        self.reference = LatestStatus(timeout=_REFERENCE_FRESH)
+        self.reference = LatestStatus(timeout=_MAX_REFERENCE_AGE)
 
-    def obstacle(self, *, landed: bool | None, now_ns: int) -> str:
+    def blocker(self, *, landed: bool | None, now_ns: int) -> str:
         """Return what is an obstacle to letting the MPC fly from now on, or an empty string.
 
         ``landed`` is whether the vehicle stands on the ground; None where that is unknown.
@@ -193,8 +194,8 @@ class HandoverConditions:
             return "there is no fresh odometry"
         return (
             self._tilted(odometry)
-            or self._reference_obstacle(odometry, landed=landed, now_ns=now_ns)
-            or self._command_obstacle(landed=landed, now_ns=now_ns)
+            or self._reference_blocker(odometry, landed=landed, now_ns=now_ns)
+            or self._command_blocker(landed=landed, now_ns=now_ns)
         )
 
     def _tilted(self, odometry: OdometrySample) -> str:
@@ -204,7 +205,7 @@ class HandoverConditions:
             return ""
         return f"the vehicle tilts by {math.degrees(tilt):.0f}°, engage_tilt_max is {most:g} rad"
 
-    def _reference_obstacle(
+    def _reference_blocker(
         self, odometry: OdometrySample, *, landed: bool | None, now_ns: int
     ) -> str:
         if self.reference.is_empty:
@@ -223,12 +224,12 @@ class HandoverConditions:
             return ""
         return f"the reference is {distance:.2f} m away, engage_distance_max is {most:g} m"
 
-    def _command_obstacle(self, *, landed: bool | None, now_ns: int) -> str:
+    def _command_blocker(self, *, landed: bool | None, now_ns: int) -> str:
         newest = self.command.value(now_ns=now_ns)
         if newest is None:
             return "there is no fresh command"
         command, share = newest
-        least, most = _HOLDING_SHARES
+        least, most = _HOVER_THRUST_RATIOS
         if landed is not False:
             least = 0.0
         if landed:

@@ -15,12 +15,12 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-AGAIN = 1.0  # s
-NETWORK = "udpin:", "udpout:", "tcp:"
-_CONNECTING = 0.2  # s: nothing else happens meanwhile
-_QUIET = 3.0  # s, after which another caller is answered
-_MOST = 65536  # bytes of one reading; what is left comes with the next
-_LARGEST = 2048  # bytes of a datagram
+RECONNECT_PERIOD = 1.0  # s
+NETWORK_PREFIXES = "udpin:", "udpout:", "tcp:"
+_CONNECT_TIMEOUT = 0.2  # s: nothing else happens meanwhile
+_CALLER_TIMEOUT = 3.0  # s, after which another caller is answered
+_MAX_READ_BYTES = 65536  # bytes of one reading; what is left comes with the next
+_MAX_DATAGRAM_BYTES = 2048  # bytes of a datagram
 
 
 def address_of(device: str) -> tuple[str, int] | None:
@@ -40,29 +40,29 @@ class Line:
     period: float = 0.005
     """How often it is read [s]."""
 
-    def open(self) -> ReopenedLine:
+    def open(self) -> ReconnectingLine:
         """Return the line; it connects when it is first read."""
-        return NetworkLine(self) if self.device.startswith(NETWORK) else SerialLine(self)
+        return NetworkLine(self) if self.device.startswith(NETWORK_PREFIXES) else SerialLine(self)
 
 
-class OwnLine(Protocol):
+class LineFactory(Protocol):
     """What describes a line: a :class:`Line`, or one of another kind."""
 
     @property
     def period(self) -> float:
         """How often it is read [s]."""
 
-    def open(self) -> ReopenedLine:
+    def open(self) -> ReconnectingLine:
         """Return the line; it connects when it is first read."""
 
 
-class ReopenedLine(ABC):
+class ReconnectingLine(ABC):
     """Reads and writes without waiting; ``fault`` is why it cannot."""
 
     def __init__(self, name: str) -> None:
         self.fault = ""
         self._name = name
-        self._tried = -math.inf
+        self._attempted_s = -math.inf
 
     @abstractmethod
     def read(self) -> bytes:
@@ -80,27 +80,27 @@ class ReopenedLine(ABC):
     def _open(self) -> None:
         """Open it; raises ``OSError`` or ``ValueError``."""
 
-    def _is_reopened(self) -> bool:
+    def _reconnect(self) -> bool:
         """Open it, once a second at most; return whether it is open."""
         now = time.monotonic()
-        if now - self._tried < AGAIN:
+        if now - self._attempted_s < RECONNECT_PERIOD:
             return False
-        self._tried = now
+        self._attempted_s = now
         try:
             self._open()
         except (OSError, ValueError) as error:
-            self._lose(error)
+            self._disconnect(error)
             return False
         self.fault = ""
         return True
 
-    def _lose(self, error: Exception) -> None:
+    def _disconnect(self, error: Exception) -> None:
         self.fault = f"{self._name}: {error}"
         with contextlib.suppress(OSError):
             self.close()
 
 
-class SerialLine(ReopenedLine):
+class SerialLine(ReconnectingLine):
     """A serial port."""
 
     def __init__(self, line: Line) -> None:
@@ -111,12 +111,12 @@ class SerialLine(ReopenedLine):
 
     def read(self) -> bytes:
         """Return what has come."""
-        if self._port is None and not self._is_reopened():
+        if self._port is None and not self._reconnect():
             return b""
         try:
             return bytes(self._port.read(self._port.in_waiting))
         except OSError as error:  # of which pyserial's own are
-            self._lose(error)
+            self._disconnect(error)
             return b""
 
     def write(self, data: bytes) -> None:
@@ -128,7 +128,7 @@ class SerialLine(ReopenedLine):
         except self._serial.SerialTimeoutException:
             self._port.reset_output_buffer()
         except OSError as error:
-            self._lose(error)
+            self._disconnect(error)
 
     def close(self) -> None:
         """Close the port."""
@@ -142,7 +142,7 @@ class SerialLine(ReopenedLine):
         )
 
 
-class NetworkLine(ReopenedLine):
+class NetworkLine(ReconnectingLine):
     """A UDP or TCP connection."""
 
     def __init__(self, line: Line) -> None:
@@ -151,31 +151,31 @@ class NetworkLine(ReopenedLine):
             raise ValueError(f"{line.device}: expected a kind, a host and a port")
         super().__init__(line.device)
         self._address = address
-        self._waits, self._is_stream = line.device.startswith("udpin:"), line.device[0] == "t"
+        self._is_server, self._is_stream = line.device.startswith("udpin:"), line.device[0] == "t"
         self._socket: socket.socket | None = None
         self._caller: tuple[tuple[str, int], float] | None = None  # and when it was heard
 
     def read(self) -> bytes:
         """Return what has come."""
         data = b""
-        while len(data) < _MOST:
-            if self._socket is None and not self._is_reopened():
+        while len(data) < _MAX_READ_BYTES:
+            if self._socket is None and not self._reconnect():
                 break
             assert self._socket is not None
             try:
-                if self._waits:
-                    piece, caller = self._socket.recvfrom(_LARGEST)
-                    if not self._is_heard(caller):
+                if self._is_server:
+                    piece, caller = self._socket.recvfrom(_MAX_DATAGRAM_BYTES)
+                    if not self._accepts(caller):
                         continue
                 else:
-                    piece = self._socket.recv(_LARGEST)
+                    piece = self._socket.recv(_MAX_DATAGRAM_BYTES)
             except BlockingIOError:
                 break
             except OSError as error:  # ConnectionRefused of UDP: no receiver yet
-                self._lose(error)
+                self._disconnect(error)
                 break
             if self._is_stream and not piece:
-                self._lose(ConnectionResetError("closed by the other end"))
+                self._disconnect(ConnectionResetError("closed by the other end"))
                 break
             data += piece
         return data
@@ -185,7 +185,7 @@ class NetworkLine(ReopenedLine):
         if self._socket is None or not data:
             return
         try:
-            if self._waits:
+            if self._is_server:
                 if self._caller is not None:
                     self._socket.sendto(data, self._caller[0])
             else:
@@ -193,7 +193,7 @@ class NetworkLine(ReopenedLine):
         except BlockingIOError:
             pass
         except OSError as error:
-            self._lose(error)
+            self._disconnect(error)
 
     def close(self) -> None:
         """Close the connection."""
@@ -203,18 +203,18 @@ class NetworkLine(ReopenedLine):
 
     def _open(self) -> None:
         if self._is_stream:
-            self._socket = socket.create_connection(self._address, timeout=_CONNECTING)
+            self._socket = socket.create_connection(self._address, timeout=_CONNECT_TIMEOUT)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         else:
             self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            (self._socket.bind if self._waits else self._socket.connect)(self._address)
+            (self._socket.bind if self._is_server else self._socket.connect)(self._address)
         self._socket.setblocking(False)
 
-    def _is_heard(self, caller: tuple[str, int]) -> bool:
+    def _accepts(self, caller: tuple[str, int]) -> bool:
         """Whether a datagram is of whom we talk to; another is heard once that one is silent."""
         now = time.monotonic()
         if self._caller is not None and caller != self._caller[0]:
-            if now - self._caller[1] < _QUIET:
+            if now - self._caller[1] < _CALLER_TIMEOUT:
                 self.fault = f"{self._name}: {caller[0]}:{caller[1]} calls as well, not heard"
                 return False
             self.fault = ""

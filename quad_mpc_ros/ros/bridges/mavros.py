@@ -141,7 +141,7 @@ class MavrosBridge(Bridge):
         return Stack(
             takes_setpoints=state.mode in self._modes,
             armed=bool(state.armed),
-            left=f"the autopilot's mode is {state.mode}",
+            exit_reason=f"the autopilot's mode is {state.mode}",
         )
 
     def _arm(self, wanted: bool) -> Response:

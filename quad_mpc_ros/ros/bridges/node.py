@@ -36,13 +36,13 @@ from quad_mpc_ros.ros.repeated_warnings import RepeatedWarnings
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
 
-_OURS = (
+_BRIDGE_TOPICS = (
     *(topics.ODOMETRY, topics.ODOMETRY_RESET, topics.REFERENCE, topics.ENGAGED, topics.LANDED),
     topics.GROUND_STATE,
 )
-_WARNING_PERIOD = 5.0
+_LOG_PERIOD = 5.0
 _OUTCOME_PERIOD = 0.05
-_QUIET_NS = 500_000_000
+_COMMAND_TIMEOUT_NS = 500_000_000
 
 
 class BridgeNode(ReportingNode[BridgeConfig]):
@@ -53,8 +53,8 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         super().__init__(kind.name, kind.Config)
         self._bridge = kind(self.config, _new)
         command = dataclasses.replace(topics.COMMAND, name=self.config.mpc_command_topic)
-        self._refuse_clashes(command)
-        self._refuse_other_releases()
+        self._check_topic_types(command)
+        self._check_message_types()
         self._silence = ""
         self._warnings = RepeatedWarnings(self)
         self._command_ns = 0
@@ -64,7 +64,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self._odometries = 0
         self._engaged = self.health.publisher(topics.ENGAGED)
         self._engaged_message = new_message(topics.ENGAGED.type_name)
-        self._tell_engaged(False)
+        self._publish_engaged(False)
         self._landed = self.health.publisher(topics.LANDED)
         self._published_landed: bool | None = None
         self._time = SteadyTime(self.get_clock())
@@ -111,10 +111,10 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             self._line.close()
         super().destroy_node()
 
-    def _refuse_clashes(self, command: Topic) -> None:
+    def _check_topic_types(self, command: Topic) -> None:
         """Refuse two types under one name: DDS would use only the first."""
         stack = (*(each.topic for each in self._bridge.subscriptions), *self._bridge.publications)
-        ours = {self.resolve_topic_name(each.name): each for each in (command, *_OURS)}
+        ours = {self.resolve_topic_name(each.name): each for each in (command, *_BRIDGE_TOPICS)}
         for topic in stack:
             same = ours.get(self.resolve_topic_name(topic.name))
             if same is not None and same.type_name != topic.type_name:
@@ -124,7 +124,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
                     "advanced.mpc_command_topic and remap the mpc's topic command to it"
                 )
 
-    def _refuse_other_releases(self) -> None:
+    def _check_message_types(self) -> None:
         """Refuse installed message packages that lack a type."""
         bridge = self._bridge
         for type_name in (
@@ -152,7 +152,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         if self._bridge.silence != self._silence:
             self._silence = self._bridge.silence
             self.get_logger().info(
-                self._silence or "commands pass", throttle_duration_sec=_WARNING_PERIOD
+                self._silence or "commands pass", throttle_duration_sec=_LOG_PERIOD
             )
 
     def _on_reference(self, message: Any) -> None:
@@ -198,7 +198,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         """Publish changes of whether the vehicle acts on commands, and of whether it landed."""
         engaged = self._bridge.engaged(now_ns=now_ns)
         if engaged is not self._engaged_message.data:
-            self._tell_engaged(engaged)
+            self._publish_engaged(engaged)
         landed = self._bridge.landed(now_ns=now_ns)
         if landed is not None and landed is not self._published_landed:
             self._published_landed = landed
@@ -206,15 +206,15 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             message.data = landed
             self._landed.publish(message)
 
-    def _tell_engaged(self, engaged: bool) -> None:
+    def _publish_engaged(self, engaged: bool) -> None:
         self._engaged_message.data = engaged
         self._engaged.publish(self._engaged_message)
 
     def _serve(self, ask: Callable[..., Response], request: Any, response: Any) -> Any:
         """Send a request to the stack; its own response is logged when it comes."""
-        obstacle = self._obstacle() if request.data else ""
-        if obstacle:
-            response.success, response.message = False, obstacle
+        blocker = self._engage_blocker() if request.data else ""
+        if blocker:
+            response.success, response.message = False, blocker
             self.get_logger().info(response.message)
             return response
         decided = ask(bool(request.data), now_ns=self._time.now_ns())
@@ -254,13 +254,13 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             self.get_logger().info(outcome.text)
         self._held_answers.clear()
 
-    def _obstacle(self) -> str:
+    def _engage_blocker(self) -> str:
         """Return what must be mended before the vehicle is handed over; nothing is asked now."""
-        rivals = self.health.rivals()
+        duplicates = self.health.duplicate_publishers()
         found = [*self._own_findings, *self._vehicles.contradictions()]
         return "; ".join(
             [
-                *([f"{rivals}: stop the others first"] if rivals else []),
+                *([f"{duplicates}: stop the others first"] if duplicates else []),
                 *(finding.text for finding in found if finding.level is Level.ERROR),
             ]
         )
@@ -292,7 +292,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
     def report(self) -> Health:
         """Return whether commands are sent to the stack, or why not."""
         bridge, now_ns = self._bridge, self._time.now_ns()
-        quiet = now_ns - self._command_ns > _QUIET_NS
+        quiet = now_ns - self._command_ns > _COMMAND_TIMEOUT_NS
         fault = bridge.stack_fault(now_ns=now_ns)
         silence = "silent: no commands from the mpc" if quiet else bridge.silence
         text = "; ".join(dict.fromkeys(filter(None, (fault, silence))))

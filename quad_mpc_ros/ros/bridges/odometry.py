@@ -6,8 +6,8 @@ import math
 
 from quad_mpc_ros.control.estimation.clock_offset import ClockOffset, PersistentOffset
 
-_LATE_NS = 1_000_000_000
-_TOLERANCE_NS = 100_000_000  # between two clocks that agree
+_CLOCK_STEP_DELAY_NS = 1_000_000_000
+_CLOCK_TOLERANCE_NS = 100_000_000  # between two clocks that agree
 
 
 class OdometryStamps:
@@ -34,15 +34,15 @@ class OdometryStamps:
         agrees, age_ns = offset.behind_ns == 0, now_ns - stack_ns
         if not agrees:
             age_ns = offset.follow(stack_ns, now_ns=now_ns)
-        if self._was_set(stack_ns, now_ns) or age_ns < -_TOLERANCE_NS:
-            self._set(stack_ns, now_ns, age_ns=min(last_age_ns, _TOLERANCE_NS))
+        if self._was_set(stack_ns, now_ns) or age_ns < -_CLOCK_TOLERANCE_NS:
+            self._set(stack_ns, now_ns, age_ns=min(last_age_ns, _CLOCK_TOLERANCE_NS))
         elif (agrees or age_ns >= 0) and self._has_been_late(age_ns, now_ns):
             self._set(stack_ns, now_ns, age_ns=0)
         elif agrees:
             offset.set(0, stamp_ns=stack_ns, now_ns=now_ns)
         self._last = stack_ns, now_ns
         stamp_ns, newest_ns = stack_ns + offset.behind_ns, self._newest_ns
-        if newest_ns is not None and stamp_ns <= newest_ns <= now_ns + _TOLERANCE_NS:
+        if newest_ns is not None and stamp_ns <= newest_ns <= now_ns + _CLOCK_TOLERANCE_NS:
             return None
         self._newest_ns = stamp_ns
         return stamp_ns
@@ -50,7 +50,7 @@ class OdometryStamps:
     def _set(self, stack_ns: int, now_ns: int, *, age_ns: int) -> None:
         """Take over the offset by a state of an age, or none if that is within the tolerance."""
         apart_ns = now_ns - stack_ns
-        behind_ns = 0 if abs(apart_ns) <= _TOLERANCE_NS else apart_ns - age_ns
+        behind_ns = 0 if abs(apart_ns) <= _CLOCK_TOLERANCE_NS else apart_ns - age_ns
         self._offset.set(behind_ns, stamp_ns=stack_ns, now_ns=now_ns)
         self._late.clear()
 
@@ -59,12 +59,12 @@ class OdometryStamps:
         if self._last is None:
             return True
         before_ns, arrived_ns = self._last  # what waits in a queue is not this late
-        return min(stack_ns - before_ns, now_ns - arrived_ns) < -_TOLERANCE_NS
+        return min(stack_ns - before_ns, now_ns - arrived_ns) < -_CLOCK_TOLERANCE_NS
 
     def _has_been_late(self, age_ns: int, now_ns: int) -> bool:
         """Whether all of a second was late, so that a clock was set rather than a link slow."""
-        if age_ns <= _TOLERANCE_NS:
+        if age_ns <= _CLOCK_TOLERANCE_NS:
             self._late.clear()
             return False
         late_ns = self._late.duration_ns(age_ns, now_ns=now_ns, tolerance_ns=math.inf)
-        return late_ns > _LATE_NS
+        return late_ns > _CLOCK_STEP_DELAY_NS

@@ -52,7 +52,7 @@ _POSE_FRAMES = {POSE_FRAME_NED: "NED", POSE_FRAME_FRD: "FRD"}
 _STATUS_TIMEOUT = 1.5  # s: PX4 sends it twice a second, and at every change
 _MODE_TIMEOUT = 0.5  # s: 50 times a second
 _LAND_TIMEOUT = 2.5  # s: once a second, and at every change
-_FROM_MESSAGE = -1
+_INSTALLED_VERSION = -1
 _ACCEPTED, _IN_PROGRESS = 0, 5
 
 
@@ -108,7 +108,7 @@ def fill_command(
 
 def _version(kind: str) -> Any:
     return parameter(
-        _FROM_MESSAGE, doc=f"The same of {kind}.", minimum=_FROM_MESSAGE, advanced=True
+        _INSTALLED_VERSION, doc=f"The same of {kind}.", minimum=_INSTALLED_VERSION, advanced=True
     )
 
 
@@ -125,10 +125,10 @@ class Px4Config(BridgeConfig):
         1, doc="MAV_SYS_ID of the vehicle that is armed and switched.", minimum=1, maximum=255
     )
     odometry_version: int = parameter(
-        _FROM_MESSAGE,
+        _INSTALLED_VERSION,
         doc="Version N of VehicleOdometry on the vehicle, whose topic then ends in _vN; 0 is no "
         "suffix and -1 that of the installed px4_msgs.",
-        minimum=_FROM_MESSAGE,
+        minimum=_INSTALLED_VERSION,
         advanced=True,
     )
     status_version: int = _version("VehicleStatus")
@@ -198,10 +198,10 @@ class Px4Bridge(Bridge):
         if mode is not None:
             offboard.append(bool(mode.flag_control_offboard_enabled))
             armed.append(bool(mode.flag_armed))
-        left = "PX4 switched the mode in a failsafe"
+        exit_reason = "PX4 switched the mode in a failsafe"
         if status is None or not status.failsafe:
-            left = "a pilot, a ground station or another node switched PX4's mode"
-        return Stack(takes_setpoints=all(offboard), armed=all(armed), left=left)
+            exit_reason = "a pilot, a ground station or another node switched PX4's mode"
+        return Stack(takes_setpoints=all(offboard), armed=all(armed), exit_reason=exit_reason)
 
     def _arm(self, wanted: bool) -> Response:
         parameters = (1.0, 0.0, 0.0) if wanted else (0.0, FORCED, 0.0)
@@ -268,7 +268,7 @@ class Px4Bridge(Bridge):
         version = 0
         if version_parameter is not None:
             version = getattr(self._config, f"{version_parameter}_version")
-        if version == _FROM_MESSAGE:
+        if version == _INSTALLED_VERSION:
             version = int(getattr(type(self._new(type_name)), "MESSAGE_VERSION", 0))
         suffix = f"_v{version}" if version > 0 else ""
         # Never latched: an agent that starts later would get requests of long ago.

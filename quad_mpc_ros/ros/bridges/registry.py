@@ -31,7 +31,7 @@ class RegisteredBridge:
 
 def registered_bridges() -> list[RegisteredBridge]:
     """Return every bridge that an installed package has registered, by name."""
-    return [_looked_at(entry) for entry in _entries()]
+    return [_described(entry) for entry in _entries()]
 
 
 def bridge_packages() -> dict[str, str]:
@@ -74,7 +74,7 @@ def _entries() -> list[EntryPoint]:
     return sorted(entry_points(group=BRIDGES), key=lambda entry: entry.name)
 
 
-def _looked_at(entry: EntryPoint) -> RegisteredBridge:
+def _described(entry: EntryPoint) -> RegisteredBridge:
     try:
         bridge: Any = entry.load()
         packages = tuple(str(package) for package in bridge.packages)

@@ -8,7 +8,7 @@ from quad_mpc_ros.control.model.vehicle import inverse_throttle_curve
 from quad_mpc_ros.control.model.voltage import SmoothedVoltage, measured_voltage
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 
-_SCALE_LIMITS = (0.5, 1.5)
+_BATTERY_SCALE_LIMITS = (0.5, 1.5)
 
 
 class ThrustMap:
@@ -57,7 +57,7 @@ class ThrustMap:
         if self._voltage.value is None:
             return 1.0
         ratio = self._voltage.value / self._parameters.battery_voltage
-        low, high = _SCALE_LIMITS
+        low, high = _BATTERY_SCALE_LIMITS
         return float(min(max(ratio**self._parameters.battery_exponent, low), high))
 
     def _inverse(self, thrust: float) -> float:

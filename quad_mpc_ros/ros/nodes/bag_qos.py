@@ -18,10 +18,10 @@ from quad_mpc_ros.recordings.qos_profile import INFINITE_NS, QosProfile
 from quad_mpc_ros.ros.messages import qos_profile
 
 _RECORDING_DEPTH = 1000  # room for a stall of several seconds
-_LEAST_DEPTH = 10
+_MIN_DEPTH = 10
 
 
-def offered(profile: QoSProfile) -> QosProfile:
+def recorded_profile(profile: QoSProfile) -> QosProfile:
     """Return rclpy's profile as a bag writes it down."""
     return QosProfile(
         history=profile.history.name.lower(),
@@ -36,7 +36,7 @@ def offered(profile: QoSProfile) -> QosProfile:
     )
 
 
-def adapted(publishers: Sequence[QoSProfile]) -> QoSProfile:
+def strictest_common_profile(publishers: Sequence[QoSProfile]) -> QoSProfile:
     """Return the strictest profile that every publisher of a topic can serve, as rosbag2 does."""
     reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in publishers)
     latched = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in publishers)
@@ -46,14 +46,14 @@ def adapted(publishers: Sequence[QoSProfile]) -> QoSProfile:
     return profile
 
 
-def offered_again(recorded: Sequence[QosProfile]) -> QoSProfile:
+def playback_profile(recorded: Sequence[QosProfile]) -> QoSProfile:
     """Return the profile for publishing what publishers of these profiles had sent.
 
     Subscribers that matched each of them must match this one: it is reliable or latched if one of
     them was. Deadline, lifespan and liveliness are kept where all are the same.
     """
     if not recorded:
-        return QoSProfile(depth=_LEAST_DEPTH)
+        return QoSProfile(depth=_MIN_DEPTH)
     reliable = any(profile.reliability == "reliable" for profile in recorded)
     latched = any(profile.durability == "transient_local" for profile in recorded)
     common: dict[str, Any] = {
@@ -64,7 +64,7 @@ def offered_again(recorded: Sequence[QosProfile]) -> QoSProfile:
     if all(profile.liveliness == "manual_by_topic" for profile in recorded):
         common["liveliness"] = LivelinessPolicy.MANUAL_BY_TOPIC
     # Over DDS the depth of a publisher is often unknown, and recorded as 0.
-    depth = max(_LEAST_DEPTH, *(profile.depth for profile in recorded))
+    depth = max(_MIN_DEPTH, *(profile.depth for profile in recorded))
     return qos_profile(depth=depth, reliable=reliable, latched=latched, **common)
 
 

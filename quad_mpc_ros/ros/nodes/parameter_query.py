@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
 # An answer is lost if the other node has not discovered this one yet.
-_ASK_AGAIN = 2.0  # s
+_RETRY_PERIOD = 2.0  # s
 
 
 class ParameterQuery:
@@ -25,7 +25,7 @@ class ParameterQuery:
         self._clients: list[Any] = []
         self._names: Any = None
         self._values: Any = None
-        self._asked_s = 0.0
+        self._called_s = 0.0
 
     def poll(self) -> dict[str, Any] | None:
         """Take the next step; return the parameters, once, when they have arrived."""
@@ -33,20 +33,20 @@ class ParameterQuery:
             return None
         list_names, get_values = self._clients
         if self._names is None:
-            self._names = self._ask(list_names, ListParameters.Request())
+            self._names = self._call(list_names, ListParameters.Request())
         elif self._values is None and self._names.done():
             names = self._names.result().result.names
-            self._values = self._ask(get_values, GetParameters.Request(names=names))
+            self._values = self._call(get_values, GetParameters.Request(names=names))
         elif self._values is not None and self._values.done():
             self.done = True
             self.close()
             return self._received()
-        elif time.monotonic() - self._asked_s > _ASK_AGAIN:
+        elif time.monotonic() - self._called_s > _RETRY_PERIOD:
             self._names = self._values = None
         return None
 
-    def _ask(self, client: Any, request: Any) -> Any:
-        self._asked_s = time.monotonic()
+    def _call(self, client: Any, request: Any) -> Any:
+        self._called_s = time.monotonic()
         return client.call_async(request)
 
     def close(self) -> None:

@@ -11,7 +11,7 @@ from quad_mpc_ros.recordings.config import PlayerConfig, TopicSelection
 from quad_mpc_ros.recordings.reader import BagReader, TopicInfo
 from quad_mpc_ros.ros.messages import message_class
 
-_SHOWN = 10
+_MAX_LISTED = 10
 
 
 def played_topics(
@@ -34,7 +34,7 @@ def played_topics(
     for topic, info in reader.topics.items():
         if not selection.includes(topic) or (config.clock_rate and topic == CLOCK.name):
             continue
-        if why := _obstacle(info):
+        if why := _playback_error(info):
             refused[topic] = why
         else:
             playable[topic] = info
@@ -47,7 +47,7 @@ def played_topics(
     return playable, refused
 
 
-def _obstacle(info: TopicInfo) -> str:
+def _playback_error(info: TopicInfo) -> str:
     """Return why a topic cannot be played, or nothing."""
     if info.encoding != "cdr":
         return f"its messages are encoded as {info.encoding!r}, expected 'cdr'"
@@ -62,5 +62,5 @@ def _obstacle(info: TopicInfo) -> str:
 
 
 def _listed(topics: Collection[str]) -> str:
-    shown = ", ".join(sorted(topics)[:_SHOWN]) or "no topic"
-    return shown if len(topics) <= _SHOWN else f"{shown}, …"
+    shown = ", ".join(sorted(topics)[:_MAX_LISTED]) or "no topic"
+    return shown if len(topics) <= _MAX_LISTED else f"{shown}, …"

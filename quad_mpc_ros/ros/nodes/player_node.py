@@ -25,17 +25,17 @@ from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline
 from quad_mpc_ros.recordings.replay.playback_threads import PlaybackThread, ReadAhead
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
-from quad_mpc_ros.ros.nodes.bag_qos import offered_again
+from quad_mpc_ros.ros.nodes.bag_qos import playback_profile
 from quad_mpc_ros.ros.nodes.played_topics import played_topics
 from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run, stop
 
-_READ_AHEAD = 1000
+_READ_AHEAD_MESSAGES = 1000
 _ACKNOWLEDGE_TIMEOUT = Duration(seconds=2)
 _PROGRESS_PERIOD = 0.5
 # Reading ahead must not keep the interpreter from a message that is due: Python's default of
 # 5 ms is a quarter of a period at 50 Hz.
 _SWITCH_INTERVAL_S = 0.0005
-_S = 1_000_000_000
+_NS_PER_S = 1_000_000_000
 
 
 class PlayerNode(ReportingNode[PlayerConfig]):
@@ -59,21 +59,21 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         topics, refused = played_topics(reader, config)
         for topic, why in refused.items():
             self.get_logger().warning(f"not played: {topic}: {why}")
-        self._start_ns, self._end_ns = _section(reader, config)
+        self._start_ns, self._end_ns = _played_span(reader, config)
         self._outputs = {
             topic: self.create_publisher(
-                message_class(info.type_name), topic, offered_again(_recorded_qos(info))
+                message_class(info.type_name), topic, playback_profile(_recorded_qos(info))
             )
             for topic, info in topics.items()
         }
         self._clock_output = self._clock_publisher()
         self._clock_message = new_message(CLOCK.type_name)
         self._read_ahead = ReadAhead(
-            reader.messages(topics, from_ns=self._start_ns), depth=_READ_AHEAD
+            reader.messages(topics, from_ns=self._start_ns), depth=_READ_AHEAD_MESSAGES
         )
         timeline = PlaybackTimeline(
             recorded_ns=self._start_ns,
-            steady_ns=time.monotonic_ns() + round(config.delay * _S),
+            steady_ns=time.monotonic_ns() + round(config.delay * _NS_PER_S),
             rate=config.rate,
             paused=config.paused,
         )
@@ -166,10 +166,10 @@ class PlayerNode(ReportingNode[PlayerConfig]):
     def _position(self) -> float:
         assert self._thread is not None
         recorded_ns = min(self._thread.recorded_ns(), self._end_ns)
-        return self.config.start + (recorded_ns - self._start_ns) / _S
+        return self.config.start + (recorded_ns - self._start_ns) / _NS_PER_S
 
     def _show_progress(self) -> None:
-        end = self.config.start + (self._end_ns - self._start_ns) / _S
+        end = self.config.start + (self._end_ns - self._start_ns) / _NS_PER_S
         print(f"  {self._position():8.1f} s of {end:.1f} s", file=sys.stderr, flush=True)
 
     def report(self) -> Health:
@@ -184,17 +184,17 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         )
 
 
-def _section(reader: BagReader, config: PlayerConfig) -> tuple[int, int]:
+def _played_span(reader: BagReader, config: PlayerConfig) -> tuple[int, int]:
     """Return the log times between which a bag is played, both included."""
     if reader.has_wrong_log_times:
         raise BagError(reader.warning)
     span = reader.span
     assert span is not None  # there is a message to play
-    start_ns = span.start_ns + round(config.start * _S)
+    start_ns = span.start_ns + round(config.start * _NS_PER_S)
     if start_ns > span.end_ns:
-        raise ConfigurationError(
-            "player.start", config.start, f"at most the {span.duration_ns / _S:.3f} s of the bag"
-        )
+        duration = span.duration_ns / _NS_PER_S
+        expected = f"at most the {duration:.3f} s of the bag"
+        raise ConfigurationError("player.start", config.start, expected)
     return start_ns, span.end_ns
 
 

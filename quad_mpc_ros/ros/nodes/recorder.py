@@ -18,7 +18,7 @@ from quad_mpc_ros.recordings.config import RecorderConfig, TopicSelection
 from quad_mpc_ros.recordings.parameters import write_parameters
 from quad_mpc_ros.recordings.writer import BagExistsError, BagWriter, Split
 from quad_mpc_ros.ros.messages import message_class, qos_of
-from quad_mpc_ros.ros.nodes.bag_qos import adapted, offered
+from quad_mpc_ros.ros.nodes.bag_qos import recorded_profile, strictest_common_profile
 from quad_mpc_ros.ros.nodes.parameter_query import ParameterQuery
 from quad_mpc_ros.ros.nodes.published_order import PublishedOrder
 from quad_mpc_ros.ros.nodes.topic_recorder import TopicRecorder
@@ -53,8 +53,8 @@ class Recorder:
         self._refused: set[str] = set()
         self._early: list[Callable[[int], None]] = []
         self._ordered = PublishedOrder()
-        self._asked = {name: ParameterQuery(node, name) for name in config.nodes}
-        self._asked.pop(node.get_name(), None)
+        self._parameter_queries = {name: ParameterQuery(node, name) for name in config.nodes}
+        self._parameter_queries.pop(node.get_name(), None)
         self.message_count = 0
         self._lost_before = 0  # the last pause
         self.fault: str | None = None
@@ -72,7 +72,7 @@ class Recorder:
     @property
     def unanswered(self) -> list[str]:
         """The nodes whose parameters have not arrived yet."""
-        return [name for name, query in self._asked.items() if not query.done]
+        return [name for name, query in self._parameter_queries.items() if not query.done]
 
     @property
     def publisher_counts(self) -> dict[str, int]:
@@ -93,7 +93,7 @@ class Recorder:
         if self._writer is None:
             self._writer = new_bag(self._config)
             write_parameters(self._writer, self._node.get_name(), self._config.flattened())
-        self._expect()
+        self._subscribe_early()
         self.poll()
         return self._writer.directory
 
@@ -111,7 +111,7 @@ class Recorder:
     def close(self) -> None:
         """End the bag, when one was begun."""
         self.pause()
-        for query in self._asked.values():
+        for query in self._parameter_queries.values():
             query.close()
         self._write_early(0)
         self._guarded(lambda writer: writer.close())
@@ -125,15 +125,15 @@ class Recorder:
         self._ordered.write_older()
         self._guarded(lambda writer: writer.flush_if_due(time.monotonic()))
         more = False
-        for topic in self._appeared():
+        for topic in self._new_topics():
             more |= self._subscribe(topic)
         for recording in self._recorded.values():
             recording.follow_publishers(time.monotonic())
-        for query in self._asked.values():
+        for query in self._parameter_queries.values():
             more |= self._take_parameters(query)
         return more
 
-    def _appeared(self) -> list[str]:
+    def _new_topics(self) -> list[str]:
         known = self._recorded.keys() | self._refused
         if self._selection.by_name_only:
             candidates = set(self._selection.names) - known
@@ -141,7 +141,7 @@ class Recorder:
             candidates = {name for name, _ in self._node.get_topic_names_and_types()} - known
         return sorted(topic for topic in candidates if self._selection.includes(topic))
 
-    def _expect(self) -> None:
+    def _subscribe_early(self) -> None:
         """Subscribe to topics of known types before they have a publisher.
 
         A publisher finds a subscription within milliseconds. To be found, subscribed to and to
@@ -151,7 +151,7 @@ class Recorder:
             name = self._node.resolve_topic_name(topic.name)
             if name in self._selection.names and self._selection.includes(name):
                 self._expected[name] = self._recorder_of(
-                    name, topic.type_name, adapted([qos_of(topic)])
+                    name, topic.type_name, strictest_common_profile([qos_of(topic)])
                 )
 
     def _recorder_of(self, topic: str, type_name: str, profile: QoSProfile) -> TopicRecorder:
@@ -187,7 +187,7 @@ class Recorder:
             expected.close()
             expected = None
         self._recorded[topic] = expected or self._recorder_of(
-            topic, type_names[0], adapted(profiles)
+            topic, type_names[0], strictest_common_profile(profiles)
         )
         return True
 
@@ -196,7 +196,7 @@ class Recorder:
         before = self._type_names.get(topic)
         if before is None and self._writer is not None:
             self._writer.add_topic(
-                topic, type_name, qos_profiles=[offered(profile) for profile in profiles]
+                topic, type_name, qos_profiles=[recorded_profile(profile) for profile in profiles]
             )
             self._type_names[topic] = type_name
         elif before != type_name:

@@ -13,8 +13,8 @@ from quad_mpc_ros.ros.nodes.recorder import Recorder
 from quad_mpc_ros.ros.preflight.own import bag_place, free_bytes
 from quad_mpc_ros.ros.spin import run, stop
 
-_PERIOD = 0.1
-_LOST = "were lost in transit: this machine is too busy, record fewer topics"
+_POLL_PERIOD = 0.1
+_LOST_TEXT = "were lost in transit: this machine is too busy, record fewer topics"
 
 
 class RecorderNode(ManagedNode[RecorderConfig]):
@@ -36,7 +36,7 @@ class RecorderNode(ManagedNode[RecorderConfig]):
         self._place = bag_place(config)
         self._lost_logged = 0
         # One timer for everything: waking the node costs more than the work.
-        self.managed_timer(_PERIOD, self._on_timer)
+        self.managed_timer(_POLL_PERIOD, self._on_timer)
 
     def activate(self) -> None:
         """Record."""
@@ -59,7 +59,7 @@ class RecorderNode(ManagedNode[RecorderConfig]):
         missing, lost = recorder.missing, recorder.lost_count
         text = f"no publisher yet: {', '.join(missing)}" if missing else "recording"
         if lost:
-            text = f"{lost} messages {_LOST}"
+            text = f"{lost} messages {_LOST_TEXT}"
         return Health(
             level=ERROR if recorder.fault else WARN if missing or lost else OK,
             text=recorder.fault or text,
@@ -87,7 +87,7 @@ class RecorderNode(ManagedNode[RecorderConfig]):
         lost = self._recorder.lost_count - self._lost_logged
         self._lost_logged += lost
         if lost:
-            self.get_logger().warning(f"{lost} messages {_LOST}")
+            self.get_logger().warning(f"{lost} messages {_LOST_TEXT}")
         return lost > 0
 
     def _on_fault(self, fault: str) -> None:

@@ -39,11 +39,11 @@ if TYPE_CHECKING:  # imported for a race only
 _BODY_FRAME = "base_link"
 # A request begins after a lead, as it has to be planned first; if planning takes longer, it is
 # repeated with a lead of 1.5 times its duration more.
-_LEAD_NS = 100_000_000
-_QUICK_LEAD_NS = 20_000_000  # of a velocity, which is planned in a millisecond
-_LOOKED_AT = 0.05  # s: how often it is looked whether gates have moved
-_LONGER = 1.5
-_TRIALS = 3
+_PLANNING_LEAD_NS = 100_000_000
+_VELOCITY_LEAD_NS = 20_000_000  # of a velocity, which is planned in a millisecond
+_REPLAN_CHECK_PERIOD = 0.05  # s: how often it is looked whether gates have moved
+_LEAD_FACTOR = 1.5
+_MAX_ATTEMPTS = 3
 _INACTIVE = Reply(accepted=False, text="the reference node is inactive: activate it first")
 
 
@@ -161,7 +161,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._replanner = GateReplanner(self._config, self._live, waits=waits)
         self.managed_subscription(topics.GATES, self._on_gates, expected=False)
         if not waits:
-            self.managed_timer(_LOOKED_AT, self._replan)
+            self.managed_timer(_REPLAN_CHECK_PERIOD, self._replan)
 
     def _on_odometry(self, data: bytes) -> None:
         if not self.active:
@@ -273,7 +273,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         except ValueError as error:
             self._report_request("velocity", Reply(accepted=False, text=str(error)))
             return
-        lead_ns = 0 if self._config.lockstep else _QUICK_LEAD_NS
+        lead_ns = 0 if self._config.lockstep else _VELOCITY_LEAD_NS
         reply = self._live.move(self._flight_ns() + lead_ns, command)
         if reply is not None and reply is not TOO_LATE:  # the next one comes soon
             self._report_request("velocity", reply)
@@ -304,14 +304,14 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         """Make a request that begins late enough to be planned by then."""
         if self._config.lockstep:  # time waits
             return request(self._flight_ns())
-        lead_ns = _LEAD_NS
+        lead_ns = _PLANNING_LEAD_NS
         reply = TOO_LATE
-        for _ in range(_TRIALS):
+        for _ in range(_MAX_ATTEMPTS):
             begun_ns = time.monotonic_ns()
             reply = request(self._flight_ns() + lead_ns)
             if reply is not TOO_LATE:
                 break
-            lead_ns = _LEAD_NS + round(_LONGER * (time.monotonic_ns() - begun_ns))
+            lead_ns = _PLANNING_LEAD_NS + round(_LEAD_FACTOR * (time.monotonic_ns() - begun_ns))
         return reply
 
     def _report_request(self, name: str, reply: Reply) -> None:

@@ -27,7 +27,7 @@ from quad_mpc_ros.messages.topics import (
     REFERENCE,
 )
 from quad_mpc_ros.ros.clocks import create_steady_timer
-from quad_mpc_ros.ros.compiling import reported
+from quad_mpc_ros.ros.compiling import log_compilation
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import new_message
 from quad_mpc_ros.ros.spin import run, stop
@@ -38,13 +38,13 @@ from quad_mpc_ros.simulation.surroundings import NOTHING_SEEN, configured_surrou
 
 # s: in lockstep an odometry without an answer is sent again when nodes have been matched since,
 # otherwise much later: on a busy machine the answer may just be slow.
-_LOOK_PERIOD, _RESEND_PERIOD = 1.0, 5.0
+_RESEND_CHECK_PERIOD, _RESEND_PERIOD = 1.0, 5.0
 # s: longest wait for nodes that exist and do not publish yet; they may be compiling.
-_STARTING = 900.0
+_STARTUP_TIMEOUT = 900.0
 _LOG_PERIOD = 5.0
 # s: how long a wait for the subscribers lasts at least before it is logged, or a signal ends it.
 _CONFIRMATION_PERIOD = 1.0
-_NEEDED = {"mpc": COMMAND, "reference": REFERENCE}
+_REQUIRED_TOPICS = {"mpc": COMMAND, "reference": REFERENCE}
 # s: how often real time is polled when odometries are delayed and leave at irregular times
 _POLL_PERIOD = 1e-3
 
@@ -101,7 +101,7 @@ class Lockstep:
     def start(self) -> None:
         """Send the first odometry."""
         self._started = time.monotonic()
-        create_steady_timer(self._node, _LOOK_PERIOD, self._resend)
+        create_steady_timer(self._node, _RESEND_CHECK_PERIOD, self._resend)
         self._step()
 
     def receive_command(self, command: CommandSample) -> None:
@@ -128,10 +128,10 @@ class Lockstep:
         """Repeat what may have been lost, and fail after the timeout."""
         now = time.monotonic()
         waited = now - self._waiting_since
-        if self._awaited is None or waited < _LOOK_PERIOD:
+        if self._awaited is None or waited < _RESEND_CHECK_PERIOD:
             return
         starting = self._node.starting()
-        if starting and now - self._started < _STARTING:
+        if starting and now - self._started < _STARTUP_TIMEOUT:
             self._waiting_since = now  # its time begins when they can answer
             self._node.get_logger().info(
                 f"waiting for {starting}, which compiles at the first start after an installation",
@@ -170,7 +170,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         self._fault: str | None = None
         self._running = False
 
-        with reported(self):
+        with log_compilation(self):
             compile_plant(self.config)
         pacing = Lockstep if self.config.lockstep else RealTime
         plant = make_plant(self.config)
@@ -214,23 +214,23 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         if sent.voltage is not None and self._battery is not None:
             stamp_ns = sent.odometry.stamp_ns
             self._battery.publish(cdr.written_battery(sent.voltage, stamp_ns=stamp_ns))
-        self._look(sent)
+        self._publish_perception(sent)
 
-    def _look(self, sent: SentOdometry) -> None:
+    def _publish_perception(self, sent: SentOdometry) -> None:
         """Publish what a sensor sees, and end the flight if it has flown into something."""
         measured_ns = sent.time_ns - round(1e9 * self.config.odom_delay)
         if measured_ns <= self._newest_ns:  # sent again
             return
         self._newest_ns = measured_ns
-        seen, collision = NOTHING_SEEN, None
+        perception, collision = NOTHING_SEEN, None
         if self._surroundings is not None:
-            seen = self._surroundings.look(sent.truth, measured_ns)
+            perception = self._surroundings.look(sent.truth, measured_ns)
             collision = self._surroundings.collision(sent.truth, measured_ns)
-        if seen.cloud is not None and self._clouds is not None:
-            self._clouds.publish(written_point_cloud(seen.cloud))
-        if seen.markers and self._markers is not None:
+        if perception.cloud is not None and self._clouds is not None:
+            self._clouds.publish(written_point_cloud(perception.cloud))
+        if perception.markers and self._markers is not None:
             message = new_message(OBSTACLE_MARKERS.type_name)
-            message.markers = [filled_marker(each, new=new_message) for each in seen.markers]
+            message.markers = [filled_marker(each, new=new_message) for each in perception.markers]
             self._markers.publish(message)
         if collision is not None:
             self._collided = True
@@ -266,7 +266,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         there = {name for name, other in self.get_node_names_and_namespaces() if other == space}
         return " and ".join(
             name
-            for name, topic in _NEEDED.items()
+            for name, topic in _REQUIRED_TOPICS.items()
             if name in there and not self.count_publishers(topic.name)
         )
 

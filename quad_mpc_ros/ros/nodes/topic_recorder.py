@@ -12,9 +12,9 @@ from rclpy.subscription import Subscription
 
 from quad_mpc_ros.messages.topics import LOCKSTEP_DEPTH
 from quad_mpc_ros.ros.messages import message_class
-from quad_mpc_ros.ros.nodes.bag_qos import adapted
+from quad_mpc_ros.ros.nodes.bag_qos import strictest_common_profile
 
-_HANDOVER_S = 1.0  # in which a new subscription and the publishers find each other
+_OVERLAP_S = 1.0  # in which a new subscription and the publishers find each other
 
 Receiver = Callable[[bytes, dict[str, int]], None]
 """Takes a serialized message and rclpy's information on it."""
@@ -46,8 +46,8 @@ class TopicRecorder:
         self._receive = receive
         self._leaving: Subscription | None = None
         self._leaves_at_s = 0.0
-        self._seen: set[tuple[int, bytes]] = set()
-        self._newest_seen: deque[tuple[int, bytes]] = deque(maxlen=LOCKSTEP_DEPTH)
+        self._received_keys: set[tuple[int, bytes]] = set()
+        self._recent_keys: deque[tuple[int, bytes]] = deque(maxlen=LOCKSTEP_DEPTH)
         self._reported: set[str] = set()
         self._closed = False
         self._newest: int | None = None
@@ -81,7 +81,7 @@ class TopicRecorder:
                 return
             self._node.destroy_subscription(self._leaving)
             self._leaving = None
-            self._seen.clear()
+            self._received_keys.clear()
         there, matched = self._node.count_publishers(self._topic), self._matched
         if there != self._followed or there > matched:
             self._adapt(now_s)
@@ -95,12 +95,12 @@ class TopicRecorder:
                 profiles.append(info.qos_profile)
             else:
                 self._report(info.topic_type)
-        served = adapted(profiles)
+        served = strictest_common_profile(profiles)
         if not profiles or served == self._profile:
             return
         self._profile = served
-        self._seen = set(self._newest_seen)  # a latched topic delivers them again
-        self._leaving, self._leaves_at_s = self._subscription, now_s + _HANDOVER_S
+        self._received_keys = set(self._recent_keys)  # a latched topic delivers them again
+        self._leaving, self._leaves_at_s = self._subscription, now_s + _OVERLAP_S
         self._subscription = self._subscribe()
 
     def _report(self, type_name: str) -> None:
@@ -127,10 +127,10 @@ class TopicRecorder:
             return
         key = (info["source_timestamp"], data)
         if self._leaving is not None:
-            if key in self._seen:
+            if key in self._received_keys:
                 return
-            self._seen.add(key)
-        self._newest_seen.append(key)
+            self._received_keys.add(key)
+        self._recent_keys.append(key)
         self._count_lost(info.get("publication_sequence_number"))
         self._receive(data, info)
 

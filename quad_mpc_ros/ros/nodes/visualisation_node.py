@@ -44,7 +44,7 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         self._odometry: OdometrySample | None = None
         self._command: CommandSample | None = None
         self._plan: Any = None
-        self._heard = False
+        self._has_new_odometry = False
         self._corridor: HalfSpaces | None = None
         self._scene = _scene(self.config)
         course = _course(self.config)
@@ -73,7 +73,7 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         fault = odometry_fault(odometry, frame_id=odometry.frame_id)
         if fault is not None:
             return  # the controller warns about it
-        self._odometry, self._heard = odometry, True
+        self._odometry, self._has_new_odometry = odometry, True
         self._trail.add(odometry.stamp_ns, odometry.p_WB)
 
     def _on_command(self, message: Any) -> None:
@@ -87,9 +87,9 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
             self._corridor = corridor_from_message(message)
 
     def _show(self) -> None:
-        if self._odometry is None or not self._heard:
+        if self._odometry is None or not self._has_new_odometry:
             return
-        self._heard = False
+        self._has_new_odometry = False
         message = new_message(MARKERS.type_name)
         message.markers = self._drawn(self._odometry)
         self._markers.publish(message)

@@ -30,11 +30,11 @@ from quad_mpc_ros.ros.preflight.own import (
     lag_findings,
     throttle_findings,
 )
+from quad_mpc_ros.ros.preflight.reference import fence_findings, limits_findings, rates_findings
 from quad_mpc_ros.ros.preflight.thrust_map import thrust_map_findings
 from quad_mpc_ros.ros.preflight.vehicles import vehicle_findings
-from quad_mpc_ros.ros.preflight.way import fence_findings, limits_findings, rates_findings
 
-_ANY, _NONE = "", "none"
+_ANY_BRIDGE, _NO_BRIDGE = "", "none"
 
 
 def findings(facts: Facts) -> list[tuple[str, Finding]]:
@@ -84,14 +84,14 @@ def _missing(facts: Facts) -> list[Finding]:
     if REFERENCE_NODE not in facts.nodes and not facts.peers(MPC_NODE, REFERENCE.name):
         found.append(error("no reference node", "start it, or publish reference yourself"))
     bridges = facts.bridges
-    if facts.bridge not in (_ANY, _NONE) and facts.bridge not in bridges:
+    if facts.bridge not in (_ANY_BRIDGE, _NO_BRIDGE) and facts.bridge not in bridges:
         there = f", there is {', '.join(bridges)}" if bridges else ""
         found.append(error(f"{facts.bridge} does not run{there}", "start it, or name another"))
-    if facts.bridge == _NONE and bridges:
+    if facts.bridge == _NO_BRIDGE and bridges:
         found.append(
             error(f"{', '.join(bridges)} runs, expected no bridge", "end it, or leave --bridge")
         )
-    if facts.bridge == _ANY and not bridges and SIMULATOR_NODE not in facts.nodes:
+    if facts.bridge == _ANY_BRIDGE and not bridges and SIMULATOR_NODE not in facts.nodes:
         found.append(
             warning(
                 "neither a bridge nor a simulator runs",

@@ -19,12 +19,12 @@ from quad_mpc_ros.ros.preflight.facts import SIMULATOR_NODE, Arrival, Facts
 from quad_mpc_ros.ros.preflight.finding import Finding, error, ok, unknown, warning
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
-_ENOUGH, _LONG_ENOUGH = 10, 1.0  # odometries, or seconds of them, to judge by
-_RATE_SHARE = 0.95  # of the control rate
-_JITTER_SHARE = 0.3  # of a period
-_CLOCK_OFF = 0.1  # s: a bridge passes no command that is older
+_MIN_ODOMETRIES, _MIN_DURATION = 10, 1.0  # odometries, or seconds of them, to judge by
+_MIN_RATE_RATIO = 0.95  # of the control rate
+_MAX_JITTER_RATIO = 0.3  # of a period
+_MAX_CLOCK_OFFSET = 0.1  # s: a bridge passes no command that is older
 # At rest: positions within this [m], and then at most this speed [m/s], turn [rad/s], tilt [rad].
-_STILL, _SPEED, _TURN, _TILT = 0.05, 0.3, 0.2, 0.35
+_REST_RADIUS, _REST_SPEED, _REST_RATE, _REST_TILT = 0.05, 0.3, 0.2, 0.35
 _NO_ODOMETRY = unknown("no odometry came")
 
 
@@ -42,10 +42,10 @@ def rate_findings(facts: Facts) -> list[Finding]:
     duration = sum(steps)
     if duration <= 0.0:
         return [error(STANDS, "set header.stamp to the time of each measurement")]
-    if mpc is None or (len(arrivals) < _ENOUGH and duration < _LONG_ENOUGH):
+    if mpc is None or (len(arrivals) < _MIN_ODOMETRIES and duration < _MIN_DURATION):
         return [unknown(f"{len(arrivals)} odometries came, too few to judge their rate")]
     rate, found = len(steps) / duration, []
-    if rate < _RATE_SHARE * mpc.control_rate:
+    if rate < _MIN_RATE_RATIO * mpc.control_rate:
         found.append(
             warning(
                 f"odometry comes {rate:.1f} times a second, mpc.control_rate is "
@@ -63,7 +63,7 @@ def rate_findings(facts: Facts) -> list[Finding]:
         )
     latencies = [1e-9 * (each.at_ns - each.odometry.stamp_ns) for each in arrivals]
     jitter = max(statistics.pstdev(steps), statistics.pstdev(latencies))
-    if jitter > _JITTER_SHARE * duration / len(steps):
+    if jitter > _MAX_JITTER_RATIO * duration / len(steps):
         found.append(
             warning(
                 f"odometry comes {rate:.1f} times a second with a jitter of {1e3 * jitter:.0f} ms",
@@ -80,7 +80,7 @@ def clock_findings(facts: Facts) -> list[Finding]:
         return found or [_NO_ODOMETRY]
     ages = [1e-9 * (each.at_ns - each.odometry.stamp_ns) for each in facts.arrivals]
     least = min(ages, key=abs)
-    if abs(least) > _CLOCK_OFF:
+    if abs(least) > _MAX_CLOCK_OFFSET:
         side = "behind" if least > 0.0 else "ahead of"
         judged = error if facts.bridges else warning
         found.append(
@@ -115,13 +115,13 @@ def _simulated_time(facts: Facts) -> list[Finding]:
 def motion_findings(facts: Facts) -> list[Finding]:
     """Would the MPC accept the odometry, and does it report rest while the vehicle rests?"""
     mpc, arrivals = facts.mpc, facts.arrivals
-    if mpc is None or len(arrivals) < _ENOUGH:
+    if mpc is None or len(arrivals) < _MIN_ODOMETRIES:
         return [unknown("too few odometries came")]
     found = _refused(mpc, arrivals)
     if found:
         return found
     p_WB = np.array([each.odometry.p_WB for each in arrivals])
-    if float(np.abs(p_WB - p_WB.mean(axis=0)).max()) < _STILL:
+    if float(np.abs(p_WB - p_WB.mean(axis=0)).max()) < _REST_RADIUS:
         return _at_rest(mpc, arrivals) or [ok("at rest and level; twist agrees")]
     samples = [each.odometry for each in arrivals]
     turned = mpc.odometry.twist_frame == "world"
@@ -161,24 +161,24 @@ def _at_rest(mpc: MpcConfig, arrivals: Sequence[Arrival]) -> list[Finding]:
     turn = float(np.linalg.norm(np.mean([each.w_WB_B for each in samples], axis=0)))
     tilt = math.acos(min(max(statistics.fmean(each.up for each in samples), -1.0), 1.0))
     found = []
-    if speed > _SPEED:
+    if speed > _REST_SPEED:
         found.append(
             error(
                 f"the position does not change, but the twist reports {speed:.2f} m/s",
                 "fix the twist",
             )
         )
-    if turn > _TURN:
+    if turn > _REST_RATE:
         found.append(
             error(
                 f"the attitude does not change, but the twist reports {turn:.2f} rad/s",
                 "calibrate the gyroscope, or fix the twist",
             )
         )
-    if tilt > _TILT:
+    if tilt > _REST_TILT:
         found.append(
             warning(
-                f"the vehicle rests with a tilt of {tilt:.2f} rad, expected {_TILT:g} or less",
+                f"the vehicle rests with a tilt of {tilt:.2f} rad, expected <= {_REST_TILT:g}",
                 "put it level; if it is, its frames are not ENU and FLU",
             )
         )

@@ -19,9 +19,9 @@ STACK_FAULT_KEY, LANDED_KEY = "stack_fault", "landed"
 
 # Thrust over weight: below the first at full throttle wind and climbs saturate it, above the
 # second at the least throttle it hardly descends.
-_LEAST_LIFT, _MOST_IDLE = 1.4, 0.7
+_MIN_LIFT, _MAX_IDLE = 1.4, 0.7
 # bytes: ten minutes at 50 Hz take about 30 MB.
-_SCARCE = 1_000_000_000
+_MIN_FREE_BYTES = 1_000_000_000
 
 
 def own_findings(config: Configuration) -> list[Finding]:
@@ -54,11 +54,11 @@ def throttle_findings(mpc: MpcConfig) -> list[Finding]:
     lift, idle = mpc.thrust(mpc.throttle_max) / weight, mpc.thrust(mpc.throttle_min) / weight
     tilt = mpc.limits.tilt_max
     found = []
-    if lift < _LEAST_LIFT:
+    if lift < _MIN_LIFT:
         found.append(
             warning(
                 f"at throttle_max {mpc.throttle_max:g} the motors lift {lift:.2f} times the "
-                f"weight, expected {_LEAST_LIFT:g} or more",
+                f"weight, expected {_MIN_LIFT:g} or more",
                 "check mass, motor_count and thrust_curve, or raise throttle_max",
             )
         )
@@ -71,11 +71,11 @@ def throttle_findings(mpc: MpcConfig) -> list[Finding]:
                 f"set limits.tilt_max below {math.acos(1.0 / lift):.2f}",
             )
         )
-    if idle > _MOST_IDLE:
+    if idle > _MAX_IDLE:
         found.append(
             warning(
                 f"at throttle_min {mpc.throttle_min:g} the motors still lift {idle:.2f} times the "
-                f"weight, expected {_MOST_IDLE:g} or less: it hardly descends",
+                f"weight, expected {_MAX_IDLE:g} or less: it hardly descends",
                 "lower throttle_min",
             )
         )
@@ -122,12 +122,12 @@ def free_bytes(place: Path) -> int:
 
 def disk_findings(place: Path, free: int) -> list[Finding]:
     """Return whether the space on a disk is scarce, in bytes."""
-    if free >= _SCARCE:
+    if free >= _MIN_FREE_BYTES:
         return []
     return [
         warning(
             f"{free / 1e6:.0f} MB are free where the bag is written ({place}), expected "
-            f"{_SCARCE / 1e6:.0f} MB",
+            f"{_MIN_FREE_BYTES / 1e6:.0f} MB",
             "remove old bags, or set the recorder's directory to another disk",
         )
     ]

@@ -6,7 +6,7 @@ from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.thrust import ThrustMap
 from quad_mpc_ros.ros.preflight.finding import Finding, error, warning
 
-_MOST = 0.8  # of the stack's throttle, in hover
+_MAX_HOVER_THROTTLE = 0.8  # of the stack's throttle, in hover
 _REMEDY = "check thrust_map against mass and thrust_curve"
 
 
@@ -22,11 +22,11 @@ def thrust_map_findings(bridge: BridgeConfig) -> list[Finding]:
                 _REMEDY,
             )
         ]
-    if hover > _MOST:
+    if hover > _MAX_HOVER_THROTTLE:
         return [
             warning(
                 f"by the thrust map ({kind}) it hovers at the stack's throttle {hover:.2f}, "
-                f"expected {_MOST:g} or less",
+                f"expected {_MAX_HOVER_THROTTLE:g} or less",
                 _REMEDY,
             )
         ]

@@ -336,7 +336,7 @@ def test_a_link_that_is_lost_while_it_is_opened_is_opened_again_and_late_errors_
     stack.CRTPPacket = object  # type: ignore[attr-defined]
     for name, module in (("cflib.crtp", cflib), ("cflib.crtp.crtpstack", stack)):
         monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.setattr("quad_mpc_ros.ros.bridges.line.AGAIN", 0.0)
+    monkeypatch.setattr("quad_mpc_ros.ros.bridges.line.RECONNECT_PERIOD", 0.0)
     line = CrazyflieLine(CrazyflieLink(uri="radio://0"))
     line.read()
     assert line.fault == "radio://0: too many packets lost"

@@ -39,7 +39,7 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes
 from quad_mpc_ros.ros.bridges.mavlink import MavlinkBridge
-from quad_mpc_ros.ros.bridges.mavlink.link import VehicleTime
+from quad_mpc_ros.ros.bridges.mavlink.link import VehicleClock
 
 MILLISECOND = 1_000_000
 STEP = 20 * MILLISECOND
@@ -373,17 +373,17 @@ def test_stamps_are_right_to_half_of_the_round_trip(there: int, back: int) -> No
 @pytest.mark.parametrize("drift", [-0.04, 0.0, 0.015, 0.04])
 def test_stamps_follow_a_drifting_clock_by_answers_that_take_long(drift: float) -> None:
     """A simulation beside other work: its clock is slow, and one answer in twenty comes soon."""
-    dice, time = random.Random(5), VehicleTime()
+    dice, time = random.Random(5), VehicleClock()
     for k in range(600):  # a minute
         sent_ns = T0 + k * SECOND // 10
-        time.asked(now_ns=sent_ns)
+        time.note_request(now_ns=sent_ns)
         trip = 3 * MILLISECOND if k % 20 == 0 else dice.randrange(10, 60) * MILLISECOND
         read_ns = sent_ns + dice.randrange(trip)
         vehicle_ns = round((read_ns - T0) * (1.0 - drift))
-        time.answered(sent_ns=sent_ns, vehicle_ns=vehicle_ns, now_ns=sent_ns + trip)
-        assert abs(vehicle_ns + time.behind_ns - read_ns) <= trip
+        time.receive(sent_ns=sent_ns, vehicle_ns=vehicle_ns, now_ns=sent_ns + trip)
+        assert abs(vehicle_ns + time.offset_ns - read_ns) <= trip
         if k > 20:
-            assert abs(vehicle_ns + time.behind_ns - read_ns) < 70 * MILLISECOND
+            assert abs(vehicle_ns + time.offset_ns - read_ns) < 70 * MILLISECOND
 
 
 # Who flies.

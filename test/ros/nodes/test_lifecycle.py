@@ -483,7 +483,7 @@ def test_hundred_cycles_leak_nothing(
 @pytest.fixture
 def unfrozen(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Hide from the garbage collector what exists before the test, and nothing after that."""
-    monkeypatch.setattr("quad_mpc_ros.ros.lifecycle.settle_memory", lambda: None)
+    monkeypatch.setattr("quad_mpc_ros.ros.lifecycle.freeze_gc", lambda: None)
     gc.collect()
     gc.freeze()
     yield
@@ -498,7 +498,7 @@ def test_cleanup_releases_everything(
     """What is made is counted in this process, so that not even a timer can hide."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(kind, "start", lambda _: None)
-    monkeypatch.setattr(kind, "obstacle", lambda _: None)
+    monkeypatch.setattr(kind, "activation_blocker", lambda _: None)
     node = kind()
     made = (Publisher, Subscription, Service, Client, Timer, EventHandler, BagWriter, Mpc)
 

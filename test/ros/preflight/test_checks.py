@@ -23,7 +23,7 @@ from quad_mpc_ros.ros.preflight.facts import (
     NodeFacts,
 )
 from quad_mpc_ros.ros.preflight.finding import Level
-from quad_mpc_ros.ros.preflight.way import sampled_reference
+from quad_mpc_ros.ros.preflight.reference import sample_reference
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 NOW_NS = 50_000_000_000
@@ -66,7 +66,7 @@ def fit() -> Facts:
             "rates_bridge": NodeFacts(config=RatesConfig(), values=GROUNDED),
         },
         arrivals=arrivals(),
-        reference_samples=sampled_reference(reference, read_bag=no_bag),
+        reference_samples=sample_reference(reference, read_bag=no_bag),
     )
 
 
@@ -98,7 +98,7 @@ def configured(name: str, **values: Any) -> Change:
         wanted = config.updated({key.replace("__", "."): each for key, each in values.items()})
         changed = with_node(name, config=wanted)(facts)
         if isinstance(wanted, ReferenceConfig):
-            changed = changed.changed(reference_samples=sampled_reference(wanted, read_bag=no_bag))
+            changed = changed.changed(reference_samples=sample_reference(wanted, read_bag=no_bag))
         return changed
 
     return change

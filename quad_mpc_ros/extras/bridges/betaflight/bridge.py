@@ -54,7 +54,7 @@ class BetaflightBridge(Bridge):
     Config = BetaflightConfig
 
     def __init__(self, config: BetaflightConfig, new: NewMessage) -> None:
-        self.patient = config.receiver == "pilot"
+        self.pilot_switches_mode = config.receiver == "pilot"
         super().__init__(config, new)
         self.line = Line(device=config.device, baud=config.baud)
         self.publications = ()

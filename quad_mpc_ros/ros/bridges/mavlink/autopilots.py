@@ -27,19 +27,19 @@ ARDUPILOT_MODES = {
 _PX4_MODES = {1: "MANUAL", 2: "ALTCTL", 3: "POSCTL", 4: "AUTO", 5: "ACRO", 6: "OFFBOARD"}
 _PX4_MODES |= {7: "STABILIZED", 10: "TERMINATION"}
 _PX4_AUTO_MODES = {1: "READY", 2: "TAKEOFF", 3: "LOITER", 4: "MISSION", 5: "RTL", 6: "LAND"}
-_LONGEST_HELD = 1.0  # s: of the last rates and thrust, before a warning
-_MANY_TIMES = 1.3  # between two throttles at hover, which then are not of the same vehicle
+_MAX_SETPOINT_HOLD = 1.0  # s: of the last rates and thrust, before a warning
+_MAX_HOVER_RATIO = 1.3  # between two throttles at hover, which then are not of the same vehicle
 
 Mode = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Echo:
+class SetpointEcho:
     """What an ``ATTITUDE_TARGET`` gives back of a setpoint, which is as it was sent."""
 
     value: tuple[float, ...]
 
-    def is_of(self, other: Echo) -> bool:
+    def matches(self, other: SetpointEcho) -> bool:
         """Whether both are of one setpoint, to what single precision keeps."""
         return all(
             math.isclose(a, b, rel_tol=1e-5, abs_tol=1e-5)
@@ -104,7 +104,7 @@ class Autopilot(ABC):
         return level
 
     @abstractmethod
-    def echo(self, message: Any) -> Echo:
+    def echo(self, message: Any) -> SetpointEcho:
         """Return what an ``ATTITUDE_TARGET`` or ``SET_ATTITUDE_TARGET`` says of a setpoint."""
 
 
@@ -153,27 +153,28 @@ class Px4(Autopilot):
 
     def advice(self, settings: Mapping[str, float], *, hover: float) -> list[str]:
         """Return what is odd about hover throttle and timeout."""
-        said = []
-        theirs = settings.get("MPC_THR_HOVER", hover)
-        if not 1.0 / _MANY_TIMES < theirs / max(hover, 1e-3) < _MANY_TIMES:
-            said.append(
-                f"MPC_THR_HOVER is {theirs:.2f}, and the vehicle file says {hover:.2f}: one of "
+        notes = []
+        value = settings.get("MPC_THR_HOVER", hover)
+        if not 1.0 / _MAX_HOVER_RATIO < value / max(hover, 1e-3) < _MAX_HOVER_RATIO:
+            notes.append(
+                f"MPC_THR_HOVER is {value:.2f}, and the vehicle file says {hover:.2f}: one of "
                 "them is of another vehicle"
             )
         held = settings.get("COM_OF_LOSS_T", 0.0)
-        if held > _LONGEST_HELD:
-            said.append(_held_for("COM_OF_LOSS_T", held))
+        if held > _MAX_SETPOINT_HOLD:
+            notes.append(_hold_warning("COM_OF_LOSS_T", held))
         if settings.get("NAV_DLL_ACT", 0.0) != 0.0:
-            said.append(
+            notes.append(
                 f"NAV_DLL_ACT is {settings['NAV_DLL_ACT']:g}, so this bridge does not announce "
                 "itself as a ground station, and PX4 does not send its texts here: see there for "
                 "the reason if PX4 refuses to arm"
             )
-        return said
+        return notes
 
-    def echo(self, message: Any) -> Echo:
+    def echo(self, message: Any) -> SetpointEcho:
         """Return the body rates; the thrust is that of another setpoint."""
-        return Echo(value=(message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate))
+        p, q, r = message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate
+        return SetpointEcho(value=(p, q, r))
 
 
 class ArduPilot(Autopilot):
@@ -231,25 +232,25 @@ class ArduPilot(Autopilot):
 
     def advice(self, settings: Mapping[str, float], *, hover: float) -> list[str]:
         """Return what is odd about timeout, rates and voltage."""
-        said = []
+        notes = []
         held = settings.get("GUID_TIMEOUT", 0.0)
-        if held > _LONGEST_HELD:
-            said.append(_held_for("GUID_TIMEOUT", held))
+        if held > _MAX_SETPOINT_HOLD:
+            notes.append(_hold_warning("GUID_TIMEOUT", held))
         bounds = {name: settings.get(name, 0.0) for name in self._RATES}
         if any(bounds.values()):
             rates = ", ".join(f"{math.radians(each):.2f}" for each in bounds.values())
-            said.append(
+            notes.append(
                 f"ATC_RATE_R_MAX, _P_MAX and _Y_MAX bound the body rates to {rates} rad/s (0: "
                 "not): keep mpc.omega_max within"
             )
         if settings.get("MOT_BAT_VOLT_MAX", 0.0) > 0.0 and (
             self._config.thrust_map.battery_voltage > 0.0
         ):
-            said.append(
+            notes.append(
                 "MOT_BAT_VOLT_MAX compensates the voltage already: set "
                 "thrust_map.battery_voltage to 0"
             )
-        return said
+        return notes
 
     def throttle(self, level: float, settings: Mapping[str, float], *, up: float) -> float:
         """Return the share of thrust for the motors' level, with the boost taken out."""
@@ -261,16 +262,16 @@ class ArduPilot(Autopilot):
             share = without_boost(share, up=up)
         return min(max(share, 0.0), 1.0)
 
-    def echo(self, message: Any) -> Echo:
+    def echo(self, message: Any) -> SetpointEcho:
         """Return the thrust; the rates are shaped."""
-        return Echo(value=(message.thrust,))
+        return SetpointEcho(value=(message.thrust,))
 
 
 AUTOPILOTS: dict[int, type[Autopilot]] = {3: ArduPilot, 12: Px4}
 """By MAV_AUTOPILOT."""
 
 
-def _held_for(name: str, held: float) -> str:
+def _hold_warning(name: str, held: float) -> str:
     return (
         f"{name} is {held:g} s: for so long the last body rates are flown on when the MPC stops; "
         "0.5 s is enough"

@@ -33,55 +33,56 @@ _TOPIC, _INSTANCE, _SINCE = "commands.topic", "commands.instance", "commands.sin
 _CLAIM, _GRANTED = "commands.claim", "commands.granted"
 DISCOVERING = "commands.discovering"
 """Whether the node waits to know who else commands, of its values on ``/diagnostics``."""
-_MARK = _TOPIC.encode() + b"\0"
+_TOPIC_MARK = _TOPIC.encode() + b"\0"
 # s: an MPC that has been in command for longer never yields, whatever others claim.
-_SETTLED = 10.0
-_STALE = 3.0  # s without a report: it has ended
+_YIELD_PERIOD = 10.0
+_REPORT_TIMEOUT = 3.0  # s without a report: it has ended
 # s: until a node that listens has found all others, or from the first message of another.
-_DISCOVERY, _AFTER_FIRST = 3.0, 1.0
+_DISCOVERY_TIME, _DISCOVERY_AFTER_FIRST = 3.0, 1.0
 
 
-class _Commander(NamedTuple):
+class _OtherMpc(NamedTuple):
     """Another MPC of the topic: its node, since when it is active [ns], if it is, when heard."""
 
     node: str
     since_ns: int | None
     claim: str
     granted: list[str]
-    heard: float
+    received_s: float
 
 
-class Commanders:
+class CommandOwnership:
     """Knows the other sources of commands of a node."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._instance = f"{socket.gethostname()}:{os.getpid()}:{secrets.token_hex(4)}"
         self._since_ns: int | None = None  # by the system's clock, for others
-        self._began = 0.0
-        self._others: dict[str, _Commander] = {}
-        self._command: Publisher | None = None
+        self._began_s = 0.0
+        self._others: dict[str, _OtherMpc] = {}
+        self._publisher: Publisher | None = None
         self._waits = True
-        self._settled = math.inf  # until it listens
-        self._heard = False
+        self._discovery_ends = math.inf  # until it listens
+        self._received_any = False
         self._claim = ""
         self._granted: dict[str, str] = {}  # claims of others, by instance
 
-    def hear(self) -> None:
+    def note_message(self) -> None:
         """Take note that a message has come from another node: discovery works."""
-        if not self._heard:
-            self._heard = True
-            self._settled = min(self._settled, time.monotonic() + _AFTER_FIRST)
+        if not self._received_any:
+            self._received_any = True
+            ends = time.monotonic() + _DISCOVERY_AFTER_FIRST
+            self._discovery_ends = min(self._discovery_ends, ends)
 
     def watch(self, command: Publisher | None, *, waits: bool = True) -> None:
         """Take the publisher of the node's own commands, or that there is none any more.
 
         In lockstep, in simulation, it need not wait for others to be discovered.
         """
-        self._command, self._waits = command, waits
+        self._publisher, self._waits = command, waits
         self.end()
-        if command is not None and math.isinf(self._settled):
-            self._settled = time.monotonic() + _DISCOVERY
+        if command is not None and math.isinf(self._discovery_ends):
+            self._discovery_ends = time.monotonic() + _DISCOVERY_TIME
 
     def claim(self, wanted: bool) -> bool:
         """Claim to begin, or withdraw the claim; return whether that is to be published."""
@@ -91,17 +92,17 @@ class Commanders:
         return True
 
     @property
-    def claims(self) -> bool:
+    def is_claiming(self) -> bool:
         """Whether the node claims to begin."""
         return bool(self._claim)
 
-    def agreed(self) -> bool:
+    def claim_is_granted(self) -> bool:
         """Whether all other MPCs have granted the claim."""
-        return all(self._claim in other.granted for other in self._known())
+        return all(self._claim in other.granted for other in self._recent_mpcs())
 
     def begin(self) -> None:
         """Take note that the node is active from now on."""
-        self._since_ns, self._began = time.time_ns(), time.monotonic()
+        self._since_ns, self._began_s = time.time_ns(), time.monotonic()
         self._claim = ""
         self._granted.clear()
 
@@ -111,16 +112,16 @@ class Commanders:
 
     def values(self) -> list[tuple[str, str]]:
         """Return what the others are to know, for the node's health."""
-        if self._command is None:
+        if self._publisher is None:
             return []
         since = "" if self._since_ns is None else str(self._since_ns)
         return [
-            (_TOPIC, self._command.topic_name),
+            (_TOPIC, self._publisher.topic_name),
             (_INSTANCE, self._instance),
             (_SINCE, since),
             (_CLAIM, self._claim),
             (_GRANTED, " ".join(self._granted.values())),
-            (DISCOVERING, str(self._waits and self.discovers).lower()),
+            (DISCOVERING, str(self._waits and self.is_discovering).lower()),
         ]
 
     def receive(self, data: bytes) -> str:
@@ -129,22 +130,22 @@ class Commanders:
         Returns:
             Why this node has to stop, empty if it does not.
         """
-        if not self._heard and self._node.get_fully_qualified_name().encode() not in data:
-            self.hear()
-        if _MARK not in data or self._command is None:
+        if not self._received_any and self._node.get_fully_qualified_name().encode() not in data:
+            self.note_message()
+        if _TOPIC_MARK not in data or self._publisher is None:
             return ""
         for status in decoded(DIAGNOSTICS, data).status:
             values = {entry.key: entry.value for entry in status.values}
             instance, since = values.get(_INSTANCE, self._instance), values.get(_SINCE, "")
-            if values.get(_TOPIC) != self._command.topic_name or instance == self._instance:
+            if values.get(_TOPIC) != self._publisher.topic_name or instance == self._instance:
                 continue
             since_ns = int(since) if since.isdecimal() else None
-            other = _Commander(
+            other = _OtherMpc(
                 node=f"{status.name} ({instance})",
                 since_ns=since_ns,
                 claim=values.get(_CLAIM, ""),
                 granted=values.get(_GRANTED, "").split(),
-                heard=time.monotonic(),
+                received_s=time.monotonic(),
             )
             self._others[instance] = other
             self._answer(instance, other.claim)
@@ -164,20 +165,20 @@ class Commanders:
 
     def _is_later_than(self, since_ns: int, instance: str) -> bool:
         """Whether this node has been active for a short time, and began later than another one."""
-        if self._since_ns is None or time.monotonic() - self._began > _SETTLED:
+        if self._since_ns is None or time.monotonic() - self._began_s > _YIELD_PERIOD:
             return False
         return (since_ns, instance) < (self._since_ns, self._instance)
 
-    def obstacle(self) -> str | None:
+    def activation_blocker(self) -> str | None:
         """Return why this node must not begin to command, or None."""
         if (active := self._active()) is not None:
             return f"{active} commands already: end or deactivate it first"
-        if self._waits and self.discovers:
+        if self._waits and self.is_discovering:
             return "other nodes are still being discovered"
         if (claimant := self._claimant()) is not None:
             return f"{claimant} is about to command"
         publishers = self._publishers()
-        if len(publishers) > len(self._known()):
+        if len(publishers) > len(self._recent_mpcs()):
             return (
                 f"{', '.join(publishers)} can publish {self._topic} as well: end it first; one "
                 "that was killed is forgotten after some 20 s"
@@ -185,9 +186,9 @@ class Commanders:
         return None
 
     @property
-    def discovers(self) -> bool:
+    def is_discovering(self) -> bool:
         """Whether the node has not been there for long enough to know who else is."""
-        return time.monotonic() < self._settled
+        return time.monotonic() < self._discovery_ends
 
     def is_taken(self) -> bool:
         """Whether another one is known to command."""
@@ -205,25 +206,26 @@ class Commanders:
 
     @property
     def _topic(self) -> str:
-        return "" if self._command is None else str(self._command.topic_name)
+        return "" if self._publisher is None else str(self._publisher.topic_name)
 
-    def _known(self) -> list[_Commander]:
+    def _recent_mpcs(self) -> list[_OtherMpc]:
         """Return the other MPCs that have reported lately."""
-        now = time.monotonic()
-        return [other for other in self._others.values() if now - other.heard < _STALE]
+        since = time.monotonic() - _REPORT_TIMEOUT
+        return [other for other in self._others.values() if other.received_s > since]
 
     def _active(self) -> str | None:
-        return next((other.node for other in self._known() if other.since_ns is not None), None)
+        mpcs = self._recent_mpcs()
+        return next((other.node for other in mpcs if other.since_ns is not None), None)
 
     def _claimant(self) -> str | None:
         """Return another MPC whose claim to begin this node has granted."""
-        known = self._known()
+        known = self._recent_mpcs()
         granted = (self._others[instance] for instance in self._granted)
         return next((other.node for other in granted if other in known), None)
 
     def _publishers(self) -> list[str]:
         """Return the nodes of the other publishers of commands."""
-        if self._command is None or self._node.count_publishers(self._topic) <= 1:
+        if self._publisher is None or self._node.count_publishers(self._topic) <= 1:
             return []
         names = [
             f"{info.node_namespace.rstrip('/')}/{info.node_name}"

@@ -19,18 +19,18 @@ from quad_mpc_ros.ros.preflight.facts import Facts, ReferenceSamples
 from quad_mpc_ros.ros.preflight.finding import Finding, error, ok, unknown, warning
 from quad_mpc_ros.ros.preflight.own import limit_findings
 
-_MOST_SAMPLES = 500
+_MAX_SAMPLES = 500
 _UNKNOWN = unknown("the parameters of mpc or reference are unknown")
 
 
-def sampled_reference(config: ReferenceConfig, *, read_bag: BagReader) -> ReferenceSamples:
+def sample_reference(config: ReferenceConfig, *, read_bag: BagReader) -> ReferenceSamples:
     """Return what a configured reference leads along.
 
     Raises :class:`UserError` where that cannot be found out here: of a file on another computer.
     """
     trajectory, verdict = judged_trajectory(config, read_bag=read_bag)
     seconds = verdict.over_time.seconds
-    chosen = seconds[:: max(len(seconds) // _MOST_SAMPLES, 1)]
+    chosen = seconds[:: max(len(seconds) // _MAX_SAMPLES, 1)]
     samples = trajectory.at([round(1e9 * second) for second in chosen])
     R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
     v_WB_B = np.einsum("nji,nj->ni", R_WB, samples.v_WB_W)
@@ -108,8 +108,8 @@ def fence_findings(facts: Facts) -> list[Finding]:
         return [ok("none is set")]
     found = []
     limits = FlightLimits(mpc)
-    for name, samples, remedy in _places(facts):
-        breach = _gravest(limits, samples)
+    for name, samples, remedy in _checked_samples(facts):
+        breach = _worst_breach(limits, samples)
         if breach is not None:
             judged = warning if breach.action is Action.WARN else error
             found.append(judged(f"{name} would break a limit: {breach.reason}", remedy))
@@ -118,7 +118,7 @@ def fence_findings(facts: Facts) -> list[Finding]:
     return found or [ok("vehicle, take-off and reference are inside")]
 
 
-def _places(facts: Facts) -> list[tuple[str, Sequence[OdometrySample], str]]:
+def _checked_samples(facts: Facts) -> list[tuple[str, Sequence[OdometrySample], str]]:
     """Return what has to be inside: its name, where it leads, and what to do if it is not."""
     places: list[tuple[str, Sequence[OdometrySample], str]] = []
     here: Array = np.zeros(3)
@@ -152,6 +152,6 @@ def _resting(p_WB: Array) -> OdometrySample:
     return OdometrySample.at_rest(p_WB)
 
 
-def _gravest(limits: FlightLimits, samples: Sequence[OdometrySample]) -> Breach | None:
+def _worst_breach(limits: FlightLimits, samples: Sequence[OdometrySample]) -> Breach | None:
     found = [each for sample in samples if (each := limits.foreseen(sample)) is not None]
     return max(found, key=lambda breach: breach.action, default=None)
