@@ -1,17 +1,17 @@
-"""Who else commands the vehicle: there must be one source of commands in a namespace.
+"""Ensures that one node commands the vehicle of a namespace.
 
-Each MPC reports on ``/diagnostics`` on which topic it commands, and since when. One that is to be
-activated is refused while another is active there, or while another node publishes commands.
-For that it waits for a second after the first message of another node, at most three after it
-begins to listen: nodes find each other one by one.
+Each MPC reports on ``/diagnostics`` its command topic and since when it is active. An MPC refuses
+activation while another MPC is active on that topic or another node publishes commands. Nodes
+discover each other one by one, so it waits for one second after the first message of another
+node, and for three seconds at most.
 
-Before an MPC starts by itself it publishes a claim, and waits until every other MPC that it knows
-has granted it. An MPC grants a claim unless it is active, or claims the same and its identity
-sorts first; while a claim that it has granted stands it does not begin itself. So one begins at
-most of those that know each other, whatever the order of their messages.
-Two that need longer than three seconds to find each other, or that were asked to activate at the
-same moment, both command until one has the other's next report: then the one that began later
-stops. After ten seconds none stops any more.
+Before an MPC starts by itself it publishes a claim and waits until every known MPC has granted
+it. An MPC grants a claim unless it is active, or has a claim itself and its identity sorts first.
+It does not start while it grants a claim. So at most one of the MPCs that have discovered each
+other starts, whatever the order of their messages.
+Two MPCs that discover each other after more than three seconds, or that are activated at the same
+moment, both command until the next report. Then the one that started later stops. An MPC that has
+been in command for ten seconds never yields.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ from quad_mpc_ros.ros.messages import decoded
 _TOPIC, _INSTANCE, _SINCE = "commands.topic", "commands.instance", "commands.since_ns"
 _CLAIM, _GRANTED = "commands.claim", "commands.granted"
 DISCOVERING = "commands.discovering"
-"""Whether the node waits to know who else commands, of its values on ``/diagnostics``."""
+"""Key on ``/diagnostics``: whether the node still waits for the discovery of other nodes."""
 _TOPIC_MARK = _TOPIC.encode() + b"\0"
-# s: an MPC that has been in command for longer never yields, whatever others claim.
+# s: an MPC that has been in command for longer never yields.
 _YIELD_PERIOD = 10.0
-_REPORT_TIMEOUT = 3.0  # s without a report: it has ended
-# s: until a node that listens has found all others, or from the first message of another.
+_REPORT_TIMEOUT = 3.0  # s without a report: the node has ended
+# s: time for discovery; time for discovery after the first message of another node.
 _DISCOVERY_TIME, _DISCOVERY_AFTER_FIRST = 3.0, 1.0
 
 
 class _OtherMpc(NamedTuple):
-    """Another MPC of the topic: its node, since when it is active [ns], if it is, when heard."""
+    """Another MPC on the topic; ``since_ns`` is None while it is inactive."""
 
     node: str
     since_ns: int | None
@@ -52,32 +52,32 @@ class _OtherMpc(NamedTuple):
 
 
 class CommandOwnership:
-    """Knows the other sources of commands of a node."""
+    """Tracks other nodes that command the vehicle, and the right of this node to do so."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._instance = f"{socket.gethostname()}:{os.getpid()}:{secrets.token_hex(4)}"
-        self._since_ns: int | None = None  # by the system's clock, for others
+        self._since_ns: int | None = None  # system clock, for other nodes
         self._began_s = 0.0
         self._others: dict[str, _OtherMpc] = {}
         self._publisher: Publisher | None = None
         self._waits = True
-        self._discovery_ends = math.inf  # until it listens
+        self._discovery_ends = math.inf  # until it subscribes
         self._received_any = False
         self._claim = ""
         self._granted: dict[str, str] = {}  # claims of others, by instance
 
     def note_message(self) -> None:
-        """Take note that a message has come from another node: discovery works."""
+        """Note that a message of another node was received: discovery works."""
         if not self._received_any:
             self._received_any = True
             ends = time.monotonic() + _DISCOVERY_AFTER_FIRST
             self._discovery_ends = min(self._discovery_ends, ends)
 
     def watch(self, command: Publisher | None, *, waits: bool = True) -> None:
-        """Take the publisher of the node's own commands, or that there is none any more.
+        """Set the node's command publisher, or None after it was destroyed.
 
-        In lockstep, in simulation, it need not wait for others to be discovered.
+        In lockstep, in simulation, discovery of other nodes is not awaited (``waits`` false).
         """
         self._publisher, self._waits = command, waits
         self.end()
@@ -85,7 +85,7 @@ class CommandOwnership:
             self._discovery_ends = time.monotonic() + _DISCOVERY_TIME
 
     def claim(self, wanted: bool) -> bool:
-        """Claim to begin, or withdraw the claim; return whether that is to be published."""
+        """Make or withdraw the claim; return whether it changed and must be published."""
         if wanted == bool(self._claim):
             return False
         self._claim = secrets.token_hex(4) if wanted else ""
@@ -93,7 +93,7 @@ class CommandOwnership:
 
     @property
     def is_claiming(self) -> bool:
-        """Whether the node claims to begin."""
+        """Whether the node has a claim."""
         return bool(self._claim)
 
     def claim_is_granted(self) -> bool:
@@ -101,17 +101,17 @@ class CommandOwnership:
         return all(self._claim in other.granted for other in self._recent_mpcs())
 
     def begin(self) -> None:
-        """Take note that the node is active from now on."""
+        """Note that the node becomes active."""
         self._since_ns, self._began_s = time.time_ns(), time.monotonic()
         self._claim = ""
         self._granted.clear()
 
     def end(self) -> None:
-        """Take note that it is not active any more."""
+        """Note that the node becomes inactive."""
         self._since_ns, self._claim = None, ""
 
     def values(self) -> list[tuple[str, str]]:
-        """Return what the others are to know, for the node's health."""
+        """Return the values to publish on ``/diagnostics``."""
         if self._publisher is None:
             return []
         since = "" if self._since_ns is None else str(self._since_ns)
@@ -125,10 +125,10 @@ class CommandOwnership:
         ]
 
     def receive(self, data: bytes) -> str:
-        """Take a raw message of ``/diagnostics``.
+        """Process a raw message of ``/diagnostics``.
 
         Returns:
-            Why this node has to stop, empty if it does not.
+            The reason why this node must stop, or an empty string.
         """
         if not self._received_any and self._node.get_fully_qualified_name().encode() not in data:
             self.note_message()
@@ -156,7 +156,7 @@ class CommandOwnership:
         return ""
 
     def _answer(self, instance: str, claim: str) -> None:
-        """Grant the claim of another MPC, or take the grant back when the claim is over."""
+        """Grant the claim of another MPC, or withdraw the grant."""
         first = not self._claim or instance < self._instance
         if claim and self._since_ns is None and first:
             self._granted[instance] = claim
@@ -164,38 +164,38 @@ class CommandOwnership:
             self._granted.pop(instance, None)
 
     def _is_later_than(self, since_ns: int, instance: str) -> bool:
-        """Whether this node has been active for a short time, and began later than another one."""
+        """Return whether this node must yield: recently activated, and after the other node."""
         if self._since_ns is None or time.monotonic() - self._began_s > _YIELD_PERIOD:
             return False
         return (since_ns, instance) < (self._since_ns, self._instance)
 
     def activation_blocker(self) -> str | None:
-        """Return why this node must not begin to command, or None."""
+        """Return the reason why this node must not start to command, or None."""
         if (active := self._active()) is not None:
-            return f"{active} commands already: end or deactivate it first"
+            return f"{active} is already publishing commands: stop or deactivate it first"
         if self._waits and self.is_discovering:
             return "other nodes are still being discovered"
         if (claimant := self._claimant()) is not None:
-            return f"{claimant} is about to command"
+            return f"{claimant} is about to publish commands"
         publishers = self._publishers()
         if len(publishers) > len(self._recent_mpcs()):
             return (
-                f"{', '.join(publishers)} can publish {self._topic} as well: end it first; one "
-                "that was killed is forgotten after some 20 s"
+                f"{', '.join(publishers)} can publish {self._topic} as well: stop it first; "
+                "discovery drops a killed node after about 20 s"
             )
         return None
 
     @property
     def is_discovering(self) -> bool:
-        """Whether the node has not been there for long enough to know who else is."""
+        """Whether the discovery of other nodes is not complete yet."""
         return time.monotonic() < self._discovery_ends
 
     def is_taken(self) -> bool:
-        """Whether another one is known to command."""
+        """Return whether another MPC is known to be active."""
         return self._active() is not None
 
     def fault(self) -> str:
-        """Return the other nodes that could command, empty if there are none."""
+        """Return an error with the other command publishers, or an empty string."""
         publishers = self._publishers()
         if not publishers:
             return ""
@@ -209,7 +209,7 @@ class CommandOwnership:
         return "" if self._publisher is None else str(self._publisher.topic_name)
 
     def _recent_mpcs(self) -> list[_OtherMpc]:
-        """Return the other MPCs that have reported lately."""
+        """Return the other MPCs with a recent report."""
         since = time.monotonic() - _REPORT_TIMEOUT
         return [other for other in self._others.values() if other.received_s > since]
 
@@ -218,13 +218,13 @@ class CommandOwnership:
         return next((other.node for other in mpcs if other.since_ns is not None), None)
 
     def _claimant(self) -> str | None:
-        """Return another MPC whose claim to begin this node has granted."""
+        """Return another MPC whose claim this node has granted."""
         known = self._recent_mpcs()
         granted = (self._others[instance] for instance in self._granted)
         return next((other.node for other in granted if other in known), None)
 
     def _publishers(self) -> list[str]:
-        """Return the nodes of the other publishers of commands."""
+        """Return the nodes with other publishers on the command topic."""
         if self._publisher is None or self._node.count_publishers(self._topic) <= 1:
             return []
         names = [
@@ -232,6 +232,6 @@ class CommandOwnership:
             for info in self._node.get_publishers_info_by_topic(self._topic)
         ]
         own = self._node.get_fully_qualified_name()
-        if own in names:  # another one may have the same name
+        if own in names:  # once: another node may have the same name
             names.remove(own)
         return sorted(names)

@@ -1,4 +1,4 @@
-"""A node that has to compile says so, for it takes most of a minute."""
+"""Log the progress of a compilation, which takes up to a minute."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LOG_PERIOD = 3.0  # s
 
 @contextmanager
 def log_compilation(node: Node, *, period: float = _LOG_PERIOD) -> Iterator[None]:
-    """Log how many functions have been compiled, every ``period`` seconds and in the end."""
+    """Log the number of compiled functions every ``period`` seconds and at the end."""
     begun, before = time.monotonic(), compiled_here()
 
     def made() -> str:
@@ -29,6 +29,6 @@ def log_compilation(node: Node, *, period: float = _LOG_PERIOD) -> Iterator[None
         metronome.stop()
     if compiled_here() > before:
         node.get_logger().warning(
-            f"compiled {made()}, which were not in the compile cache: run 'quad_mpc compile' once "
-            "for all nodes and starts"
+            f"compiled {made()} that were not in the compile cache: run 'quad_mpc compile' once, "
+            "then nodes start without compiling"
         )

@@ -1,7 +1,7 @@
-"""What the nodes with a lifecycle share: transitions, parameters, health, autostart.
+"""Base of the lifecycle nodes: transitions, parameters, health, autostart.
 
-A node's hooks define what a transition does. Here a failed transition becomes one line in the log
-and leaves nothing behind, and the state is published.
+A node's hooks implement the transitions. This module logs a failed transition in one line,
+releases its resources and publishes the state.
 """
 
 from __future__ import annotations
@@ -47,23 +47,23 @@ _TRANSITIONS = {
         Transition.TRANSITION_ACTIVE_SHUTDOWN: "shutdown",
     },
 }
-# s: what prevents an activation is in the log after so long.
+# s: a blocked activation is logged after the first, again after the second.
 _REMINDER_DELAY, _REMINDER_PERIOD = 3.0, 0.5
-_SHUTDOWN_DELAY = 0.1  # s: the response to the request for the shutdown goes out first
+_SHUTDOWN_DELAY = 0.1  # s: the response to the shutdown request is sent first
 
 
 class _BlockedError(UserError):
-    """Something prevents an activation."""
+    """An activation is blocked."""
 
 
 class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
-    """A node that is configured, activated, deactivated and cleaned up, by itself or by others.
+    """A node that is configured, activated, deactivated and cleaned up, by itself or by request.
 
-    Publishers are plain ones, not lifecycle publishers: an inactive node must not even compute
-    what it must not send, or a controller would count on a command that was never sent. So a
-    derived node checks :attr:`active`, and overrides the hooks below. A hook raises
-    :class:`UserError` for what the user can fix, and the transition is refused; ``deactivate`` and
-    ``cleanup`` raise nothing. The ``__init__`` of a derived node ends with :meth:`start`.
+    Publishers are not lifecycle publishers: an inactive node must not even compute a command, or
+    its controller would assume that the command was sent. So a derived node checks :attr:`active`
+    and overrides the hooks below. A hook raises :class:`UserError` to refuse the transition, for
+    problems that the user can fix; ``deactivate`` and ``cleanup`` raise nothing. The ``__init__``
+    of a derived node ends with :meth:`start`.
     """
 
     def __init__(self, name: str, configuration: type[C]) -> None:
@@ -71,7 +71,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.exit_code = 0
         self.state = "unconfigured"
-        """Of the lifecycle: unconfigured, inactive, active, finalized, or between."""
+        """Lifecycle state: unconfigured, inactive, active, finalized, or a transition."""
         self.active = False
         self._configured = False
         self._autostarting = False
@@ -83,46 +83,46 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         self.warnings = RepeatedWarnings(self)
         self._awaiting_since = 0.0
         create_steady_timer(self, _REMINDER_PERIOD, self._remind)
-        # rclpy answers an impossible transition with an exception, which ends the node.
+        # rclpy raises an exception for an impossible transition, which would end the node.
         (service,) = (each for each in self.services if each.srv_type is ChangeState)
         service.callback = functools.partial(self._on_change_state, service.callback)
 
     def configure(self, config: C) -> None:
-        """Make what the node needs.
+        """Create the node's resources.
 
-        Publishers of ``self.health`` and what the methods ``managed_…`` make are destroyed by the
-        cleanup, or when this hook fails.
+        The cleanup, or a failure of this hook, destroys the publishers of ``self.health`` and the
+        resources of the methods ``managed_…``.
         """
 
     def activation_blocker(self) -> str | None:
-        """Return why the node cannot be activated now, or None."""
+        """Return the reason why the node cannot be activated now, or None."""
         return None
 
     def prepare(self, blocker: str | None) -> bool:
-        """Return whether a node that starts by itself is to be activated now.
+        """Return whether a node with autostart is to be activated now.
 
-        ``obstacle`` is what prevents it.
+        ``blocker`` is the reason that blocks the activation, if any.
         """
         return blocker is None
 
     def activate(self) -> None:
-        """Begin, or continue."""
+        """Start or continue."""
 
     def deactivate(self) -> None:
         """Stop; :attr:`active` is already false."""
 
     def loss_in_flight(self) -> str | None:
-        """Return what a deactivation stops in flight, None while nothing flies."""
+        """Return the consequence of a deactivation in flight, None while nothing flies."""
         return None
 
     def cleanup(self) -> None:
-        """Release what ``configure`` made and is not destroyed automatically."""
+        """Release resources of ``configure`` that are not destroyed automatically."""
 
     def reconfigure(self, config: C) -> None:
         """Apply changed live parameters."""
 
     def values(self) -> list[tuple[str, str]]:
-        """Return what the health has in every state."""
+        """Return the health values of every state."""
         return []
 
     def report(self) -> Health:
@@ -139,14 +139,14 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         self._autostarting = True
         try:
             self._by_itself(self.trigger_configure)
-        except BaseException:  # signals too: nothing else would release what was made
+        except BaseException:  # also signals: nothing else would release the resources
             self._release()
             raise
 
     def begin(self) -> None:
-        """Activate a node that starts by itself, if nothing prevents it.
+        """Activate a node with autostart, unless blocked.
 
-        Raises :class:`UserError` when the node cannot start.
+        Raises :class:`UserError` if the node cannot start.
         """
         if self._activates_by_itself():
             if self._fault is not None:
@@ -155,18 +155,18 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         self.health.report()
 
     def activate_when_ready(self) -> None:
-        """Activate if the node starts by itself and nothing prevents it any more.
+        """Activate a node with autostart as soon as nothing blocks the activation.
 
-        Call it whenever that may have changed.
+        Call it whenever a blocker may have changed.
         """
         if self._activates_by_itself():
             self._report("activate")
 
     def _activates_by_itself(self) -> bool:
-        """Try to activate a node that starts by itself; return whether no attempt will follow.
+        """Try to activate a node with autostart; return whether no further attempt follows.
 
-        What prevents an activation may arise between the check and the transition, as an odometry
-        grows old. The next call then tries again.
+        A blocker may appear between the check and the transition, such as an odometry that becomes
+        too old. The next call then tries again.
         """
         if not self._autostarting:
             return False
@@ -178,7 +178,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         return not self._autostarting
 
     def stay_inactive(self, reason: str) -> None:
-        """Stop, or do not start, by itself: from now on only a request activates the node."""
+        """Deactivate, or stay inactive, until a request activates the node."""
         self._autostarting = False
         self.get_logger().error(reason)
         if self.active:
@@ -186,7 +186,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             self.health.report()
 
     def _remind(self) -> None:
-        """Log what prevents an activation after a while, and again as long as it lasts."""
+        """Log the blocker of an activation after a while, and repeatedly while it lasts."""
         if not (self._autostarting and self._configured) or self.active:
             return
         blocker = self.activation_blocker()
@@ -196,9 +196,9 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
     def managed_timer(
         self, period: float, callback: Callable[[], float | None], *, steady: bool = True
     ) -> None:
-        """Create a timer [s] until the cleanup, on a steady clock or on that of the node.
+        """Create a timer [s] until the cleanup, on the steady clock or on the node's clock.
 
-        If the callback returns a time [s], it is called again after that.
+        If the callback returns a time [s], it is called again after that time.
         """
 
         def guarded() -> None:
@@ -214,9 +214,9 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         self._resources.callback(self.destroy_timer, timer)
 
     def managed_beat(self, period: float, callback: Callable[[], None]) -> None:
-        """Call back every ``period`` [s] until the cleanup, even while the executor is busy.
+        """Call a function every ``period`` [s] until the cleanup, even if the executor is busy.
 
-        In simulated time it is a timer of the executor.
+        With simulated time, use a timer of the executor.
         """
         if self.get_clock().ros_time_is_active:
             self.managed_timer(period, callback, steady=False)
@@ -226,7 +226,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             try:
                 callback()
             except Exception:
-                if rclpy.ok():  # else it is ending anyway
+                if rclpy.ok():  # else the node is ending
                     self.get_logger().fatal(traceback.format_exc())
                     self.exit_code = 1
                     stop()
@@ -250,13 +250,13 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         decode: Callable[[Any], Any] | None = None,
         **options: bool,
     ) -> None:
-        """Create a subscription until the cleanup, as :meth:`HealthReporter.subscription` does.
+        """Create a subscription until the cleanup, see :meth:`HealthReporter.subscription`.
 
-        The callback gets what ``decode`` returns; a ``ValueError`` of that is logged.
+        The callback receives the result of ``decode``; a ``ValueError`` of ``decode`` is logged.
         """
 
         def guarded(message: Any) -> None:
-            if not self._configured:  # the executor may hold one from before the cleanup
+            if not self._configured:  # the executor may hold an older one
                 return
             if decode is not None:
                 try:
@@ -269,11 +269,11 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         self.health.subscription(topic, guarded, **options)
 
     def on_configure(self, _: Any) -> TransitionCallbackReturn:
-        """Validate the parameters as a whole and make what the node needs."""
+        """Validate all parameters together and create the node's resources."""
         return self._result_of(self._configure, by="configuring", to="inactive")
 
     def on_activate(self, _: Any) -> TransitionCallbackReturn:
-        """Begin, unless something prevents it."""
+        """Start, unless blocked."""
         return self._result_of(self._activate, by="activating", to="active")
 
     def on_deactivate(self, _: Any) -> TransitionCallbackReturn:
@@ -281,16 +281,16 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         return self._result_of(self._deactivate, by="deactivating", to="inactive")
 
     def on_cleanup(self, _: Any) -> TransitionCallbackReturn:
-        """Release everything, so that the node can be configured again."""
+        """Release all resources, so that the node can be configured again."""
         return self._result_of(self._release, by="cleaningup", to="unconfigured")
 
     def on_shutdown(self, _: Any) -> TransitionCallbackReturn:
-        """Release everything and end the process."""
+        """Release all resources and end the process."""
         create_steady_timer(self, _SHUTDOWN_DELAY, stop)
         return self._result_of(self._release, by="shuttingdown", to="finalized")
 
     def on_error(self, _: Any) -> TransitionCallbackReturn:
-        """Release everything after a defect; the node can be configured again."""
+        """Release all resources after a defect; the node can be configured again."""
         try:
             self._release()
         except Exception:
@@ -299,7 +299,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         return TransitionCallbackReturn.SUCCESS
 
     def destroy_node(self) -> None:
-        """Release everything, then end the node."""
+        """Release all resources, then destroy the node."""
         self._release()
         super().destroy_node()
 
@@ -349,7 +349,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
     def _result_of(
         self, transition: Callable[[], None], *, by: str, to: str
     ) -> TransitionCallbackReturn:
-        """Carry out a transition by a state to another; keep its error for :meth:`_report`."""
+        """Carry out a transition via the state ``by`` to ``to``; keep its error for the report."""
         before, self.state = self.state, by
         self._fault = None
         try:
@@ -372,7 +372,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
     def _on_change_state(
         self, carry_out: Callable[[Any, Any], Any], request: Any, response: Any
     ) -> Any:
-        """Carry out a requested transition if it is possible, and report its result."""
+        """Carry out a requested transition if possible, and report the result."""
         wanted = request.transition
         possible = _TRANSITIONS.get(self.state, {})
         asked = wanted.label or possible.get(wanted.id, str(wanted.id))
@@ -390,9 +390,9 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         return response
 
     def _report(self, transition: str, loss: str | None = None) -> None:
-        """Log and publish the new state, or why a transition failed."""
+        """Log and publish the new state, or the reason for a failed transition."""
         if self._fault is None and loss is not None:
-            self.get_logger().warning(f"{self.state} by request in flight: {loss}")
+            self.get_logger().warning(f"{self.state} on request in flight: {loss}")
         elif self._fault is None:
             self.get_logger().info(self.state)
         elif isinstance(self._fault, UserError):

@@ -1,8 +1,8 @@
-"""What a process was given on its command line for ROS: parameter files and ``-p``, by section.
+"""Parameter files and ``-p`` on the ROS command line of a process, by section.
 
-rclpy merges the sections that are for a node and says nothing of the others, so that a misspelt
-one would be ignored. Here the arguments are read again, by the rules of ``--config``, before and
-beside rclpy: the values are rclpy's, what is refused is said here.
+rclpy merges the sections for a node and ignores all others, also misspelt ones. This module reads
+the arguments separately, with the rules of ``--config``, to report errors. The values are those of
+rclpy.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _OWN_NODES = ("mpc", "simulator", "reference", "recorder", "player", "visualisat
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterSource:
-    """One section of a file, or one ``-p``; ``origin`` is the path, or the option."""
+    """One section of a file, or one ``-p``; ``origin`` is the path or the option."""
 
     origin: str
     section: Section
@@ -40,18 +40,18 @@ class ParameterSource:
 
 
 class CommandLineParameters:
-    """The parameters given to the nodes of a process."""
+    """The parameters on the command line of a process."""
 
     def __init__(self, given: Sequence[ParameterSource], *, several: bool) -> None:
-        """Hold what was read; ``several`` is whether the process has more than one node."""
+        """Initialise with the sources; ``several``: the process has more than one node."""
         self._sources = given
         self._several = several
 
     def of(self, name: str, namespace: str) -> dict[str, str]:
-        """Return where each parameter was given that a node was given by its own name.
+        """Return the origin of each parameter that a node receives by its own name.
 
-        Raises :class:`UserError` for a file with the node's bare name, given in a namespace: ROS
-        reads ``mpc:`` for the node /mpc only, and would ignore it.
+        Raises :class:`UserError` for a file with the node's bare name if the node has a namespace:
+        ROS reads ``mpc:`` only for the node /mpc.
         """
         full = f"{namespace.rstrip('/')}/{name}"
         self._refuse_unread(name, full)
@@ -63,15 +63,15 @@ class CommandLineParameters:
         return found
 
     def file_of(self, name: str) -> str | None:
-        """Return the file that gave a parameter last, None for one that a ``-p`` did."""
+        """Return the last file with a parameter; None if a ``-p`` overrides it."""
         last = (each for each in reversed(self._sources) if name in each.section.values)
         each = next(last, None)
         return each.origin if each is not None and each.in_file else None
 
     def reject_unused_overrides(self, nodes: Mapping[str, Container[str]]) -> None:
-        """Raise :class:`UserError` for a ``-p`` that is for no node of the process.
+        """Raise :class:`UserError` for a ``-p`` that no node of the process reads.
 
-        ``nodes`` are the parameters that each declares, by the full name of the node.
+        ``nodes``: the declared parameters by full node name.
         """
         expected = " or ".join(nodes)
         for each in self._sources:
@@ -89,7 +89,7 @@ class CommandLineParameters:
                 raise UserError(f"{each.origin}: given {name}, expected a parameter of {expected}")
 
     def unread_files(self, nodes: Iterable[str]) -> list[str]:
-        """Return the files with nothing for any of the nodes, each with its sections."""
+        """Return a warning for each file without a section for any of the nodes."""
         sections: dict[str, list[Section]] = {}
         for each in self._sources:
             if each.in_file:
@@ -117,13 +117,13 @@ _current: ContextVar[CommandLineParameters | None] = ContextVar("given_parameter
 
 
 def command_line_parameters() -> CommandLineParameters | None:
-    """Return what the process was given, None where a node is not made by ``run``."""
+    """Return the parameters on the command line; None for a node not started by ``run``."""
     return _current.get()
 
 
 @contextmanager
 def using_parameters(given: CommandLineParameters) -> Iterator[None]:
-    """Let the nodes that are made meanwhile know what they were given."""
+    """Provide the command-line parameters to nodes that are created in this context."""
     token = _current.set(given)
     try:
         yield
@@ -137,7 +137,7 @@ def own_arguments(arguments: Sequence[str]) -> list[str]:
 
 
 def refuse_own_arguments(arguments: Sequence[str]) -> None:
-    """Raise :class:`UserError` for arguments that are not for ROS, to a node that takes none."""
+    """Raise :class:`UserError` for arguments that are not for ROS."""
     own = own_arguments(arguments)
     if own:
         raise UserError(f"given {' '.join(own)}, expected arguments for ROS, after {_ROS_ARGS}")
@@ -146,8 +146,7 @@ def refuse_own_arguments(arguments: Sequence[str]) -> None:
 def read_arguments(arguments: Sequence[str], *, several: bool) -> CommandLineParameters:
     """Return the parameters in the arguments of a process.
 
-    Raises :class:`UserError` for a file that cannot be read, a value that is none, and a node's
-    name that surely is misspelt.
+    Raises :class:`UserError` for an unreadable file, an invalid value or a misspelt node name.
     """
     words = [word for word, for_ros in _marked(arguments) if for_ros]
     names = {found[1] for word in words if (found := _NODE_NAME_PATTERN.search(word))}
@@ -164,10 +163,10 @@ def read_arguments(arguments: Sequence[str], *, several: bool) -> CommandLinePar
 
 
 def read_parameter_file(option: str, given: str, names: Iterable[str] = ()) -> list[Section]:
-    """Return what a parameter file states that was given by an option.
+    """Return the sections of a parameter file given by an option.
 
-    Raises :class:`UserError` for one that is not there or that ROS cannot read, and for a node's
-    name that surely is misspelt; ``names`` are further ones.
+    Raises :class:`UserError` for a file that is missing or that ROS cannot read, and for a
+    misspelt node name; ``names`` are further valid names.
     """
     there = files.sections(files.parameter_file(option, given))
     _refuse_misspelt_nodes(given, there, names)
@@ -175,7 +174,7 @@ def read_parameter_file(option: str, given: str, names: Iterable[str] = ()) -> l
 
 
 def _marked(arguments: Sequence[str]) -> Iterator[tuple[str, bool]]:
-    """Yield each argument with whether it is for ROS; those that begin and end these are left."""
+    """Yield each argument and whether it is for ROS, without the delimiters."""
     for_ros = False
     for word in arguments:
         if word == _ROS_ARGS:
@@ -203,10 +202,9 @@ def _override(option: str, word: str) -> Section:
 
 
 def _refuse_misspelt_nodes(origin: str, there: Sequence[Section], names: Iterable[str]) -> None:
-    """Refuse a name that surely is a misspelling of one of our nodes, which is not there.
+    """Reject a section that is surely a misspelt node of this package.
 
-    Sections of other nodes are ignored. ``names`` are those that nodes of this
-    process were given.
+    Sections of other nodes are ignored. ``names``: names given to nodes of this process.
     """
     given = {section.node for section in there}
     others = given - {*_OWN_NODES, *names, "*", "**"}
@@ -221,9 +219,9 @@ def _refuse_misspelt_nodes(origin: str, there: Sequence[Section], names: Iterabl
 
 
 def refuse_misspelt(name: str, known: Iterable[str], *, owner: str, origin: str) -> None:
-    """Refuse a parameter for nodes of any name that surely is a misspelling of one of a node's.
+    """Reject a parameter for all nodes that is surely a misspelt parameter of one of them.
 
-    Others may be of other packages' nodes, and are left to them.
+    Other names may belong to nodes of other packages and are ignored.
     """
     meant = meant_instead_of(name, sorted(known))
     if meant is not None:

@@ -1,26 +1,26 @@
-"""The contract of every bridge: the rules and messages of a flight stack.
+"""The interface of all bridges: the rules and messages of a flight stack.
 
-A bridge turns the stack's state into odometry, and the MPC's command into the stack's messages.
-It needs neither ROS nor a clock: the time and a function that makes empty messages are given, and
-it only reads and fills attributes. So the same object runs in a node, in a test and in a
-simulation. Its file has both halves: the codec, functions with frame and unit in their names, and
-the rules, a subclass of :class:`Bridge`.
+A bridge converts the stack's state into odometry and the MPC's commands into the stack's messages.
+It uses neither ROS nor a clock: the caller passes the time and a function that makes empty
+messages. So the same object runs in a node, in a test and in a simulation. The file of a bridge
+has the codec, functions with frame and unit in their names, and the rules, a subclass of
+:class:`Bridge`.
 
 Every bridge obeys these rules:
 
-- It sends only in answer to a fresh command. It has no timer: when the MPC stops, the stack gets
-  nothing more, no heartbeat either, and its own failsafe acts. (Betaflight holds the last sticks:
-  its bridge has a ``line``, over which it continues to send what brings the vehicle down.)
-- It refuses, with a reason, what is not finite or not in a known frame.
+- It sends only in response to a fresh command and has no timer. If the MPC stops, the stack
+  receives nothing, not even a heartbeat, and its own failsafe acts. (Betaflight holds the last
+  sticks, so its bridge has a ``line`` over which it brings the vehicle down.)
+- It rejects values that are not finite or not in a known frame, with a reason.
 - It passes on a reset of the estimator: same frame, next stamp, another position.
 - It arms and switches modes only on request, and sends nothing before a request to engage.
-  (ArduPilot is asked for its landing mode once it has been landed: it would not disarm else.)
-- It refuses to engage and to arm where the vehicle would jump, and releases for good when another
-  else takes over or commands have stopped (:mod:`.handover`).
-- Disarming is forced: in the air, too, the motors stop. The bridge releases the vehicle at once. A
-  bridge that cannot disarm its stack refuses and names what can.
-- It reports whether the vehicle acts on commands: until then the reference waits at the vehicle,
-  and the MPC learns nothing. Where the stack knows it, it reports whether the vehicle stands.
+  (It requests ArduPilot's landing mode after a landing, because ArduPilot does not disarm else.)
+- It refuses to engage and to arm if the vehicle would jump. It releases the vehicle for good if
+  another source takes over or commands have stopped (:mod:`.handover`).
+- Disarming is forced: the motors stop also in the air. The bridge releases the vehicle at once. A
+  bridge that cannot disarm its stack refuses and names the tool that can.
+- It reports whether the vehicle acts on commands. Until it does, the reference waits at the
+  vehicle and the MPC does not estimate. It reports whether the vehicle has landed, if known.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ from quad_mpc_ros.ros.bridges.thrust import ThrustMap
 FORCED = 21196.0
 """Second parameter of MAV_CMD_COMPONENT_ARM_DISARM: disarm in the air as well."""
 
-_MAX_BODY_RATE = 100.0  # rad/s: more than the gyroscope of a vehicle can measure
-_COMMAND_TIMEOUT = 0.1  # s: an older command, by its stamp, is not passed on
+_MAX_BODY_RATE = 100.0  # rad/s: beyond the range of gyroscopes
+_COMMAND_TIMEOUT = 0.1  # s: a command with an older stamp is not passed on
 _SWITCH_RETRY_NS = 1_000_000_000
 _MAV_RESULTS = "accepted", "temporarily rejected", "denied", "unsupported", "failed"
 _ARMING_TIMEOUT_NS = 3_000_000_000  # until the stack reports what was requested
@@ -64,10 +64,10 @@ _REFUSAL_REASON_NS = 500_000_000  # for texts with the reason of a refusal
 
 @dataclass(frozen=True, kw_only=True)
 class Subscription:
-    """A topic of the stack and the function that takes its messages.
+    """A topic of the stack and the function that receives its messages.
 
-    ``receive`` gets a message and the time of its arrival [ns], and returns an odometry if there
-    is one to pass on.
+    ``receive`` is called with a message and its time of arrival [ns]. It returns an odometry to
+    publish, or None.
     """
 
     topic: Topic
@@ -76,7 +76,7 @@ class Subscription:
 
 @dataclass(frozen=True, kw_only=True)
 class OutgoingMessage:
-    """A filled message and the stack's topic that it goes to."""
+    """A filled message and the topic of the stack to publish it on."""
 
     topic: Topic
     message: Any
@@ -84,17 +84,17 @@ class OutgoingMessage:
 
 @dataclass(frozen=True, kw_only=True)
 class OutgoingBytes:
-    """What goes out over the line."""
+    """Bytes to send over the line."""
 
     data: bytes
 
 
 @dataclass(frozen=True, kw_only=True)
 class ServiceCall:
-    """A filled request and the stack's service that it goes to.
+    """A filled request and the service of the stack to call.
 
-    ``type_name`` is like ``std_srvs/srv/SetBool``. ``receive`` gets the response, if anything
-    does; an ``optional`` call is left out where no node serves it.
+    ``type_name`` is like ``std_srvs/srv/SetBool``. ``receive``, if not None, is called with the
+    response. An ``optional`` call is skipped if no node provides the service.
     """
 
     service: str
@@ -106,9 +106,9 @@ class ServiceCall:
 
 @dataclass(frozen=True, kw_only=True)
 class Response:
-    """The response to a request to arm or to engage, and what to send for it.
+    """The response to a request to arm or to engage, with the messages to send.
 
-    ``text`` has the reason of a refusal.
+    ``text`` has the reason for a refusal.
     """
 
     accepted: bool
@@ -124,98 +124,98 @@ class Bridge(ABC):
     """Base of every bridge. Messages are sent in the order in which they are returned."""
 
     name: ClassVar[str]
-    """The executable, which is also the node: ``px4_bridge``."""
+    """Name of the executable and of the node, like ``px4_bridge``."""
     speaks: ClassVar[str]
-    """The stack and its messages, in a few words."""
+    """The stack and its messages, for ``quad_mpc bridges``."""
     packages: ClassVar[tuple[str, ...]]
-    """The message packages that it needs."""
+    """The required packages."""
     how_to_get: ClassVar[str]
-    """How to install them when they are missing."""
+    """How to install missing packages."""
     Config: ClassVar[type[BridgeConfig]]
 
     warm_up: float = 0.0
-    """How long [s] setpoints must have run before the stack may be asked to act on them."""
+    """Time [s] for which setpoints must be sent before the request to switch to them."""
     streams: bool = False
-    """Whether setpoints are sent before the stack acts on them."""
+    """Whether setpoints are sent before the stack has switched to them."""
     pilot_switches_mode: bool = False
-    """Whether a pilot switches the stack to setpoints, at any time."""
+    """Whether a pilot switches the stack to setpoints, so that the switch has no timeout."""
 
     line: LineFactory | None = None
-    """The line to the stack in place of topics, if there is one."""
+    """The line to the stack, None for a stack with topics."""
 
     subscriptions: Sequence[Subscription]
-    """What the bridge listens to."""
+    """The subscribed topics."""
     publications: Sequence[Topic]
-    """What the bridge may publish."""
+    """The published topics."""
     services: Sequence[tuple[str, str]] = ()
-    """The services that the bridge may call: name and type."""
+    """Name and type of each service that the bridge may call."""
 
     def __init__(self, config: Any, new: NewMessage, *, namespace: str = "") -> None:
-        """Prepare; a derived class also sets ``subscriptions`` and ``publications``.
+        """Initialise; a derived class also sets ``subscriptions`` and ``publications``.
 
         Args:
             config: An instance of ``Config``.
-            new: Makes empty messages, and empty requests of services.
-            namespace: Of the stack's topics and services.
+            new: Makes empty messages and service requests by type name.
+            namespace: Namespace of the stack's topics and services.
         """
         self.thrust = ThrustMap(config)
         self.silence = "waiting for a command"
         self.commands = self.passed = self.refused = self.jumps = 0
         self.announced_reset: EstimateReset | None = None
-        """The step of the estimate that the stack announced with the newest odometry."""
+        """The reset that the stack announced with the newest odometry, if any."""
         self._new = new
         self._config = config
         self._namespace = namespace
         self._stamps = OdometryStamps()
-        self._newest: OdometrySample | None = None  # that was passed on, and when it came
+        self._newest: OdometrySample | None = None  # published odometry, and its arrival
         self._newest_ns: int | None = None
         self._warnings: list[str] = []
         self._handover = Handover(config.handover, by_pilot=self.pilot_switches_mode)
         self._handover_conditions = HandoverConditions(config.handover)
         self._ground, self._mpc_ground = Ground(), GroundState.UNKNOWN
-        self._arming: tuple[bool, int] | None = None  # what was requested, and when [ns]
-        self._refusal: list[str] = []  # of that request
-        self._reasons: list[str] = []  # what the stack said since then
+        self._arming: tuple[bool, int] | None = None  # requested state, and when [ns]
+        self._refusal: list[str] = []  # refusal of that request
+        self._reasons: list[str] = []  # texts of the stack since then
         self._requested_ns: int | None = None
 
     @abstractmethod
     def _stack(self, now_ns: int) -> Stack:
-        """Return what the stack reports now."""
+        """Return the state that the stack reports now."""
 
     def _switch(self) -> Sequence[Outgoing]:
-        """Return the messages that switch the stack to setpoints."""
+        """Return the messages that request the mode for setpoints."""
         return ()
 
     def _switch_back(self, now_ns: int) -> Response:
-        """Return what switches the stack back to flying by itself."""
+        """Return the response that switches the stack back to its own control."""
         return Response(accepted=True, text="released")
 
     def _arm(self, wanted: bool) -> Response:
-        """Return what arms, or disarms also in the air, or that this bridge cannot."""
+        """Return the response that arms or disarms (also in the air), or a refusal."""
         return Response(accepted=False, text="arm the vehicle with the tools of its own stack")
 
     @abstractmethod
     def _messages(self, command: CommandSample, now_ns: int) -> Sequence[Outgoing]:
-        """Return what to send to the stack for a fresh command."""
+        """Return the messages for a fresh command."""
 
     def exchange(self, received: bytes, *, now_ns: int) -> bytes:
-        """Take what came over the line, and return what goes out; called every few milliseconds.
+        """Process bytes from the line and return bytes to send; called every few milliseconds.
 
-        Only a bridge with a ``line`` is asked.
+        It is called only if the bridge has a ``line``.
         """
         return b""
 
     def take_odometries(self) -> list[tuple[OdometrySample, EstimateReset | None]]:
-        """Return what odometry has come over the line since the last call.
+        """Return the odometries received over the line since the last call.
 
-        With each comes the step of the estimate that was announced with it, if one was.
+        Each has the reset of the estimate that was announced with it, or None.
         """
         return []
 
     def engage(self, wanted: bool, *, now_ns: int) -> Response:
-        """Hand the vehicle to the MPC, or take it back, on request.
+        """Hand the vehicle to the MPC on request, or take it back.
 
-        Handing over takes as long as the stack needs; ``handover`` has the result.
+        The stack may need time for the handover; ``handover`` has the result.
         """
         if not wanted:
             self._handover.release("released on request")
@@ -249,7 +249,7 @@ class Bridge(ABC):
         return response
 
     def arming_outcome(self, *, now_ns: int) -> Response | None:
-        """Return how the last request to arm or disarm ended; None while that is open."""
+        """Return the result of the last request to arm or disarm; None while it is pending."""
         if self._arming is None:
             return None
         wanted, since_ns = self._arming
@@ -264,21 +264,21 @@ class Bridge(ABC):
         )
 
     def stack_fault(self, *, now_ns: int) -> str:
-        """Return why the stack cannot be flown now, or an empty string."""
+        """Return the reason why the stack cannot be flown now, or an empty string."""
         return self._stack(now_ns).fault
 
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
-        """Take a reference, by which a handover is judged."""
+        """Receive a reference, which the check of a handover uses."""
         self._handover_conditions.reference.receive(window, now_ns)
 
     def receive_ground(self, state: GroundState) -> None:
-        """Take what the MPC knows of the ground, which counts while it flies the vehicle."""
+        """Receive the MPC's ground state, which is used while the MPC is engaged."""
         self._mpc_ground = state
 
     def receive_command(self, command: CommandSample, *, now_ns: int) -> list[Outgoing]:
-        """Return what to send for a command that arrives now.
+        """Return the messages to send for a command that arrives now.
 
-        Afterwards ``silence`` has why nothing was sent, or is empty.
+        Afterwards ``silence`` has the reason why nothing was sent, or is empty.
         """
         self.commands += 1
         fault = self._command_fault(command, now_ns)
@@ -302,7 +302,7 @@ class Bridge(ABC):
         return messages if stack.takes_setpoints else messages + self._switch_requests(now_ns)
 
     def engaged(self, *, now_ns: int) -> bool:
-        """Return whether the vehicle acts on commands: armed, in the mode that takes them."""
+        """Return whether the vehicle acts on commands: armed, in the mode for setpoints."""
         self._advance(now_ns)
         return self._handover.state is HandoverState.ENGAGED
 
@@ -312,7 +312,7 @@ class Bridge(ABC):
         return self._handover.state.value, self._handover.reason
 
     def landed(self, *, now_ns: int) -> bool | None:
-        """Return whether the vehicle stands on the ground; None where that is unknown."""
+        """Return whether the vehicle is on the ground; None if unknown."""
         return self._ground.landed
 
     def take_warnings(self) -> list[str]:
@@ -321,7 +321,7 @@ class Bridge(ABC):
         return warnings
 
     def _advance(self, now_ns: int) -> None:
-        """Advance or end the handover by the present state."""
+        """Advance or end the handover according to the present state."""
         before = self._handover.state
         if before is HandoverState.RELEASED:
             return
@@ -335,13 +335,13 @@ class Bridge(ABC):
         return self._handover_conditions.blocker(landed=self.landed(now_ns=now_ns), now_ns=now_ns)
 
     def _arming_blocker(self, now_ns: int) -> str:
-        """Return why the vehicle must not be armed now, or nothing."""
+        """Return the reason why the vehicle must not be armed now, or an empty string."""
         stack = self._stack(now_ns)
         match self._handover.state:
             case HandoverState.RELEASED if stack.takes_setpoints:
                 return (
-                    "engage it first: the stack is in the mode that takes setpoints, and would "
-                    "fly any"
+                    "engage it first: the stack is in the mode for setpoints and would execute "
+                    "any setpoint"
                 )
             case HandoverState.OFFERED:
                 return "it is being engaged: try again"
@@ -351,7 +351,7 @@ class Bridge(ABC):
                 return ""
 
     def _reports_armed(self, wanted: bool, now_ns: int) -> bool | None:
-        """Return whether the stack reports that it is armed, or None, after it was ``wanted``."""
+        """Return whether the stack is armed, or None, after a request for ``wanted``."""
         return self._stack(now_ns).armed
 
     def _refuse_arming(self, reason: str) -> None:
@@ -360,7 +360,7 @@ class Bridge(ABC):
         self._refusal = [reason]
 
     def _switch_requests(self, now_ns: int) -> list[Outgoing]:
-        """Return what switches the stack to setpoints, once they have run for long enough."""
+        """Return the request for the mode for setpoints, if they were sent for long enough."""
         if self._handover.offered_for(now_ns=now_ns) < round(self.warm_up * 1e9):
             return []
         if self._requested_ns is not None and now_ns - self._requested_ns < _SWITCH_RETRY_NS:
@@ -369,7 +369,7 @@ class Bridge(ABC):
         return [*self._switch()]
 
     def _topic(self, path: str, type_name: str, **quality: Any) -> Topic:
-        """Return a topic in the stack's namespace; ``quality`` is what else a topic takes."""
+        """Return a topic in the stack's namespace; ``quality``: further fields of the topic."""
         return Topic(name=f"{self._namespace}/{path}", type_name=type_name, **quality)
 
     def _service(self, path: str, type_name: str) -> tuple[str, str]:
@@ -384,7 +384,7 @@ class Bridge(ABC):
         optional: bool = False,
         **fields: object,
     ) -> ServiceCall:
-        """Return a call with these fields in its request; the rest as in :class:`ServiceCall`."""
+        """Return a :class:`ServiceCall` with these fields in its request."""
         name, type_name = service
         request = self._new(type_name)
         for field, value in fields.items():
@@ -394,9 +394,9 @@ class Bridge(ABC):
         )
 
     def _odometry_subscription(self, name: str, *, twist_frame: str) -> Subscription:
-        """Return a subscription to an estimator's ``nav_msgs/Odometry``, in ENU.
+        """Return a subscription to ``nav_msgs/Odometry`` of an estimator, in ENU.
 
-        ``twist_frame`` is the frame of its twist: ``child`` (body) or ``world``.
+        ``twist_frame`` is the frame of the twist: ``child`` (body) or ``world``.
         """
 
         def receive(message: Any, now_ns: int) -> OdometrySample | None:
@@ -414,7 +414,7 @@ class Bridge(ABC):
     def _converted(
         self, source: str, convert: Callable[[], OdometrySample | None]
     ) -> OdometrySample | None:
-        """Return an odometry, or None and note the ``ValueError`` of the conversion."""
+        """Return the converted odometry; on ``ValueError`` return None and warn."""
         try:
             return convert()
         except ValueError as error:
@@ -424,10 +424,10 @@ class Bridge(ABC):
     def _passed_on(
         self, odometry: OdometrySample | None, *, now_ns: int, cause: str | None = None
     ) -> OdometrySample | None:
-        """Return an odometry with the stamp and the frames that the MPC expects.
+        """Return the odometry to publish, with the MPC's clock and frames.
 
-        ``cause`` is why the stack's estimate stepped, if it announced that. Returns None, and
-        notes why, if it is not valid or not newer than the last.
+        ``cause`` is the announced cause of a reset of the stack's estimate. Returns None, with a
+        warning, for an odometry that is not valid or not newer than the last one.
         """
         if odometry is None:
             return None
@@ -457,7 +457,7 @@ class Bridge(ABC):
         return odometry
 
     def _update_ground(self, odometry: OdometrySample, now_ns: int) -> None:
-        """Judge whether the vehicle stands, where the stack reports whether it is armed."""
+        """Update the ground state from height, arming and the MPC's ground state."""
         stack = self._stack(now_ns)
         if not stack.fault:
             flown = self._handover.state is HandoverState.ENGAGED
@@ -469,7 +469,7 @@ class Bridge(ABC):
         self._warnings.append(reason)
 
     def _battery_subscription(self, topic: Topic, *, field: str = "voltage") -> list[Subscription]:
-        """Return the subscription to the battery's voltage, if the thrust map uses it."""
+        """Return the subscription to the battery voltage, if the thrust map uses it."""
         if self._config.thrust_map.battery_voltage == 0.0:
             return []
 
@@ -479,7 +479,7 @@ class Bridge(ABC):
         return [Subscription(topic=topic, receive=receive)]
 
     def _receive_voltage(self, voltage: float, now_ns: int) -> None:
-        """Take a battery voltage [V] as the stack reports it, known or not."""
+        """Receive a battery voltage [V] as reported by the stack, valid or not."""
         warning = self.thrust.receive_voltage(voltage, now_ns=now_ns)
         self._warnings += [warning] if warning else []
 
@@ -498,15 +498,15 @@ class Bridge(ABC):
 
 
 def command_result(number: int) -> str:
-    """Return a MAV_RESULT in words; PX4 and MAVROS answer with the same numbers."""
+    """Return a MAV_RESULT as text; PX4 and MAVROS use the same numbers."""
     return _MAV_RESULTS[number] if 0 <= number < len(_MAV_RESULTS) else f"result {number}"
 
 
 class SwitchedBridge(Bridge):
-    """A bridge to a stack without modes, which acts on whatever it gets, armed or not."""
+    """A bridge to a stack without modes, which acts on every setpoint, armed or not."""
 
     def _stack(self, now_ns: int) -> Stack:
         return Stack(takes_setpoints=True, armed=True)
 
     def _update_ground(self, odometry: OdometrySample, now_ns: int) -> None:
-        """Whether the vehicle stands is unknown."""
+        """Do nothing: the ground state is unknown."""

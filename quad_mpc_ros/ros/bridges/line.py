@@ -1,7 +1,7 @@
-"""Lines to a stack in place of topics: a serial port by pyserial, UDP or TCP.
+"""Lines to a stack without topics: a serial port (pyserial), UDP or TCP.
 
-``udpin:HOST:PORT`` waits to be called, and answers who calls; ``udpout:HOST:PORT`` and
-``tcp:HOST:PORT`` call. A line may be lost: nothing passes meanwhile, and it is opened again.
+``udpin:HOST:PORT`` is a server and answers its caller; ``udpout:HOST:PORT`` and
+``tcp:HOST:PORT`` are clients. A line that fails is opened again.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from typing import Any, Protocol
 
 RECONNECT_PERIOD = 1.0  # s
 NETWORK_PREFIXES = "udpin:", "udpout:", "tcp:"
-_CONNECT_TIMEOUT = 0.2  # s: nothing else happens meanwhile
-_CALLER_TIMEOUT = 3.0  # s, after which another caller is answered
-_MAX_READ_BYTES = 65536  # bytes of one reading; what is left comes with the next
-_MAX_DATAGRAM_BYTES = 2048  # bytes of a datagram
+_CONNECT_TIMEOUT = 0.2  # s, during which the node is blocked
+_CALLER_TIMEOUT = 3.0  # s, after which another caller is accepted
+_MAX_READ_BYTES = 65536  # in one call of read
+_MAX_DATAGRAM_BYTES = 2048
 
 
 def address_of(device: str) -> tuple[str, int] | None:
-    """Return host and port of ``udpin:HOST:PORT`` and the like; None for what is none."""
+    """Return host and port of ``udpin:HOST:PORT`` and the like; None for other texts."""
     parts = device.split(":")
     if len(parts) != 3 or not parts[2].isdecimal() or not 0 < int(parts[2]) < 65536:
         return None
@@ -38,7 +38,7 @@ class Line:
     device: str
     baud: int
     period: float = 0.005
-    """How often it is read [s]."""
+    """Time between two reads [s]."""
 
     def open(self) -> ReconnectingLine:
         """Return the line; it connects when it is first read."""
@@ -46,18 +46,18 @@ class Line:
 
 
 class LineFactory(Protocol):
-    """What describes a line: a :class:`Line`, or one of another kind."""
+    """Description of a line: a :class:`Line`, or one of another kind."""
 
     @property
     def period(self) -> float:
-        """How often it is read [s]."""
+        """Time between two reads [s]."""
 
     def open(self) -> ReconnectingLine:
         """Return the line; it connects when it is first read."""
 
 
 class ReconnectingLine(ABC):
-    """Reads and writes without waiting; ``fault`` is why it cannot."""
+    """A line that reads and writes without blocking; ``fault`` is the reason if it cannot."""
 
     def __init__(self, name: str) -> None:
         self.fault = ""
@@ -66,22 +66,22 @@ class ReconnectingLine(ABC):
 
     @abstractmethod
     def read(self) -> bytes:
-        """Return what has come."""
+        """Return the received bytes."""
 
     @abstractmethod
     def write(self, data: bytes) -> None:
-        """Send; what cannot be taken at once is dropped, as newer data follow."""
+        """Send; data that cannot be sent at once are dropped, because newer data follow."""
 
     @abstractmethod
     def close(self) -> None:
-        """Close it."""
+        """Close the line."""
 
     @abstractmethod
     def _open(self) -> None:
-        """Open it; raises ``OSError`` or ``ValueError``."""
+        """Open the line; raises ``OSError`` or ``ValueError``."""
 
     def _reconnect(self) -> bool:
-        """Open it, once a second at most; return whether it is open."""
+        """Try to open the line, at most once a second; return whether it is open."""
         now = time.monotonic()
         if now - self._attempted_s < RECONNECT_PERIOD:
             return False
@@ -110,17 +110,17 @@ class SerialLine(ReconnectingLine):
         self._port: Any = None
 
     def read(self) -> bytes:
-        """Return what has come."""
+        """Return the received bytes."""
         if self._port is None and not self._reconnect():
             return b""
         try:
             return bytes(self._port.read(self._port.in_waiting))
-        except OSError as error:  # of which pyserial's own are
+        except OSError as error:  # also pyserial's errors
             self._disconnect(error)
             return b""
 
     def write(self, data: bytes) -> None:
-        """Send; what the port cannot take at once is dropped, as newer data follow."""
+        """Send; data that the port cannot take at once are dropped, because newer data follow."""
         if self._port is None or not data:
             return
         try:
@@ -153,10 +153,10 @@ class NetworkLine(ReconnectingLine):
         self._address = address
         self._is_server, self._is_stream = line.device.startswith("udpin:"), line.device[0] == "t"
         self._socket: socket.socket | None = None
-        self._caller: tuple[tuple[str, int], float] | None = None  # and when it was heard
+        self._caller: tuple[tuple[str, int], float] | None = None  # with its last time
 
     def read(self) -> bytes:
-        """Return what has come."""
+        """Return the received bytes."""
         data = b""
         while len(data) < _MAX_READ_BYTES:
             if self._socket is None and not self._reconnect():
@@ -181,7 +181,7 @@ class NetworkLine(ReconnectingLine):
         return data
 
     def write(self, data: bytes) -> None:
-        """Send; what cannot be taken at once is dropped, as newer data follow."""
+        """Send; data that cannot be sent at once are dropped, because newer data follow."""
         if self._socket is None or not data:
             return
         try:
@@ -211,11 +211,11 @@ class NetworkLine(ReconnectingLine):
         self._socket.setblocking(False)
 
     def _accepts(self, caller: tuple[str, int]) -> bool:
-        """Whether a datagram is of whom we talk to; another is heard once that one is silent."""
+        """Return whether to accept a datagram: of one caller, until it is silent."""
         now = time.monotonic()
         if self._caller is not None and caller != self._caller[0]:
             if now - self._caller[1] < _CALLER_TIMEOUT:
-                self.fault = f"{self._name}: {caller[0]}:{caller[1]} calls as well, not heard"
+                self.fault = f"{self._name}: {caller[0]}:{caller[1]} also sends, ignored"
                 return False
             self.fault = ""
         self._caller = caller, now

@@ -1,4 +1,4 @@
-"""Quality of service between rclpy and bags: as recorded, as subscribed, as played."""
+"""Quality of service for recording and playing bags with rclpy."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MIN_DEPTH = 10
 
 
 def recorded_profile(profile: QoSProfile) -> QosProfile:
-    """Return rclpy's profile as a bag writes it down."""
+    """Return the profile for a bag, given rclpy's profile."""
     return QosProfile(
         history=profile.history.name.lower(),
         depth=profile.depth,
@@ -37,20 +37,20 @@ def recorded_profile(profile: QoSProfile) -> QosProfile:
 
 
 def strictest_common_profile(publishers: Sequence[QoSProfile]) -> QoSProfile:
-    """Return the strictest profile that every publisher of a topic can serve, as rosbag2 does."""
+    """Return the strictest profile that is compatible with all publishers, as in rosbag2."""
     reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in publishers)
     latched = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in publishers)
     profile = qos_profile(depth=_RECORDING_DEPTH, reliable=reliable, latched=latched)
-    if reliable and latched:  # of lockstep, whose simulator waits for a recorder that is behind
+    if reliable and latched:  # lockstep: the simulator waits for the recorder
         profile.history = HistoryPolicy.KEEP_ALL
     return profile
 
 
 def playback_profile(recorded: Sequence[QosProfile]) -> QoSProfile:
-    """Return the profile for publishing what publishers of these profiles had sent.
+    """Return the profile to play messages that publishers with these profiles sent.
 
-    Subscribers that matched each of them must match this one: it is reliable or latched if one of
-    them was. Deadline, lifespan and liveliness are kept where all are the same.
+    It must match subscribers of any of these publishers: it is reliable or latched if one of them
+    was. Deadline, lifespan and liveliness are kept if all are equal.
     """
     if not recorded:
         return QoSProfile(depth=_MIN_DEPTH)
@@ -63,11 +63,11 @@ def playback_profile(recorded: Sequence[QosProfile]) -> QoSProfile:
     }
     if all(profile.liveliness == "manual_by_topic" for profile in recorded):
         common["liveliness"] = LivelinessPolicy.MANUAL_BY_TOPIC
-    # Over DDS the depth of a publisher is often unknown, and recorded as 0.
+    # DDS often does not report the depth of a publisher; then it is recorded as 0.
     depth = max(_MIN_DEPTH, *(profile.depth for profile in recorded))
     return qos_profile(depth=depth, reliable=reliable, latched=latched, **common)
 
 
 def _duration(nanoseconds: int) -> Duration:
-    """Return a duration; infinity is spelled zero, which is rmw's word for "not given"."""
+    """Return a duration; infinity becomes zero, which is rmw's value for "unspecified"."""
     return Duration(nanoseconds=0 if nanoseconds == INFINITE_NS else nanoseconds)

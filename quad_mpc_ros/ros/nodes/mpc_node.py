@@ -34,7 +34,7 @@ from quad_mpc_ros.ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
 
-if TYPE_CHECKING:  # a node that nothing guides imports it not
+if TYPE_CHECKING:  # imported only with a guide
     from quad_mpc_ros.extras.guidance import Guidance
     from quad_mpc_ros.extras.racing.held_gates import HeldGates
 
@@ -43,26 +43,26 @@ _IMU_WARNINGS = {
     "missing": "is silent",
     "refused": "measures what the odometry contradicts",
 }
-# Between published plans: in lockstep every one at 50 Hz; in real time, where publishing a plan
-# takes as long as solving, as many as an eye can follow.
+# Between published plans: every plan at 50 Hz in lockstep; fewer in real time, where publishing
+# takes as long as solving.
 _PATH_PERIOD_NS, _LOCKSTEP_PERIOD_NS = 95_000_000, 15_000_000
 
-# s: between checks for missing odometry; a live timeout may be shortened meanwhile.
+# s: at most, between checks for missing odometry, because the timeout is a live parameter.
 _MAX_PAUSE = 0.1
 
 
 class MpcNode(ManagedNode[MpcConfig]):
-    """Wires the controller to its topics: odometry triggers it, a timer is its watchdog.
+    """Connects the controller to its topics: odometry triggers it, a timer is the watchdog.
 
-    While the node is inactive nothing reaches the controller, which would count on commands that
-    are not sent.
+    While the node is inactive the controller receives no input, because it would assume that its
+    commands are sent.
     """
 
     _controller: Controller
     _standby: Standby
 
     def __init__(self, *, subscribes_reference: bool = True) -> None:
-        """Windows come from the topic, or, if not subscribed, from :meth:`take_reference`."""
+        """Initialise; without the subscription, windows come from :meth:`take_reference` only."""
         super().__init__("mpc", MpcConfig)
         self._subscribes_reference, self._in_lockstep = subscribes_reference, False
         self._handed: deque[tuple[ReferenceWindow, int]] = deque(maxlen=1)
@@ -73,7 +73,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self.start()
 
     def configure(self, config: MpcConfig) -> None:
-        """Make the controller and listen."""
+        """Create the controller, publishers and subscriptions."""
         refused = realtime.apply(config.realtime)
         for refusal in refused:
             self.get_logger().warning(refusal)
@@ -87,7 +87,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._controller = warmed_up(config, deadline=config.deadline_seconds, guide=guide)
         self._standby = Standby(config)
         self._in_lockstep = self.health.lockstep = config.lockstep
-        self._engaged: bool | None = None  # unless a bridge publishes it, commands act
+        self._engaged: bool | None = None  # commands act unless a bridge reports otherwise
         self._landed: bool | None = None
         self._command = self.health.publisher(topics.COMMAND)
         self._ownership.watch(self._command, waits=not config.lockstep)
@@ -98,7 +98,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._path_period_ns = _LOCKSTEP_PERIOD_NS if config.lockstep else _PATH_PERIOD_NS
         self._path_published_ns = -self._path_period_ns
 
-        # Raw bytes: rclpy's conversion to objects takes longer than the control step.
+        # Raw bytes: conversion by rclpy takes longer than the control step.
         self.managed_subscription(topics.ODOMETRY, self._on_odometry, decode=odometry_in, raw=True)
         if self._subscribes_reference:
             self.managed_subscription(
@@ -135,7 +135,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.managed_timer(1.0 / config.control_rate, self._on_watchdog)
 
     def activation_blocker(self) -> str | None:
-        """Return which of odometry and reference is missing, or who commands already."""
+        """Return the missing input or the other active node that blocks activation, or None."""
         config, now_ns = self._controller.config, self._time.now_ns()
         blocker = self._standby.obstacle(config, now_ns=now_ns)
         if blocker is None:
@@ -149,18 +149,18 @@ class MpcNode(ManagedNode[MpcConfig]):
         return f"{blocker}: {self.health.publishers_of(topic)}"
 
     def prepare(self, blocker: str | None) -> bool:
-        """Return whether to begin now, as all other MPCs agree."""
+        """Return whether to activate now: not blocked, and all other MPCs grant the claim."""
         if self._ownership.claim(blocker is None):
             self.health.report()
         return blocker is None and self._ownership.claim_is_granted()
 
     def activate(self) -> None:
-        """Answer the newest odometry."""
+        """Start the controller with the newest odometry."""
         self._ownership.begin()
         self._finish(self._standby.begin(self._controller))
 
     def deactivate(self) -> None:
-        """Forget the flight: the MPC does not command until the next activation."""
+        """Discard the flight state; no commands until the next activation."""
         self._ownership.end()
         self._controller, self._tick = self._controller.renewed(), None
         if self._engaged is not None:
@@ -169,7 +169,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._publish_ground()
 
     def loss_in_flight(self) -> str | None:
-        """Return that commands stop, None where they do not act or the vehicle stands."""
+        """Return that commands stop; None if commands do not act or the vehicle has landed."""
         if self._engaged is False or self._controller.ground_state.stands:
             return None
         return "no more commands, the autopilot's failsafe takes over"
@@ -182,21 +182,21 @@ class MpcNode(ManagedNode[MpcConfig]):
         del self._controller, self._standby
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Apply live parameters between two ticks."""
+        """Apply live parameters between two control steps."""
         self._controller.reconfigure(config)
         self._standby.reconfigure(config)
 
     def take_reference(self, window: ReferenceWindow) -> None:
-        """Take a window from another node of this process, in any thread.
+        """Receive a window from another node of this process, in any thread.
 
-        It is used with the next odometry; in lockstep, where that waits for it, at once.
+        It is used with the next odometry, in lockstep at once, because the odometry waits for it.
         """
         self._handed.append((window, self._time.now_ns()))
         if self._in_lockstep and self.executor is not None:
             self.executor.create_task(self._receive_handed)
 
     def _receive_handed(self) -> None:
-        """Take the newest window handed over, if any."""
+        """Receive the newest window from another thread, if any."""
         if self._handed and self._configured:
             window, now_ns = self._handed.pop()
             self._receive_reference(window, now_ns=now_ns)
@@ -214,7 +214,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.activate_when_ready()
 
     def _on_imu(self, sample: ImuSample) -> None:
-        """Take what an accelerometer measured; while inactive it is of no use."""
+        """Receive an accelerometer sample; ignored while inactive."""
         if not self.active:
             return
         tick = self._controller.receive_imu(sample)
@@ -234,7 +234,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.activate_when_ready()
 
     def _on_engaged(self, message: Any) -> None:
-        """Pass on whether the vehicle acts on commands, and log changes."""
+        """Receive whether the vehicle acts on commands, and log changes."""
         engaged = bool(message.data)
         self._controller.engage(engaged)
         if engaged is not self._engaged:
@@ -248,7 +248,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._controller.landed(self._landed)
 
     def _on_diagnostics(self, data: bytes) -> None:
-        """Compare vehicles, and give way to who commands already."""
+        """Compare vehicles, and yield to an MPC that is already active."""
         if self.health.watch is not None:
             self.health.watch.receive(data)
         before = self._ownership.values()
@@ -268,7 +268,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._controller.reset_estimate(reset)
 
     def _on_gates(self, message: Any) -> None:
-        """Take where the gates are by now."""
+        """Receive the current poses of the gates."""
         frame_id = self._controller.config.odometry.frame_id
         if self._gates is not None:
             try:
@@ -278,23 +278,23 @@ class MpcNode(ManagedNode[MpcConfig]):
                 self.warnings.warn(str(error))
 
     def _on_watchdog(self) -> float:
-        """Act if odometry is missing, and return the time to the next check [s]."""
+        """React to missing odometry; return the time until the next check [s]."""
         self._receive_handed()
         now_ns = self._time.now_ns()
         if self.active:
             self._finish(self._controller.watch(now_ns=now_ns))
-        elif self._ownership.is_claiming:  # withdraws the claim when inputs grow old
+        elif self._ownership.is_claiming:  # withdraws the claim if inputs are too old
             self.activate_when_ready()
         period = 1.0 / self._controller.config.control_rate
-        if self._time.is_simulated:  # it may run faster than the timer
+        if self._time.is_simulated:  # simulated time may run faster than the timer
             return period
         pause = min(self._controller.seconds_until_unseen(now_ns=now_ns), _MAX_PAUSE)
         return max(pause, period)
 
     def _finish(self, tick: Tick | None) -> None:
-        """Publish the command first, then everything else.
+        """Publish the command, then everything else.
 
-        Before it only the news of the ground, so that they are there at the next odometry.
+        Only the ground state is published before, so that it arrives before the next odometry.
         """
         if tick is not None:
             self._publish_ground()
@@ -314,7 +314,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.warnings.warn(warning)
 
     def _publish_ground(self) -> None:
-        """Publish changes of the ground state, while ROS runs."""
+        """Publish changes of the ground state while ROS is running."""
         state = self._controller.ground_state.value
         if state != self._ground_message.data and self.context.ok():
             self._ground_message.data = state
@@ -332,7 +332,7 @@ class MpcNode(ManagedNode[MpcConfig]):
                 self._corridor.publish(data)
 
     def _path_is_due(self, stamp_ns: int) -> bool:
-        """Whether the path has a subscriber, and was not published just now."""
+        """Return whether the path has a subscriber and its period has passed."""
         if abs(stamp_ns - self._path_published_ns) < self._path_period_ns:
             return False
         if self._predicted_path.get_subscription_count() == 0:
@@ -341,7 +341,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         return True
 
     def _log_change(self, tick: Tick) -> None:
-        """Log changes of the source of commands."""
+        """Log changes of the active source."""
         before = self._tick.decision.source if self._tick is not None else Source.WAITING
         now = tick.decision.source
         if now is before:
@@ -350,14 +350,14 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.get_logger().info("the MPC flies")
             return
         text = f"{now.name.lower()} takes over: {tick.decision.reason}"
-        # Two statements: rclpy raises where one statement logs with two severities.
+        # Two statements: rclpy raises if one statement logs with two severities.
         if now in (Source.BLIND, Source.SILENT):
             self.get_logger().error(text)
         else:
             self.get_logger().warning(text)
 
     def report(self) -> Health:
-        """Return who commands."""
+        """Return the health: the active source, warnings and duplicate publishers."""
         health, duplicates = self._health_of_flight(), self._ownership.fault()
         if duplicates and duplicates != self._duplicates:
             self.get_logger().warning(f"{duplicates}; this node flies on")
@@ -368,7 +368,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         return Health(level=max(health.level, WARN), text=text, values=health.values)
 
     def values(self) -> list[tuple[str, str]]:
-        """Return since when it commands, for others that could."""
+        """Return the values of command ownership, for other MPCs."""
         return self._ownership.values()
 
     def _health_of_flight(self) -> Health:
@@ -406,7 +406,7 @@ class MpcNode(ManagedNode[MpcConfig]):
 
 
 def _guidance(config: MpcConfig) -> Guidance | None:
-    """Return what guides the controller, None where nothing is configured to."""
+    """Return the configured guidance, or None."""
     if not config.guided_by:
         return None
     guidance: Guidance = optional_part("guidance", needed_by=config.guided_by)(config)

@@ -1,4 +1,4 @@
-"""What the MPC node hears of obstacles: clouds, markers, transforms, other vehicles."""
+"""Obstacle inputs of the MPC node: clouds, markers, transforms, neighbours."""
 
 from __future__ import annotations
 
@@ -28,19 +28,18 @@ from quad_mpc_ros.messages.topics import (
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import message_class, message_in, odometry_in
 
-if TYPE_CHECKING:  # a node without obstacles imports neither
+if TYPE_CHECKING:  # imported only with obstacles
     from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider
     from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 
-_CLOUD_TIMEOUT = 1.0  # s without a scan, after the first
+_CLOUD_TIMEOUT = 1.0  # s without a cloud, after the first
 
 
 class ObstacleInputs:
-    """Hands what is heard on to a world, and counts what is refused.
+    """Passes received obstacle messages to a world and counts rejected ones.
 
-    Clouds are read in a thread of their own, the newest only, and there the local map is made from
-    what is known, so that no tick waits for one. In lockstep everything waits for the next
-    odometry, so that a flight can be repeated.
+    A separate thread reads the newest cloud and builds the local map, so that no control step
+    waits. In lockstep all messages wait for the next odometry, so that a flight is repeatable.
     """
 
     def __init__(
@@ -67,7 +66,7 @@ class ObstacleInputs:
         self._subscribe()
 
     def close(self) -> None:
-        """End the thread."""
+        """Stop the thread."""
         with self._condition:
             self._closed = True
             self._condition.notify()
@@ -75,18 +74,18 @@ class ObstacleInputs:
             self._thread.join()
 
     def receive_odometry(self, odometry: OdometrySample) -> None:
-        """Hand on what has waited for the next odometry, and that."""
+        """Pass on the messages that waited for this odometry, then the odometry."""
         waiting, self._waiting = self._waiting, []
         for receive in waiting:
             receive()
         self._world.receive_odometry(odometry)
 
     def take_warnings(self) -> list[str]:
-        """Return what was refused since the last call."""
+        """Return the rejections since the last call."""
         return [self._refusals.popleft() for _ in range(len(self._refusals))]
 
     def values(self, stamp_ns: int) -> list[tuple[str, str]]:
-        """Return what was heard, for diagnostics."""
+        """Return counts and ages for diagnostics."""
         counts = [(f"obstacles.{name}", str(count)) for name, count in self._counts.items()]
         received = len(self._world.plans([stamp_ns]).age)
         return [
@@ -96,7 +95,7 @@ class ObstacleInputs:
         ]
 
     def fault(self, stamp_ns: int) -> str:
-        """Return what is wrong, empty if nothing is."""
+        """Return an error if clouds are missing, or an empty string."""
         silence = self._world.silence(stamp_ns)
         if silence <= _CLOUD_TIMEOUT:
             return ""
@@ -116,8 +115,8 @@ class ObstacleInputs:
                 message_class(topic.type_name)
             except ImportError:
                 node.get_logger().info(
-                    "tf2_msgs is not installed: clouds and markers have to be in the frames of "
-                    "the odometry"
+                    "tf2_msgs is not installed: clouds and markers must be in the frames of the "
+                    "odometry"
                 )
                 break
             subscribe(topic, self._counted(None, self._on_transforms))
@@ -131,7 +130,7 @@ class ObstacleInputs:
     def _counted(
         self, counted: str | None, receive: Callable[[bytes], None]
     ) -> Callable[[bytes], None]:
-        """Return what receives bytes and takes note of those that are of no use."""
+        """Return a callback that counts messages and notes rejections."""
 
         def guarded(data: bytes) -> None:
             result = counted
@@ -147,7 +146,7 @@ class ObstacleInputs:
         return guarded
 
     def _postponed(self, receive: Callable[[bytes], None]) -> Callable[[bytes], None]:
-        """Return what keeps bytes until the next odometry."""
+        """Return a callback that keeps messages until the next odometry."""
         return lambda data: self._waiting.append(functools.partial(receive, data))
 
     def _on_cloud(self, data: bytes) -> None:

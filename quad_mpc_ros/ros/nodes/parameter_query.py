@@ -1,4 +1,4 @@
-"""Querying all parameters of another node, without blocking."""
+"""Query of all parameters of another node, without blocking."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
-# An answer is lost if the other node has not discovered this one yet.
+# A response is lost if the other node has not discovered this one yet.
 _RETRY_PERIOD = 2.0  # s
 
 
 class ParameterQuery:
-    """One query; its clients exist only while it runs, as each costs every wake-up."""
+    """One query; its clients exist only while it runs, because each costs time per wake-up."""
 
     def __init__(self, node: Node, node_name: str) -> None:
         self.node_name = node_name
@@ -28,7 +28,7 @@ class ParameterQuery:
         self._called_s = 0.0
 
     def poll(self) -> dict[str, Any] | None:
-        """Take the next step; return the parameters, once, when they have arrived."""
+        """Advance the query; return the parameters once, when they have arrived."""
         if self.done or not self._ready():
             return None
         list_names, get_values = self._clients

@@ -1,4 +1,4 @@
-"""Which topics of a bag are selected for playing, and which of them can be played."""
+"""Selection of the topics of a bag to play."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _MAX_LISTED = 10
 def played_topics(
     reader: BagReader, config: PlayerConfig
 ) -> tuple[dict[str, TopicInfo], dict[str, str]]:
-    """Return the selected topics that can be played, and why others cannot.
+    """Return the selected topics that can be played, and the errors of the others.
 
-    Raises :class:`BagError` when a given topic is not in the bag, and when none can be played.
+    Raises :class:`BagError` if a given topic is not in the bag, or none can be played.
     """
-    # Some recorders leave the slash out.
+    # Some recorders omit the slash.
     names = tuple(
         name if name in reader.topics else f"/{name.lstrip('/')}" for name in config.topics
     )
@@ -48,7 +48,7 @@ def played_topics(
 
 
 def _playback_error(info: TopicInfo) -> str:
-    """Return why a topic cannot be played, or nothing."""
+    """Return the reason why a topic cannot be played, or an empty string."""
     if info.encoding != "cdr":
         return f"its messages are encoded as {info.encoding!r}, expected 'cdr'"
     try:

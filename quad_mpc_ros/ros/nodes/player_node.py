@@ -1,4 +1,4 @@
-"""The player node: a recorded bag onto its topics again, in its own time."""
+"""The player node: publishes the messages of a bag at their recorded times."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run, stop
 _READ_AHEAD_MESSAGES = 1000
 _ACKNOWLEDGE_TIMEOUT = Duration(seconds=2)
 _PROGRESS_PERIOD = 0.5
-# Reading ahead must not keep the interpreter from a message that is due: Python's default of
-# 5 ms is a quarter of a period at 50 Hz.
+# Reading ahead must not delay a due message: Python's default of 5 ms is a quarter of a period
+# at 50 Hz.
 _SWITCH_INTERVAL_S = 0.0005
 _NS_PER_S = 1_000_000_000
 
 
 class PlayerNode(ReportingNode[PlayerConfig]):
-    """Publishes the serialized messages of a bag with the quality of service they had."""
+    """Publishes the serialized messages of a bag with their recorded quality of service."""
 
     def __init__(self) -> None:
         self._thread: PlaybackThread | None = None
@@ -47,7 +47,7 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         super().__init__("player", PlayerConfig)
         try:
             self._prepare()
-        except BaseException:  # signals too: nothing else would end the threads
+        except BaseException:  # also signals: nothing else would stop the threads
             self._end_threads()
             raise
 
@@ -97,13 +97,13 @@ class PlayerNode(ReportingNode[PlayerConfig]):
             self.get_logger().warning(reader.warning)
 
     def begin(self) -> None:
-        """Play."""
+        """Start to play."""
         assert self._thread is not None
         self.get_logger().info(f"playing {self.config.bag}: {len(self._outputs)} topics")
         self._thread.start()
 
     def destroy_node(self) -> None:
-        """End the playback, then the node."""
+        """Stop playing, then destroy the node."""
         self._end_threads()
         super().destroy_node()
 
@@ -131,7 +131,7 @@ class PlayerNode(ReportingNode[PlayerConfig]):
             publisher.publish(message)
 
     def _await_acknowledgement(self) -> None:
-        """Wait for slow subscribers, which would lose messages when this process ends."""
+        """Wait for slow subscribers, which would lose messages at the end of this process."""
         for publisher in self._outputs.values():
             with self._unless_shut_down():
                 publisher.wait_for_all_acked(_ACKNOWLEDGE_TIMEOUT)
@@ -173,7 +173,7 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         print(f"  {self._position():8.1f} s of {end:.1f} s", file=sys.stderr, flush=True)
 
     def report(self) -> Health:
-        """Return how far the playback has come."""
+        """Return the position in the bag."""
         return Health(
             level=OK,
             text="playing",
@@ -185,7 +185,7 @@ class PlayerNode(ReportingNode[PlayerConfig]):
 
 
 def _played_span(reader: BagReader, config: PlayerConfig) -> tuple[int, int]:
-    """Return the log times between which a bag is played, both included."""
+    """Return the first and last log time to play, both included."""
     if reader.has_wrong_log_times:
         raise BagError(reader.warning)
     span = reader.span
@@ -201,7 +201,7 @@ def _played_span(reader: BagReader, config: PlayerConfig) -> tuple[int, int]:
 def _recorded_qos(info: TopicInfo) -> Sequence[QosProfile]:
     try:
         return parse_qos_profiles(info.qos_profiles)
-    except BagError:  # of another writer: the default profile serves
+    except BagError:  # of another writer: use the default profile
         return ()
 
 

@@ -1,4 +1,4 @@
-"""The reference node: publishes windows of the reference, and takes requests."""
+"""The reference node: publishes windows of the reference and handles requests."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import odometry_in
 from quad_mpc_ros.ros.spin import run
 
-if TYPE_CHECKING:  # imported for a race only
+if TYPE_CHECKING:  # imported only for a race
     from quad_mpc_ros.extras.racing.replanning import GateReplanner
 
 _BODY_FRAME = "base_link"
-# A request begins after a lead, as it has to be planned first; if planning takes longer, it is
-# repeated with a lead of 1.5 times its duration more.
+# A requested motion starts after a lead time for planning. If planning takes longer, it is
+# repeated with a lead time that is longer by 1.5 times the planning time.
 _PLANNING_LEAD_NS = 100_000_000
-_VELOCITY_LEAD_NS = 20_000_000  # of a velocity, which is planned in a millisecond
-_REPLAN_CHECK_PERIOD = 0.05  # s: how often it is looked whether gates have moved
+_VELOCITY_LEAD_NS = 20_000_000  # for a velocity, which is planned in a millisecond
+_REPLAN_CHECK_PERIOD = 0.05  # s: between checks for moved gates
 _LEAD_FACTOR = 1.5
 _MAX_ATTEMPTS = 3
 _INACTIVE = Reply(accepted=False, text="the reference node is inactive: activate it first")
 
 
 class _PublishedWindow(NamedTuple):
-    """The version of the last window, the offset of its stamps, and when it was published."""
+    """The last published window: version, offset of its stamps, time of publication [ns]."""
 
     version: object
     ahead_ns: int
@@ -56,17 +56,17 @@ class _PublishedWindow(NamedTuple):
 
 
 class ReferenceNode(ManagedNode[ReferenceConfig]):
-    """Wires the reference of a live flight to its topics and services.
+    """Connects the reference of a live flight to its topics and services.
 
-    The trajectory begins with the first odometry; until then its first sample is held. In the mode
-    ``on_request`` nothing is published until then, and the vehicle stands. While commands are
-    reported not to act, it waits at the vehicle. While the node is inactive the time of the flight
-    stands still.
+    The trajectory starts with the first odometry; before, its first sample is published. In the
+    mode ``on_request`` nothing is published before, and the vehicle stays on the ground. While
+    commands do not act, the reference waits at the vehicle. While the node is inactive, the time
+    of the flight is stopped.
 
-    The flight follows a clock that is never set. Windows are published by a separate thread, while
-    the executor plans: as soon as the reference changes, and otherwise every twentieth of a
-    window's length. That thread uses the reference only by :attr:`.LiveReference.published`, and
-    a thread that publishes or stops the time holds ``_publishing``.
+    The flight uses a steady clock. A separate thread publishes windows while the executor plans:
+    when the reference changes, and otherwise every twentieth of a window's length. That thread
+    accesses the reference only by :attr:`.LiveReference.published`. A thread that publishes or
+    stops the time holds the lock ``_publishing``.
     """
 
     _config: ReferenceConfig
@@ -74,7 +74,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     _replanner: GateReplanner | None
 
     def __init__(self, *, hand_over: Callable[[ReferenceWindow], None] | None = None) -> None:
-        """Make it; ``hand_over`` passes windows to another node of the process."""
+        """Initialise; ``hand_over`` passes windows to another node of the process."""
         super().__init__("reference", ReferenceConfig)
         self._hand_over = hand_over
         self._newest_ns = 0
@@ -83,7 +83,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self.start()
 
     def configure(self, config: ReferenceConfig) -> None:
-        """Prepare the trajectory and listen."""
+        """Prepare the trajectory, publishers, subscriptions and services."""
         self._config = config
         self._live, self._replanner = self._prepared(), None
         self._live.too_late = lambda start_ns: self._flight_ns() > start_ns
@@ -121,18 +121,18 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             self.managed_beat(1.0 / config.publish_rate, self._on_beat)
 
     def activate(self) -> None:
-        """Begin, or continue where it stopped."""
+        """Start, or continue at the time at which it stopped."""
         self._time.resume(self._now_ns())
         self._sent = None
         self._publish_path(self._live.course(self._flight_ns()))
 
     def deactivate(self) -> None:
         """Stop the time of the flight."""
-        with self._publishing:  # a window in progress still belongs to the flight
+        with self._publishing:  # complete a window in progress
             self._time.pause(self._now_ns())
 
     def loss_in_flight(self) -> str | None:
-        """Return that windows stop, None while no trajectory is flown."""
+        """Return that windows stop; None while no trajectory is flown."""
         if not self._live.started or self._live.mode(self._flight_ns()) == GROUND:
             return None
         return "no more reference, the MPC's failsafe takes over"
@@ -169,7 +169,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         if not self._config.lockstep:
             self._stamps.note(cdr.header_stamp_ns(data), now_ns=self._now_ns())
             if not self._live.needs_odometry(self._flight_ns()):
-                return  # in real time most need not be decoded
+                return  # most odometries need no decoding in real time
         try:
             odometry = odometry_in(data)
         except ValueError:
@@ -194,7 +194,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
                 self._publish(self._now_ns(), if_due=True)
 
     def _is_due(self, published: Published, now_ns: int) -> bool:
-        """Whether the last window is out of date, or ends too soon."""
+        """Return whether the last window is outdated or ends too soon."""
         sent = self._sent
         return (
             sent is None
@@ -246,7 +246,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._handle("trajectory", lambda now_ns: self._live.follow(now_ns, window))
 
     def _on_gates(self, message: Any) -> None:
-        """Take where the gates of the race are by now."""
+        """Receive the current poses of the gates."""
         assert self._replanner is not None
         try:
             poses = conversions.poses_from_message(message, frame_id=self._config.frame_id)
@@ -255,7 +255,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             self._report_request("race", Reply(accepted=False, text=str(error)))
 
     def _replan(self) -> None:
-        """Fly another way where gates have moved."""
+        """Replan the race if gates have moved, and report the result."""
         if self._replanner is None or not self.active:
             return
         reply = self._replanner.poll(self._flight_ns())
@@ -265,7 +265,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
                 self._publish_path(self._live.course(self._flight_ns()))
 
     def _on_velocity(self, message: Any) -> None:
-        """Follow a velocity; its beginning and a refusal are logged."""
+        """Follow a velocity; log its start and refusals."""
         if not self.active:
             return
         try:
@@ -275,11 +275,11 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             return
         lead_ns = 0 if self._config.lockstep else _VELOCITY_LEAD_NS
         reply = self._live.move(self._flight_ns() + lead_ns, command)
-        if reply is not None and reply is not TOO_LATE:  # the next one comes soon
+        if reply is not None and reply is not TOO_LATE:  # the next velocity follows soon
             self._report_request("velocity", reply)
 
     def _velocity_in(self, message: Any) -> VelocityCommand:
-        """Return a velocity received. Raises ``ValueError`` where it cannot be used."""
+        """Return a received velocity. Raises ``ValueError`` if it cannot be used."""
         frame_id, velocity, turn = conversions.twist_from_message(message)
         if frame_id not in ("", _BODY_FRAME, self._config.frame_id):
             raise ValueError(
@@ -293,7 +293,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         )
 
     def _handle(self, name: str, request: Callable[[int], Reply]) -> Reply:
-        """Pass a request to the flight, report its result, and publish the new path."""
+        """Execute a request, report its result and publish the new path."""
         reply = self._planned(request) if self.active else _INACTIVE
         self._report_request(name, reply)
         if reply.accepted:
@@ -301,8 +301,8 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         return reply
 
     def _planned(self, request: Callable[[int], Reply]) -> Reply:
-        """Make a request that begins late enough to be planned by then."""
-        if self._config.lockstep:  # time waits
+        """Execute a request with a lead time that is sufficient for planning."""
+        if self._config.lockstep:  # time is stopped while planning
             return request(self._flight_ns())
         lead_ns = _PLANNING_LEAD_NS
         reply = TOO_LATE
@@ -315,7 +315,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         return reply
 
     def _report_request(self, name: str, reply: Reply) -> None:
-        """Log and report the result of a request; a repeated refusal only once."""
+        """Log and report the result of a request; log a repeated refusal once."""
         before = self._request
         self._request = f"{name} {'accepted' if reply.accepted else 'refused'}: {reply.text}"
         if reply.accepted:
@@ -351,15 +351,15 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._path.publish(path)
 
     def _flight_ns(self) -> int:
-        """Return the time of the flight."""
+        """Return the time of the flight [ns]."""
         return self._time.at(self._now_ns())
 
     def _now_ns(self) -> int:
-        """Return the time of the flight's clock: in lockstep the stamp of the newest odometry."""
+        """Return the steady time, or in lockstep the stamp of the newest odometry [ns]."""
         return self._newest_ns if self._config.lockstep else self._steady.now_ns()
 
     def report(self) -> Health:
-        """Return what is flown."""
+        """Return the health: trajectory, mode and last request."""
         if self._live.started:
             text, level = "flying", OK
         elif self._live.waits:

@@ -1,4 +1,4 @@
-"""Whether the way of the reference stays within the limits of those who fly it."""
+"""Checks of the reference against the limits of MPC, envelope and fence."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ _UNKNOWN = unknown("the parameters of mpc or reference are unknown")
 
 
 def sample_reference(config: ReferenceConfig, *, read_bag: BagReader) -> ReferenceSamples:
-    """Return what a configured reference leads along.
+    """Return samples of a configured reference and its feasibility verdict.
 
-    Raises :class:`UserError` where that cannot be found out here: of a file on another computer.
+    Raises :class:`UserError` if it cannot be computed here, as for a file on another computer.
     """
     trajectory, verdict = judged_trajectory(config, read_bag=read_bag)
     seconds = verdict.over_time.seconds
@@ -52,7 +52,7 @@ def sample_reference(config: ReferenceConfig, *, read_bag: BagReader) -> Referen
 
 
 def limits_findings(facts: Facts) -> list[Finding]:
-    """Do the limits nest: the reference's within the plan's, those within the envelope's?"""
+    """Check that the reference's limits are within the plan's, these within the envelope's."""
     mpc, reference = facts.mpc, facts.reference
     if mpc is None:
         return [_UNKNOWN]
@@ -64,8 +64,8 @@ def limits_findings(facts: Facts) -> list[Finding]:
             found.append(
                 judged(
                     f"reference.max_speed is {speed:g} m/s, mpc.envelope.speed_max "
-                    f"{envelope.speed_max:g}, where the action is {envelope.action}",
-                    "lower max_speed, or raise envelope.speed_max",
+                    f"{envelope.speed_max:g} with action {envelope.action}",
+                    "reduce max_speed, or increase envelope.speed_max",
                 )
             )
         elif 0.0 < mpc.limits.speed_max < speed:
@@ -73,14 +73,14 @@ def limits_findings(facts: Facts) -> list[Finding]:
                 warning(
                     f"reference.max_speed is {speed:g} m/s, mpc.limits.speed_max "
                     f"{mpc.limits.speed_max:g}: the MPC falls behind",
-                    "lower max_speed, or raise limits.speed_max",
+                    "reduce max_speed, or increase limits.speed_max",
                 )
             )
     return found or [ok("of reference, plan and envelope nest")]
 
 
 def rates_findings(facts: Facts) -> list[Finding]:
-    """Can the MPC turn as fast as the reference needs?"""
+    """Check that the body rates of the reference are within mpc.omega_max."""
     mpc = facts.mpc
     if mpc is None:
         return [_UNKNOWN]
@@ -98,7 +98,7 @@ def rates_findings(facts: Facts) -> list[Finding]:
 
 
 def fence_findings(facts: Facts) -> list[Finding]:
-    """Do fence and envelope hold the vehicle, its take-off and the reference?"""
+    """Check that the vehicle, its take-off and the reference are within fence and envelope."""
     mpc = facts.mpc
     if mpc is None:
         return [_UNKNOWN]
@@ -114,12 +114,12 @@ def fence_findings(facts: Facts) -> list[Finding]:
             judged = warning if breach.action is Action.WARN else error
             found.append(judged(f"{name} would break a limit: {breach.reason}", remedy))
     if facts.reference_samples_error:
-        found.append(unknown(f"the way of the reference: {facts.reference_samples_error}"))
+        found.append(unknown(f"path of the reference: {facts.reference_samples_error}"))
     return found or [ok("vehicle, take-off and reference are inside")]
 
 
 def _checked_samples(facts: Facts) -> list[tuple[str, Sequence[OdometrySample], str]]:
-    """Return what has to be inside: its name, where it leads, and what to do if it is not."""
+    """Return the samples that must be inside, each with name and remedy."""
     places: list[tuple[str, Sequence[OdometrySample], str]] = []
     here: Array = np.zeros(3)
     if facts.arrivals:

@@ -312,7 +312,7 @@ def test_settings_with_which_it_must_not_fly(known: dict[str, float], said: str)
         (ARDUPILOT, {"ATC_RATE_R_MAX": 90.0}, "bound the body rates to 1.57, 0.00, 0.00 rad/s"),
         (ARDUPILOT, {"MOT_BAT_VOLT_MAX": 16.8}, "set thrust_map.battery_voltage to 0"),
         (PX4, {"COM_OF_LOSS_T": 2.0}, "COM_OF_LOSS_T is 2 s"),
-        (PX4, {"MPC_THR_HOVER": 0.6}, "MPC_THR_HOVER is 0.60, and the vehicle file says 0.29"),
+        (PX4, {"MPC_THR_HOVER": 0.6}, "MPC_THR_HOVER is 0.60, the vehicle file gives 0.29"),
     ],
 )
 def test_warns_of_odd_settings_once(autopilot: int, known: dict[str, float], said: str) -> None:
@@ -651,7 +651,7 @@ def test_stands_in_for_a_ground_station_only_where_its_loss_has_no_consequences(
     onboard, station = (191, 18), (190, 6)
     assert types.count(onboard) == 2 and types.count(station) == 2 * announces
     if on_loss:
-        assert any("does not send its texts here" in each for each in bridge.take_warnings())
+        assert any("receives no texts of PX4" in each for each in bridge.take_warnings())
 
 
 # What else is told.

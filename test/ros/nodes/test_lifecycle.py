@@ -134,7 +134,7 @@ def test_warns_of_a_deactivation_in_flight(
     peer.deliver(*publishers)
     assert mpc.to("deactivate")
     assert mpc.tells("inactive")
-    warned = r"\[WARN\] .*inactive by request in flight: no more commands"
+    warned = r"\[WARN\] .*inactive on request in flight: no more commands"
     assert bool(re.search(warned, log.read_text())) is acts
 
 

@@ -70,7 +70,7 @@ def test_of_two_mpcs_one_commands(
     def told(name: str) -> bool:
         """Whether a node has said that the other one commands."""
         text = logs[name].read_text()
-        return "commands already" in text or "has commanded for longer" in text
+        return "already publishing" in text or "has commanded for longer" in text
 
     assert peer.wait(lambda: any(map(told, names)))
     waits, flies = sorted(names, key=told, reverse=True)
@@ -141,7 +141,7 @@ def test_an_inactive_one_may_wait_beside(peer: Any) -> None:
     theirs.begin()
     ours.receive(health_of("/standby", theirs.values()))
     blocker = str(ours.activation_blocker())
-    assert "/standby" in blocker and "commands already" in blocker
+    assert "/standby" in blocker and "is already publishing commands" in blocker
     theirs.end()
     ours.receive(health_of("/standby", theirs.values()))
     assert ours.activation_blocker() is None

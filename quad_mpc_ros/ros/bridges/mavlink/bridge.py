@@ -1,10 +1,9 @@
-"""The rules: what is asked of the autopilot, when it may be flown, and what it gets.
+"""Rules of the MAVLink bridge: requests to the autopilot, engagement and setpoints.
 
-Over the line go, engaged or not, a heartbeat as an onboard computer, questions for the vehicle's
-time and parameters, and requests for the messages that are needed. Setpoints go only in answer to
-commands.
+Engaged or not, the bridge sends a heartbeat as an onboard computer and requests the vehicle's
+time, parameters and messages. It sends setpoints only in response to commands.
 
-How old each value of the autopilot can be is measured in ``docs/howto/stacks/mavlink.md``.
+``docs/measurements/flight_stacks.md`` has the measured ages of the autopilot's messages.
 """
 
 from __future__ import annotations
@@ -38,10 +37,10 @@ from quad_mpc_ros.ros.bridges.mavlink.link import (
 )
 
 _SECOND = 1_000_000_000
-_LINE_PERIOD = 0.002  # s: what comes waits for half of it
+_LINE_PERIOD = 0.002  # s: messages wait for half of it on average
 _HEARTBEAT_NS, _TIME_NS = _SECOND, _SECOND // 10
-_STATE_NS = _SECOND // 2  # without state for so long it is asked for again
-# PX4 takes no interval for HEARTBEAT, so each is requested. CURRENT_MODE comes with each change.
+_STATE_NS = _SECOND // 2  # without state for this time it is requested again
+# PX4 has no interval for HEARTBEAT: request each one. CURRENT_MODE comes with each change.
 _REQUEST_NS = _SECOND // 10
 _HEARTBEAT_TIMEOUT, _LAND_TIMEOUT, _ODOMETRY_TIMEOUT = 1.5, 2.5, 1.0  # s
 _MESSAGE_RATES = {codec.EXTENDED_SYS_STATE: 5.0, codec.SYS_STATUS: 2.0}  # Hz
@@ -50,7 +49,7 @@ _ARMED = 128  # of base_mode
 _FAILING = (5, 6, 8)  # MAV_STATE: critical, emergency, terminating
 _ON_GROUND, _IN_AIR = 1, 2
 _ACCEPTED, _IN_PROGRESS = 0, 5
-_WARNING_SEVERITY = 4  # the least severe text that is: a warning
+_WARNING_SEVERITY = 4  # MAV_SEVERITY: less severe texts are not logged
 _TEXT_CHUNK_LENGTH, _MAX_WARNING_LENGTH = 50, 300  # characters
 _COMMAND_NAMES = {codec.DO_SET_MODE: "the mode", codec.COMPONENT_ARM_DISARM: "arming"}
 _SETPOINTS = (
@@ -61,7 +60,7 @@ _SETPOINTS = (
 
 
 class MavlinkBridge(Bridge):
-    """Attitude targets with body rates out, state, modes and settings in."""
+    """Bridge with attitude targets (body rates) out; state, modes and parameters in."""
 
     name = "mavlink_bridge"
     speaks = "PX4 or ArduPilot: MAVLink over a serial port, UDP or TCP"
@@ -110,7 +109,7 @@ class MavlinkBridge(Bridge):
         }
 
     def exchange(self, received: bytes, *, now_ns: int) -> bytes:
-        """Receive the vehicle's messages, and return the requests that are due."""
+        """Receive the vehicle's messages and return the due requests."""
         if self._codec is None:
             self._codec = Codec(system=self._system or 1)
         for message in self._codec.read(received):
@@ -120,12 +119,12 @@ class MavlinkBridge(Bridge):
         return b"".join(map(self._codec.packed, due))
 
     def take_odometries(self) -> list[tuple[OdometrySample, EstimateReset | None]]:
-        """Return the odometry that has come since the last call, each with an announced reset."""
+        """Return the odometries since the last call, each with its announced reset or None."""
         odometries, self._odometries = self._odometries, []
         return odometries
 
     def landed(self, *, now_ns: int) -> bool | None:
-        """Return what the land detector reports, or without it what follows from arming."""
+        """Return the state of the land detector, or, without it, one derived from arming."""
         land = self._land.value(now_ns=now_ns)
         if land is None or land.landed_state == 0:
             return super().landed(now_ns=now_ns)
@@ -228,7 +227,7 @@ class MavlinkBridge(Bridge):
         self._was_failing = failing
 
     def _on_current_mode(self, message: Any, now_ns: int) -> None:
-        """Take the mode, which changed or whose vehicle armed: the heartbeat says which."""
+        """Receive a changed mode or arming; request a heartbeat, which has both."""
         self._intended_mode = int(message.intended_custom_mode)
         self._set_mode(int(message.custom_mode), now_ns)
         self._done_ns.pop("request", None)
@@ -261,7 +260,7 @@ class MavlinkBridge(Bridge):
         self._take(odometry, now_ns, None)
 
     def _take(self, odometry: OdometrySample | None, now_ns: int, cause: str | None) -> None:
-        """Pass an odometry on, by our clock."""
+        """Publish an odometry, stamped with the node's clock."""
         if odometry is not None:
             stamp_ns = odometry.stamp_ns + self._time.offset_ns
             odometry = dataclasses.replace(odometry, stamp_ns=stamp_ns)
@@ -310,7 +309,7 @@ class MavlinkBridge(Bridge):
             self._warnings.append(f"the autopilot refuses {what}: {result}")
 
     def _on_text(self, message: Any, now_ns: int) -> None:
-        """Tell a text; a long one comes in pieces, under a number that is not 0."""
+        """Log a text; a long text comes in chunks with an id other than 0."""
         if message.chunk_seq == 0:
             self._text = ""
         text = codec.text_of(message.text)
@@ -341,7 +340,7 @@ class MavlinkBridge(Bridge):
             codec.parameter_request(name, system=self._system, component=self._component)
             for name in self._settings.due(now_ns=now_ns)
         ]
-        # At first in any case: what comes by itself comes at a rate of the autopilot's.
+        # First in any case: unrequested messages have a rate chosen by the autopilot.
         lacks = "rates" not in self._done_ns or self._lacks_messages(now_ns)
         if lacks and self._is_due("rates", _SECOND, now_ns):
             rates = _MESSAGE_RATES
@@ -354,7 +353,7 @@ class MavlinkBridge(Bridge):
         return due
 
     def _due_landed(self, now_ns: int) -> list[Any]:
-        """Return what lets the autopilot notice that the MPC has landed, if it needs that."""
+        """Return the request for the landing mode after a landing, if the autopilot needs it."""
         if self._handover.state is not HandoverState.ENGAGED or not self._mpc_ground.stands:
             self._flown = self._handover.state is HandoverState.ENGAGED and (
                 self._flown or self._mpc_ground.flies
@@ -372,7 +371,7 @@ class MavlinkBridge(Bridge):
         return [self._command(codec.DO_SET_MODE, *autopilot.landed_mode)]
 
     def _is_due(self, what: str, period_ns: int, now_ns: int) -> bool:
-        """Whether something is to be done now that is done once in a period."""
+        """Return whether a periodic action is due, and note it as done."""
         before_ns = self._done_ns.get(what)
         if before_ns is not None and abs(now_ns - before_ns) < period_ns:
             return False
@@ -380,7 +379,7 @@ class MavlinkBridge(Bridge):
         return True
 
     def _lacks_messages(self, now_ns: int) -> bool:
-        """Whether the land detector is not heard, or no state though it is to come from here."""
+        """Return whether the land detector or the required state is missing."""
         if self._land.value(now_ns=now_ns) is None:
             return True
         late = is_old(self._done_ns.get("state"), now_ns, _STATE_NS)
@@ -396,7 +395,7 @@ class MavlinkBridge(Bridge):
         return OutgoingBytes(data=self._codec.packed(message))
 
     def _requested(self, what: str, command: int, *parameters: float) -> Response:
-        """Return the response to a request that the autopilot is asked to fulfil."""
+        """Return the response with a command for the autopilot."""
         if self._autopilot is None:
             return Response(accepted=False, text="no heartbeat of PX4 or ArduPilot yet")
         message = self._packed(self._command(command, *parameters))

@@ -61,7 +61,7 @@ class MavlinkConfig(EstimatorConfig):
     )
 
     def check(self) -> None:
-        """Refuse an address that is none."""
+        """Reject an invalid address."""
         super().check()
         if self.device.startswith(NETWORK_PREFIXES) and address_of(self.device) is None:
             raise ConfigurationError(
