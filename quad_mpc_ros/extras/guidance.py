@@ -1,4 +1,4 @@
-"""What leads around obstacles and through gates, as the parameters of the MPC have it."""
+"""The configured guide around obstacles and through gates."""
 
 from __future__ import annotations
 
@@ -16,10 +16,7 @@ if TYPE_CHECKING:
 
 
 class Guidance(NamedTuple):
-    """The received obstacles and gates, and the guide around and through them.
-
-    Each is None where there is nothing of the kind; ``surroundings`` is what is made of the world.
-    """
+    """Obstacles, local map, gates and the guide around them; each is None if not configured."""
 
     world: ObstacleWorld | None = None
     surroundings: LocalMapProvider | None = None
@@ -28,10 +25,10 @@ class Guidance(NamedTuple):
 
 
 def guidance(config: MpcConfig) -> Guidance:
-    """Return what guides a controller.
+    """Return the guidance of a controller.
 
-    Obstacles do with ``obstacles.half_spaces`` above 0, gates with ``formulation`` contouring.
-    Raises :class:`UserError` for a file that cannot be used.
+    Obstacles are enabled with ``obstacles.half_spaces`` above 0, gates with ``formulation``
+    contouring. Raises :class:`UserError` for an unusable file.
     """
     gates = None
     if config.holds_gates:

@@ -1,10 +1,10 @@
-"""Keeping clear of what is in the way: what is flown in each tick, and within which corridor.
+"""Obstacle avoidance: the window and the corridor of each control step.
 
-Where the reference, the plan and the straight way to the reference keep clear, the reference is
-flown as it is. Else a way is searched (:mod:`.search`) from where the reference is left to where
-it is rejoined (:mod:`.bypass`), a guide follows it in time (:mod:`.guide`), and half-spaces
-(:mod:`.corridor`) hold the plan beside it. Where no way reaches the reference, the way ends at the
-nearest place there is, and the vehicle stops there.
+If the reference, the plan and the straight line to the reference are clear, the reference is flown
+unchanged. Otherwise a path is searched (:mod:`.search`) from the point where the reference is left
+to the point where it is rejoined (:mod:`.bypass`). A guide follows the path (:mod:`.guide`), and
+half-spaces (:mod:`.corridor`) keep the plan near the path. If no path reaches the reference, the
+vehicle stops at the nearest reachable point.
 """
 
 from __future__ import annotations
@@ -46,30 +46,30 @@ from quad_mpc_ros.extras.obstacles.moving import Movers
 from quad_mpc_ros.extras.obstacles.search import SearchBuffers, search, shortened
 from quad_mpc_ros.extras.obstacles.sharing import Neighbours, Shared, shared_space
 
-_SAMPLE_SPACING = 0.1  # m, between places at which a way is looked at
-_SEARCH_MARGIN = 0.05  # m, that ways keep beyond what the plan has to
-_PREFERRED_CLEARANCE = 0.3  # m, within which ways give room to what is near if they can
-_MIN_PREFERRED_CLEARANCE = 0.1  # m, of that at any speed
-_TYPICAL_SPEED = 10.0  # m/s: a usual speed
+_SAMPLE_SPACING = 0.1  # m, between checked points of a path
+_SEARCH_MARGIN = 0.05  # m, clearance of paths beyond that of the plan
+_PREFERRED_CLEARANCE = 0.3  # m, further clearance that paths keep if possible
+_MIN_PREFERRED_CLEARANCE = 0.1  # m, of that, at any speed
+_TYPICAL_SPEED = 10.0  # m/s
 _MAP_RANGE_FACTORS = np.array([1.0, 1.25, 1.6, 2.0])  # of the range at the typical speed
-_REPLAN_PERIOD_NS = 100_000_000  # after which the path is searched again
-# m, by which a place to stop has to be nearer, or a way be shorter, for another to be left.
+_REPLAN_PERIOD_NS = 100_000_000  # between two searches
+# m, by which a new stop must be nearer, or a new path shorter.
 _MIN_IMPROVEMENT = 0.5
-_MIN_PATH_SEPARATION = 0.5  # m, between ways that lead past something on different sides
-_MAX_TRACKING_ERROR = 0.3  # m, that the vehicle may be away from where it is led
-# Of the speed of what moves: what its prediction is wrong by.
+_MIN_PATH_SEPARATION = 0.5  # m, between paths on different sides of an obstacle
+_MAX_TRACKING_ERROR = 0.3  # m, from the vehicle to the guide
+# Error of the predicted speed of moving obstacles, over the speed.
 _RELATIVE_SPEED_ERROR = 0.1
-# Of what stands: how much it is elsewhere for each second since it was seen, and at most [s].
+# Of static obstacles: drift since their last detection [m/s], and its longest duration [s].
 _POSITION_DRIFT, _MAX_AGE = 0.05, 2.0  # m/s
-_PLAN_DRIFT = 0.3  # m/s, of neighbours whose plan is so old
-_MIN_SPEED = 0.3  # m/s, of ways to a reference that is not at rest
+_PLAN_DRIFT = 0.3  # m/s, position error of neighbours over the age of their plan
+_MIN_SPEED = 0.3  # m/s, of paths to a moving reference
 
 
 class MovingPoints(NamedTuple):
-    """Points of surfaces that move: ``p_W`` (n, 3) [m] at the time asked for, ``v_W`` [m/s].
+    """Points on moving surfaces: ``p_W`` (n, 3) [m] at the requested time, ``v_W`` [m/s].
 
-    ``body`` (n,) says which belong to one body, which is passed on one side; ``age`` (n,) [s] is
-    the age of the last message of each.
+    ``body`` (n,) is the number of the body, which is passed on one side; ``age`` (n,) [s] that of
+    the last message.
     """
 
     p_W: Array
@@ -85,44 +85,41 @@ class MovingPoints(NamedTuple):
 
 
 class Obstacles(StaticPoints, Protocol):
-    """What is known of obstacles, in the frame of the odometry.
-
-    Times are stamps in nanoseconds, of the odometry's clock.
-    """
+    """The known obstacles, in the frame of the odometry; times are its clock's stamps [ns]."""
 
     @property
     def spacing(self) -> float:
-        """How far points of a surface are apart at most [m]; 0 where they are all there is."""
+        """Greatest distance between points of a surface [m]; 0 if points are complete."""
         ...
 
     def moving(self, stamp_ns: int, *, near: Array, radius: float) -> MovingPoints:
-        """Return what moves, where it is predicted to be at a time."""
+        """Return the moving points, predicted for a time."""
         ...
 
     def age(self, stamp_ns: int) -> float:
-        """Return how old the newest of what is known of things that stand is [s]; 0 for a map."""
+        """Return the age of the newest data about static obstacles [s]; 0 for a map."""
         ...
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Take a reset of the odometry's estimator: what was seen is elsewhere now."""
+        """Apply a reset of the odometry's estimate: transform all positions."""
         ...
 
 
 class _Perception(NamedTuple):
-    """The vehicle when the command acts, and what is around it then."""
+    """The vehicle and its surroundings at the time at which the command acts."""
 
     start_ns: int
     p_W: Array
     v_W: Array
     map: LocalMap
     movers: Movers
-    keep: float  # m, from the centre of the vehicle to points
+    keep: float  # m, distance to keep between the vehicle's centre and points
 
 
 class _LocalPath(NamedTuple):
-    """A way (n, 3), how fast to be along it (n,) at most, and when the reference is left for it.
+    """A path (n, 3), speed limits along it (n,), and the time at which the reference is left.
 
-    Beyond where it arrives, if it does, it is the reference.
+    A ``complete`` path reaches the reference and continues along it.
     """
 
     points: Array
@@ -134,19 +131,19 @@ class _LocalPath(NamedTuple):
 
     @property
     def length(self) -> float:
-        """How long it is [m]."""
+        """Length [m]."""
         return _length(self.points)
 
 
 class _GuideState(NamedTuple):
-    """How the guide moves from a time on."""
+    """The motion of the guide from a time on."""
 
     start_ns: int
     motion: GuideMotion
 
 
 class _Goal(NamedTuple):
-    """Where ways lead: to a place, from one of the reference's or at once, and on along it."""
+    """End of a path, and the bypassed part of the reference; None: leave it at once."""
 
     p_W: Array
     ahead: Preview
@@ -154,12 +151,12 @@ class _Goal(NamedTuple):
 
     @property
     def leave(self) -> float:
-        """When the reference is left [s]."""
+        """Time at which the reference is left [s]."""
         return 0.0 if self.find_bypass is None else float(self.ahead.times[self.find_bypass.leave])
 
 
 class ObstacleAvoidance(Guide):
-    """A guide around obstacles."""
+    """Guide around obstacles."""
 
     def __init__(
         self,
@@ -169,7 +166,7 @@ class ObstacleAvoidance(Guide):
         radius: float,
         neighbours: Neighbours | None = None,
     ) -> None:
-        """``radius`` [m] is that of a ball about the vehicle, and about each neighbour."""
+        """``radius`` [m] of the bounding sphere of the vehicle, and of each neighbour."""
         self._obstacles, self._radius = obstacles, radius
         self._neighbours = neighbours
         self.surroundings = LocalMapProvider(obstacles)
@@ -180,12 +177,12 @@ class ObstacleAvoidance(Guide):
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over changed live parameters."""
+        """Apply changed live parameters."""
         self._config, self._own = config, config.obstacles
         self._delay_ns = round(config.input_delay * 1e9)
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Forget obstacles, and the way around them, in the coordinates before."""
+        """Discard map and path, which are in the old coordinates."""
         self._obstacles.reset_estimate(reset)
         self.surroundings.forget()
         self._path = self._guide_state = None
@@ -193,7 +190,7 @@ class ObstacleAvoidance(Guide):
     def guide(
         self, odometry: OdometrySample, window: ReferenceWindow, plan: Plan | None
     ) -> Guided:
-        """Return what to fly from an odometry on, given the last plan."""
+        """Return window and corridor for an odometry, given the last plan."""
         view = self._perceive(odometry)
         clearance = self._clearance(odometry.p_WB, view)
         own = self._planned(view, plan)
@@ -215,7 +212,7 @@ class ObstacleAvoidance(Guide):
         flown = window_of(motion, window, start_ns=view.start_ns, gravity=self._config.gravity)
         return Guided(flown, corridor, Avoidance(state, reason, clearance))
 
-    # --- what is around
+    # --- perception
 
     def _perceive(self, odometry: OdometrySample) -> _Perception:
         R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
@@ -233,7 +230,7 @@ class ObstacleAvoidance(Guide):
             _RELATIVE_SPEED_ERROR * float(speeds.max(initial=0.0)),
             moving.body,
         )
-        # A surface may be nearer than the points that are known of it.
+        # A surface may be nearer than its sampled points.
         spacing = max(obstacles.spacing, VOXEL_SIZE)
         keep += math.hypot(keep, 0.5 * math.sqrt(2.0) * spacing) - keep
         local_map = self.surroundings.at(
@@ -249,10 +246,10 @@ class ObstacleAvoidance(Guide):
         )
 
     def _map_range(self, keep: float) -> float:
-        """Return up to which distance from points the map resolves places [m].
+        """Return the greatest distance that the map must resolve [m].
 
-        As far as paths keep from what is near at usual speeds, however old it is; further where
-        more than that is kept now, in steps, so that a map serves for many ticks.
+        It is the clearance of paths at the typical speed and the oldest data, or more, in steps,
+        so that a map is valid for many control steps.
         """
         most = self._own.margin_growth * _TYPICAL_SPEED + _POSITION_DRIFT * _MAX_AGE
         usual = self._radius + self._own.margin + most + _PREFERRED_CLEARANCE
@@ -260,7 +257,7 @@ class ObstacleAvoidance(Guide):
         return next((far for far in usual * _MAP_RANGE_FACTORS if far >= needed), 2.0 * usual)
 
     def _clearance(self, p_W: Array, view: _Perception) -> float:
-        """Return how far the vehicle's surface is from the nearest point [m]."""
+        """Return the distance from the vehicle's surface to the nearest point [m]."""
         nearest = float(view.map.distances(p_W[None])[0])
         movers = view.movers
         if len(movers.keep):
@@ -270,12 +267,12 @@ class ObstacleAvoidance(Guide):
         return nearest - self._radius
 
     def _is_free(self, view: _Perception, window: ReferenceWindow, plan: Plan | None) -> bool:
-        """Whether the reference can be flown as it is."""
+        """Return whether the reference can be flown unchanged."""
         since = (window.stamp_ns - view.start_ns) * 1e-9
         times = np.arange(0.0, self._horizon + 1e-9, STEP)
         offsets = window.offset_ns * 1e-9 + since
         reference = interpolated(times, offsets, window.p_WB)
-        # The vehicle does not fly further in the horizon than it can.
+        # The vehicle flies at most this far within the horizon.
         fastest = max(float(np.linalg.norm(view.v_W)), self._own.speed_max)
         reach = self._horizon * fastest
         ends = [reference[0]]
@@ -297,10 +294,10 @@ class ObstacleAvoidance(Guide):
     def _horizon(self) -> float:
         return self._config.horizon_steps * self._config.horizon_step
 
-    # --- a way around
+    # --- path
 
     def _goal(self, view: _Perception, window: ReferenceWindow) -> _Goal:
-        """Return where to rejoin the reference, or where to come nearer to it."""
+        """Return the point at which to rejoin the reference, or one nearer to it."""
         ahead = Preview.of(window, view.start_ns)
         near = np.linalg.norm(ahead.p_W - view.p_W, axis=1) < self._search_range
         around = find_bypass(
@@ -319,11 +316,11 @@ class ObstacleAvoidance(Guide):
 
     @property
     def _search_range(self) -> float:
-        """How far away ways lead [m]."""
+        """Greatest distance to the end of a path [m]."""
         return self._own.range - 0.5
 
     def _select_path(self, view: _Perception, goal: _Goal) -> _LocalPath:
-        """Return the way of before where it will do, else one that is searched."""
+        """Return the previous path if it is still valid, else a new one."""
         path, keep = self._path, view.keep + _SEARCH_MARGIN
         if path is not None and view.start_ns - path.found_ns < _REPLAN_PERIOD_NS:
             if path.revision == view.map.revision:
@@ -335,7 +332,7 @@ class ObstacleAvoidance(Guide):
         if kept is not None and _is_worse(found, kept):
             return kept
         if path is not None and not (found.complete or path.complete):
-            # Of places as near to the reference it stays with the one that it has.
+            # Keep the previous stop unless the new one is clearly nearer.
             before = path.points[-1]
             nearer = _distance(before, goal.p_W) - _distance(found.points[-1], goal.p_W)
             if nearer < _MIN_IMPROVEMENT and view.map.are_clear(before[None], keep).all():
@@ -344,9 +341,9 @@ class ObstacleAvoidance(Guide):
         return found
 
     def _extended(self, view: _Perception, path: _LocalPath, goal: _Goal) -> _LocalPath | None:
-        """Return what is left of a way, and straight on to the goal of now.
+        """Return the rest of a path, extended straight to the present goal.
 
-        None if it is not clear, and beside what moves, for which ways are searched by the time.
+        None if it is not clear. None near moving obstacles, for which search considers the time.
         """
         if goal.find_bypass is None or goal.find_bypass.leave > 0 or len(view.movers.keep) > 0:
             return None
@@ -355,13 +352,13 @@ class ObstacleAvoidance(Guide):
             for place in (view.p_W, goal.p_W)
         )
         corners = np.vstack([view.p_W, path.points[nearest + 1 : last + 1], goal.p_W])
-        # Where ways are rounded they come nearer than they were found.
+        # Rounded corners have less clearance than the search.
         if not view.map.are_clear(smoothed(corners), view.keep - _SEARCH_MARGIN).all():
             return None
         return self._path_through(view, goal, corners, complete=True)
 
     def _search_path(self, view: _Perception, goal: _Goal) -> _LocalPath:
-        """Return a way that is searched."""
+        """Return a new path."""
         start, leave = view.p_W, goal.leave
         if goal.find_bypass is not None and leave > 0.0:
             start = goal.ahead.p_W[goal.find_bypass.leave]
@@ -371,13 +368,13 @@ class ObstacleAvoidance(Guide):
     def _path_through(
         self, view: _Perception, goal: _Goal, corners: Array, *, complete: bool
     ) -> _LocalPath:
-        """Return the way through corners (n, 3), and along the reference if it arrives there."""
+        """Return the path through corners (n, 3), continued along the reference if complete."""
         fastest, onward = self._own.speed_max, goal.ahead.part(0, 0)
         if complete and goal.find_bypass is not None:
             onward = self._reference_after(view, goal.ahead, goal.find_bypass.rejoin)
             there = float(onward.speeds[0])
             fastest = max(fastest, there)
-            if there > REST_SPEED:  # no sooner than the reference is there
+            if there > REST_SPEED:  # arrive no sooner than the reference
                 time = max(float(onward.times[0]) - goal.leave, 1e-3)
                 fastest = min(fastest, max(_length(corners) / time, _MIN_SPEED))
         points = smoothed(np.vstack([corners, onward.p_W[1:]]))
@@ -391,7 +388,7 @@ class ObstacleAvoidance(Guide):
         )
 
     def _reference_after(self, view: _Perception, ahead: Preview, rejoin: int) -> Preview:
-        """Return the reference from where it is rejoined on, as far as it is known and clear."""
+        """Return the reference after the point of rejoining, as far as known and clear."""
         onward = ahead.p_W[rejoin + 1 : ahead.known]
         clear = view.map.are_clear(onward, view.keep + _SEARCH_MARGIN)
         clear &= np.linalg.norm(onward - view.p_W, axis=1) < self._search_range
@@ -401,7 +398,7 @@ class ObstacleAvoidance(Guide):
     def _corners(
         self, view: _Perception, start: Array, goal: Array, movers: Movers
     ) -> tuple[Array, bool]:
-        """Return the corners (n, 3) of a way between places, and whether it arrives."""
+        """Return the corners (n, 3) of a path between points, and whether it is complete."""
         grid = view.map.grid
         keep = min(view.keep + _SEARCH_MARGIN, grid.far - _MIN_PREFERRED_CLEARANCE)
         speed = max(float(np.linalg.norm(view.v_W)), 1.0)
@@ -427,7 +424,7 @@ class ObstacleAvoidance(Guide):
         return cells, complete
 
     def _motion(self, view: _Perception, path: _LocalPath, ahead: Preview) -> GuideMotion:
-        """Return how the guide flies the reference until it is left, and follows a way then."""
+        """Return the guide's motion along the reference, then along the path."""
         hardest = max(self._own.acceleration, ahead.acceleration)
         limits = PathLimits(path.speeds, hardest)
         duration = self._horizon + 5 * STEP
@@ -444,9 +441,9 @@ class ObstacleAvoidance(Guide):
         return motion
 
     def _guide_position(self, view: _Perception) -> tuple[Array, Array]:
-        """Return where the guide has come to since the last tick, and how fast it is.
+        """Return the present position and velocity of the guide.
 
-        Where the vehicle is, if that is too far away from it.
+        If the vehicle is too far away from the guide, they are those of the vehicle.
         """
         if self._guide_state is not None:
             since = (view.start_ns - self._guide_state.start_ns) * 1e-9
@@ -459,22 +456,22 @@ class ObstacleAvoidance(Guide):
                 return p_W, v_W
         return view.p_W, view.v_W
 
-    # --- where the plan may be
+    # --- corridor
 
     @property
     def _times(self) -> Array:
-        """The times of the stages' ends, and of the beginning (N + 1,) [s]."""
+        """The times of the N + 1 stages [s]."""
         config = self._config
         return np.asarray(config.horizon_step * np.arange(config.horizon_steps + 1), float)
 
     def _along(self, path: _LocalPath, motion: GuideMotion) -> Array:
-        """Return the places (N + 1, 3) that the guide has come to at the stages' ends."""
+        """Return the points of the path (N + 1, 3) that the guide reaches at the stages."""
         places = np.vstack([motion.p_W[: motion.before], path.points])
         along = np.interp(self._times, STEP * np.arange(len(motion.along)), motion.along)
         return interpolated(along, np.arange(len(places)), places)
 
     def _planned(self, view: _Perception, plan: Plan | None) -> Array:
-        """Return where the plan of before is at the stages' ends; straight on without one."""
+        """Return the previous plan (N + 1, 3) at the stages; without a plan a straight line."""
         if plan is None:
             return view.p_W + self._times[:, None] * view.v_W
         since = (view.start_ns - plan.stamp_ns) * 1e-9
@@ -482,7 +479,7 @@ class ObstacleAvoidance(Guide):
         return interpolated(self._times, at, plan.p_WB)
 
     def _shared(self, view: _Perception, own_W: Array) -> Shared | None:
-        """Return this vehicle's half of the space between its plan and neighbours'."""
+        """Return the half-spaces between this vehicle's plan and its neighbours' plans."""
         if self._neighbours is None:
             return None
         stamps_ns = [view.start_ns + round(1e9 * time) for time in self._times[1:]]
@@ -494,7 +491,7 @@ class ObstacleAvoidance(Guide):
         return shared_space(own_W[1:], plans, keep=keep, heights_count=1.0 / self._own.downwash)
 
     def _corridor(self, view: _Perception, guide: Array, shared: Shared | None) -> Corridor:
-        """Return half-spaces about places (N + 1, 3): of neighbours, of what moves and stands."""
+        """Return half-spaces around a path (N + 1, 3): neighbours, moving, static obstacles."""
         config, rows, used = self._config, self._own.half_spaces, 0
         normals = np.zeros((config.horizon_steps, rows, 3))
         offsets = np.full((config.horizon_steps, rows), np.inf)
@@ -515,7 +512,7 @@ class ObstacleAvoidance(Guide):
 
 @functools.cache
 def _compile() -> None:
-    """Compile what is called in a tick, which in the air has no time for it."""
+    """Compile all functions of a control step."""
     points = np.array([[0.5, 0.0, 0.0]])
     local_map = LocalMap(points, centre=np.zeros(3), radius=1.0, far=0.8, revision=0)
     goal = np.array([0.8, 0.0, 0.0])
@@ -537,7 +534,7 @@ def _compile() -> None:
 
 
 def _is_worse(path: _LocalPath, kept: _LocalPath) -> bool:
-    """Whether a way ends before the goal, or leads elsewhere and is not worth to turn for."""
+    """Return whether a path is incomplete, or on another side without being clearly shorter."""
     if not path.complete:
         return True
     if path.length < kept.length - _MIN_IMPROVEMENT:
@@ -547,19 +544,19 @@ def _is_worse(path: _LocalPath, kept: _LocalPath) -> bool:
 
 
 def _length(places: Array) -> float:
-    """Return how long the way through places (n, 3) is [m]."""
+    """Return the length of a path (n, 3) [m]."""
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
 
 def _distance(place: Array, other: Array) -> float:
-    """Return the distance of two places (3,) [m]."""
+    """Return the distance between two points (3,) [m]."""
     return float(np.linalg.norm(place - other))
 
 
 def _speeds_of(points: Array, corners: Array, fastest: float, onward: Preview) -> Array:
-    """Return how fast to be (n,) along a way: between corners, and where it is the reference.
+    """Return the speed limits (n,) along a path and its continuation on the reference.
 
-    Where it ends without the reference it is to stop.
+    The speed is 0 at the end of a path that does not reach the reference.
     """
     lengths = np.linalg.norm(np.diff(np.vstack([corners, onward.p_W[1:]]), axis=0), axis=1)
     along = np.concatenate(([0.0], np.cumsum(lengths)))
@@ -577,14 +574,14 @@ def _speeds_of(points: Array, corners: Array, fastest: float, onward: Preview) -
 
 
 def _densified(places: Array) -> Array:
-    """Return places (n, 3) with those of straight ways where they jump."""
+    """Return points (n, 3) with samples of straight lines in gaps."""
     jumps = np.flatnonzero(np.linalg.norm(np.diff(places, axis=0), axis=1) > 4.0 * _SAMPLE_SPACING)
     ways = [_sampled_line(places[k], places[k + 1], math.inf) for k in jumps]
     return np.vstack([places, *ways])
 
 
 def _sampled_line(start: Array, end: Array, reach: float) -> Array:
-    """Return places (n, 3) on the straight way from one to another, as far as it reaches."""
+    """Return points (n, 3) on the line between two points, up to a length ``reach`` [m]."""
     distance = float(np.linalg.norm(end - start))
     share = min(1.0, reach / max(distance, 1e-9))
     count = max(math.ceil(share * distance / _SAMPLE_SPACING), 1) + 1

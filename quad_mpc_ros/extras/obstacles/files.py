@@ -1,4 +1,4 @@
-"""Files of obstacles.
+"""Obstacle files.
 
     obstacles:
       - {shape: box, position: [4.0, 0.0, 1.5], size: [0.4, 0.4, 3.0], yaw: 0.3}
@@ -6,7 +6,7 @@
       - {shape: sphere, position: [8.0, 0.0, 2.0], radius: 0.5, velocity: [0.0, 1.0, 0.0]}
     volume: {minimum: [-1.0, -5.0, 0.0], maximum: [12.0, 5.0, 4.0]}
 
-Positions are those of centres, in metres, in the frame of the odometry.
+Positions are centres [m] in the frame of the odometry.
 """
 
 from __future__ import annotations
@@ -34,21 +34,18 @@ _FILE_KEYS = ("obstacles", "volume")
 
 
 def read_scene(path: Path | str) -> Scene:
-    """Return what a file states.
-
-    Raises :class:`UserError` that names the file, the entry, what was given and what is expected.
-    """
+    """Return the scene in a file. Raises :class:`UserError` with the entry and expected value."""
     content = ros_yaml.read_file(Path(path))
     return scene_of(content, str(path))
 
 
 def scene_of_file(file: str) -> Scene:
-    """Return what a file states that a parameter names; nothing where it names none."""
+    """Return the scene in the file of a parameter; an empty scene if it is not set."""
     return read_scene(files.expanded(file)) if file else Scene()
 
 
 def scene_of(content: object, where: str) -> Scene:
-    """Return what the content of a file states; ``where`` begins its errors."""
+    """Return the scene in the content of a file; ``where`` is the prefix of errors."""
     if not isinstance(content, Mapping):
         raise UserError(f"{where}: given {shown(content)}, expected 'obstacles:' with a list")
     _refuse_unknown(content, _FILE_KEYS, where)
@@ -96,7 +93,7 @@ def _shape(entry: object, where: str) -> Shape:
 
 
 def rotation_about_z(yaw: float) -> Array:
-    """Return the rotation (3, 3) by an angle about the vertical."""
+    """Return the rotation (3, 3) about the vertical by an angle [rad]."""
     c, s = math.cos(yaw), math.sin(yaw)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 

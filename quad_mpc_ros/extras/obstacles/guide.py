@@ -1,9 +1,9 @@
-"""A guide in time: a point mass that follows a way, and the window that the controller flies.
+"""The guide: a point mass that follows a path in time, and the resulting window.
 
-The point mass starts as the vehicle moves, and steers towards a point of the way ahead of it
-(pure pursuit: Coulter, "Implementation of the pure pursuit path tracking algorithm", 1992) with a
-bounded acceleration, as fast as it may be there: slow enough for the bends ahead, and to stop or
-to go on at the end. So the window is one that the vehicle can fly from where it is, however fast.
+The point mass starts with the vehicle's state and steers towards a point ahead on the path (pure
+pursuit: Coulter, "Implementation of the pure pursuit path tracking algorithm", 1992). Its
+acceleration is bounded, and its speed is slow enough for bends and for the end of the path. So the
+vehicle can fly the window from its present state.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from quad_mpc_ros.control.model.samples import ReferenceWindow
 
 STEP = 0.04
 """s, between samples of a window."""
-_POINT_SPACING = 0.1  # m, between the points of a way
+_POINT_SPACING = 0.1  # m, between points of a path
 _SUBSTEPS = 4
-_VELOCITY_TIME_CONSTANT = 0.12  # s, in which the velocity becomes the wanted one
-# Ahead of the point mass: this, and as far as it flies in this time.
+_VELOCITY_TIME_CONSTANT = 0.12  # s, time constant of the velocity
+# Lookahead distance [m], plus the distance flown in this time [s].
 _LOOKAHEAD, _LOOKAHEAD_TIME = 0.25, 0.2
-_ROUNDS, _HALF_WIDTH = 3, 3  # of smoothing, and how many points to both sides it takes
+_ROUNDS, _HALF_WIDTH = 3, 3  # rounds of smoothing; points to both sides
 
 
 class PathLimits(NamedTuple):
-    """How fast the point mass may be at the points of a way (n,), and how it may accelerate."""
+    """Speed limits at the points of a path (n,) [m/s], and the acceleration limit [m/s^2]."""
 
     speeds: Array
     acceleration: float
 
 
 def smoothed(corners: Array) -> Array:
-    """Return a way (n, 3) of points a tenth of a metre apart, its corners rounded."""
+    """Return a path (n, 3) of points 0.1 m apart with rounded corners."""
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     along = np.concatenate(([0.0], np.cumsum(lengths)))
     count = max(math.ceil(along[-1] / _POINT_SPACING), 1) + 1
@@ -52,9 +52,9 @@ def smoothed(corners: Array) -> Array:
 
 @compiled
 def speeds_along(path: Array, fastest: Array, acceleration: float) -> Array:
-    """Return how fast to be at the points of a way (n, 3): in bends, and before what is slower.
+    """Return the speeds at the points of a path (n, 3), limited in bends and before slow parts.
 
-    ``fastest`` (n,) is how fast one may be there, whatever the way.
+    ``fastest`` (n,) are the speed limits on a straight path.
     """
     n = len(path)
     speeds = fastest.copy()
@@ -92,10 +92,10 @@ def simulate_pursuit(
     velocities: Array,
     along: Array,
 ) -> None:
-    """Write where a point mass is that follows a way (n, 3) from ``p`` and ``v`` (3,) on.
+    """Write the motion of a point mass that follows a path (n, 3) from ``p`` and ``v`` (3,).
 
-    ``positions`` and ``velocities`` (m, 3) are every ``STEP`` seconds, the first now, ``along``
-    (m,) is which point of the way it has come to.
+    ``positions`` and ``velocities`` (m, 3) are sampled every ``STEP`` seconds from now on;
+    ``along`` (m,) is the index of the nearest point of the path.
     """
     dt = STEP / _SUBSTEPS
     position, velocity, at = p.copy(), v.copy(), 0
@@ -110,7 +110,7 @@ def simulate_pursuit(
 
 @compiled
 def _nearest(path: Array, position: Array, at: int) -> int:
-    """Return the nearest point of a way, from a place on it on, not further than it was."""
+    """Return the index of the nearest point of a path, from an index on."""
     least, best = math.inf, at
     for k in range(at, min(at + 12, len(path))):
         squared = 0.0
@@ -130,7 +130,7 @@ def _steer(
     dt: float,
     at: int,
 ) -> None:
-    """Move the point mass on by a step."""
+    """Advance the point mass by a step."""
     position, velocity = state
     fast = math.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
     ahead, to, length = _LOOKAHEAD + _LOOKAHEAD_TIME * fast, at, 0.0
@@ -145,7 +145,7 @@ def _steer(
         distance += (path[to, c] - position[c]) ** 2
     distance = math.sqrt(distance)
     wanted = speeds[at]
-    if to == len(path) - 1:  # towards the end itself, no faster than brakes stop there
+    if to == len(path) - 1:  # brake for the end
         end = speeds[len(path) - 1]
         wanted = min(wanted, math.sqrt(end * end + 2.0 * acceleration * distance))
         if end == 0.0:
@@ -163,9 +163,9 @@ def _steer(
 
 
 class GuideMotion(NamedTuple):
-    """A point mass along a way: positions and velocities (m, 3), and the place on the way (m,).
+    """Motion of the guide: positions and velocities (m, 3), and index on the path (m,).
 
-    The first ``before`` of them are before the way begins, each a place of its own.
+    The first ``before`` samples precede the path, and have an index each.
     """
 
     p_W: Array
@@ -174,7 +174,7 @@ class GuideMotion(NamedTuple):
     before: int = 0
 
     def after(self, p_W: Array, v_W: Array) -> GuideMotion:
-        """Return the motion that has had these positions and velocities (k, 3) before."""
+        """Return the motion with preceding positions and velocities (k, 3)."""
         along = np.concatenate((np.arange(len(p_W), dtype=float), self.along + len(p_W)))
         return GuideMotion(
             np.vstack([p_W, self.p_W]), np.vstack([v_W, self.v_W]), along, before=len(p_W)
@@ -184,7 +184,7 @@ class GuideMotion(NamedTuple):
 def follow_path(
     path: Array, limits: PathLimits, *, p_W: Array, v_W: Array, duration: float
 ) -> GuideMotion:
-    """Return how a point mass follows a way (n, 3) from a state on, for ``duration`` [s]."""
+    """Return the motion along a path (n, 3) from a state, for ``duration`` [s]."""
     count = math.ceil(duration / STEP) + 1
     motion = GuideMotion(np.empty((count, 3)), np.empty((count, 3)), np.empty(count))
     speeds = speeds_along(path, limits.speeds, limits.acceleration)
@@ -204,9 +204,9 @@ def follow_path(
 def window_of(
     motion: GuideMotion, reference: ReferenceWindow, *, start_ns: int, gravity: float
 ) -> ReferenceWindow:
-    """Return the window of a motion from a stamp on, with the heading of a reference.
+    """Return the window of a motion from a stamp on, with the heading of the reference.
 
-    The thrust axis is along the force that the acceleration needs under a gravity [m/s^2].
+    The thrust axis is along the force required by acceleration and gravity [m/s^2].
     """
     count = len(motion.p_W)
     a, w, q = np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 4))
@@ -247,6 +247,6 @@ def _write_attitudes(
 
 
 def _heading(q_xyzw: Array) -> float:
-    """Return where the nose of an attitude points, from east to north [rad]."""
+    """Return the heading of an attitude [rad], from east to north."""
     x, y, z, w = q_xyzw.tolist()
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

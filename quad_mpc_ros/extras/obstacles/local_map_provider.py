@@ -1,4 +1,4 @@
-"""Which local map is in force: made in the control step, or before it in another thread."""
+"""Provides the local map, built in the control step or in another thread."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ import numpy as np
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.obstacles.local_map import LocalMap
 
-_MAX_REUSE_DISTANCE = 1.0  # m, after which the surroundings are others
-_STALE_DISTANCE = 2.0  # m, after which no tick goes on with the map of before
+_MAX_REUSE_DISTANCE = 1.0  # m, to the centre of a map
+_STALE_DISTANCE = 2.0  # m, to the centre of a map while another one is built
 
 
 class StaticPoints(Protocol):
-    """Points of what stands, in the frame of the odometry."""
+    """Points of static obstacles, in the frame of the odometry."""
 
     @property
     def revision(self) -> int:
-        """A number that changes when what :meth:`points` returns may have changed."""
+        """A number that changes with the result of :meth:`points`."""
         ...
 
     def points(self, stamp_ns: int, *, near: Array, radius: float) -> Array:
-        """Return points (n, 3) [m] of what stands, those within a ``radius`` of a place ``near``.
+        """Return the points (n, 3) [m] within a ``radius`` of a position ``near``.
 
-        Some further away do no harm, and neither do many: they are thinned out.
+        It may also return points further away; they are thinned out later.
         """
         ...
 
 
 class _MapRequest(NamedTuple):
-    """Where (3,) and when a map was asked for last, and how wide."""
+    """The last requested map: position (3,), time and size."""
 
     p_W: Array
     stamp_ns: int
@@ -40,7 +40,7 @@ class _MapRequest(NamedTuple):
 
 
 class LocalMapProvider:
-    """Has a :class:`.local_map.LocalMap` of what stands around the vehicle.
+    """Provides a :class:`.local_map.LocalMap` of static obstacles around the vehicle.
 
     A map is valid until the obstacles or the requested range change, or the vehicle has moved by
     a metre. Then :meth:`at` builds the next one. With a ``wake``, :meth:`at` calls it and returns
@@ -51,16 +51,13 @@ class LocalMapProvider:
     def __init__(self, static: StaticPoints) -> None:
         self._static = static
         self._map: LocalMap | None = None
-        self._oldest_revision = static.revision  # maps of earlier ones are in other coordinates
+        self._oldest_revision = static.revision  # older maps are in other coordinates
         self._request: _MapRequest | None = None
         self.wake: Callable[[], None] | None = None
-        """Called, in the tick, when another map is due."""
+        """Called in the control step if a new map is required."""
 
     def at(self, p_W: Array, stamp_ns: int, *, radius: float, far: float) -> LocalMap:
-        """Return the map about a place (3,) [m] within a ``radius`` [m].
-
-        To be further than ``far`` [m] from a point makes no difference to who asks.
-        """
+        """Return the map around a position (3,) within ``radius``, distances to ``far`` [m]."""
         local, request = self._map, _MapRequest(p_W.copy(), stamp_ns, radius, far)
         self._request = request
         if local is not None and local.revision >= self._oldest_revision:
@@ -72,15 +69,15 @@ class LocalMapProvider:
         return self._build(request)
 
     def update_map(self) -> None:
-        """Make the next map, if one is due."""
+        """Build the next map, if required."""
         local, request = self._map, self._request
         if request is not None and (local is None or not self._is_valid_for(local, request)):
             self._build(request, with_grid=local is not None and local.is_searched)
 
     def forget(self) -> None:
-        """Forget the map: places have other coordinates from this revision of what is known on.
+        """Discard the map: coordinates change with this revision of the obstacles.
 
-        One that another thread makes meanwhile, by an earlier revision, is not used.
+        A map that another thread is building from an earlier revision is not used.
         """
         self._map, self._oldest_revision = None, self._static.revision
 

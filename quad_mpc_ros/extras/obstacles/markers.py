@@ -1,4 +1,4 @@
-"""Obstacles published as markers, as RViz shows them."""
+"""Obstacles published as markers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from quad_mpc_ros.messages.obstacle_messages import (
 from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
 
 NAMESPACE = "obstacles"
-"""Of the markers that are made of shapes."""
+"""Namespace of markers made from shapes."""
 
 _SUPPORTED_TYPES = {
     CUBE: "CUBE",
@@ -43,14 +43,14 @@ _MAX_SCALE = 1e5  # m
 _MAX_AREA = 4000.0  # m^2, of one element
 _MAX_POINTS = 1_000_000  # on the surfaces of a list
 
-# s between two messages of which a speed is taken.
+# s between two messages, to compute a speed.
 _MIN_INTERVAL, _MAX_INTERVAL = 0.01, 1.0
-_MIN_SPEED, _MAX_SPEED = 0.05, 30.0  # m/s: slower is noise, faster another thing with its name
-_PREDICTION_TIME = 1.0  # s: as long as it is taken to go on
+_MIN_SPEED, _MAX_SPEED = 0.05, 30.0  # m/s: noise below, another object above
+_PREDICTION_TIME = 1.0  # s: longest prediction of a motion
 
 
 class MovingShape(NamedTuple):
-    """A moving shape at its predicted place, its time of receipt [ns], and its number."""
+    """A moving shape at its predicted position, its time of reception [ns], and its number."""
 
     shape: Shape
     received_ns: int
@@ -58,7 +58,7 @@ class MovingShape(NamedTuple):
 
 
 class _TrackedMarker(NamedTuple):
-    """A shape or points (n, 3) on surfaces, with the times of its receipt and of its end [ns]."""
+    """A shape or points (n, 3) on surfaces, with the times of reception and expiry [ns]."""
 
     number: int
     shape: Shape | None
@@ -67,32 +67,31 @@ class _TrackedMarker(NamedTuple):
     until_ns: float
 
     def body_at(self, stamp_ns: int) -> Shape | None:
-        """Return the shape where it is predicted to be."""
+        """Return the shape at its predicted position."""
         if self.shape is None or not self.shape.moves:
             return self.shape
         return self.shape.after(min(1e-9 * (stamp_ns - self.stamp_ns), _PREDICTION_TIME))
 
 
 class Markers:
-    """The markers that are there, each by its namespace and number.
+    """The present markers, by namespace and number.
 
-    One that comes again elsewhere moves: it is predicted by its speed from one message to the
-    next, for a second; then it is where it was predicted until the next message, or its lifetime
-    ends.
+    A marker that is received at another position moves: it is predicted for a second with its
+    speed between two messages, and then stays there until the next message or its expiry.
     """
 
     def __init__(self, frames: Frames, *, spacing: float) -> None:
-        """Take frames, and how far points on a surface are apart [m]."""
+        """Initialise with frames and the spacing of points on surfaces [m]."""
         self._frames, self._spacing = frames, spacing
         self._tracked: dict[tuple[str, int], _TrackedMarker] = {}
         self._count = 0
         self.revision = 0
-        """A number that grows with what stands."""
+        """A number that increases with changes of static markers."""
 
     def receive(self, markers: Sequence[Marker]) -> None:
-        """Take an array of markers, in its order.
+        """Receive an array of markers.
 
-        What of it is of no use is left out; ``ValueError`` says then what the first such was.
+        Unusable markers are skipped; then it raises ``ValueError`` with the first reason.
         """
         refused = None
         for marker in markers:
@@ -104,12 +103,12 @@ class Markers:
             raise refused
 
     def clear(self) -> None:
-        """Forget all."""
+        """Remove all markers."""
         self._tracked.clear()
         self.revision += 1
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Take an announced step of the estimate: all move along."""
+        """Apply a reset of the estimate to all markers."""
         for name, known in self._tracked.items():
             shape = known.shape
             if shape is not None:
@@ -123,20 +122,20 @@ class Markers:
         self.revision += 1
 
     def forget(self, now_ns: int) -> None:
-        """Forget those whose lifetime has ended."""
+        """Remove expired markers."""
         ended = [name for name, known in self._tracked.items() if known.until_ns < now_ns]
         for name in ended:
             del self._tracked[name]
         self.revision += len(ended)
 
     def shapes(self, stamp_ns: int) -> list[Shape]:
-        """Return the shapes that are there at a time, where they are then."""
+        """Return the shapes at their predicted positions at a time."""
         bodies = (known.body_at(stamp_ns) for known in self._tracked.values())
         return [body for body in bodies if body is not None]
 
     @property
     def static_points(self) -> list[Array]:
-        """Points (n, 3) [m] on the surfaces of what stands."""
+        """Points (n, 3) [m] on the surfaces of static markers."""
         return [known.points for known in self._tracked.values() if len(known.points)]
 
     def moving(self, stamp_ns: int) -> list[MovingShape]:
@@ -161,8 +160,8 @@ class Markers:
         _check(marker)
         newest_ns = self._frames.newest_ns
         if newest_ns is None:
-            raise ValueError(f"{_named(marker)}, and no odometry yet, by which it could be placed")
-        # Without a stamp it is of now, as for RViz.
+            raise ValueError(f"{_named(marker)} without odometry: its position is unknown")
+        # No stamp means now, as in RViz.
         stamp_ns = marker.stamp_ns or newest_ns
         in_odometry = self._frames.pose(marker.frame_id, min(stamp_ns, newest_ns))
         placed = in_odometry @ Pose(marker.p, so3.rotation_from_quaternion_xyzw(marker.q_xyzw))
@@ -203,12 +202,12 @@ class Markers:
         return (centres[:, None] + surface).reshape(-1, 3)
 
     def _with_speed(self, shape: Shape, marker: Marker, stamp_ns: int) -> Shape:
-        """Return the shape with its speed since the last message, if it is the same thing."""
+        """Return the shape with its speed since the last message, if it is the same object."""
         before = self._tracked.get(marker.name)
         if before is None or before.shape is None or type(before.shape) is not type(shape):
             return shape
         seconds = 1e-9 * (stamp_ns - before.stamp_ns)
-        if not seconds >= _MIN_INTERVAL:  # the same message again: the speed is known
+        if not seconds >= _MIN_INTERVAL:  # repeated message: keep the speed
             return dataclasses.replace(shape, v_WO_W=before.shape.v_WO_W)
         velocity = (shape.p_WO - before.shape.p_WO) / seconds
         speed = float(np.linalg.norm(velocity))
@@ -218,7 +217,7 @@ class Markers:
 
 
 def shape_marker(shape: Shape | None, number: int, *, stamp_ns: int, frame_id: str) -> Marker:
-    """Return a shape as a marker; without one, that the number is there no more."""
+    """Return the marker of a shape; without a shape, the deletion of the number."""
     kind, p, q_xyzw, scale = CUBE, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.ones(3)
     if shape is not None:
         kind = CUBE if isinstance(shape, Box) else SPHERE
@@ -263,7 +262,7 @@ def _check(marker: Marker) -> None:
 
 
 def _shape(marker: Marker, placed: Pose) -> Shape:
-    """Return the shape of a marker; of a squeezed sphere or cylinder the round one around it."""
+    """Return the shape of a marker; for flattened spheres and cylinders a round bound."""
     kind = _ELEMENT_TYPES.get(marker.kind, marker.kind)
     x, y, z = marker.scale.tolist()
     if kind == CUBE:

@@ -1,4 +1,4 @@
-"""A way through a local grid: a field of distances to points, and A* in it, compiled."""
+"""Path search: a grid of distances to points, and A* on it, compiled."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.obstacles.moving import Movers
 
 _MAX_EXPANSIONS = 12_000
-# What a way of a metre costs besides, where it is just as near to points as it may be.
+# Additional cost of a metre at the least permitted distance from points.
 _PROXIMITY_COST = 1.5
-# Where the goal cannot be reached: how much nearer to it a metre more of way has to lead.
+# For unreachable goals: by how much a metre of path must reduce the distance to the goal.
 _DETOUR_PENALTY = 0.3
-# Ways up or down cost this much of those across: the ground is near, and pillars are high.
+# Cost of climbing over that of level flight: the ground is near, and pillars are high.
 _CLIMB_COST_FACTOR = 1.5
 
 
 class Grid(NamedTuple):
-    """Distances (nx, ny, nz) [m] from the centres of cells to the nearest point, at most ``far``.
+    """Distances (nx, ny, nz) [m] from cell centres to the nearest point, at most ``far``.
 
-    They are in single precision. ``origin`` (3,) is the centre of the first cell, ``cell`` the
-    width of one [m]. To be further away than ``far`` [m] is no better.
+    They have single precision. ``origin`` (3,) is the centre of the first cell, ``cell`` the
+    width of a cell [m].
     """
 
     distances: NDArray[np.float32]
@@ -36,7 +36,7 @@ class Grid(NamedTuple):
 
     @staticmethod
     def about(centre: Array, *, half: tuple[float, float], cell: float, far: float) -> Grid:
-        """Return an empty grid about a place, so far across and up and down [m]."""
+        """Return an empty grid around a position with half extents (across, up) [m]."""
         across, up = (round(extent / cell) for extent in half)
         corner = np.floor(centre / cell) - (across, across, up)
         shape = 2 * across + 1, 2 * across + 1, 2 * up + 1
@@ -44,9 +44,9 @@ class Grid(NamedTuple):
 
 
 class SearchBuffers(NamedTuple):
-    """What a search writes of each cell, kept for the next: fresh memory takes longer than that.
+    """Buffers of a search for each cell, reused because allocation takes longer.
 
-    The cost and the length of the way to it, the cell before, and whether these are final.
+    Cost and length of the path to the cell, the preceding cell, and whether these are final.
     """
 
     cost: Array
@@ -56,7 +56,7 @@ class SearchBuffers(NamedTuple):
 
     @staticmethod
     def of(size: int) -> SearchBuffers:
-        """Return room for so many cells."""
+        """Return buffers for a number of cells."""
         parent, closed = np.zeros(size, np.int32), np.zeros(size, np.bool_)
         return SearchBuffers(np.zeros(size), np.zeros(size), parent, closed)
 
@@ -79,7 +79,7 @@ def fill(points: Array, grid: Grid) -> None:
                 if across >= farthest:
                     continue
                 column = least[i, j]
-                for m in range(lowest, highest):  # without a branch: several cells at once
+                for m in range(lowest, highest):  # branch-free, so that it is vectorised
                     up = np.float32(m) - z
                     squared = across + up * up
                     column[m] = squared if squared < column[m] else column[m]
@@ -91,7 +91,7 @@ def fill(points: Array, grid: Grid) -> None:
 
 @compiled
 def distance_at(grid: Grid, x: float, y: float, z: float) -> float:
-    """Return the distance at a place, between cells in proportion; ``far`` outside."""
+    """Return the distance at a position, interpolated between cells; ``far`` outside."""
     nx, ny, nz = grid.distances.shape
     u = (x - grid.origin[0]) / grid.cell
     v = (y - grid.origin[1]) / grid.cell
@@ -111,7 +111,7 @@ def distance_at(grid: Grid, x: float, y: float, z: float) -> float:
 
 @compiled
 def is_clear(grid: Grid, start: Array, end: Array, keep: float) -> bool:
-    """Whether the straight way between two places (3,) keeps a distance from points."""
+    """Return whether the line between two positions (3,) keeps a distance from points."""
     dx, dy, dz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
     count = math.ceil(math.sqrt(dx * dx + dy * dy + dz * dz) / (0.5 * grid.cell)) + 1
     for k in range(count + 1):
@@ -123,7 +123,7 @@ def is_clear(grid: Grid, start: Array, end: Array, keep: float) -> bool:
 
 @compiled
 def _cell_of(grid: Grid, place: Array) -> tuple[int, int, int]:
-    """Return the cell of the grid that is nearest to a place."""
+    """Return the nearest cell of the grid to a position."""
     shape = grid.distances.shape
     return (
         min(max(round((place[0] - grid.origin[0]) / grid.cell), 0), shape[0] - 1),
@@ -134,7 +134,7 @@ def _cell_of(grid: Grid, place: Array) -> tuple[int, int, int]:
 
 @compiled
 def _collides(movers: Movers, x: float, y: float, z: float, time: float) -> bool:
-    """Whether something that moves is too near to a place at a time [s] from now."""
+    """Return whether a moving ball is too near to a position at a time [s] from now."""
     for k in range(len(movers.keep)):
         dx = movers.p_W[k, 0] + time * movers.v_W[k, 0] - x
         dy = movers.p_W[k, 1] + time * movers.v_W[k, 1] - y
@@ -156,11 +156,11 @@ def search(
     movers: Movers,
     workspace: SearchBuffers,
 ) -> tuple[NDArray[np.float64], bool]:
-    """Return a way (n, 3) from cell to cell, and whether it reaches the goal.
+    """Return a path (n, 3) of cells, and whether it reaches the goal.
 
-    It keeps the distance ``keep`` from points and from what moves, which it meets at a ``speed``,
-    and stays above ``floor``. A start that is nearer than that first leads away. Where no way
-    reaches the goal, it leads to a place near it, rather in front than behind.
+    The path keeps the distance ``keep`` from points and from balls that move while it is flown
+    at ``speed``, and stays above ``floor``. From a start with less distance it first leads away.
+    If the goal is unreachable, it ends near the goal, rather in front than behind.
     """
     nx, ny, nz = grid.distances.shape
     start_cell, goal_cell = _cell_of(grid, start), _cell_of(grid, goal)
@@ -223,7 +223,7 @@ def search(
 
 @compiled
 def _weighted_length(x: int, y: int, z: int) -> float:
-    """Return the length of a way, one up or down counting for more."""
+    """Return the length of a step, with a higher weight of climbing."""
     return math.sqrt(x * x + y * y + (_CLIMB_COST_FACTOR * z) ** 2)
 
 
@@ -231,9 +231,9 @@ def _weighted_length(x: int, y: int, z: int) -> float:
 def shortened(
     grid: Grid, path: Array, keep: float, speed: float, movers: Movers
 ) -> NDArray[np.float64]:
-    """Return the corners (m, 3) of a way that is as short as straight lines make it.
+    """Return the corners (m, 3) of a path shortened by straight lines.
 
-    Straight lines keep clear of points and of what moves as :func:`search` does.
+    The lines keep the same distances as in :func:`search`.
     """
     corners = np.empty_like(path)
     corners[0] = path[0]
@@ -257,7 +257,7 @@ def shortened(
 def _segment_collides(
     movers: Movers, start: Array, end: Array, begun: float, speed: float, step: float
 ) -> bool:
-    """Whether what moves is met on the straight way between places, begun at a time [s]."""
+    """Return whether a line between positions, started at a time [s], meets a moving ball."""
     if len(movers.keep) == 0:
         return False
     dx, dy, dz = end[0] - start[0], end[1] - start[1], end[2] - start[2]

@@ -1,4 +1,4 @@
-"""The reference ``gates``: a plan through a course, or without one a smooth path through it."""
+"""The reference ``gates``: a plan through a course, or a smooth path."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from quad_mpc_ros.references.path import Path, SplinePath
 from quad_mpc_ros.references.point_table import csv_path
 
 _SAMPLE_PERIOD = 0.005  # s
-_LEAD_IN = 1.0  # m in front of a gate and behind it, where the path has to go straight through
+_LEAD_IN = 1.0  # m, straight part of the path before and behind a gate
 _MIN_SPACING = 0.05  # m, between two points
-_MIN_HEIGHT, _HEIGHT_RATIO = 0.3, 0.5  # m: a path is led up that dips lower without need
+_MIN_HEIGHT, _HEIGHT_RATIO = 0.3, 0.5  # m: lowest height of a path, unless gates are lower
 _MAX_INTERMEDIATE_POINTS = 3  # points on the line between two gates
 
 
 def gates_path(config: GateParameters) -> Path | PlannedMotion:
-    """Return the plan that ``file`` names, or the smooth path through the gates.
+    """Return the plan in ``file``, or the smooth path through the gates.
 
-    Raises :class:`UserError` for a course that cannot be flown and a plan that does not pass it.
+    Raises :class:`UserError` for an invalid course, or a plan that does not pass it.
     """
     course = configured_course(config)
     if course is None:
@@ -44,20 +44,20 @@ def gates_path(config: GateParameters) -> Path | PlannedMotion:
 
 
 def configured_course(config: GateParameters) -> Course | None:
-    """Return the configured course, None for none; raises :class:`UserError`."""
+    """Return the configured course, or None. Raises :class:`UserError`."""
     return read_course(config.gates) if config.gates else None
 
 
 def smooth_path(
     course: Course, *, max_speed: float, max_acceleration: float, start: End | None = None
 ) -> SplinePath:
-    """Return a path of minimum snap through the middle of every gate, to rest.
+    """Return a minimum-snap path through the centres of all gates, which ends at rest.
 
-    It begins at rest, or goes on from the motion ``start`` where the course begins.
+    It starts at rest, or with the motion ``start``, at the start of the course.
 
-    Where it would pass a gate against its direction, it is led straight through from in front of
-    the gate to behind it; where it would dip towards the ground, through points on the straight
-    line between the gates. Raises :class:`UserError` where a gate is still not passed.
+    A gate that would be passed in the wrong direction gets waypoints before and behind it. A leg
+    that is too low gets waypoints on the line between its gates. Raises :class:`UserError` if a
+    gate is still missed.
     """
     waypoints = _Waypoints(course)
     limits = {"max_speed": max_speed, "max_acceleration": max_acceleration}
@@ -81,7 +81,7 @@ def smooth_path(
 
 
 class _Waypoints:
-    """The points that lead a smooth path through a course: more where one is not enough."""
+    """The waypoints of a smooth path through a course, increased as needed."""
 
     def __init__(self, course: Course) -> None:
         self._course = course
@@ -90,7 +90,7 @@ class _Waypoints:
         self._lowest = min(_MIN_HEIGHT, *(_HEIGHT_RATIO * place[2] for place in course.places()))
 
     def improve(self, lap: Lap, *, seconds: Array, height: Array) -> bool:
-        """Add points where a path misses a gate or dips; return whether there were any to add."""
+        """Add waypoints where a path misses a gate or is too low; return whether it did so."""
         before = [*self._straight], [*self._between]
         for i, passage in enumerate(lap.passages):
             if not passage.passed and self._course.gates[i].R_WG is not None:
@@ -130,7 +130,7 @@ def _apart(one: Array, other: Array) -> bool:
 
 
 def _check_passes(plan: Path | PlannedMotion, course: Course, config: GateParameters) -> None:
-    """Refuse the plan of the configured file unless it passes the course."""
+    """Reject the plan in the configured file unless it passes the course."""
     duration = 1e-9 * plan.period_ns if isinstance(plan, PlannedMotion) else plan.duration
     seconds = np.linspace(0.0, duration, 2 + round(duration / _SAMPLE_PERIOD))
     if isinstance(plan, PlannedMotion):

@@ -1,9 +1,9 @@
-"""Holding the openings of a course's gates: half-spaces where the plan comes near an edge.
+"""Guide that keeps the plan inside gate openings with half-spaces near an edge.
 
-A reference that passes the gates keeps a plan inside of them, as long as it follows closely. Where
-the last plan leads nearer to an edge than what is kept, or past it, for the vehicle is carried
-away or the gate has moved, the stages before and after the passage may move no further across than
-what is left at the gate. Elsewhere there is no corridor, and nothing of it is solved.
+A plan that closely follows a reference through the gates needs no constraint. If the last plan is
+nearer to an edge than the margin, or outside, because of a disturbance or a moved gate, the
+lateral positions of the stages before and after the passage are constrained. Otherwise there is
+no corridor and no additional problem to solve.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.stage import Stage
 from quad_mpc_ros.references.course import Course, Gate
 
-# m: kept from the edge of an opening, beyond the vehicle's radius from one that has a frame; at
-# most this share of half of it.
+# m: margin to the edge of an opening, plus the vehicle's radius for a planar gate; at most this
+# share of its half size.
 _EDGE_MARGIN, _MAX_MARGIN_RATIO = 0.05, 0.8
-# m: a path that leads past a gate by more than this does not mean it.
+# m: a plan that passes a gate at a greater distance does not aim at it.
 _MAX_MISS = 1.5
-# How many of the gates to come are looked at.
+# Number of considered next gates.
 _GATES_AHEAD = 2
-_STAGE_SAMPLES = np.linspace(0.0, 1.0, 9)  # of a stage, to find where in it the plan is at a gate
+_STAGE_SAMPLES = np.linspace(0.0, 1.0, 9)  # of a stage, to find the passage
 _REST_SPEED = 0.1  # m/s
-_POLYGON_INRADIUS = math.cos(math.pi / GATE_HALF_SPACES)  # of a polygon inside of a circle
+_POLYGON_INRADIUS = math.cos(math.pi / GATE_HALF_SPACES)  # of the polygon inside a circle
 
 
 class _Crossing(NamedTuple):
-    """Where a plan passes a gate: when [s], from the centre (3,), axes across (3, 2) in W."""
+    """Passage of a plan: time [s], offset from the centre (3,), lateral axes (3, 2) in W."""
 
     time: float
     offset_W: Array
@@ -45,11 +45,11 @@ class _Crossing(NamedTuple):
 
 
 class HeldGates(Guide):
-    """Guide through the gates of a course, in their order; it starts again from rest.
+    """Guide through the gates of a course in order; it restarts when the vehicle is at rest.
 
     Args:
         course: The gates.
-        radius: Of the vehicle [m].
+        radius: Radius of the vehicle [m].
     """
 
     def __init__(self, course: Course, *, radius: float) -> None:
@@ -58,13 +58,13 @@ class HeldGates(Guide):
         self._before: OdometrySample | None = None
 
     def move(self, p_WG: Array, q_WG_xyzw: Array) -> None:
-        """Take where the gates are by now; takes and raises as :meth:`.Course.moved`."""
+        """Receive the poses of the gates; arguments and errors as :meth:`.Course.moved`."""
         self._course = self._course.moved(p_WG, q_WG_xyzw)
 
     def guide(
         self, odometry: OdometrySample, window: ReferenceWindow, plan: Plan | None
     ) -> Guided:
-        """Return the window, and half-spaces where the plan comes near the edge of a gate."""
+        """Return the window, and half-spaces if the plan is near the edge of a gate."""
         before, self._before = self._before, odometry
         if before is None or plan is None:
             return Guided(window)
@@ -79,7 +79,7 @@ class HeldGates(Guide):
         return Guided(window, corridor)
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Forget the odometry in the coordinates before."""
+        """Discard the last odometry, which is in the old coordinates."""
         self._before = None
 
     def _margin(self, gate: Gate) -> float:
@@ -87,7 +87,7 @@ class HeldGates(Guide):
         return min(margin, _MAX_MARGIN_RATIO * min(gate.half_width, gate.half_height))
 
     def _advance(self, p_before: Array, odometry: OdometrySample) -> None:
-        """Count the gate that was passed since the odometry before."""
+        """Advance to the next gate after a passage since the last odometry."""
         if odometry.speed < _REST_SPEED:
             self._next = 0
         for ahead, gate in enumerate(self._course.gates[self._next : self._next + _GATES_AHEAD]):
@@ -98,7 +98,7 @@ class HeldGates(Guide):
     def _constrain(
         self, gate: Gate, passed: _Crossing, plan: Plan, since: float, corridor: Corridor
     ) -> None:
-        """Write half-spaces for the stages before and after a passage."""
+        """Write the half-spaces of the stages before and after a passage."""
         margin, sides = self._margin(gate), 4
         angles = np.arange(sides) * 2.0 * math.pi / sides
         half = np.tile([gate.half_width, gate.half_height], 2) - margin
@@ -117,22 +117,22 @@ class HeldGates(Guide):
 
 
 class CombinedGuide(Guide):
-    """Guide around obstacles and, where the reference is free, through gates."""
+    """Guide around obstacles and, if the reference is clear, through gates."""
 
     def __init__(self, around: Guide, gates: HeldGates) -> None:
         self._around, self._gates = around, gates
 
     @property
     def stages(self) -> tuple[Stage, ...]:
-        """This guide and the two that it asks."""
+        """This guide and the stages of both guides."""
         return self, *self._around.stages, *self._gates.stages
 
     def guide(
         self, odometry: OdometrySample, window: ReferenceWindow, plan: Plan | None
     ) -> Guided:
-        """Return what leads around obstacles, or else through gates.
+        """Return window and corridor around obstacles, or else through gates.
 
-        Gates that fail do not keep it from leading around obstacles.
+        An error of the gates does not disable obstacle avoidance.
         """
         through, failure = Guided(window), None
         try:
@@ -149,7 +149,7 @@ class CombinedGuide(Guide):
 
 
 def _unconstrained_corridor(plan: Plan, since: float) -> Corridor:
-    """Return a corridor for the problem ``since`` seconds after a plan's that holds nothing."""
+    """Return a corridor without constraints, ``since`` seconds after the start of a plan."""
     count = len(plan.p_WB) - 1
     return Corridor(
         stamp_ns=plan.stamp_ns + round(1e9 * since),
@@ -160,7 +160,7 @@ def _unconstrained_corridor(plan: Plan, since: float) -> Corridor:
 
 
 def _position_at(plan: Plan, time: float) -> Array:
-    """Return where a plan is at a time after its beginning (3,), by the cubic through four."""
+    """Return the position (3,) of a plan at a time from its start, by cubic interpolation."""
     last = len(plan.p_WB) - 1
     first = min(max(math.floor(time / plan.step) - 1, 0), max(last - 3, 0))
     ends = np.arange(first, min(first + 4, last + 1))
@@ -173,7 +173,7 @@ def _position_at(plan: Plan, time: float) -> Array:
 
 
 def _passage(gate: Gate, plan: Plan) -> _Crossing | None:
-    """Return where a plan passes a gate first, None if it does not come by."""
+    """Return the first passage of a gate, None if the plan does not pass it."""
     relative = plan.p_WB - gate.p_WG
     if gate.R_WG is None:
         distance = np.linalg.norm(relative, axis=1)
@@ -185,7 +185,7 @@ def _passage(gate: Gate, plan: Plan) -> _Crossing | None:
         at = int(np.linalg.norm(offsets, axis=1).argmin())
         direction = offsets[min(at + 1, len(offsets) - 1)] - offsets[max(at - 1, 0)]
         across = _across(direction)
-        offset_W = across @ (across.T @ offsets[at])  # of the line that it is on
+        offset_W = across @ (across.T @ offsets[at])  # component across the path
         return _Crossing(times[at], offset_W, across, gate.half_width - math.hypot(*offset_W))
     x = relative @ gate.R_WG[:, 0]
     crossed = np.flatnonzero(_crosses(gate, x[:-1], x[1:]))
@@ -203,7 +203,7 @@ def _passage(gate: Gate, plan: Plan) -> _Crossing | None:
 
 
 def _passes(gate: Gate, p_before: Array, odometry: OdometrySample) -> bool:
-    """Whether the vehicle passed a gate since it was at a place before."""
+    """Return whether the vehicle has passed a gate since its last position."""
     before, after = p_before - gate.p_WG, odometry.p_WB - gate.p_WG
     reach = _MAX_MISS + max(gate.half_width, gate.half_height)
     if min(math.hypot(*before), math.hypot(*after)) > reach:
@@ -222,7 +222,7 @@ def _crosses(gate: Gate, x: Array, x_after: Array) -> Array:
 
 
 def _across(direction: Array) -> Array:
-    """Return two unit vectors (3, 2) across a way (3,)."""
+    """Return two unit vectors (3, 2) perpendicular to a direction (3,)."""
     along = direction / max(float(np.linalg.norm(direction)), 1e-9)
     first = np.cross(along, np.eye(3)[int(np.abs(along).argmin())])
     first /= np.linalg.norm(first)

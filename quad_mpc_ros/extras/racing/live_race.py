@@ -1,4 +1,4 @@
-"""A race whose gates move while it is flown: what is to be flown another way, and what is flown.
+"""A race with gates that move in flight: which part must be replanned, and the flown trajectory.
 
 A way through gates that have moved is made elsewhere (:mod:`.replanning`), for that takes
 longer than a tick. It leaves the present one at a state ahead, and a plan meets it again behind
@@ -28,18 +28,18 @@ from quad_mpc_ros.references.path import Turned
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.references.transition import flat_state_of
 
-_MIN_SHIFT = 0.05  # m, of a gate's centre or edge: less is no news
-# s: a new way does not leave as shortly before a gate as the first, but the second behind it.
+_MIN_SHIFT = 0.05  # m, of a gate's centre or edge: smaller changes are ignored
+# s: a replanned part does not start within the first time before a gate, but the second after it.
 _LEAVE_BEFORE_GATE, _LEAVE_AFTER_GATE = 0.15, 0.02
-# Gates that have not moved, before and behind moved gates: the race is replanned between them.
+# Number of unmoved gates before and behind moved gates that are replanned as well.
 _GATES_BEFORE, _GATES_BEHIND = 1, 2
-_STEP_NS = 10_000_000  # of a table
+_STEP_NS = 10_000_000  # between rows of a table
 _SAMPLE_PERIOD = 0.005  # s
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GateTrajectory:
-    """A trajectory through a course: when it passes each gate (n,) [s], and its lap [s]."""
+    """A trajectory through a course, with its gate times (n,) [s] and lap time [s]."""
 
     trajectory: Trajectory
     course: Course
@@ -48,7 +48,7 @@ class GateTrajectory:
 
     @classmethod
     def of(cls, trajectory: Trajectory, course: Course) -> GateTrajectory:
-        """Return a trajectory as a way; raises :class:`UserError` for one that misses a gate."""
+        """Return a trajectory with its gate times. Raises :class:`UserError` if it misses one."""
         duration = 1e-9 * trajectory.period_ns
         seconds = np.linspace(0.0, duration, 2 + round(duration / _SAMPLE_PERIOD))
         p_WB = trajectory.at(np.round(1e9 * seconds).astype(np.int64).tolist()).p_WB
@@ -62,7 +62,7 @@ class GateTrajectory:
         return cls(trajectory=trajectory, course=course, times=np.array(times), lap=end)
 
     def table(self) -> MotionTable:
-        """Return the trajectory in rows: its own, or of every 10 ms."""
+        """Return the trajectory in rows: its own rows, or one every 10 ms."""
         if isinstance(self.trajectory, PlannedMotion):
             return self.trajectory.table
         times = [*range(0, self.trajectory.period_ns, _STEP_NS), self.trajectory.period_ns]
@@ -71,17 +71,17 @@ class GateTrajectory:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReplanRequest:
-    """What is to be flown another way, because gates have moved.
+    """A part of a race to replan because gates have moved.
 
     Attributes:
-        motion: The present way, from the beginning of the race on.
-        leave: The row of it at which the new way begins.
-        rejoin: The row at which that meets the present one again; None for the end of the race.
-        course: The gates as they are passed then.
-        part: Those between the two rows; it starts and ends there.
-        ends: When the present way ends each leg of ``part`` (n,) [s].
-        moved: How far gates of the part have moved, by their numbers [m].
-        planned: Whether it is to be planned, as the present way was, or a smooth path.
+        motion: The present trajectory, from the start of the race.
+        leave: The row at which the replanned part starts.
+        rejoin: The row at which it rejoins the trajectory; None for the end of the race.
+        course: The course with the gates of the replanned race.
+        part: The course between the two rows.
+        ends: The times at which the present trajectory ends each leg of ``part`` (n,) [s].
+        moved: The displacements of moved gates of the part, by number [m].
+        planned: Whether to plan it with the optimiser, or as a smooth path.
     """
 
     motion: MotionTable
@@ -95,15 +95,15 @@ class ReplanRequest:
 
     @property
     def leave_seconds(self) -> float:
-        """When the new way begins, from the beginning of the race on [s]."""
+        """Start of the replanned part, from the start of the race [s]."""
         return float(self.motion.seconds[self.leave] - self.motion.seconds[0])
 
     def text(self) -> str:
-        """Return which gates have moved by how much."""
+        """Return a text with the moved gates."""
         return description(self.moved)
 
     def with_part(self, part: MotionTable, config: ReferenceConfig) -> GateTrajectory:
-        """Return the race with a new part; raises :class:`UserError` for one not to be flown."""
+        """Return the race with a replanned part. Raises :class:`UserError` if infeasible."""
         before = self.motion.rows(slice(None, self.leave + 1))
         table = before.followed_by(part)
         if self.rejoin is not None:
@@ -116,12 +116,12 @@ class ReplanRequest:
 
 
 class LiveRace:
-    """Where the gates of a race are, and by which way its reference passes them.
+    """The gates of a race, and the flown trajectory.
 
     Args:
-        course: The gates of the configuration.
-        trajectory: What is flown through them.
-        planner: Whether a plan can be replanned; otherwise smooth paths replace it.
+        course: The configured course.
+        trajectory: The flown trajectory.
+        planner: Whether the optimiser is available; otherwise smooth paths are used.
 
     Raises :class:`UserError` for a trajectory that does not pass the course.
     """
@@ -132,14 +132,13 @@ class LiveRace:
         self._whole = self._newest = GateTrajectory.of(trajectory, course)
 
     def move(self, p_WG: Array, q_WG_xyzw: Array) -> None:
-        """Take where the gates are by now; takes and raises as :meth:`.Course.moved`."""
+        """Receive the poses of the gates; arguments and errors as :meth:`.Course.moved`."""
         self._now = self._now.moved(p_WG, q_WG_xyzw)
 
     def replan_request(self, trajectory: Trajectory, begin: float) -> ReplanRequest | None:
-        """Return what is to be flown another way from a time of the race on [s].
+        """Return the part to replan after a time of the race [s].
 
-        None if no gate to come has moved from where ``trajectory``, which is flown, passes it, or
-        that is not the race.
+        None if no gate ahead on ``trajectory`` has moved, or ``trajectory`` is not this race.
         """
         flown = self._known_trajectory(trajectory)
         if flown is None:
@@ -153,7 +152,7 @@ class LiveRace:
         return _replan_request(flown, table, self._now.once(), moved, begin, planned=planned)
 
     def missed(self, trajectory: Trajectory, since: float, until: float) -> dict[int, float]:
-        """Return how far gates have moved that are passed between two times, by their numbers."""
+        """Return the displacements of moved gates passed between two times, by number."""
         flown = self._known_trajectory(trajectory)
         if flown is None:
             return {}
@@ -161,7 +160,7 @@ class LiveRace:
         return {flown.course.numbers[i]: far for i, far in moved.items()}
 
     def take(self, request: ReplanRequest, flown: GateTrajectory) -> str:
-        """Take the path that is flown from now on; return a message for the log."""
+        """Note a new flown trajectory; return a message for the log."""
         before, self._newest = self._newest, flown
         return (
             f"replanned: {request.text()}, joins at {request.leave_seconds:.2f} s of the race, "
@@ -182,14 +181,14 @@ class LiveRace:
 
 
 def description(moved: Mapping[int, float]) -> str:
-    """Return which gates have moved by how much [m], as a text."""
+    """Return a text with the displacements of moved gates [m]."""
     return ", ".join(f"gate {number} moved {far:.2f} m" for number, far in moved.items())
 
 
 def smooth_part(request: ReplanRequest, config: ReferenceConfig) -> MotionTable:
-    """Return the smooth path through the gates of a detour to the end, in rows.
+    """Return a smooth path through the gates of a request to the end, in rows.
 
-    It goes on from the present way. Raises :class:`UserError` where there is none.
+    It continues the present motion. Raises :class:`UserError` if there is none.
     """
     leave_ns = round(1e9 * request.leave_seconds)
     start = flat_state_of(PlannedMotion(request.motion), leave_ns)
@@ -221,7 +220,7 @@ def _replan_request(
     *,
     planned: bool,
 ) -> ReplanRequest:
-    """Return the part of a way about the first gates that have moved; a smooth one to the end."""
+    """Return the request for the first moved gates; a smooth path extends to the end."""
     times, seconds, end = flown.times, table.seconds - table.seconds[0], flown.course.end
     stop, before = len(times), min(moved) - _GATES_BEFORE - 1
     if planned:
@@ -266,17 +265,17 @@ def _replan_request(
 
 
 def _moved(before: Gate, now: Gate) -> float:
-    """Return how far a gate's centre has moved, or its edge by a turn [m]."""
+    """Return the displacement of a gate's centre or edge [m]."""
     far = float(np.linalg.norm(now.p_WG - before.p_WG))
     if before.R_WG is None or now.R_WG is None:
         return far
-    axes = slice(0, 1) if before.is_round else slice(0, 3)  # a circle may turn in its plane
+    axes = slice(0, 1) if before.is_round else slice(0, 3)  # a circle's normal
     turned = np.linalg.norm((now.R_WG - before.R_WG)[:, axes], axis=0).max()
     return max(far, float(turned) * max(before.half_width, before.half_height))
 
 
 def _clear_of_gates(times: Array, begin: float) -> float:
-    """Return when to leave a way from a time on [s]."""
+    """Return the time at which to leave the trajectory, not near a gate [s]."""
     for passed in times.tolist():
         if begin - _LEAVE_AFTER_GATE < passed < begin + _LEAVE_BEFORE_GATE:
             begin = passed + _LEAVE_AFTER_GATE
@@ -288,7 +287,7 @@ def _row_from(seconds: Array, begin: float) -> int:
 
 
 def _tabled(trajectory: Trajectory, times_ns: list[int]) -> MotionTable:
-    samples = trajectory.at([*times_ns[:-1], times_ns[-1] - 1])  # moving, if it does
+    samples = trajectory.at([*times_ns[:-1], times_ns[-1] - 1])  # not at rest if it ends in motion
     R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
     return MotionTable(
         source="the smooth path",

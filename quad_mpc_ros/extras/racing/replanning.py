@@ -1,7 +1,7 @@
-"""Ways through gates that have moved, made in a process of its own and joined when they are ready.
+"""Replanning of a race for moved gates, in a separate process.
 
-A plan takes a second, and building its programme keeps the interpreter from all other threads for
-30 ms at a time: too long for a node that publishes 50 times a second, or an MPC beside it.
+A plan takes a second, and building its program blocks all other threads of a process for 30 ms:
+too long for a node that publishes at 50 Hz, or for an MPC in the same process.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from quad_mpc_ros.references.live import LiveReference
 from quad_mpc_ros.references.motion_table import MotionTable
 from quad_mpc_ros.references.timeline import Phase
 
-_MIN_LEAD_TIME = 1.0  # s: from now to where a new way begins; more where making one took longer
+_MIN_LEAD_TIME = 1.0  # s, at least, from now to the start of a replanned part
 _LEAD_TIME_FACTOR = 1.5
-_RETRY_DELAY_NS = 1_000_000_000  # after a way that could not be made
+_RETRY_DELAY_NS = 1_000_000_000  # after a failed replanning
 _NICENESS = 5  # controllers come first
 _KEPT_TEXT = "keeping the current path"
 
 
 class _PendingReplan(NamedTuple):
-    """What is being made, for which phase of the flight, and since when [s]."""
+    """A request in progress, its phase of the flight, and its start [s]."""
 
     request: ReplanRequest
     phase: Phase
@@ -51,12 +51,12 @@ class _PendingReplan(NamedTuple):
 
 
 class GateReplanner:
-    """Leads a live reference through the gates of its race where they move.
+    """Replans a live reference for the moved gates of its race.
 
     Args:
-        config: Of the reference; its trajectory is ``gates``.
-        live: What is flown.
-        waits: Whether the flight's time stands still while a way is made, as in lockstep.
+        config: Parameters of the reference, with trajectory ``gates``.
+        live: The live reference.
+        waits: Whether time is stopped during replanning, as in lockstep.
 
     Raises :class:`UserError` for a trajectory that does not pass the course.
     """
@@ -73,13 +73,13 @@ class GateReplanner:
         self._missed: set[int] = set()
 
     def move(self, p_WG: Array, q_WG_xyzw: Array) -> None:
-        """Take where the gates are by now; takes and raises as :meth:`.Course.moved`."""
+        """Receive the poses of the gates; arguments and errors as :meth:`.Course.moved`."""
         self._race.move(p_WG, q_WG_xyzw)
         if self._process is None:
             self._process = _ReplanProcess(self._config)
 
     def poll(self, now_ns: int) -> Reply | None:
-        """Replan where a gate ahead has moved, and fly that; return a message for the log."""
+        """Replan if a gate ahead has moved, and fly a finished plan; return a log message."""
         reply, phase = self._take_result(now_ns), self._live.last_phase
         if self._process is None or phase is None or self._pending is not None:
             return reply
@@ -93,22 +93,22 @@ class GateReplanner:
         return reply or self._report_missed(phase, seconds)
 
     def _report_missed(self, phase: Phase, seconds: float) -> Reply | None:
-        """Tell once of each gate that has moved and is passed before another way could begin."""
+        """Report once each moved gate that is passed before a replanned part could start."""
         missed = self._race.missed(phase.trajectory, seconds, seconds + self._lead_time)
         new_misses = {number: far for number, far in missed.items() if number not in self._missed}
         self._missed = set(missed)
         if not new_misses:
             return None
-        return Reply(accepted=False, text=f"{description(new_misses)}: too near; {_KEPT_TEXT}")
+        return Reply(accepted=False, text=f"{description(new_misses)}: too close; {_KEPT_TEXT}")
 
     def close(self) -> None:
-        """End the process."""
+        """Stop the process."""
         if self._process is not None:
             self._process.close()
         self._process = self._pending = None
 
     def _take_result(self, now_ns: int) -> Reply | None:
-        """Fly what has been made."""
+        """Fly a finished plan."""
         if self._pending is None or self._process is None:
             return None
         result = self._process.result(wait=self._waits)
@@ -130,7 +130,7 @@ class GateReplanner:
 
 
 class _ReplanProcess:
-    """The process that makes ways; it ends with this one."""
+    """The process that replans; it ends with this process."""
 
     def __init__(self, config: ReferenceConfig) -> None:
         context = multiprocessing.get_context("spawn")
@@ -138,49 +138,49 @@ class _ReplanProcess:
         self._worker: BaseProcess = context.Process(
             target=_run_replanning, args=(far_end, config), daemon=True
         )
-        # Else the process starts it, which unblocks SIGINT.
+        # Otherwise the child process starts it, which unblocks SIGINT.
         resource_tracker.ensure_running()
-        # Ctrl-C is for the node, with which it ends; blocked before its first line runs.
+        # Ctrl-C is for the node, which ends the process; blocked before its first line.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             self._worker.start()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        far_end.close()  # only the process holds it now
+        far_end.close()  # only the process has it open now
         self._ready = False
 
     def is_ready(self, *, wait: bool) -> bool:
-        """Whether it has imported what it needs."""
+        """Return whether the process has finished its imports."""
         if not self._ready:
             self._ready = self.result(wait=wait) is not None
         return self._ready
 
     def send(self, request: ReplanRequest) -> None:
-        """Let it make a way."""
-        with contextlib.suppress(OSError):  # it has ended: its answer says so
+        """Send a request to the process."""
+        with contextlib.suppress(OSError):  # the process has ended, see result
             self._pipe.send(request)
 
     def result(self, *, wait: bool) -> GateTrajectory | str | None:
-        """Return the way, or why there is none; None while it is being made."""
+        """Return the trajectory, or an error; None while the process is busy."""
         if not (wait or self._pipe.poll()):
             return None
         try:
             result: GateTrajectory | str = self._pipe.recv()
         except (EOFError, OSError):
-            return "the process that makes ways has ended"
+            return "the replanning process has ended"
         return result
 
     def close(self) -> None:
-        """End it."""
+        """Stop the process."""
         self._worker.kill()
         self._worker.join()
         self._pipe.close()
 
 
 def _run_replanning(pipe: Connection, config: ReferenceConfig) -> None:
-    """Make ways, in a process of its own, until the other end is closed."""
+    """Process requests, in a separate process, until the other end is closed."""
     os.nice(_NICENESS)
-    if casadi_fault() is None:  # before it is needed
+    if casadi_fault() is None:  # before the first request
         importlib.import_module("quad_mpc_ros.extras.racing.planning.replan")
     result: GateTrajectory | str = "ready"
     with contextlib.suppress(EOFError, OSError):

@@ -1,8 +1,8 @@
-"""Where the optimiser begins: the course flown by a point, and the attitudes that its thrust has.
+"""First guess of the optimiser: the course flown by a point mass, with attitudes of its thrust.
 
-A point that accelerates in any direction at once is solved for in a second from straight lines,
-and is near the plan of the whole vehicle. Its thrust is smoothed over the time in which a vehicle
-turns, and the body turns with it by the shortest way, never about it.
+A point mass that accelerates in any direction is solved for in a second, and is near the plan of
+the vehicle. Its thrust is smoothed over the time in which a vehicle turns. The body follows the
+thrust with the shortest rotations, without rotation about it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from quad_mpc_ros.extras.racing.planning.transcription import (
 from quad_mpc_ros.references.course import Course
 
 _STEPS_PER_LEG = 12  # a leg
-_THRUST_SHARE = 0.85  # of the thrust: what a vehicle that has to turn makes of it
+_THRUST_SHARE = 0.85  # of the thrust that a turning vehicle can use
 _CRUISE_SHARE = 0.6  # of the speed reached over a leg at full thrust, of the very first guess
 _SMOOTHING_TIME = 0.06  # s
 _FINE_STEP = 0.004  # s
@@ -43,9 +43,9 @@ def flown_by_a_point(
     lowest: float,
     progress: ProgressCallback | None = None,
 ) -> Nodes:
-    """Return the course as a point flies it in the least time: states p, v; inputs a.
+    """Return the time-optimal motion of a point mass: states p, v; inputs a.
 
-    Where the optimiser finds none, straight lines at a speed that is safe.
+    If the optimiser fails, it returns straight lines at a safe speed.
     """
     ca = casadi()
     x, u, h = ca.SX.sym("x", 6), ca.SX.sym("u", 3), ca.SX.sym("h")
@@ -95,7 +95,7 @@ def _straight(start: Array, legs: Sequence[CourseLeg], *, acceleration: float) -
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class PosedMotion:
-    """A motion of the whole vehicle at n nodes, as flatness gives it.
+    """A motion of the vehicle at n nodes, from flatness.
 
     ``p``, ``v``, ``w`` (n, 3), ``q_wxyz`` (n, 4), ``thrust`` (n,) over mass.
     """
@@ -112,7 +112,7 @@ class PosedMotion:
 def with_attitudes(
     point: Nodes, vehicle: PlannedVehicle, *, yaw: float, longest_step: float
 ) -> PosedMotion:
-    """Return the motion of a point as a vehicle flies it, at steps of ``longest_step`` [s]."""
+    """Return the motion of a point mass with attitudes, at steps of ``longest_step`` [s]."""
     counts = np.maximum(MIN_STEPS, np.ceil(point.durations / longest_step)).astype(int)
     steps = np.repeat(point.durations / counts, counts)
     times = np.append(0.0, np.cumsum(steps))
@@ -147,7 +147,7 @@ def _sampled(times: Array, knots: Array, values: Array) -> Array:
 
 
 def _smoothed_force(point: Nodes, times: Array, vehicle: PlannedVehicle) -> Array:
-    """Return the force over mass (n, 3) at times, a running mean; hovering at both ends."""
+    """Return the running mean of the force over mass (n, 3) at times; hover at both ends."""
     count = max(int(point.times[-1] / _FINE_STEP), 2)
     fine = np.linspace(0.0, point.times[-1], count)
     held = np.clip(np.searchsorted(point.times, fine, side="right") - 1, 0, len(point.inputs) - 1)

@@ -1,4 +1,4 @@
-"""A course as legs: what holds at the end of each, for a point or a whole vehicle."""
+"""A course as legs with constraints at their ends."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
 from quad_mpc_ros.references.course import Course, Finish, Gate
 
-_EDGE_TOLERANCE = 1e-4  # m: what is planned at an edge is not to be judged outside of it
+_EDGE_TOLERANCE = 1e-4  # m: a plan at the edge must not be evaluated as outside
 _MIN_GATE_SPEED = 1.0  # m/s, least speed through the plane of a gate
 GATE_NODE_GAP = 0.03  # m, at least, from a gate's plane to the nodes before and behind it
 _ROUTE_WEIGHT, _RUN_OUT_WEIGHT = 1.0, 0.05
@@ -20,11 +20,10 @@ _ROUTE_WEIGHT, _RUN_OUT_WEIGHT = 1.0, 0.05
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Goal:
-    """What holds at the end of a leg.
+    """The constraints at the end of a leg.
 
-    Expressions of position and velocity (3,) each lie between bounds: ``expressions(p, v)``
-    returns (n,), ``lower`` and ``upper`` are (n,). ``depth(p)`` is how far a position is behind
-    the plane of a gate [m]; None of a ball.
+    ``expressions(p, v)`` (n,) of position and velocity (3,) are between ``lower`` and ``upper``
+    (n,). ``depth(p)`` is the distance behind the plane of a gate [m]; None for a ball.
     """
 
     expressions: Any
@@ -35,9 +34,9 @@ class Goal:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CourseLeg:
-    """A leg to a place (3,) [m]: its goal, whether it ends at rest, what its time weighs.
+    """A leg to a position (3,) [m]: its goal, whether it ends at rest, the weight of its time.
 
-    A leg without a goal is the way to stop behind a course that is ended in flight.
+    A leg without a goal stops the vehicle behind a course that ends in flight.
     """
 
     p_WB: Array
@@ -49,8 +48,8 @@ class CourseLeg:
 def legs_of(course: Course, *, margin: float, radius: float) -> list[CourseLeg]:
     """Return the legs of a course.
 
-    ``margin`` [m] is kept from the edges of the gates, and where they have a frame the vehicle's
-    ``radius`` [m] more. Raises :class:`UserError` for an opening that these fill.
+    ``margin`` [m] is the distance to keep from the edges of gates, plus the vehicle's ``radius``
+    [m] for planar gates. Raises :class:`UserError` for an opening that is too small.
     """
     places = course.places()
     legs = []
@@ -93,7 +92,7 @@ def _ball(place: Array, radius: float) -> Goal:
 
 
 def _gate_goal(gate: Gate, *, margin: float, direction: Array) -> Goal:
-    """Return what holds where a gate is passed that is come to by a ``way`` (3,)."""
+    """Return the constraints of a gate that is approached in a ``direction`` (3,)."""
     if gate.R_WG is None:
         return _ball(gate.p_WG, gate.half_width - margin)
     ca = casadi()

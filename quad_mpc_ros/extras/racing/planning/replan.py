@@ -1,6 +1,6 @@
-"""The rest of a race replanned in flight, from a state of the present plan.
+"""Replanning of a part of a race in flight, from a state of the present plan.
 
-The optimiser begins from the present plan, that leads by where the gates were.
+The first guess is the present plan through the former gates.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from quad_mpc_ros.extras.racing.planning.transcription import MIN_LEG_DURATION, 
 from quad_mpc_ros.references.motion_table import MotionTable, PlannedMotion
 
 _MAX_ITERATIONS = 150
-_THRUST_ITERATIONS = 8  # of the search for the thrust: drag of the rotors depends on it, a little
+_THRUST_ITERATIONS = 8  # for the thrust, on which the drag of the rotors depends slightly
 
 
 def planned_part(request: ReplanRequest) -> MotionTable:
-    """Return the plan of least time for the part of a race that is to be flown another way.
+    """Return the time-optimal plan for a part of a race.
 
-    Position, velocity, attitude, body rates and, where the thrust lags, it too are those of the
-    present plan where it begins and, unless that is the end of the race, where it ends. Raises
-    :class:`UserError` where no plan is found.
+    Position, velocity, attitude, body rates and a lagging thrust are those of the present plan at
+    the start and, unless the race ends there, at the end. Raises :class:`UserError` if no plan is
+    found.
     """
     settings = PlanSettings.of(request.motion.planned_with)
     legs = legs_of(request.part, margin=settings.gate_margin, radius=settings.radius)
@@ -44,7 +44,7 @@ def planned_part(request: ReplanRequest) -> MotionTable:
     dynamics = dynamics_of(model, first=guess.states[0], lowest=lowest_of(request.part))
     if request.rejoin is not None:
         last = guess.states[-1].copy()
-        last[P] = np.nan  # as the last leg has it
+        last[P] = np.nan  # defined by the last leg
         last[Q.start + int(np.abs(last[Q]).argmax())] = np.nan  # the length is 1 as it is
         dynamics = dataclasses.replace(dynamics, last=last)
     solved = solve(legs, dynamics, guess, name="replan", most_iterations=_MAX_ITERATIONS)
@@ -55,7 +55,7 @@ def planned_part(request: ReplanRequest) -> MotionTable:
 
 
 def _posed(request: ReplanRequest, model: Model, settings: PlanSettings) -> PosedMotion:
-    """Return the present way at the nodes of the part."""
+    """Return the present motion at the nodes of the part."""
     motion, begin = request.motion, request.leave_seconds
     durations = np.maximum(np.diff(request.ends, prepend=begin), 2.0 * MIN_LEG_DURATION)
     counts = np.maximum(MIN_STEPS, np.ceil(durations / settings.step)).astype(int)
@@ -80,11 +80,11 @@ def _posed(request: ReplanRequest, model: Model, settings: PlanSettings) -> Pose
 
 
 def _thrust(model: Model, states: Array, a_WB_W: Array, gravity: float) -> Array:
-    """Return the thrusts over mass (n,) [m/s^2] under which states (n, 13) accelerate as given."""
+    """Return the thrusts over mass (n,) [m/s^2] for the accelerations of states (n, 13)."""
     w, x, y, z = states[:, Q].T
     up = np.column_stack((2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)))
     thrust = np.einsum("ni,ni->n", up, a_WB_W) + gravity * up[:, 2]
-    if model.nx > F.start:  # drag of the air, and of the rotors, which depends on the thrust
+    if model.nx > F.start:  # drag of body and rotors depends on the thrust
         acceleration = model.acceleration.map(len(states))
         inputs = np.tile(model.hover, (len(states), 1)).T
         for _ in range(_THRUST_ITERATIONS):
