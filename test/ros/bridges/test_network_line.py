@@ -79,7 +79,7 @@ def test_who_calls_first_is_answered_until_it_is_silent(
         other.sendto(b"one", ("127.0.0.1", port))
         assert until(lambda: line.read() == b"one")
         third.sendto(b"stranger", ("127.0.0.1", port))
-        assert until(lambda: line.read() == b"" and "calls as well" in line.fault)
+        assert until(lambda: line.read() == b"" and "also sends" in line.fault)
         line.write(b"two")
         assert other.recv(100) == b"two"
         monkeypatch.setattr(line_module, "_CALLER_TIMEOUT", 0.0)
