@@ -17,7 +17,7 @@ import numpy as np
 from quad_mpc_ros.control.config import ObstacleParameters
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.extras.obstacles.world import World
+from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 from quad_mpc_ros.messages.point_cloud import (
     PointCloud,
     point_cloud_from_message,
@@ -56,7 +56,7 @@ def seen(shapes: list[Shape], eye: Array, count: int, random: np.random.Generato
 def measure(clouds: str, *, points: int, scans: int) -> tuple[float, float, int]:
     """Return the time of the processor for a cloud [s] and for the points [s], and how many."""
     random = np.random.default_rng(0)
-    world = World(ObstacleParameters(half_spaces=8, clouds=clouds))
+    world = ObstacleWorld(ObstacleParameters(half_spaces=8, clouds=clouds))
     shapes, intake, asking = surroundings(random), 0.0, 0.0
     for number in range(scans):
         stamp_ns = round(1e9 * (1.0 + number / RATE))

@@ -28,7 +28,7 @@ from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, Re
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.extras.obstacles.avoidance import ObstacleAvoidance
-from quad_mpc_ros.extras.obstacles.world import World
+from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 from quad_mpc_ros.messages.obstacle_messages import TimedPath
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
@@ -70,7 +70,7 @@ def vehicle(
     """Fly one of them, a step at a time."""
     names = {other: f"uav{other}" for other in range(len(radio.sent)) if other != number}
     own = config.updated({"obstacles.neighbours": tuple(names.values())})
-    world = World(own.obstacles, radius=radius)
+    world = ObstacleWorld(own.obstacles, radius=radius)
     guide = ObstacleAvoidance(config, world, radius=radius, neighbours=world)
     controller = Controller(config, guide=guide)
     simulator = SimulatorConfig.build(

@@ -18,7 +18,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.extras.guidance import guidance
-from quad_mpc_ros.extras.obstacles.world import World
+from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 from quad_mpc_ros.recordings.evaluation.simulated import FlightLog, load_config
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 
@@ -69,7 +69,7 @@ def draw(settings: list[str]) -> None:
     write_path(flight, IMAGES / "obstacles_path.png")
 
 
-def view_from_above(step: LoopStep, world: World, flown: Array, path: Path) -> None:
+def view_from_above(step: LoopStep, world: ObstacleWorld, flown: Array, path: Path) -> None:
     """Draw what is known, what is planned and where the plan is held, at the height of flight."""
     assert step.tick is not None and step.tick.plan is not None and step.tick.guided is not None
     figure = style.new_figure(8.0, 3.6)

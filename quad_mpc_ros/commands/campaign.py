@@ -14,7 +14,7 @@ from quad_mpc_ros.commands.campaign_options import (
     new_or_resumed,
 )
 from quad_mpc_ros.commands.output import results_in
-from quad_mpc_ros.commands.progress import Progress
+from quad_mpc_ros.commands.progress import ProgressLine
 
 if TYPE_CHECKING:
     from quad_mpc_ros.extras.campaigns.campaign import Campaign
@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
             f"flying {campaign.flights} flights with {engine.workers} workers into {out}",
             file=sys.stderr,
         )
-        progress = Progress()
+        progress = ProgressLine()
         try:
             rows = fly_into(out, campaign, engine, _observer(progress))
         except KeyboardInterrupt:
@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _observer(progress: Progress) -> Callable[[int, int, int], None]:
+def _observer(progress: ProgressLine) -> Callable[[int, int, int], None]:
     """Return what shows how many flights are done, how many crashed, and the time left."""
     first: list[int] = []  # flights that a resumed campaign had done before
 

@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from quad_mpc_ros.commands.observer import Observer, subscribe
 from quad_mpc_ros.commands.processes import FlightError, NodeProcess
-from quad_mpc_ros.commands.progress import Progress
+from quad_mpc_ros.commands.progress import ProgressLine
 from quad_mpc_ros.configuration.compilation import cached_functions
 from quad_mpc_ros.messages.diagnostics import PEERS_KEY
 from quad_mpc_ros.messages.topics import (
@@ -27,7 +27,7 @@ from quad_mpc_ros.messages.topics import (
     REFERENCE_PATH,
     STATS,
 )
-from quad_mpc_ros.ros.commanders import DISCOVERING
+from quad_mpc_ros.ros.command_ownership import DISCOVERING
 from quad_mpc_ros.ros.messages import odometry_in
 
 # The first start after an installation compiles, on a small computer for minutes.
@@ -220,7 +220,7 @@ def watch_flight(
     monitor.start_simulator()
     flying = {namespace: dict(processes) for namespace, processes in vehicles.items()}
     simulators = [processes.pop("simulator") for processes in flying.values()]
-    started, progress = time.monotonic(), Progress()
+    started, progress = time.monotonic(), ProgressLine()
     while any(simulator.exit_code is None for simulator in simulators):
         monitor.spin(0.05)
         if progress.due:

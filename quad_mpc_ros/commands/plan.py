@@ -12,7 +12,7 @@ from pathlib import Path
 from quad_mpc_ros.analysis.figures.reference_figure import write_reference
 from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.output import check_writable, results_in, write_new
-from quad_mpc_ros.commands.progress import Progress
+from quad_mpc_ros.commands.progress import ProgressLine
 from quad_mpc_ros.commands.run_options import add_config, add_set
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.configuration.arguments import number
@@ -99,7 +99,7 @@ def run(options: argparse.Namespace) -> int:
     config = load_config(
         *(options.config or ["default"]), assignments=[margin, *options.assignments]
     )
-    progress = Progress()
+    progress = ProgressLine()
     with _interrupts() as interrupted:
         plan = plan_race(
             course,
@@ -144,7 +144,7 @@ def _interrupts() -> Iterator[threading.Event]:
 
 
 def _shown_by(
-    progress: Progress, interrupted: threading.Event
+    progress: ProgressLine, interrupted: threading.Event
 ) -> Callable[[str, int, float, Array], None]:
     """Return what shows how far the search is, and ends it once it is interrupted."""
 

@@ -9,7 +9,7 @@ _TERMINAL_PERIOD = 0.1
 _LOG_PERIOD = 1.0
 
 
-class Progress:
+class ProgressLine:
     """A line on standard error, now and then another one."""
 
     def __init__(self) -> None:

@@ -34,7 +34,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Rehearse, show and draw; return the exit code."""
-    from quad_mpc_ros.commands.progress import Progress
+    from quad_mpc_ros.commands.progress import ProgressLine
     from quad_mpc_ros.extras.campaigns.rehearsal.figure import write_rehearsal
     from quad_mpc_ros.extras.campaigns.rehearsal.rehearsal import (
         VEHICLES,
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
         verdict_on,
     )
 
-    config, progress = options.config or ["default"], Progress()
+    config, progress = options.config or ["default"], ProgressLine()
     disturbed_campaign(config, options.assignments)  # what is wrong in it is said before all else
     with engine_of(options) as engine:
         out = prepared_out(options.out or create_out("rehearsal"), holds=(RESULT, PICTURE, LOST))

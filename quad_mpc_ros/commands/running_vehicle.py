@@ -25,11 +25,11 @@ from quad_mpc_ros.ros.preflight.facts import (
     MPC_NODE,
     REFERENCE_NODE,
     Arrival,
-    Course,
     Facts,
     NodeFacts,
+    ReferenceSamples,
 )
-from quad_mpc_ros.ros.preflight.way import course_of
+from quad_mpc_ros.ros.preflight.reference import sample_reference
 
 _NAME = "quad_mpc_preflight"
 _SETTLING = 1.5  # s: in which nodes are discovered, and report their health
@@ -72,14 +72,14 @@ class RunningVehicle(Observer):
             name: self._node(name, parameters.get(name), count=names.count(name))
             for name in sorted(set(names), key=_order)
         }
-        course, course_fault = _course(nodes.get(REFERENCE_NODE))
+        reference_samples, reference_samples_error = _reference_samples(nodes.get(REFERENCE_NODE))
         return Facts(
             nodes=nodes,
             bridge=bridge,
             has_clock=self.node.count_publishers(CLOCK.name) > 0,
             arrivals=tuple(self._arrivals),
-            course=course,
-            course_fault=course_fault,
+            reference_samples=reference_samples,
+            reference_samples_error=reference_samples_error,
         )
 
     def _settled_names(self, deadline: float) -> list[str]:
@@ -189,11 +189,11 @@ def _configuration(name: str, parameters: Mapping[str, Any]) -> tuple[Configurat
         return None, str(error)
 
 
-def _course(node: NodeFacts | None) -> tuple[Course | None, str]:
+def _reference_samples(node: NodeFacts | None) -> tuple[ReferenceSamples | None, str]:
     if node is None or not isinstance(node.config, ReferenceConfig):
         return None, ""
     try:
-        return course_of(node.config, read_bag=flown_points), ""
+        return sample_reference(node.config, read_bag=flown_points), ""
     except UserError as error:
         return None, str(error)
 

@@ -6,7 +6,7 @@ import argparse
 import sys
 import time
 
-from quad_mpc_ros.commands.progress import Progress
+from quad_mpc_ros.commands.progress import ProgressLine
 from quad_mpc_ros.commands.results import finish
 from quad_mpc_ros.commands.run_configuration import SCHEMA, run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError(
             "reference.mode", config.reference.mode, "at_once: simulate takes no requests"
         )
-    progress = Progress()
+    progress = ProgressLine()
     print(f"simulating the {config.reference.trajectory} into {config.out}", file=sys.stderr)
     started = time.monotonic()
     plant = make_plant(config.simulator)

@@ -18,7 +18,7 @@ from quad_mpc_ros.commands.campaign_options import (
     engine_of,
     new_or_resumed,
 )
-from quad_mpc_ros.commands.progress import Progress
+from quad_mpc_ros.commands.progress import ProgressLine
 from quad_mpc_ros.configuration import UserError
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
         held.enter_context(_held(out / TUNE_NAME))
         study = Study(out, tuning)
         print(f"{trials} trials with {engine.workers} workers into {out}", file=sys.stderr)
-        progress = Progress()
+        progress = ProgressLine()
         observe = _observer(progress, tuning)
         try:
             study.run(engine, observe)
@@ -107,7 +107,7 @@ def _held(path: Path) -> Iterator[None]:
         yield
 
 
-def _observer(progress: Progress, tuning: Tuning) -> Observer:
+def _observer(progress: ProgressLine, tuning: Tuning) -> Observer:
     """Return what shows how far the study is."""
     from quad_mpc_ros.extras.campaigns.tuning.study import time_left
     from quad_mpc_ros.extras.campaigns.tuning.tune_results import results_of

@@ -1,4 +1,4 @@
-"""What leads around obstacles and through gates, as the parameters of the MPC have it."""
+"""The configured guide around obstacles and through gates."""
 
 from __future__ import annotations
 
@@ -8,30 +8,27 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.guide import Guide
 from quad_mpc_ros.extras.obstacles.files import scene_of_file
 from quad_mpc_ros.extras.racing.gates import read_course
-from quad_mpc_ros.extras.racing.held_gates import GuidedThrough, HeldGates
+from quad_mpc_ros.extras.racing.held_gates import CombinedGuide, HeldGates
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.extras.obstacles.surroundings import Surroundings
-    from quad_mpc_ros.extras.obstacles.world import World
+    from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider
+    from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 
 
 class Guidance(NamedTuple):
-    """The received obstacles and gates, and the guide around and through them.
+    """Obstacles, local map, gates and the guide around them; each is None if not configured."""
 
-    Each is None where there is nothing of the kind; ``surroundings`` is what is made of the world.
-    """
-
-    world: World | None = None
-    surroundings: Surroundings | None = None
+    world: ObstacleWorld | None = None
+    surroundings: LocalMapProvider | None = None
     gates: HeldGates | None = None
     guide: Guide | None = None
 
 
 def guidance(config: MpcConfig) -> Guidance:
-    """Return what guides a controller.
+    """Return the guidance of a controller.
 
-    Obstacles do with ``obstacles.half_spaces`` above 0, gates with ``formulation`` contouring.
-    Raises :class:`UserError` for a file that cannot be used.
+    Obstacles are enabled with ``obstacles.half_spaces`` above 0, gates with ``formulation``
+    contouring. Raises :class:`UserError` for an unusable file.
     """
     gates = None
     if config.holds_gates:
@@ -41,11 +38,11 @@ def guidance(config: MpcConfig) -> Guidance:
         return Guidance(gates=gates, guide=gates)
     # SciPy's KD-trees take 16 MiB and a tenth of a second.
     from quad_mpc_ros.extras.obstacles.avoidance import ObstacleAvoidance
-    from quad_mpc_ros.extras.obstacles.world import World
+    from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 
     frame_id = config.odometry.frame_id
-    world = World(own, scene_of_file(own.file), frame_id=frame_id, radius=config.radius)
+    world = ObstacleWorld(own, scene_of_file(own.file), frame_id=frame_id, radius=config.radius)
     neighbours = world if own.neighbours else None
     around = ObstacleAvoidance(config, world, radius=config.radius, neighbours=neighbours)
-    guide: Guide = around if gates is None else GuidedThrough(around, gates)
+    guide: Guide = around if gates is None else CombinedGuide(around, gates)
     return Guidance(world, around.surroundings, gates, guide)

@@ -62,7 +62,7 @@ def _shifted(value: int) -> int:
 _CRC = tuple(_shifted(value) for value in range(256))
 
 
-class Reader:
+class MspReader:
     """Finds the answers in a stream of bytes, and drops what is no frame."""
 
     def __init__(self) -> None:

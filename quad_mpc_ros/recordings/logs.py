@@ -58,7 +58,7 @@ class _MadeOnDemand(Sequence[T]):
         return self._made(places) if isinstance(places, int) else [*map(self._made, places)]
 
 
-class Columns(_MadeOnDemand[T]):
+class SampleColumns(_MadeOnDemand[T]):
     """Values of one dataclass, which has a stamp, kept field by field."""
 
     def __init__(self, kind: Callable[..., T]) -> None:
@@ -75,9 +75,11 @@ class Columns(_MadeOnDemand[T]):
     def column(self, name: str) -> NDArray[Any]:
         """Return a field of all values, numbers and texts (n,), arrays row after row (n, k)."""
         column = self._columns[name]
-        if isinstance(column, _Rows):
+        if isinstance(column, _VectorColumn):
             return column.rows
-        return np.array(column, dtype=np.str_) if isinstance(column, _Texts) else _numpy(column)
+        return (
+            np.array(column, dtype=np.str_) if isinstance(column, _TextColumn) else _numpy(column)
+        )
 
     def __len__(self) -> int:
         return len(self._columns["stamp_ns"])
@@ -92,7 +94,7 @@ class Log(_MadeOnDemand[Received[T]]):
     kind: ClassVar[Callable[..., Any]]
 
     def __init__(self) -> None:
-        self.values: Columns[T] = Columns(self.kind)
+        self.values: SampleColumns[T] = SampleColumns(self.kind)
         self._log_times = array("q")
         self._publish_times = array("q")
 
@@ -154,7 +156,7 @@ class CommandLog(Log[CommandSample]):
     kind = CommandSample
 
 
-class StatsLog(Columns[TickStats]):
+class StatsLog(SampleColumns[TickStats]):
     """The figures of ticks in the order in which they were recorded."""
 
     def __init__(self) -> None:
@@ -190,14 +192,14 @@ def tick_stats(message: Any) -> TickStats:
     return TickStats(**values)
 
 
-class _Texts(list[str]):
+class _TextColumn(list[str]):
     """Texts that repeat, each kept once."""
 
     def append(self, text: str) -> None:
         super().append(sys.intern(text))
 
 
-class _Rows:
+class _VectorColumn:
     """Arrays of one width."""
 
     def __init__(self, width: int) -> None:
@@ -222,7 +224,7 @@ def _numpy(numbers: array[Any]) -> NDArray[Any]:
     return np.array(numbers, dtype=np.int64 if numbers.typecode == "q" else np.float64)
 
 
-def _column(name: str, kind: Any) -> array[Any] | _Texts | _Rows:
+def _column(name: str, kind: Any) -> array[Any] | _TextColumn | _VectorColumn:
     if kind is str:
-        return _Texts()
-    return array(_TYPE_CODES[kind]) if kind in _TYPE_CODES else _Rows(_WIDTHS.get(name, 3))
+        return _TextColumn()
+    return array(_TYPE_CODES[kind]) if kind in _TYPE_CODES else _VectorColumn(_WIDTHS.get(name, 3))

@@ -1,4 +1,4 @@
-"""All that imports rclpy: lifecycle, parameters, spinning, the nodes and the bridges.
+"""ROS 2 nodes and bridges: all code that imports rclpy, also lifecycle, parameters and spinning.
 
-May import recordings, simulation and what is below; commands alone stand above it.
+It may import recordings, simulation and the layers below. Only commands may import it.
 """

@@ -1,4 +1,4 @@
-"""Steady time, though the system's clock is set or simulated time stands still."""
+"""Steady timers and steady time, independent of jumps of the system clock."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from quad_mpc_ros.ros.spin import until_the_end
 
 
 def create_steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
-    """Create a timer [s] that neither simulated time nor a clock that is set can disturb."""
+    """Create a timer with a period [s] on the steady clock."""
     steady = Clock(clock_type=ClockType.STEADY_TIME)
     return node.create_timer(period, until_the_end(node, callback), clock=steady)
 
 
 class Metronome:
-    """Calls back every ``period`` seconds, in its own thread, until stopped.
+    """Calls a function every ``period`` seconds in its own thread, until stopped.
 
     Missed beats are skipped.
     """
@@ -32,7 +32,7 @@ class Metronome:
         self._thread.start()
 
     def stop(self) -> None:
-        """End it, after the call that runs now."""
+        """Stop after the current call."""
         self._stopped.set()
         if threading.current_thread() is not self._thread:
             self._thread.join()
@@ -45,9 +45,9 @@ class Metronome:
 
 
 class SteadyTime:
-    """Nanoseconds of the node's clock at the start, from then on without jumps.
+    """Time of the node's clock at the start, continued without jumps [ns].
 
-    Simulated time (``use_sim_time``) is used as it is: it may stand still or run slowly.
+    Simulated time (``use_sim_time``) is used unchanged: it may stop or run slowly.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -55,12 +55,12 @@ class SteadyTime:
         self._ahead_ns = int(clock.now().nanoseconds) - time.monotonic_ns()
 
     def now_ns(self) -> int:
-        """Return the time now."""
+        """Return the current time."""
         if self.is_simulated:
             return int(self._clock.now().nanoseconds)
         return time.monotonic_ns() + self._ahead_ns
 
     @property
     def is_simulated(self) -> bool:
-        """Whether it may run at another rate than steady timers."""
+        """Whether the time is simulated, and so may differ in rate from steady timers."""
         return bool(self._clock.ros_time_is_active)

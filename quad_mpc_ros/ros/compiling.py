@@ -1,4 +1,4 @@
-"""A node that has to compile says so, for it takes most of a minute."""
+"""Log the progress of a compilation, which takes up to a minute."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from rclpy.node import Node
 from quad_mpc_ros.configuration.compilation import functions_compiled
 from quad_mpc_ros.ros.clocks import Metronome
 
-_PERIOD = 3.0  # s
+_LOG_PERIOD = 3.0  # s
 
 
 @contextmanager
-def reported(node: Node, *, period: float = _PERIOD) -> Iterator[None]:
-    """Log how many functions have been compiled, every ``period`` seconds and in the end."""
+def log_compilation(node: Node, *, period: float = _LOG_PERIOD) -> Iterator[None]:
+    """Log the number of compiled functions every ``period`` seconds and at the end."""
     begun, before = time.monotonic(), functions_compiled()
 
     def made() -> str:
@@ -29,6 +29,6 @@ def reported(node: Node, *, period: float = _PERIOD) -> Iterator[None]:
         metronome.stop()
     if functions_compiled() > before:
         node.get_logger().warning(
-            f"compiled {made()}, which were not in the compile cache: run 'quad_mpc compile' once "
-            "for all nodes and starts"
+            f"compiled {made()} that were not in the compile cache: run 'quad_mpc compile' once, "
+            "then nodes start without compiling"
         )

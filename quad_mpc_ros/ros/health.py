@@ -1,7 +1,6 @@
-"""The health of a node on ``/diagnostics``: once a second, and when a peer joins or leaves.
+"""Health of a node on ``/diagnostics``, once a second and when a peer joins or leaves.
 
-The counts of matched peers show when nodes are really connected, which is later than when they
-exist.
+The counts of matched peers show when nodes are connected, which is later than their start.
 """
 
 from __future__ import annotations
@@ -31,13 +30,13 @@ from quad_mpc_ros.ros.vehicle_watch import VEHICLE_KEY, VehicleWatch
 
 C = TypeVar("C", bound=Configuration)
 
-_PERIOD = 1.0
+_REPORT_PERIOD = 1.0
 _POLL_PERIOD = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
 class Health:
-    """The health of a node; ``level`` is OK, WARN or ERROR of ``messages.diagnostics``."""
+    """Health of a node; ``level`` is OK, WARN or ERROR of ``messages.diagnostics``."""
 
     level: bytes
     text: str
@@ -45,32 +44,32 @@ class Health:
 
 
 class _Endpoint(NamedTuple):
-    """A publisher or a subscription of the node; ``expected`` are its peers."""
+    """A publisher or subscription of the node; ``expected``: it should have peers."""
 
     topic: Topic
     entity: Publisher | Subscription
     expected: bool
 
     def peer_count(self) -> int:
-        """Return how many peers are matched."""
+        """Return the number of matched peers."""
         if isinstance(self.entity, Publisher):
             return int(self.entity.get_subscription_count())
         return int(self.entity.get_publisher_count())
 
     def known_peer_count(self, node: Node) -> int:
-        """Return how many peers the graph knows, matched or not."""
+        """Return the number of peers in the graph, matched or not."""
         if isinstance(self.entity, Publisher):
             return int(node.count_subscribers(self.entity.topic_name))
         return int(node.count_publishers(self.entity.topic_name))
 
     def known_peers(self, node: Node) -> list[TopicEndpointInfo]:
-        """Return the peers that the graph knows, matched or not."""
+        """Return the peers in the graph, matched or not."""
         if isinstance(self.entity, Publisher):
             return list(node.get_subscriptions_info_by_topic(self.entity.topic_name))
         return list(node.get_publishers_info_by_topic(self.entity.topic_name))
 
-    def misfit(self, peer: TopicEndpointInfo) -> str:
-        """Return why a peer cannot be matched, empty if it can."""
+    def mismatch_with(self, peer: TopicEndpointInfo) -> str:
+        """Return the reason why a peer cannot be matched, or an empty string."""
         publishes = isinstance(self.entity, Publisher)
         node = f"{peer.node_namespace.rstrip('/')}/{peer.node_name}"
         if peer.topic_type != self.topic.type_name:
@@ -84,28 +83,28 @@ class _Endpoint(NamedTuple):
 
 
 class HealthReporter:
-    """Publishes a node's health, and counts the peers of the endpoints made through it.
+    """Publishes a node's health and counts the peers of the endpoints that it creates.
 
-    It polls the counts ten times a second. rclpy's events for that cannot be used: its events
-    executor crashes when an endpoint with a handler of such events is destroyed.
+    It polls the counts at 10 Hz, because rclpy's events executor crashes when an endpoint with a
+    handler of matched events is destroyed.
     """
 
     def __init__(self, node: Node, probe: Callable[[], Health]) -> None:
         self._node = node
         self._probe = probe
         self._endpoints: dict[str, _Endpoint] = {}
-        self._counted: list[tuple[str, str]] = []
+        self._reported_peers: list[tuple[str, str]] = []
         self._reported_s = 0.0
         self._unmatched: set[str] = set()
         self._mismatches: list[str] = []
         self._logged: set[str] = set()
         self.vehicle: Mapping[str, Any] = {}
-        """What the node was given of the vehicle, to be compared with the others'."""
+        """The configured vehicle of the node, for comparison with other nodes."""
         self.watch: VehicleWatch | None = None
         self.lockstep = False
-        """Whether publishers are created as in lockstep, where no message may be lost."""
+        """Whether publishers are reliable, as in lockstep, where no message may be lost."""
         self._publisher = self._create_publisher(DIAGNOSTICS)
-        # Steady: when simulated time stands still, the health of a node matters most.
+        # Steady: health must be reported also while simulated time is stopped.
         create_steady_timer(node, _POLL_PERIOD, self._poll)
 
     def publisher(self, topic: Topic) -> Publisher:
@@ -122,10 +121,9 @@ class HealthReporter:
         raw: bool = False,
         expected: bool = True,
     ) -> None:
-        """Create a subscription; with ``raw`` the callback gets bytes.
+        """Create a subscription; with ``raw`` the callback receives bytes.
 
-        Its matched publishers are counted if some are ``expected``; those that do not match are
-        reported in any case.
+        Matched publishers are counted if ``expected``; incompatible ones are always reported.
         """
         entity = self._node.create_subscription(
             message_class(topic.type_name),
@@ -138,7 +136,7 @@ class HealthReporter:
         self._endpoints[topic.name] = _Endpoint(topic, entity, expected)
 
     def destroy_endpoints(self) -> None:
-        """Destroy the endpoints created through it; the health is still reported."""
+        """Destroy the created endpoints; the health is still reported."""
         for endpoint in self._endpoints.values():
             if isinstance(endpoint.entity, Publisher):
                 self._node.destroy_publisher(endpoint.entity)
@@ -159,19 +157,19 @@ class HealthReporter:
             values=[*peers, *health.values, *vehicle],
         )
         self._publisher.publish(message)
-        self._reported_s, self._counted = time.monotonic(), peers
+        self._reported_s, self._reported_peers = time.monotonic(), peers
 
     def peers(self) -> list[tuple[str, str]]:
-        """Return how many peers each endpoint has matched, as it is reported."""
+        """Return the number of matched peers of each endpoint, as reported."""
         return [
             (f"{PEERS_KEY}{name}", str(endpoint.peer_count()))
             for name, endpoint in self._endpoints.items()
             if endpoint.expected
         ]
 
-    def rivals(self) -> str:
-        """Return which topics have several publishers where there must be one; empty if none."""
-        rivals = [
+    def duplicate_publishers(self) -> str:
+        """Return the topics with duplicate publishers, or an empty string."""
+        duplicate_publishers = [
             f"{count} publishers on {name}"
             for name, endpoint in sorted(self._endpoints.items())
             if isinstance(endpoint.entity, Subscription)
@@ -179,24 +177,26 @@ class HealthReporter:
             and endpoint.topic.single_source
             and (count := endpoint.peer_count()) > 1
         ]
-        return f"{', '.join(rivals)}, expected one" if rivals else ""
+        return f"{', '.join(duplicate_publishers)}, expected one" if duplicate_publishers else ""
 
     def publishers_of(self, topic: Topic) -> str:
-        """Return in words the publishers of a subscribed topic, and why they do not match."""
+        """Return a text with the publishers of a subscribed topic and their incompatibilities."""
         endpoint = self._endpoints[topic.name]
         name, found = str(endpoint.entity.topic_name), endpoint.known_peers(self._node)
         if not found:
             return f"no publisher on {name}"
-        misfits = [why for each in found if (why := endpoint.misfit(each))]
+        mismatches = [why for each in found if (why := endpoint.mismatch_with(each))]
         count = f"{len(found)} publisher{'s' if len(found) > 1 else ''} on {name}"
-        if misfits:
-            return f"{count}, not received: {'; '.join(misfits)}"
+        if mismatches:
+            return f"{count}, not received: {'; '.join(mismatches)}"
         return f"{count}, nothing received"
 
     def _with_faults(self, health: Health) -> Health:
-        """Return the health with a warning of rivals, different vehicles and mismatched peers."""
+        """Return the health with duplicate publishers, different vehicles, incompatible peers."""
         vehicles = self.watch.fault() if self.watch is not None else ""
-        faults = [fault for fault in (self.rivals(), vehicles, *self._mismatches) if fault]
+        faults = [
+            each for each in (self.duplicate_publishers(), vehicles, *self._mismatches) if each
+        ]
         if not faults:
             return health
         text = "; ".join([*faults, health.text])
@@ -213,23 +213,23 @@ class HealthReporter:
         )
 
     def _poll(self) -> None:
-        due = time.monotonic() - self._reported_s >= _PERIOD
+        due = time.monotonic() - self._reported_s >= _REPORT_PERIOD
         if due:
             self._find_mismatches()
-        if due or self.peers() != self._counted:
+        if due or self.peers() != self._reported_peers:
             self.report()
 
     def _find_mismatches(self) -> None:
-        """Find the peers that have existed for a period without being matched; log each once."""
+        """Find peers that are not matched after a period; log each once."""
         unmatched = {
             name
             for name, endpoint in self._endpoints.items()
             if endpoint.peer_count() < endpoint.known_peer_count(self._node)
         }
         self._mismatches = [
-            f"{name}: {misfit}; no message passes"
+            f"{name}: {mismatch_with}; no message passes"
             for name in sorted(unmatched & self._unmatched)
-            for misfit in self._misfits(name)
+            for mismatch_with in self._mismatches_of(name)
         ]
         for mismatch in self._mismatches:
             if mismatch not in self._logged:
@@ -237,22 +237,22 @@ class HealthReporter:
                 self._node.get_logger().warning(mismatch)
         self._unmatched = unmatched
 
-    def _misfits(self, name: str) -> list[str]:
-        """Return why the peers of an endpoint do not match, each kind once."""
+    def _mismatches_of(self, name: str) -> list[str]:
+        """Return the incompatibilities of an endpoint's peers, each kind once."""
         endpoint = self._endpoints[name]
         peers = endpoint.known_peers(self._node)
-        return sorted({why for peer in peers if (why := endpoint.misfit(peer))})
+        return sorted({why for peer in peers if (why := endpoint.mismatch_with(peer))})
 
 
 class ReportingNode(ParameterNode, Generic[C]):
     """A node without a lifecycle.
 
-    A derived node makes its endpoints through ``health`` and overrides :meth:`report`. It sets
-    ``exit_code`` to end with another one than 0.
+    A derived node creates its endpoints with ``health`` and overrides :meth:`report`. It sets
+    ``exit_code`` to end with an exit code other than 0.
     """
 
     def __init__(self, name: str, configuration: type[C]) -> None:
-        """Declare the parameters. Raises :class:`ConfigurationError` for bad values."""
+        """Declare the parameters. Raises :class:`ConfigurationError` for invalid values."""
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.exit_code = 0
         self.config = declare(self, configuration)

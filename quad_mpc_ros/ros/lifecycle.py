@@ -1,7 +1,7 @@
-"""What the nodes with a lifecycle share: transitions, parameters, health, autostart.
+"""Base of the lifecycle nodes: transitions, parameters, health, autostart.
 
-A node's hooks define what a transition does. Here a failed transition becomes one line in the log
-and leaves nothing behind, and the state is published.
+A node's hooks implement the transitions. This module logs a failed transition in one line,
+releases its resources and publishes the state.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from quad_mpc_ros.ros.clocks import Metronome, create_steady_timer
 from quad_mpc_ros.ros.health import Health, HealthReporter
 from quad_mpc_ros.ros.parameters import ManagedParameters, ParameterNode
 from quad_mpc_ros.ros.preflight.own import own_findings
-from quad_mpc_ros.ros.realtime import settle_memory
+from quad_mpc_ros.ros.realtime import freeze_gc
 from quad_mpc_ros.ros.repeated_warnings import RepeatedWarnings
 from quad_mpc_ros.ros.spin import stop, until_the_end
 
@@ -47,23 +47,23 @@ _TRANSITIONS = {
         Transition.TRANSITION_ACTIVE_SHUTDOWN: "shutdown",
     },
 }
-# s: what prevents an activation is in the log after so long.
-_PATIENCE, _REMINDER_PERIOD = 3.0, 0.5
-_SHUTDOWN_DELAY = 0.1  # s: the response to the request for the shutdown goes out first
+# s: a blocked activation is logged after the first, again after the second.
+_REMINDER_DELAY, _REMINDER_PERIOD = 3.0, 0.5
+_SHUTDOWN_DELAY = 0.1  # s: the response to the shutdown request is sent first
 
 
-class _ObstacleError(UserError):
-    """Something prevents an activation."""
+class _BlockedError(UserError):
+    """An activation is blocked."""
 
 
 class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
-    """A node that is configured, activated, deactivated and cleaned up, by itself or by others.
+    """A node that is configured, activated, deactivated and cleaned up, by itself or by request.
 
-    Publishers are plain ones, not lifecycle publishers: an inactive node must not even compute
-    what it must not send, or a controller would count on a command that was never sent. So a
-    derived node checks :attr:`active`, and overrides the hooks below. A hook raises
-    :class:`UserError` for what the user can fix, and the transition is refused; ``deactivate`` and
-    ``cleanup`` raise nothing. The ``__init__`` of a derived node ends with :meth:`start`.
+    Publishers are not lifecycle publishers: an inactive node must not even compute a command, or
+    its controller would assume that the command was sent. So a derived node checks :attr:`active`
+    and overrides the hooks below. A hook raises :class:`UserError` to refuse the transition, for
+    problems that the user can fix; ``deactivate`` and ``cleanup`` raise nothing. The ``__init__``
+    of a derived node ends with :meth:`start`.
     """
 
     def __init__(self, name: str, configuration: type[C]) -> None:
@@ -71,58 +71,58 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.exit_code = 0
         self.state = "unconfigured"
-        """Of the lifecycle: unconfigured, inactive, active, finalized, or between."""
+        """Lifecycle state: unconfigured, inactive, active, finalized, or a transition."""
         self.active = False
         self._configured = False
         self._autostarting = False
-        self._frozen = False
+        self._gc_frozen = False
         self._fault: Exception | None = None
-        self._made = ExitStack()
+        self._resources = ExitStack()
         self._managed_parameters = ManagedParameters(self, configuration, apply=self.reconfigure)
         self.health = HealthReporter(self, self._probe)
         self.warnings = RepeatedWarnings(self)
         self._awaiting_since = 0.0
         create_steady_timer(self, _REMINDER_PERIOD, self._remind)
-        # rclpy answers an impossible transition with an exception, which ends the node.
+        # rclpy raises an exception for an impossible transition, which would end the node.
         (service,) = (each for each in self.services if each.srv_type is ChangeState)
         service.callback = functools.partial(self._on_change_state, service.callback)
 
     def configure(self, config: C) -> None:
-        """Make what the node needs.
+        """Create the node's resources.
 
-        Publishers of ``self.health`` and what the methods ``managed_…`` make are destroyed by the
-        cleanup, or when this hook fails.
+        The cleanup, or a failure of this hook, destroys the publishers of ``self.health`` and the
+        resources of the methods ``managed_…``.
         """
 
-    def obstacle(self) -> str | None:
-        """Return why the node cannot be activated now, or None."""
+    def activation_blocker(self) -> str | None:
+        """Return the reason why the node cannot be activated now, or None."""
         return None
 
-    def prepare(self, obstacle: str | None) -> bool:
-        """Return whether a node that starts by itself is to be activated now.
+    def prepare(self, blocker: str | None) -> bool:
+        """Return whether a node with autostart is to be activated now.
 
-        ``obstacle`` is what prevents it.
+        ``blocker`` is the reason that blocks the activation, if any.
         """
-        return obstacle is None
+        return blocker is None
 
     def activate(self) -> None:
-        """Begin, or continue."""
+        """Start or continue."""
 
     def deactivate(self) -> None:
         """Stop; :attr:`active` is already false."""
 
     def loss_in_flight(self) -> str | None:
-        """Return what a deactivation stops in flight, None while nothing flies."""
+        """Return the consequence of a deactivation in flight, None while nothing flies."""
         return None
 
     def cleanup(self) -> None:
-        """Release what ``configure`` made and is not destroyed automatically."""
+        """Release resources of ``configure`` that are not destroyed automatically."""
 
     def reconfigure(self, config: C) -> None:
         """Apply changed live parameters."""
 
     def values(self) -> list[tuple[str, str]]:
-        """Return what the health has in every state."""
+        """Return the health values of every state."""
         return []
 
     def report(self) -> Health:
@@ -139,14 +139,14 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         self._autostarting = True
         try:
             self._by_itself(self.trigger_configure)
-        except BaseException:  # signals too: nothing else would release what was made
+        except BaseException:  # also signals: nothing else would release the resources
             self._release()
             raise
 
     def begin(self) -> None:
-        """Activate a node that starts by itself, if nothing prevents it.
+        """Activate a node with autostart, unless blocked.
 
-        Raises :class:`UserError` when the node cannot start.
+        Raises :class:`UserError` if the node cannot start.
         """
         if self._activates_by_itself():
             if self._fault is not None:
@@ -155,30 +155,30 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         self.health.report()
 
     def activate_when_ready(self) -> None:
-        """Activate if the node starts by itself and nothing prevents it any more.
+        """Activate a node with autostart as soon as nothing blocks the activation.
 
-        Call it whenever that may have changed.
+        Call it whenever a blocker may have changed.
         """
         if self._activates_by_itself():
             self._report("activate")
 
     def _activates_by_itself(self) -> bool:
-        """Try to activate a node that starts by itself; return whether no attempt will follow.
+        """Try to activate a node with autostart; return whether no further attempt follows.
 
-        What prevents an activation may arise between the check and the transition, as an odometry
-        grows old. The next call then tries again.
+        A blocker may appear between the check and the transition, such as an odometry that becomes
+        too old. The next call then tries again.
         """
         if not self._autostarting:
             return False
-        if not self.prepare(self.obstacle()):
+        if not self.prepare(self.activation_blocker()):
             self._remind()
             return False
         self.trigger_activate()
-        self._autostarting = isinstance(self._fault, _ObstacleError)
+        self._autostarting = isinstance(self._fault, _BlockedError)
         return not self._autostarting
 
     def stay_inactive(self, reason: str) -> None:
-        """Stop, or do not start, by itself: from now on only a request activates the node."""
+        """Deactivate, or stay inactive, until a request activates the node."""
         self._autostarting = False
         self.get_logger().error(reason)
         if self.active:
@@ -186,19 +186,19 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             self.health.report()
 
     def _remind(self) -> None:
-        """Log what prevents an activation after a while, and again as long as it lasts."""
+        """Log the blocker of an activation after a while, and repeatedly while it lasts."""
         if not (self._autostarting and self._configured) or self.active:
             return
-        obstacle = self.obstacle()
-        if obstacle is not None and time.monotonic() - self._awaiting_since > _PATIENCE:
-            self.warnings.warn(f"inactive: {obstacle}")
+        blocker = self.activation_blocker()
+        if blocker is not None and time.monotonic() - self._awaiting_since > _REMINDER_DELAY:
+            self.warnings.warn(f"inactive: {blocker}")
 
     def managed_timer(
         self, period: float, callback: Callable[[], float | None], *, steady: bool = True
     ) -> None:
-        """Create a timer [s] until the cleanup, on a steady clock or on that of the node.
+        """Create a timer [s] until the cleanup, on the steady clock or on the node's clock.
 
-        If the callback returns a time [s], it is called again after that.
+        If the callback returns a time [s], it is called again after that time.
         """
 
         def guarded() -> None:
@@ -211,12 +211,12 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             timer = create_steady_timer(self, period, guarded)
         else:
             timer = self.create_timer(period, until_the_end(self, guarded))
-        self._made.callback(self.destroy_timer, timer)
+        self._resources.callback(self.destroy_timer, timer)
 
     def managed_beat(self, period: float, callback: Callable[[], None]) -> None:
-        """Call back every ``period`` [s] until the cleanup, even while the executor is busy.
+        """Call a function every ``period`` [s] until the cleanup, even if the executor is busy.
 
-        In simulated time it is a timer of the executor.
+        With simulated time, use a timer of the executor.
         """
         if self.get_clock().ros_time_is_active:
             self.managed_timer(period, callback, steady=False)
@@ -226,12 +226,12 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             try:
                 callback()
             except Exception:
-                if rclpy.ok():  # else it is ending anyway
+                if rclpy.ok():  # else the node is ending
                     self.get_logger().fatal(traceback.format_exc())
                     self.exit_code = 1
                     stop()
 
-        self._made.callback(Metronome(period, guarded).stop)
+        self._resources.callback(Metronome(period, guarded).stop)
 
     def managed_service(self, kind: type[Any], name: str, callback: Callable[..., Any]) -> None:
         """Create a service until the cleanup."""
@@ -240,7 +240,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             return callback(request, response) if self._configured else response
 
         service = self.create_service(kind, name, guarded)
-        self._made.callback(self.destroy_service, service)
+        self._resources.callback(self.destroy_service, service)
 
     def managed_subscription(
         self,
@@ -250,13 +250,13 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         decode: Callable[[Any], Any] | None = None,
         **options: bool,
     ) -> None:
-        """Create a subscription until the cleanup, as :meth:`HealthReporter.subscription` does.
+        """Create a subscription until the cleanup, see :meth:`HealthReporter.subscription`.
 
-        The callback gets what ``decode`` returns; a ``ValueError`` of that is logged.
+        The callback receives the result of ``decode``; a ``ValueError`` of ``decode`` is logged.
         """
 
         def guarded(message: Any) -> None:
-            if not self._configured:  # the executor may hold one from before the cleanup
+            if not self._configured:  # the executor may hold an older one
                 return
             if decode is not None:
                 try:
@@ -269,11 +269,11 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         self.health.subscription(topic, guarded, **options)
 
     def on_configure(self, _: Any) -> TransitionCallbackReturn:
-        """Validate the parameters as a whole and make what the node needs."""
+        """Validate all parameters together and create the node's resources."""
         return self._result_of(self._configure, by="configuring", to="inactive")
 
     def on_activate(self, _: Any) -> TransitionCallbackReturn:
-        """Begin, unless something prevents it."""
+        """Start, unless blocked."""
         return self._result_of(self._activate, by="activating", to="active")
 
     def on_deactivate(self, _: Any) -> TransitionCallbackReturn:
@@ -281,16 +281,16 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         return self._result_of(self._deactivate, by="deactivating", to="inactive")
 
     def on_cleanup(self, _: Any) -> TransitionCallbackReturn:
-        """Release everything, so that the node can be configured again."""
+        """Release all resources, so that the node can be configured again."""
         return self._result_of(self._release, by="cleaningup", to="unconfigured")
 
     def on_shutdown(self, _: Any) -> TransitionCallbackReturn:
-        """Release everything and end the process."""
+        """Release all resources and end the process."""
         create_steady_timer(self, _SHUTDOWN_DELAY, stop)
         return self._result_of(self._release, by="shuttingdown", to="finalized")
 
     def on_error(self, _: Any) -> TransitionCallbackReturn:
-        """Release everything after a defect; the node can be configured again."""
+        """Release all resources after a defect; the node can be configured again."""
         try:
             self._release()
         except Exception:
@@ -299,13 +299,13 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         return TransitionCallbackReturn.SUCCESS
 
     def destroy_node(self) -> None:
-        """Release everything, then end the node."""
+        """Release all resources, then destroy the node."""
         self._release()
         super().destroy_node()
 
     def _configure(self) -> None:
         try:
-            config = self._managed_parameters.settle()
+            config = self._managed_parameters.finalize()
             self.health.vehicle = config.vehicle_values()
             for finding in own_findings(config):
                 self.get_logger().warning(finding.text)
@@ -314,14 +314,14 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             self._destroy_made()
             raise
         self._configured, self._awaiting_since = True, time.monotonic()
-        if not self._frozen:
-            self._frozen = True
-            settle_memory()
+        if not self._gc_frozen:
+            self._gc_frozen = True
+            freeze_gc()
 
     def _activate(self) -> None:
-        obstacle = self.obstacle()
-        if obstacle is not None:
-            raise _ObstacleError(obstacle)
+        blocker = self.activation_blocker()
+        if blocker is not None:
+            raise _BlockedError(blocker)
         self.activate()
         self.active = True
         self._autostarting = False
@@ -342,14 +342,14 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             self._destroy_made()
 
     def _destroy_made(self) -> None:
-        self._made.close()
+        self._resources.close()
         self.health.destroy_endpoints()
         self._managed_parameters.release()
 
     def _result_of(
         self, transition: Callable[[], None], *, by: str, to: str
     ) -> TransitionCallbackReturn:
-        """Carry out a transition by a state to another; keep its error for :meth:`_report`."""
+        """Carry out a transition via the state ``by`` to ``to``; keep its error for the report."""
         before, self.state = self.state, by
         self._fault = None
         try:
@@ -372,7 +372,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
     def _on_change_state(
         self, carry_out: Callable[[Any, Any], Any], request: Any, response: Any
     ) -> Any:
-        """Carry out a requested transition if it is possible, and report its result."""
+        """Carry out a requested transition if possible, and report the result."""
         wanted = request.transition
         possible = _TRANSITIONS.get(self.state, {})
         asked = wanted.label or possible.get(wanted.id, str(wanted.id))
@@ -390,9 +390,9 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         return response
 
     def _report(self, transition: str, loss: str | None = None) -> None:
-        """Log and publish the new state, or why a transition failed."""
+        """Log and publish the new state, or the reason for a failed transition."""
         if self._fault is None and loss is not None:
-            self.get_logger().warning(f"{self.state} by request in flight: {loss}")
+            self.get_logger().warning(f"{self.state} on request in flight: {loss}")
         elif self._fault is None:
             self.get_logger().info(self.state)
         elif isinstance(self._fault, UserError):
@@ -407,8 +407,8 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         if self.active:
             health = self.report()
             return dataclasses.replace(health, values=[*values, *health.values])
-        why = self.obstacle() if self._configured else None
-        if why is None and not isinstance(self._fault, _ObstacleError | None):
+        why = self.activation_blocker() if self._configured else None
+        if why is None and not isinstance(self._fault, _BlockedError | None):
             why = str(self._fault)
         return Health(
             level=WARN, text=self.state if why is None else f"{self.state}: {why}", values=values

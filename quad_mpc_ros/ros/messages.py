@@ -1,4 +1,4 @@
-"""Messages and quality of service of a topic for rclpy; packages are imported on first use."""
+"""Messages and quality of service for rclpy; message packages are imported on first use."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from quad_mpc_ros.messages.topics import IMU, ODOMETRY, REFERENCE, Topic
 
 @functools.cache
 def message_class(type_name: str) -> type[Any]:
-    """Return the class of a type named like ``nav_msgs/msg/Odometry``.
+    """Return the class of a message type such as ``nav_msgs/msg/Odometry``.
 
-    Raises ``ModuleNotFoundError`` or ``AttributeError`` when it is not installed.
+    Raises ``ModuleNotFoundError`` or ``AttributeError`` if it is not installed.
     """
     package, kind, name = type_name.split("/")
     found: type[Any] = getattr(importlib.import_module(f"{package}.{kind}"), name)
@@ -45,10 +45,10 @@ def odometry_in(data: bytes) -> OdometrySample:
 
 
 def imu_in(data: bytes) -> ImuSample:
-    """Return what an accelerometer measured, received raw.
+    """Return the sample of an IMU message that was received raw.
 
-    Raises :class:`UnreadableError` for bytes that are none, ``ValueError`` for a message that says
-    that it has no acceleration.
+    Raises :class:`UnreadableError` for other bytes, ``ValueError`` for a message without
+    acceleration.
     """
     return conversions.imu_from_message(message_in(IMU, data))
 
@@ -56,8 +56,7 @@ def imu_in(data: bytes) -> ImuSample:
 def reference_in(data: bytes) -> ReferenceWindow:
     """Return a reference that was received raw.
 
-    Raises :class:`UnreadableError` for bytes that are none, ``ValueError`` for a point without a
-    transform.
+    Raises :class:`UnreadableError` for other bytes, ``ValueError`` for a point without transform.
     """
     found = cdr.read_reference(data)
     return found or conversions.reference_from_message(message_in(REFERENCE, data))
@@ -74,17 +73,17 @@ def message_in(topic: Topic, data: bytes) -> Any:
     """
     try:
         return decoded(topic, data)
-    except Exception as error:  # whatever rclpy has for it
+    except Exception as error:  # rclpy raises various types
         raise UnreadableError(f"{topic.name}: bytes are no {topic.type_name}: {error}") from error
 
 
 def qos_of(topic: Topic) -> QoSProfile:
-    """Return the profile that publishers and subscribers of a topic use."""
+    """Return the QoS profile of a topic, for publishers and subscribers."""
     return qos_profile(depth=topic.depth, reliable=topic.reliable, latched=topic.latched)
 
 
 def qos_profile(*, depth: int, reliable: bool, latched: bool, **policies: Any) -> QoSProfile:
-    """Return a profile that keeps the last ``depth`` messages, with other policies as given."""
+    """Return a QoS profile that keeps the last ``depth`` messages, with further policies."""
     return QoSProfile(
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,

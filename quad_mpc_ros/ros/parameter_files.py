@@ -1,8 +1,8 @@
-"""What a process was given on its command line for ROS: parameter files and ``-p``, by section.
+"""Parameter files and ``-p`` on the ROS command line of a process, by section.
 
-rclpy merges the sections that are for a node and says nothing of the others, so that a misspelt
-one would be ignored. Here the arguments are read again, by the rules of ``--config``, before and
-beside rclpy: the values are rclpy's, what is refused is said here.
+rclpy merges the sections for a node and ignores all others, also misspelt ones. This module reads
+the arguments separately, with the rules of ``--config``, to report errors. The values are those of
+rclpy.
 """
 
 from __future__ import annotations
@@ -22,59 +22,59 @@ from quad_mpc_ros.configuration.files import ParameterSection
 from quad_mpc_ros.configuration.spelling import meant_instead_of
 from quad_mpc_ros.configuration.vehicle import describes_vehicle
 
-_BEGIN, _END = "--ros-args", "--"
-_FILE = "--params-file"
-_OVERRIDES = ("-p", "--param")
-_RENAMED_NODE = re.compile(r"(?:^|:)__node:=(\w+)$")
-_RULE = re.compile(r"(?:(\w+):)?([\w./]+):=(.*)", re.DOTALL)
+_ROS_ARGS, _ROS_ARGS_END = "--ros-args", "--"
+_FILE_OPTION = "--params-file"
+_OVERRIDE_OPTIONS = ("-p", "--param")
+_NODE_NAME_PATTERN = re.compile(r"(?:^|:)__node:=(\w+)$")
+_OVERRIDE_PATTERN = re.compile(r"(?:(\w+):)?([\w./]+):=(.*)", re.DOTALL)
 _OWN_NODES = ("mpc", "simulator", "reference", "recorder", "player", "visualisation")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Given:
-    """One section of a file, or one ``-p``; ``origin`` is the path, or the option."""
+class ParameterSource:
+    """One section of a file, or one ``-p``; ``origin`` is the path or the option."""
 
     origin: str
     section: ParameterSection
     in_file: bool = True
 
 
-class GivenParameters:
-    """The parameters given to the nodes of a process."""
+class CommandLineParameters:
+    """The parameters on the command line of a process."""
 
-    def __init__(self, given: Sequence[Given], *, several: bool) -> None:
-        """Hold what was read; ``several`` is whether the process has more than one node."""
-        self._given = given
+    def __init__(self, given: Sequence[ParameterSource], *, several: bool) -> None:
+        """Initialise with the sources; ``several``: the process has more than one node."""
+        self._sources = given
         self._several = several
 
     def of(self, name: str, namespace: str) -> dict[str, str]:
-        """Return where each parameter was given that a node was given by its own name.
+        """Return the origin of each parameter that a node receives by its own name.
 
-        Raises :class:`UserError` for a file with the node's bare name, given in a namespace: ROS
-        reads ``mpc:`` for the node /mpc only, and would ignore it.
+        Raises :class:`UserError` for a file with the node's bare name if the node has a namespace:
+        ROS reads ``mpc:`` only for the node /mpc.
         """
         full = f"{namespace.rstrip('/')}/{name}"
         self._refuse_unread(name, full)
         found: dict[str, str] = {}
-        for each in self._given:
+        for each in self._sources:
             alone = not each.in_file and not self._several
             if each.section.is_read_by(full) and (alone or not each.section.of_any_node):
                 found |= dict.fromkeys(each.section.values, each.origin)
         return found
 
     def file_of(self, name: str) -> str | None:
-        """Return the file that gave a parameter last, None for one that a ``-p`` did."""
-        last = (each for each in reversed(self._given) if name in each.section.values)
+        """Return the last file with a parameter; None if a ``-p`` overrides it."""
+        last = (each for each in reversed(self._sources) if name in each.section.values)
         each = next(last, None)
         return each.origin if each is not None and each.in_file else None
 
-    def refuse_overrides_of_nobody(self, nodes: Mapping[str, Container[str]]) -> None:
-        """Raise :class:`UserError` for a ``-p`` that is for no node of the process.
+    def reject_unused_overrides(self, nodes: Mapping[str, Container[str]]) -> None:
+        """Raise :class:`UserError` for a ``-p`` that no node of the process reads.
 
-        ``nodes`` are the parameters that each declares, by the full name of the node.
+        ``nodes``: the declared parameters by full node name.
         """
         expected = " or ".join(nodes)
-        for each in self._given:
+        for each in self._sources:
             if each.in_file:
                 continue
             ((name, _),) = each.section.values.items()
@@ -89,9 +89,9 @@ class GivenParameters:
                 raise UserError(f"{each.origin}: given {name}, expected a parameter of {expected}")
 
     def unread_files(self, nodes: Iterable[str]) -> list[str]:
-        """Return the files with nothing for any of the nodes, each with its sections."""
+        """Return a warning for each file without a section for any of the nodes."""
         sections: dict[str, list[ParameterSection]] = {}
-        for each in self._given:
+        for each in self._sources:
             if each.in_file:
                 sections.setdefault(each.origin, []).append(each.section)
         return [
@@ -102,8 +102,8 @@ class GivenParameters:
         ]
 
     def _refuse_unread(self, name: str, full: str) -> None:
-        for origin in dict.fromkeys(each.origin for each in self._given if each.in_file):
-            there = [each.section for each in self._given if each.origin == origin]
+        for origin in dict.fromkeys(each.origin for each in self._sources if each.in_file):
+            there = [each.section for each in self._sources if each.origin == origin]
             bare = any(section.key.strip("/") == name for section in there)
             read = [s for s in there if s.is_read_by(full) and s.key.strip("/") not in ("**", "*")]
             if bare and not read:
@@ -113,22 +113,22 @@ class GivenParameters:
                 )
 
 
-_in_force: ContextVar[GivenParameters | None] = ContextVar("given_parameters", default=None)
+_current: ContextVar[CommandLineParameters | None] = ContextVar("given_parameters", default=None)
 
 
-def given_parameters() -> GivenParameters | None:
-    """Return what the process was given, None where a node is not made by ``run``."""
-    return _in_force.get()
+def command_line_parameters() -> CommandLineParameters | None:
+    """Return the parameters on the command line; None for a node not started by ``run``."""
+    return _current.get()
 
 
 @contextmanager
-def in_force(given: GivenParameters) -> Iterator[None]:
-    """Let the nodes that are made meanwhile know what they were given."""
-    token = _in_force.set(given)
+def using_parameters(given: CommandLineParameters) -> Iterator[None]:
+    """Provide the command-line parameters to nodes that are created in this context."""
+    token = _current.set(given)
     try:
         yield
     finally:
-        _in_force.reset(token)
+        _current.reset(token)
 
 
 def own_arguments(arguments: Sequence[str]) -> list[str]:
@@ -137,39 +137,38 @@ def own_arguments(arguments: Sequence[str]) -> list[str]:
 
 
 def refuse_own_arguments(arguments: Sequence[str]) -> None:
-    """Raise :class:`UserError` for arguments that are not for ROS, to a node that takes none."""
-    unknown = own_arguments(arguments)
-    if unknown:
-        raise UserError(f"given {' '.join(unknown)}, expected arguments for ROS, after {_BEGIN}")
+    """Raise :class:`UserError` for arguments that are not for ROS."""
+    own = own_arguments(arguments)
+    if own:
+        raise UserError(f"given {' '.join(own)}, expected arguments for ROS, after {_ROS_ARGS}")
 
 
-def read_arguments(arguments: Sequence[str], *, several: bool) -> GivenParameters:
+def read_arguments(arguments: Sequence[str], *, several: bool) -> CommandLineParameters:
     """Return the parameters in the arguments of a process.
 
-    Raises :class:`UserError` for a file that cannot be read, a value that is none, and a node's
-    name that surely is misspelt.
+    Raises :class:`UserError` for an unreadable file, an invalid value or a misspelt node name.
     """
     words = [word for word, for_ros in _marked(arguments) if for_ros]
-    names = {found[1] for word in words if (found := _RENAMED_NODE.search(word))}
-    given: list[Given] = []
+    names = {found[1] for word in words if (found := _NODE_NAME_PATTERN.search(word))}
+    given: list[ParameterSource] = []
     for option, word in itertools.pairwise(words):
-        if option == _FILE:
-            there = read_parameter_file(_FILE, word, names)
-            given += [Given(origin=word, section=section) for section in there]
-        elif option in _OVERRIDES:
+        if option == _FILE_OPTION:
+            there = read_parameter_file(_FILE_OPTION, word, names)
+            given += [ParameterSource(origin=word, section=section) for section in there]
+        elif option in _OVERRIDE_OPTIONS:
             section = _override(option, word)
             _refuse_misspelt_nodes(f"{option} {word}", [section], names)
-            given.append(Given(origin=option, section=section, in_file=False))
-    return GivenParameters(given, several=several)
+            given.append(ParameterSource(origin=option, section=section, in_file=False))
+    return CommandLineParameters(given, several=several)
 
 
 def read_parameter_file(
     option: str, given: str, names: Iterable[str] = ()
 ) -> list[ParameterSection]:
-    """Return what a parameter file states that was given by an option.
+    """Return the sections of a parameter file given by an option.
 
-    Raises :class:`UserError` for one that is not there or that ROS cannot read, and for a node's
-    name that surely is misspelt; ``names`` are further ones.
+    Raises :class:`UserError` for a file that is missing or that ROS cannot read, and for a
+    misspelt node name; ``names`` are further valid names.
     """
     there = files.sections(files.parameter_file(option, given))
     _refuse_misspelt_nodes(given, there, names)
@@ -177,12 +176,12 @@ def read_parameter_file(
 
 
 def _marked(arguments: Sequence[str]) -> Iterator[tuple[str, bool]]:
-    """Yield each argument with whether it is for ROS; those that begin and end these are left."""
+    """Yield each argument and whether it is for ROS, without the delimiters."""
     for_ros = False
     for word in arguments:
-        if word == _BEGIN:
+        if word == _ROS_ARGS:
             for_ros = True
-        elif word == _END and for_ros:
+        elif word == _ROS_ARGS_END and for_ros:
             for_ros = False
         else:
             yield word, for_ros
@@ -190,7 +189,7 @@ def _marked(arguments: Sequence[str]) -> Iterator[tuple[str, bool]]:
 
 def _override(option: str, word: str) -> ParameterSection:
     """Return a ``-p`` as a section of a file."""
-    rule = _RULE.fullmatch(word)
+    rule = _OVERRIDE_PATTERN.fullmatch(word)
     if rule is None:
         raise UserError(f"{option}: given {word!r}, expected name:=value or node:name:=value")
     node, name, text = rule.groups()
@@ -207,10 +206,9 @@ def _override(option: str, word: str) -> ParameterSection:
 def _refuse_misspelt_nodes(
     origin: str, there: Sequence[ParameterSection], names: Iterable[str]
 ) -> None:
-    """Refuse a name that surely is a misspelling of one of our nodes, which is not there.
+    """Reject a section that is surely a misspelt node of this package.
 
-    Sections of other nodes are ignored. ``names`` are those that nodes of this
-    process were given.
+    Sections of other nodes are ignored. ``names``: names given to nodes of this process.
     """
     given = {section.node for section in there}
     others = given - {*_OWN_NODES, *names, "*", "**"}
@@ -225,9 +223,9 @@ def _refuse_misspelt_nodes(
 
 
 def refuse_misspelt(name: str, known: Iterable[str], *, owner: str, origin: str) -> None:
-    """Refuse a parameter for nodes of any name that surely is a misspelling of one of a node's.
+    """Reject a parameter for all nodes that is surely a misspelt parameter of one of them.
 
-    Others may be of other packages' nodes, and are left to them.
+    Other names may belong to nodes of other packages and are ignored.
     """
     meant = meant_instead_of(name, sorted(known))
     if meant is not None:

@@ -1,7 +1,7 @@
-"""rclpy parameters from the configuration dataclasses, and back.
+"""Conversion between configuration dataclasses and rclpy parameters.
 
-The dataclass is the single source: names, types, ranges and descriptions are declared from it,
-and what rclpy received is validated by it as a whole before anything is used.
+The dataclass is the single source of names, types, ranges and descriptions. It validates the
+values of rclpy as a whole before they are used.
 """
 
 from __future__ import annotations
@@ -29,16 +29,15 @@ from quad_mpc_ros.configuration import (
 from quad_mpc_ros.configuration.errors import text_of
 from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.configuration.vehicle import describes_vehicle
-from quad_mpc_ros.ros.parameter_files import given_parameters, refuse_misspelt
+from quad_mpc_ros.ros.parameter_files import command_line_parameters, refuse_misspelt
 
 C = TypeVar("C", bound=Configuration)
 
 
 class ParameterNode(Node):
-    """A node to be made with ``automatically_declare_parameters_from_overrides``.
+    """A node created with ``automatically_declare_parameters_from_overrides``.
 
-    So it has every parameter that it was given, known or not, until :func:`declare` declares those
-    that there are.
+    It has every given parameter, known or not, until :func:`declare` declares the known ones.
     """
 
     def declare_parameters(
@@ -46,7 +45,7 @@ class ParameterNode(Node):
     ) -> list[Parameter]:
         """Declare parameters as rclpy does.
 
-        rclpy refuses what has no type: an empty list in a file, as ``ros2 param dump`` writes it.
+        rclpy rejects values without type: an empty list in a file of ``ros2 param dump``.
         """
         for _name, value, descriptor in parameters:
             descriptor.dynamic_typing |= value is None
@@ -56,25 +55,25 @@ class ParameterNode(Node):
         return declared
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set parameters as rclpy does; name an unknown one, which rclpy does not."""
+        """Set parameters as rclpy does, with the name of an unknown parameter in the error."""
         for parameter in parameter_list:
             if not self.has_parameter(parameter.name):
                 return SetParametersResult(successful=False, reason=self._unknown(parameter.name))
         return super().set_parameters_atomically(parameter_list)
 
     def _unknown(self, name: str) -> str:
-        """Return in words that there is no such parameter, and which may be meant."""
+        """Return the error for an unknown parameter, with a suggestion."""
         known = self.get_parameters_by_prefix("")
         return f"{self.get_name()} has no parameter {name!r}{did_you_mean(name, known)}"
 
 
 def declare(node: ParameterNode, configuration: type[C], *, managed: bool = False) -> C:
-    """Declare every parameter of a configuration on a node and return what the user has set.
+    """Declare all parameters of a configuration on a node and return the configuration.
 
-    rclpy would ignore unknown names, and refuse an integer for a double and an empty list, so
-    values are checked here. All but live parameters are read-only, unless they are ``managed``:
-    then :class:`ManagedParameters` decides when they may change. Raises
-    :class:`ConfigurationError`, or :class:`UserError` with the file that gave a value.
+    rclpy would ignore unknown names, and reject an integer for a double and an empty list, so
+    values are checked here. Parameters that are not live are read-only, unless ``managed``: then
+    :class:`ManagedParameters` decides when they may change. Raises :class:`ConfigurationError`,
+    or :class:`UserError` with the file of a value.
     """
     names = [name for name in node.get_parameters_by_prefix("") if not files.is_of_ros(name)]
     given = {
@@ -88,7 +87,7 @@ def declare(node: ParameterNode, configuration: type[C], *, managed: bool = Fals
     for spec in config.specs():
         node.declare_parameter(
             spec.name,
-            # An empty array does not imply its type.
+            # The type of an empty array is unknown.
             Parameter(
                 spec.name, _type_of(spec, values[spec.name]), _plain(values[spec.name])
             ).value,
@@ -99,12 +98,12 @@ def declare(node: ParameterNode, configuration: type[C], *, managed: bool = Fals
 
 
 def _configured(configuration: type[C], given: Mapping[str, Any], node: Node) -> C:
-    """Return the configuration of what rclpy received, with what was given to every node.
+    """Return the configuration from rclpy's values and those given to every node.
 
-    A vehicle file is for every node, whatever each of them reads of it. Who gave what is known
-    only of a process's own arguments; otherwise all but a vehicle's is taken as given by name.
+    A vehicle file is for every node, and each node reads its share. The origin is known only for
+    arguments of the process; otherwise all other parameters count as given by name.
     """
-    arguments = given_parameters()
+    arguments = command_line_parameters()
     if arguments is None:
         own = {name: value for name, value in given.items() if not describes_vehicle(name)}
         return _built(configuration, given, own)
@@ -136,45 +135,44 @@ def _built(configuration: type[C], given: Mapping[str, Any], own: Mapping[str, A
 class ManagedParameters(Generic[C]):
     """The parameters of a node with a lifecycle.
 
-    While the node is unconfigured each may be set, and is validated by itself. :meth:`settle`
-    validates them as a whole. From then on, until :meth:`release`, only live ones change: those
-    set together by ``set_parameters_atomically`` are one transaction, refused or handed to
-    ``apply`` as a whole.
+    While the node is unconfigured each may be set and is validated alone. :meth:`finalize`
+    validates all together. Then, until :meth:`release`, only live parameters may change. Those
+    set by one ``set_parameters_atomically`` are a transaction, rejected or applied as a whole.
     """
 
     def __init__(
         self, node: ParameterNode, configuration: type[C], *, apply: Callable[[C], None]
     ) -> None:
-        """Declare them. Raises :class:`ConfigurationError` for what the user has given."""
+        """Declare the parameters. Raises :class:`ConfigurationError` for invalid values."""
         self._node = node
         self._kind = configuration
         self._apply = apply
-        self._settled: C | None = None
+        self._finalized: C | None = None
         self._accepted: C | None = None
-        # The choice of a trajectory or plant may add parameters.
+        # The selected trajectory or plant may add parameters.
         self._specs = {
             spec.name: spec for spec in declare(node, configuration, managed=True).specs()
         }
         node.add_pre_set_parameters_callback(self._as_declared)
         node.add_on_set_parameters_callback(self._validate)
-        node.add_post_set_parameters_callback(self._take_over)
+        node.add_post_set_parameters_callback(self._apply_accepted)
 
-    def settle(self) -> C:
-        """Return the configuration; from now on only live parameters change.
+    def finalize(self) -> C:
+        """Return the configuration; from now on only live parameters may change.
 
-        Raises :class:`ConfigurationError` when values do not fit together.
+        Raises :class:`ConfigurationError` if values contradict each other.
         """
         parameters = self._node.get_parameters(list(self._specs))
-        self._settled = self._kind.build({p.name: _plain(p.value) for p in parameters})
+        self._finalized = self._kind.build({p.name: _plain(p.value) for p in parameters})
         self._accepted = None
-        return self._settled
+        return self._finalized
 
     def release(self) -> None:
-        """Let every parameter be set again."""
-        self._settled = None
+        """Allow changes of all parameters again."""
+        self._finalized = None
 
     def _as_declared(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Take a whole number for a real one, as everywhere else."""
+        """Convert integers for doubles."""
         return [self._real(p) if p.name in self._specs else p for p in parameters]
 
     def _real(self, given: Parameter) -> Parameter:
@@ -190,8 +188,8 @@ class ManagedParameters(Generic[C]):
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
         changes = {p.name: _plain(p.value) for p in parameters if p.name in self._specs}
         try:
-            if self._settled is not None:
-                self._accepted = self._changed(self._settled, changes)
+            if self._finalized is not None:
+                self._accepted = self._updated(self._finalized, changes)
             else:
                 for name, value in changes.items():
                     self._specs[name].validated(value, owner=self._kind.owner)
@@ -199,12 +197,12 @@ class ManagedParameters(Generic[C]):
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _take_over(self, _: list[Parameter]) -> None:
-        """Apply what has been accepted and stored."""
-        if self._settled is not None and self._accepted is not None:
-            before, self._settled, self._accepted = self._settled, self._accepted, None
-            self._apply(self._settled)
-            self._log_changes(before.flattened(), self._settled.flattened())
+    def _apply_accepted(self, _: list[Parameter]) -> None:
+        """Apply the accepted configuration."""
+        if self._finalized is not None and self._accepted is not None:
+            before, self._finalized, self._accepted = self._finalized, self._accepted, None
+            self._apply(self._finalized)
+            self._log_changes(before.flattened(), self._finalized.flattened())
 
     def _log_changes(self, before: Mapping[str, Any], after: Mapping[str, Any]) -> None:
         changes = ", ".join(
@@ -215,12 +213,12 @@ class ManagedParameters(Generic[C]):
         if changes:
             self._node.get_logger().info(f"changed: {changes}")
 
-    def _changed(self, settled: C, changes: Mapping[str, object]) -> C:
+    def _updated(self, config: C, changes: Mapping[str, object]) -> C:
         """Return a configuration with live parameters changed, validated as a whole.
 
-        A structural one may be given unchanged, as in a whole file; a switch stays on or off.
+        Other parameters may be set to their present value; switches stay on or off.
         """
-        in_force = settled.flattened()
+        in_force = config.flattened()
         for name, value in changes.items():
             spec = self._specs[name]
             wanted = spec.validated(value, owner=self._kind.owner)
@@ -234,7 +232,7 @@ class ManagedParameters(Generic[C]):
                     f"{kept} as long as the node is configured; to change it, deactivate and "
                     "clean up the node first, or set it in the parameter file and restart",
                 )
-        return settled.updated(changes) if changes else settled
+        return config.updated(changes) if changes else config
 
 
 def _descriptor(spec: ParameterSpec, *, managed: bool) -> ParameterDescriptor:
@@ -245,8 +243,8 @@ def _descriptor(spec: ParameterSpec, *, managed: bool) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         name=spec.name,
         description=f"{spec.doc}{unit}",
-        # One type, except for a number or three. To rclpy an empty array is one of bytes, to the
-        # command line one of bools.
+        # Dynamic for one number or three, and for arrays: an empty array is one of bytes for
+        # rclpy and one of bools for the command line.
         dynamic_typing=spec.per_axis or (spec.kind.endswith("_array") and spec.length is None),
         additional_constraints=spec.allowed() + (f"; may be set {when}" if managed else ""),
         read_only=not (managed or spec.live),
@@ -271,5 +269,5 @@ def _type_of(spec: ParameterSpec, value: Any) -> Parameter.Type:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value with arrays, which rclpy gives as ``array.array``, as lists."""
+    """Return a value with arrays (``array.array`` in rclpy) as lists."""
     return list(value) if isinstance(value, array.array | tuple | list) else value

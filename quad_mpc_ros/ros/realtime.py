@@ -1,7 +1,7 @@
-"""What operating system and garbage collector can do for a process that must not be late.
+"""Real-time settings of the operating system and the garbage collector.
 
-Each request is granted, or refused with a sentence that says what is in the way. A node that is
-refused flies on without: it is later now and then, which ``mpc/stats`` shows.
+Each request is granted, or refused with a reason. After a refusal the node continues without the
+setting: it is late now and then, as ``mpc/stats`` shows.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _LIMITS = "set it for your user in /etc/security/limits.conf and log in again, o
 
 
 def apply(wanted: RealtimeParameters) -> list[str]:
-    """Ask the operating system for what is wanted; return what it refuses, in sentences."""
+    """Request the settings from the operating system; return a message for each refusal."""
     refusals: list[str] = []
     if wanted.cpus:
         refusals += _refusal(lambda: _pin(wanted.cpus), f"cpus {list(wanted.cpus)}", _cpus_hint())
@@ -52,13 +52,13 @@ def _refusal(request: Callable[[], object], name: str, hint: str) -> list[str]:
 
 
 def _schedule_first(priority: int) -> None:
-    """Let every thread of this process go first; those of the middleware bring the odometry."""
+    """Give real-time priority to all threads of this process, also those of the middleware."""
     for task in Path("/proc/self/task").iterdir():
         os.sched_setscheduler(int(task.name), os.SCHED_FIFO, os.sched_param(priority))
 
 
 def _pin(cpus: Iterable[int]) -> None:
-    """Keep every thread of this process, those of the middleware included, on some processors."""
+    """Pin all threads of this process, also those of the middleware, to processors."""
     for task in Path("/proc/self/task").iterdir():
         os.sched_setaffinity(int(task.name), cpus)
 
@@ -69,9 +69,9 @@ def _cpus_hint() -> str:
 
 @functools.cache
 def _keep_awake() -> int:
-    """Ask for no delay of waking, which holds until the file is closed at the end of the process.
+    """Request a wake-up latency of 0 until the file is closed at the end of the process.
 
-    Linux, Documentation/power/pm_qos_interface.rst: a wish of 0 us as 32 bits.
+    Linux, Documentation/power/pm_qos_interface.rst: 0 us as 32 bits.
     """
     file = os.open(_LATENCY, os.O_WRONLY)
     os.write(file, (0).to_bytes(4, sys.byteorder))
@@ -85,27 +85,27 @@ def _lock_memory() -> None:
         raise OSError(number, os.strerror(number))
 
 
-def settle_memory() -> None:
-    """Take what exists now for as long-lived as the process.
+def freeze_gc() -> None:
+    """Exclude all present objects from garbage collection.
 
-    A full collection in flight then need not look at it, which would take milliseconds.
+    A full collection in flight would take milliseconds to visit them.
     """
     gc.collect()
     gc.freeze()
 
 
 def free_memory() -> None:
-    """Free what nothing uses any more, what was taken for long-lived included."""
+    """Free all unused objects, also excluded ones."""
     gc.unfreeze()
-    for _ in range(3):  # what was freed may have been the last to hold something else
+    for _ in range(3):  # freed objects may release others
         if not gc.collect():
             break
 
 
 class GarbageCollection:
-    """Collects garbage when there is time for it, instead of whenever enough has gathered.
+    """Garbage collection between control steps instead of at arbitrary times.
 
-    A collection looks only at what has come since :func:`settle_memory`, and is short.
+    A collection visits only objects created since :func:`freeze_gc`, and is short.
     """
 
     _TICKS = 50
@@ -117,7 +117,7 @@ class GarbageCollection:
             gc.disable()
 
     def after_tick(self) -> None:
-        """Collect now and then; to be called when the command is out and the next is far."""
+        """Collect periodically; called after the command was published."""
         self._ticks += 1
         if self._between_ticks and self._ticks % self._TICKS == 0:
             gc.collect()

@@ -1,4 +1,4 @@
-"""Warnings that last: in the log at once, and again every few seconds."""
+"""Throttled warnings: logged at once, then every few seconds."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ import time
 
 from rclpy.node import Node
 
-_PERIOD = 5.0  # s
-_VARYING = re.compile(r"'[^']*'|[\d.]+")
+_REPEAT_PERIOD = 5.0  # s
+_VARYING_TEXT = re.compile(r"'[^']*'|[\d.]+")
 
 
 class RepeatedWarnings:
-    """Logs a text unless one that differs only in numbers and names was logged just now."""
+    """Logs a text, unless a text that differs only in numbers and names was logged recently."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._logged: dict[str, float] = {}
 
     def warn(self, text: str) -> None:
-        """Log it, if it is due."""
-        now, kind = time.monotonic(), _VARYING.sub("", text)
-        self._logged = {each: at for each, at in self._logged.items() if now - at < _PERIOD}
+        """Log the text, if it is due."""
+        now, kind = time.monotonic(), _VARYING_TEXT.sub("", text)
+        self._logged = {each: at for each, at in self._logged.items() if now - at < _REPEAT_PERIOD}
         if kind not in self._logged:
             self._logged[kind] = now
             self._node.get_logger().warning(text)

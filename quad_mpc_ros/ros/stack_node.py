@@ -4,10 +4,9 @@
     stack_node --reference false --bridge px4                        # mpc and bridge
     stack_node --bridge px4 --ros-args --params-file vehicle.yaml
 
-They are the nodes that they are in processes of their own, with their names, parameters, topics
-and services. Windows of the reference go to the MPC without DDS, and by DDS to any other node that
-listens. Each node has its own thread: planning does not keep the MPC waiting. When one ends, all
-end.
+The nodes have the names, parameters, topics and services that they have in separate processes.
+Windows of the reference go to the MPC without DDS, and to other subscribers with DDS. Each node
+has its own thread, so planning does not delay the MPC. When one node ends, all end.
 """
 
 from __future__ import annotations
@@ -27,25 +26,24 @@ from quad_mpc_ros.ros.nodes.reference_node import ReferenceNode
 from quad_mpc_ros.ros.parameter_files import own_arguments
 from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run_together
 
-_NONE = "none"
+_NO_BRIDGE = "none"
 
 
 def nodes_of_stack(bridge: str, *, with_reference: bool) -> list[Callable[[], Node]]:
-    """Return what makes the nodes of a vehicle, in this order.
+    """Return factories for the nodes of a vehicle, in this order.
 
-    ``bridge`` is the name of one, or ``none``. Raises :class:`UserError` for one that is
-    not registered.
+    ``bridge`` is the name of a bridge, or ``none``. Raises :class:`UserError` for an unknown name.
     """
     made: list[MpcNode] = []
 
     def mpc() -> Node:
-        made.append(MpcNode(hears_reference=not with_reference))
+        made.append(MpcNode(subscribes_reference=not with_reference))
         return made[0]
 
     nodes = [mpc]
     if with_reference:
         nodes.append(lambda: ReferenceNode(hand_over=made[0].take_reference))
-    if bridge != _NONE:
+    if bridge != _NO_BRIDGE:
         nodes.append(functools.partial(BridgeNode, load_bridge(bridge)))
     return nodes
 
@@ -54,7 +52,7 @@ def main(args: list[str] | None = None) -> int:
     """Run the nodes until one of them ends; return the exit code."""
     parser = ArgumentParser(prog="stack_node", description=__doc__.partition("\n")[0])
     parser.add_argument(
-        "--bridge", default=_NONE, metavar="NAME", help="to a flight stack, as px4"
+        "--bridge", default=_NO_BRIDGE, metavar="NAME", help="run a bridge as well, such as px4"
     )
     parser.add_argument(
         "--reference", default="true", choices=["true", "false"], help="run the reference as well"

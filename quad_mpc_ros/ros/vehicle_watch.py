@@ -1,4 +1,4 @@
-"""Whether the nodes of a vehicle were given the same one: each states its own in its health."""
+"""Comparison of the vehicle parameters that nodes report in their diagnostics."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from quad_mpc_ros.ros.preflight.finding import Finding
 from quad_mpc_ros.ros.preflight.vehicles import carried_differently
 
 VEHICLE_KEY = "vehicle"
-"""Of the diagnostic value of a node that has its vehicle as JSON."""
-_MARK = b"vehicle\0"
-_STALE = 5.0  # s without a report: the node has ended
+"""Key of the diagnostic value with a node's vehicle as JSON."""
+_VEHICLE_MARK = b"vehicle\0"
+_REPORT_TIMEOUT = 5.0  # s without a report: the node has ended
 
 
 class VehicleWatch:
-    """Compares a node's vehicle with those that the others of its namespace report."""
+    """Compares a node's vehicle with those of other nodes in its namespace."""
 
     def __init__(self, node: Node, values: Mapping[str, Any]) -> None:
         self._node, self._values = node, values
@@ -30,8 +30,8 @@ class VehicleWatch:
         self._faults: dict[str, str] = {}
 
     def receive(self, data: bytes) -> None:
-        """Take a raw message of ``/diagnostics``; log what differs when it is new."""
-        if _MARK not in data:  # all sorts of nodes report there
+        """Process a raw message of ``/diagnostics``; log new differences."""
+        if _VEHICLE_MARK not in data:  # other nodes report there, too
             return
         for status in decoded(DIAGNOSTICS, data).status:
             namespace, _, name = status.name.rpartition("/")
@@ -42,17 +42,17 @@ class VehicleWatch:
                     self._compare(name, entry.value)
 
     def fault(self) -> str:
-        """Return which nodes have another vehicle, and in what; empty if none has."""
+        """Return the nodes with another vehicle and the differences, or an empty string."""
         return "; ".join(self._faults[name] for name in self._fresh() if self._faults[name])
 
     def contradictions(self) -> list[Finding]:
-        """Return what must be mended before a vehicle flies by what the nodes were given."""
+        """Return differences that must be fixed before a flight."""
         return carried_differently({self._node.get_name(): self._values, **self._fresh()})
 
     def _fresh(self) -> dict[str, Mapping[str, Any]]:
-        """Return the vehicles of the nodes that still report."""
-        now = time.monotonic()
-        return {name: it for name, (it, seen) in self._stated.items() if now - seen < _STALE}
+        """Return the vehicles of nodes with recent reports."""
+        since = time.monotonic() - _REPORT_TIMEOUT
+        return {name: it for name, (it, at) in self._stated.items() if at > since}
 
     def _compare(self, name: str, text: str) -> None:
         ours = self._node.get_name()

@@ -17,7 +17,7 @@ from fixtures.courses import COURSE
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands import EXIT_INTERRUPTED
 from quad_mpc_ros.commands import plan as command
-from quad_mpc_ros.commands.progress import Progress
+from quad_mpc_ros.commands.progress import ProgressLine
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.racing.verdict import flown_course
 from quad_mpc_ros.recordings.recording import Recording
@@ -78,7 +78,7 @@ def test_ctrl_c_ends_the_search_and_leaves_nothing(
     shown_by = command._shown_by
 
     def interrupting(
-        progress: Progress, interrupted: threading.Event
+        progress: ProgressLine, interrupted: threading.Event
     ) -> Callable[[str, int, float, Array], None]:
         show = shown_by(progress, interrupted)
 

@@ -31,7 +31,7 @@ from quad_mpc_ros.control.stage import Stage
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.extras.obstacles.avoidance import ObstacleAvoidance
 from quad_mpc_ros.extras.racing.gates import course_from
-from quad_mpc_ros.extras.racing.held_gates import GuidedThrough, HeldGates
+from quad_mpc_ros.extras.racing.held_gates import CombinedGuide, HeldGates
 from quad_mpc_ros.simulation.config import make_plant
 
 PERIOD_NS = 20_000_000
@@ -224,7 +224,7 @@ def owners_of(value: Any, seen: dict[int, Any]) -> Iterator[Stage]:
 
 
 def guided_through_gates() -> Controller:
-    guide = GuidedThrough(
+    guide = CombinedGuide(
         ObstacleAvoidance(MpcConfig(), Standing(), radius=0.2),
         HeldGates(course_from(COURSE), radius=0.2),
     )
@@ -464,7 +464,7 @@ def test_a_stage_that_raises_does_not_keep_an_event_from_the_others(
 
 def test_gates_that_fail_leave_the_way_around_obstacles(monkeypatch: pytest.MonkeyPatch) -> None:
     gates = HeldGates(course_from(COURSE), radius=0.2)
-    guide = GuidedThrough(Beside(), gates)
+    guide = CombinedGuide(Beside(), gates)
     odometry = OdometrySample.at_rest(PLACE)
     window = ReferenceWindow.hover(PLACE)
     monkeypatch.setattr(HeldGates, "guide", failing(HeldGates, "guide", range(10)))

@@ -49,7 +49,7 @@ def test_finds_answers_in_any_fragments(
     """In pieces, with noise before and between that has no frame's beginning in it."""
     noise = st.binary(max_size=5).filter(lambda found: b"$" not in found)
     line = b"".join(data.draw(noise) + answer_v1(*answer) for answer in answers)
-    reader, found = msp.Reader(), []
+    reader, found = msp.MspReader(), []
     while line:
         size = data.draw(st.integers(1, len(line)))
         found += reader.read(line[:size])
@@ -59,7 +59,7 @@ def test_finds_answers_in_any_fragments(
 
 @given(st.binary(max_size=200))
 def test_accepts_any_bytes(line: bytes) -> None:
-    reader = msp.Reader()
+    reader = msp.MspReader()
     list(reader.read(line))
     whole = answer_v1(105, b"\x01\x02")
     # What looked like a frame's beginning may swallow some; a line goes on, and they are found.
@@ -69,16 +69,16 @@ def test_accepts_any_bytes(line: bytes) -> None:
 def test_drops_a_broken_frame_and_finds_the_next() -> None:
     broken = bytearray(answer_v1(105, b"\x01\x02"))
     broken[5] ^= 1
-    found = list(msp.Reader().read(bytes(broken) + answer_v1(106, b"\x03")))
+    found = list(msp.MspReader().read(bytes(broken) + answer_v1(106, b"\x03")))
     assert [answer.command for answer in found] == [106]
 
 
 def test_recognises_refusals() -> None:
-    (found,) = msp.Reader().read(answer_v1(200, b"", b"!"))
+    (found,) = msp.MspReader().read(answer_v1(200, b"", b"!"))
     assert found.refused and found.command == 200
 
 
 def test_reads_version_2_answers() -> None:
     body = b"\x00\x65\x00\x01\x00\x07"
-    (found,) = msp.Reader().read(b"$X>" + body + bytes([msp.crc8(body)]))
+    (found,) = msp.MspReader().read(b"$X>" + body + bytes([msp.crc8(body)]))
     assert (found.command, found.payload) == (0x65, b"\x07")

@@ -26,7 +26,7 @@ class Logger:
 def test_logs_progress_while_it_takes_long() -> None:
     logger = Logger()
     node: Any = SimpleNamespace(get_logger=lambda: logger)
-    with compiling.reported(node, period=0.02):
+    with compiling.log_compilation(node, period=0.02):
         deadline = time.monotonic() + 10.0
         while len(logger.infos) < 3 and time.monotonic() < deadline:
             time.sleep(0.01)
@@ -43,7 +43,7 @@ def test_warns_once_of_what_it_had_to_compile(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(compiling, "functions_compiled", lambda: next(counts))
     logger = Logger()
     node: Any = SimpleNamespace(get_logger=lambda: logger)
-    with compiling.reported(node):
+    with compiling.log_compilation(node):
         pass
     (warning,) = logger.warnings
     assert warning.startswith("compiled 3 functions in 0 s")

@@ -62,7 +62,7 @@ class _Hindered(ManagedNode[MpcConfig]):
         self._obstacles = obstacles
         self.start()
 
-    def obstacle(self) -> str | None:
+    def activation_blocker(self) -> str | None:
         return self._obstacles.pop(0) if self._obstacles else None
 
     def report(self) -> Health:

@@ -23,7 +23,7 @@ from quad_mpc_ros.ros.bridges.rates import RatesBridge
 from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
 from quad_mpc_ros.ros.nodes.reference_node import ReferenceNode
 from quad_mpc_ros.ros.nodes.visualisation_node import VisualisationNode
-from quad_mpc_ros.ros.parameter_files import in_force, read_arguments
+from quad_mpc_ros.ros.parameter_files import read_arguments, using_parameters
 from quad_mpc_ros.ros.spin import run, run_together
 from quad_mpc_ros.ros.stack_node import main as stack_main
 
@@ -371,7 +371,7 @@ def test_ignores_parameters_of_nodes_of_other_packages(shared: str, tmp_path: Pa
     arguments = ["--ros-args", "--params-file", path, "-p", "autostart:=false"]
     rclpy.init(args=arguments)
     try:
-        with in_force(read_arguments(arguments, several=False)):
+        with using_parameters(read_arguments(arguments, several=False)):
             node = MpcNode()
         assert node.get_parameter("horizon_steps").value == 12
         node.destroy_node()
@@ -403,7 +403,7 @@ def test_a_vehicle_file_is_still_for_every_node(tmp_path: Path) -> None:
     arguments = ["--ros-args", "--params-file", path]
     rclpy.init(args=arguments)
     try:
-        with in_force(read_arguments(arguments, several=False)):
+        with using_parameters(read_arguments(arguments, several=False)):
             reference = ReferenceNode()
             bridge = BridgeNode(RatesBridge)
         assert reference.get_parameter("mass").value == 0.5

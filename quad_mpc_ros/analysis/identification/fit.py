@@ -52,8 +52,8 @@ _TIME_CONSTANTS = (0.003, 0.01, 0.02, 0.04, 0.08, 0.16, 0.3)
 _DELAYS = np.arange(0.0, 0.301, 0.02)
 
 
-class _Prior(NamedTuple):
-    """Searched range and natural size of a parameter.
+class _ParameterRange(NamedTuple):
+    """What is known of a parameter beforehand: the range that is searched, its natural size.
 
     Half of a 95 % interval above both ``share`` of the value and ``vague`` is too wide.
     """
@@ -65,25 +65,25 @@ class _Prior(NamedTuple):
     vague: float = np.inf
 
 
-_PRIORS = {
-    "rate_tau": _Prior(0.0, 1.0, 0.03, share=0.5, vague=0.01),
-    "rate_gain": _Prior(0.2, 3.0, 0.3, vague=0.1),
-    "thrust_tau": _Prior(0.0, 1.0, 0.03, share=0.5, vague=0.01),
-    "delay": _Prior(0.0, 0.5, 0.03, share=0.5, vague=0.01),
-    "scale": _Prior(0.1, 10.0, 1.0, share=0.5, vague=0.1),
-    "drag": _Prior(0.0, 10.0, 0.3, share=0.5, vague=0.1),
-    "lift": _Prior(-0.5, 0.5, 0.02, share=0.5, vague=0.01),
-    "rotor_drag": _Prior(0.0, 10.0, 0.3, share=0.5, vague=0.1),
-    "acceleration": _Prior(-20.0, 20.0, 1.0),
-    "rate_bias": _Prior(-5.0, 5.0, 0.1),
-    "exponent": _Prior(-1.0, 4.0, 1.0, vague=0.5),
+_KNOWN = {
+    "rate_tau": _ParameterRange(0.0, 1.0, 0.03, share=0.5, vague=0.01),
+    "rate_gain": _ParameterRange(0.2, 3.0, 0.3, vague=0.1),
+    "thrust_tau": _ParameterRange(0.0, 1.0, 0.03, share=0.5, vague=0.01),
+    "delay": _ParameterRange(0.0, 0.5, 0.03, share=0.5, vague=0.01),
+    "scale": _ParameterRange(0.1, 10.0, 1.0, share=0.5, vague=0.1),
+    "drag": _ParameterRange(0.0, 10.0, 0.3, share=0.5, vague=0.1),
+    "lift": _ParameterRange(-0.5, 0.5, 0.02, share=0.5, vague=0.01),
+    "rotor_drag": _ParameterRange(0.0, 10.0, 0.3, share=0.5, vague=0.1),
+    "acceleration": _ParameterRange(-20.0, 20.0, 1.0),
+    "rate_bias": _ParameterRange(-5.0, 5.0, 0.1),
+    "exponent": _ParameterRange(-1.0, 4.0, 1.0, vague=0.5),
 }
 
 
 def _vectors() -> Array:
-    """Return what is known as vectors (22,) in the order of the fields of :class:`_Prior`."""
-    vectors = np.empty((len(_Prior._fields), MOST_PARAMETERS))
-    for name, known in _PRIORS.items():
+    """Return one vector (22,) for each field of :class:`_ParameterRange`, in their order."""
+    vectors = np.empty((len(_ParameterRange._fields), MOST_PARAMETERS))
+    for name, known in _KNOWN.items():
         vectors[:, PLACES[name]] = np.array(known)[:, None]
     return vectors
 

@@ -27,7 +27,7 @@ _TIMES = ("rate_time_constant", "yaw_time_constant", "thrust_time_constant")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Learned:
+class FlightEstimates:
     """The estimates over some ticks: their medians and their spread.
 
     Time constants [s] are None where the model has no lag, of which nothing is estimated; that of
@@ -43,7 +43,7 @@ class Learned:
     ticks: int
 
 
-def learned(ticks: Sequence[TickStats], given: MpcConfig) -> Learned:
+def learned(ticks: Sequence[TickStats], given: MpcConfig) -> FlightEstimates:
     """Return the estimates over ticks of the flying MPC. Raises :class:`UserError` for none.
 
     ``given`` is the configuration that it flies with.
@@ -65,11 +65,13 @@ def learned(ticks: Sequence[TickStats], given: MpcConfig) -> Learned:
     _check(scale, estimated=float(np.median(estimated)))
     times = {name: np.array([getattr(tick, f"{name}_ms") for tick in flying]) for name in _TIMES}
     lags = {name: _estimate(1e-3 * time) if time.any() else None for name, time in times.items()}
-    return Learned(thrust_scale=scale, drag=_drag(flying, given), ticks=len(flying), **lags)
+    return FlightEstimates(
+        thrust_scale=scale, drag=_drag(flying, given), ticks=len(flying), **lags
+    )
 
 
 def learned_file(
-    found: Learned,
+    found: FlightEstimates,
     given: MpcConfig,
     *,
     head: str,
@@ -108,7 +110,7 @@ def _drag_entry(found: ParameterEstimate, given: MpcConfig) -> tuple[Any, str]:
     return vehicle_file.axes_entry([_scaled(found, share) for share in shares], given.drag)
 
 
-def _rate_entry(found: Learned, given: MpcConfig) -> tuple[Any, str]:
+def _rate_entry(found: FlightEstimates, given: MpcConfig) -> tuple[Any, str]:
     """Return the lags of the rates: one number, unless yaw's is another or three are given.
 
     Roll and pitch keep their ratio.

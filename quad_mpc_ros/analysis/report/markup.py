@@ -54,7 +54,7 @@ def folded(summary: str, content: str) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Section:
+class PageSection:
     """A part of the page that links lead to by its ``key``; its parts are HTML."""
 
     key: str
@@ -79,7 +79,7 @@ def html_page(
     verdicts: Sequence[str],
     facts: Sequence[str],
     hint: str,
-    sections: Sequence[Section],
+    sections: Sequence[PageSection],
     end: str,
 ) -> str:
     """Return a page that loads nothing: its style, script and Plotly are inside.

@@ -15,7 +15,7 @@ from quad_mpc_ros.analysis.figures import panels
 from quad_mpc_ros.analysis.figures.path_figure import write_path
 from quad_mpc_ros.analysis.report import overview
 from quad_mpc_ros.analysis.report.markup import (
-    Section,
+    PageSection,
     bullets,
     folded,
     html_page,
@@ -121,12 +121,12 @@ def page(runs: Sequence[ReportedRun]) -> str:
     )
 
 
-def _section(figure: _Figure, runs: Sequence[ReportedRun]) -> Section:
+def _section(figure: _Figure, runs: Sequence[ReportedRun]) -> PageSection:
     box = _wide(figure_html(figure.draw(runs), figure.key), len(runs))
-    return Section(key=figure.key, title=figure.title, parts=[paragraph(figure.text), box])
+    return PageSection(key=figure.key, title=figure.title, parts=[paragraph(figure.text), box])
 
 
-def _paths(runs: Sequence[ReportedRun]) -> Section:
+def _paths(runs: Sequence[ReportedRun]) -> PageSection:
     """Return the pictures of the flights in space, beside each other."""
     with tempfile.TemporaryDirectory() as folder:
         pictures = [write_path(run.flight, Path(folder, "path.png")).read_bytes() for run in runs]
@@ -137,7 +137,7 @@ def _paths(runs: Sequence[ReportedRun]) -> Section:
         for run, picture in zip(runs, pictures, strict=True)
     )
     text = paragraph("Flown, coloured by speed, against the reference.")
-    return Section(key="path", title="Path in space", parts=[text, _wide(images, len(runs))])
+    return PageSection(key="path", title="Path in space", parts=[text, _wide(images, len(runs))])
 
 
 def _wide(content: str, columns: int) -> str:
@@ -165,7 +165,7 @@ def _in_words(run: ReportedRun, *, alone: bool) -> str:
         for title, sentences in run.verdict.sections.items()
     ]
     if alone:
-        return Section(key="words", title="In words", parts=lists).html
+        return PageSection(key="words", title="In words", parts=lists).html
     return folded(f"{run.name} in words", "\n".join(lists))
 
 

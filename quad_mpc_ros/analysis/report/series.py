@@ -15,7 +15,7 @@ from quad_mpc_ros.recordings.evaluation.metrics import attitude_errors, position
 
 TABLE_NAMES = ("odometry", "commands", "ticks")
 
-Columns = dict[str, NDArray[Any]]
+CsvColumns = dict[str, NDArray[Any]]
 
 
 def csv_tables(run: ReportedRun) -> dict[str, str]:
@@ -30,9 +30,9 @@ def csv_tables(run: ReportedRun) -> dict[str, str]:
     return {name: _csv(columns) for name, columns in zip(TABLE_NAMES, tables, strict=True)}
 
 
-def _odometry(run: ReportedRun) -> Columns:
+def _odometry(run: ReportedRun) -> CsvColumns:
     flight, reference = run.flight, run.flight.reference
-    columns: Columns = {
+    columns: CsvColumns = {
         "time_s": flight.time,
         "stamp_ns": flight.stamp_ns,
         **_vector("p_WB", flight.p_WB, "m"),
@@ -54,7 +54,7 @@ def _odometry(run: ReportedRun) -> Columns:
     }
 
 
-def _commands(run: ReportedRun) -> Columns:
+def _commands(run: ReportedRun) -> CsvColumns:
     commands = run.flight.commands
     return {
         "time_s": run.flight.time_of(commands.stamp_ns),
@@ -65,7 +65,7 @@ def _commands(run: ReportedRun) -> Columns:
     }
 
 
-def _vector(name: str, values: Array, unit: str = "") -> Columns:
+def _vector(name: str, values: Array, unit: str = "") -> CsvColumns:
     """Return the columns of vectors (n, 3) or quaternions (n, 4), x first."""
     ending = f"_{unit}" if unit else ""
     names = "xyzw"[: values.shape[1]]

@@ -31,8 +31,8 @@ a wide band.
 
 Each low-pass has two equal stages, because one stage leaves all of the noise of a differentiated
 position or attitude. The difference of x and y within a sample is bounded, so that one jump counts
-little. Noise beyond the bound does not average out: the mean square of the part that was cut off is
-added to that of the floor while the difference changes its sign from sample to sample.
+little. Noise beyond the bound does not average out: while the difference changes its sign from
+sample to sample, the mean square of the part that was cut off is added to that of the floor.
 """
 
 from __future__ import annotations

@@ -169,7 +169,7 @@ class Crazyswarm2Bridge(Bridge):
         calls = [stop] if self.landed(now_ns=now_ns) else [stop, stay]
         return Response(accepted=True, text="asked to hold position by itself", calls=calls)
 
-    def _see_ground(self, odometry: OdometrySample, now_ns: int) -> None:
+    def _update_ground(self, odometry: OdometrySample, now_ns: int) -> None:
         """The supervisor reports it."""
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:

@@ -86,7 +86,7 @@ class LogVariable:
     name: str
 
 
-class Reader:
+class PacketReader:
     """Takes a stream apart into its packets."""
 
     def __init__(self) -> None:

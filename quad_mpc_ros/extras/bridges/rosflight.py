@@ -37,7 +37,7 @@ from quad_mpc_ros.ros.bridges.frames import (
     flu_from_frd,
     q_enu_flu_xyzw_from_ned_frd_wxyz,
 )
-from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack, State, is_old
+from quad_mpc_ros.ros.bridges.handover import HandoverState, LatestStatus, Stack, is_old
 
 MODE_ROLLRATE_PITCHRATE_YAWRATE_THROTTLE = 1
 IGNORE_NONE = 0
@@ -135,7 +135,7 @@ class RosflightBridge(Bridge):
     )
     Config = RosflightConfig
     streams = True
-    patient = True
+    pilot_switches_mode = True
 
     def __init__(self, config: RosflightConfig, new: NewMessage) -> None:
         super().__init__(config, new)
@@ -162,9 +162,9 @@ class RosflightBridge(Bridge):
 
     def engage(self, wanted: bool, *, now_ns: int) -> Response:
         """Hand the vehicle to the MPC, unless the firmware would not follow, or take it back."""
-        obstacle = self._rc_obstacle(now_ns) if wanted else ""
-        if obstacle:
-            return Response(accepted=False, text=obstacle)
+        blocker = self._rc_blocker(now_ns) if wanted else ""
+        if blocker:
+            return Response(accepted=False, text=blocker)
         if wanted:
             self._scale_fault = ""  # it may be correct by now; the answer shows it
         response = super().engage(wanted, now_ns=now_ns)
@@ -194,7 +194,7 @@ class RosflightBridge(Bridge):
                 "TAKE_MIN_THR is 1: the pilot's throttle caps ours, so raise it fully to fly"
             )
 
-    def _rc_obstacle(self, now_ns: int) -> str:
+    def _rc_blocker(self, now_ns: int) -> str:
         """Return why the firmware would not follow, or nothing."""
         status = self._status.value(now_ns=now_ns)
         if status is None or status.failsafe:
@@ -254,7 +254,9 @@ class RosflightBridge(Bridge):
             self._capped_ns = None
         elif self._capped_ns is None:
             self._capped_ns = now_ns
-        elif now_ns - self._capped_ns > _CAPPED_NS and self._handover.state is State.ENGAGED:
+        elif (
+            now_ns - self._capped_ns > _CAPPED_NS and self._handover.state is HandoverState.ENGAGED
+        ):
             self._capped_ns = now_ns
             self._warnings.append(
                 "the pilot's throttle is lower than ours and is used (TAKE_MIN_THR): raise it"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.recordings.evaluation.crash import Crash, Motion, tilts
+from quad_mpc_ros.recordings.evaluation.crash import Crash, TrackedMotion, tilts
 from quad_mpc_ros.simulation.closed_loop import LoopStep
 from quad_mpc_ros.simulation.surroundings import Collision
 
@@ -46,7 +46,7 @@ class TruthLog:
         stamps_ns = np.array(self.stamps_ns, dtype=np.int64)
         rows = np.concatenate(self.rows).reshape(len(stamps_ns), -1)
         p, v, w, q, p_reference, q_reference = np.split(rows, [3, 6, 9, 13, 16], axis=1)
-        motion = Motion(
+        motion = TrackedMotion(
             time=1e-9 * (stamps_ns - stamps_ns[0]),
             p_WB=p,
             tilt=tilts(q),
@@ -64,7 +64,7 @@ class Truth:
     ``collision`` is what ended the flight, if anything did.
     """
 
-    motion: Motion
+    motion: TrackedMotion
     v_WB_B: Array
     w_WB_B: Array
     collision: Collision | None = None

@@ -1,5 +1,5 @@
-"""What is in the way: files and messages of it, ways around it, a sensor in simulation.
+"""Obstacles: files, messages, map, avoidance and a simulated sensor.
 
-May import ``simulation`` (shapes), ``messages``, ``control``. :mod:`.avoidance` is the guide.
-On with ``mpc.obstacles.half_spaces``, ``simulator.obstacles.file``, ``--obstacles``.
+May import ``simulation`` (shapes), ``messages`` and ``control``. :mod:`.avoidance` is the guide.
+Enabled with ``mpc.obstacles.half_spaces``, ``simulator.obstacles.file`` or ``--obstacles``.
 """

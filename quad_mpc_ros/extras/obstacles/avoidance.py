@@ -1,10 +1,10 @@
-"""Keeping clear of what is in the way: what is flown in each tick, and within which corridor.
+"""Obstacle avoidance: the window and the corridor of each control step.
 
-Where the reference, the plan and the straight way to the reference keep clear, the reference is
-flown as it is. Else a way is searched (:mod:`.search`) from where the reference is left to where
-it is rejoined (:mod:`.detour`), a guide follows it in time (:mod:`.guide`), and half-spaces
-(:mod:`.corridor`) hold the plan beside it. Where no way reaches the reference, the way ends at the
-nearest place there is, and the vehicle stops there.
+If the reference, the plan and the straight line to the reference are clear, the reference is flown
+unchanged. Otherwise a path is searched (:mod:`.search`) from the point where the reference is left
+to the point where it is rejoined (:mod:`.bypass`). A guide follows the path (:mod:`.guide`), and
+half-spaces (:mod:`.corridor`) keep the plan near the path. If no path reaches the reference, the
+vehicle stops at the nearest reachable point.
 """
 
 from __future__ import annotations
@@ -23,53 +23,53 @@ from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.ocp.plan import Plan
-from quad_mpc_ros.extras.obstacles.corridor import corridor_about
-from quad_mpc_ros.extras.obstacles.detour import (
-    AT_REST,
-    Ahead,
-    Detour,
-    detour,
+from quad_mpc_ros.extras.obstacles.bypass import (
+    REST_SPEED,
+    Bypass,
+    Preview,
+    find_bypass,
     interpolated,
     is_nearly_straight,
 )
+from quad_mpc_ros.extras.obstacles.corridor import corridor_about
 from quad_mpc_ros.extras.obstacles.guide import (
     STEP,
-    Followed,
+    GuideMotion,
     PathLimits,
-    followed,
+    follow_path,
     smoothed,
     window_of,
 )
-from quad_mpc_ros.extras.obstacles.local_map import THINNED, LocalMap
+from quad_mpc_ros.extras.obstacles.local_map import VOXEL_SIZE, LocalMap
+from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider, StaticPoints
 from quad_mpc_ros.extras.obstacles.moving import Movers
-from quad_mpc_ros.extras.obstacles.search import Workspace, search, shortened
+from quad_mpc_ros.extras.obstacles.search import SearchBuffers, search, shortened
 from quad_mpc_ros.extras.obstacles.sharing import Neighbours, Shared, shared_space
-from quad_mpc_ros.extras.obstacles.surroundings import Standing, Surroundings
 
-_LOOK = 0.1  # m, between places at which a way is looked at
-_SEARCH_MARGIN = 0.05  # m, that ways keep beyond what the plan has to
-_COMFORT = 0.3  # m, within which ways give room to what is near if they can
-_LEAST_COMFORT = 0.1  # m, of that at any speed
-_FASTEST = 10.0  # m/s: a usual speed
-_FARTHER = np.array([1.0, 1.25, 1.6, 2.0])  # resolutions of maps, over that at a usual speed
-_AGAIN_NS = 100_000_000  # after which the path is searched again
-# m, by which a place to stop has to be nearer, or a way be shorter, for another to be left.
-_SWITCH = 0.5
-_ELSEWHERE = 0.5  # m, between ways that lead past something on different sides
-_ASTRAY = 0.3  # m, that the vehicle may be away from where it is led
-# Of the speed of what moves: what its prediction is wrong by.
-_SPEED_ERROR = 0.1
-# Of what stands: how much it is elsewhere for each second since it was seen, and at most [s].
-_DRIFT, _OLDEST = 0.05, 2.0  # m/s
-_LOST = 0.3  # m/s, of neighbours whose plan is so old
-_SLOWEST = 0.3  # m/s, of ways to a reference that is not at rest
+_SAMPLE_SPACING = 0.1  # m, between checked points of a path
+_SEARCH_MARGIN = 0.05  # m, clearance of paths beyond that of the plan
+_PREFERRED_CLEARANCE = 0.3  # m, further clearance that paths keep if possible
+_MIN_PREFERRED_CLEARANCE = 0.1  # m, of that, at any speed
+_TYPICAL_SPEED = 10.0  # m/s
+_MAP_RANGE_FACTORS = np.array([1.0, 1.25, 1.6, 2.0])  # of the range at the typical speed
+_REPLAN_PERIOD_NS = 100_000_000  # between two searches
+# m, by which a new stop must be nearer, or a new path shorter.
+_MIN_IMPROVEMENT = 0.5
+_MIN_PATH_SEPARATION = 0.5  # m, between paths on different sides of an obstacle
+_MAX_TRACKING_ERROR = 0.3  # m, from the vehicle to the guide
+# Error of the predicted speed of moving obstacles, over the speed.
+_RELATIVE_SPEED_ERROR = 0.1
+# Of static obstacles: drift since their last detection [m/s], and its longest duration [s].
+_POSITION_DRIFT, _MAX_AGE = 0.05, 2.0  # m/s
+_PLAN_DRIFT = 0.3  # m/s, position error of neighbours over the age of their plan
+_MIN_SPEED = 0.3  # m/s, of paths to a moving reference
 
 
 class MovingPoints(NamedTuple):
-    """Points of surfaces that move: ``p_W`` (n, 3) [m] at the time asked for, ``v_W`` [m/s].
+    """Points on moving surfaces: ``p_W`` (n, 3) [m] at the requested time, ``v_W`` [m/s].
 
-    ``body`` (n,) says which belong to one body, which is passed on one side; ``age`` (n,) [s] is
-    the age of the last message of each.
+    ``body`` (n,) is the number of the body, which is passed on one side; ``age`` (n,) [s] that of
+    the last message.
     """
 
     p_W: Array
@@ -84,82 +84,79 @@ class MovingPoints(NamedTuple):
         return MovingPoints(empty, empty, np.zeros(0, np.int64), np.zeros(0))
 
 
-class Obstacles(Standing, Protocol):
-    """What is known of obstacles, in the frame of the odometry.
-
-    Times are stamps in nanoseconds, of the odometry's clock.
-    """
+class Obstacles(StaticPoints, Protocol):
+    """The known obstacles, in the frame of the odometry; times are its clock's stamps [ns]."""
 
     @property
     def spacing(self) -> float:
-        """How far points of a surface are apart at most [m]; 0 where they are all there is."""
+        """Greatest distance between points of a surface [m]; 0 if points are complete."""
         ...
 
     def moving(self, stamp_ns: int, *, near: Array, radius: float) -> MovingPoints:
-        """Return what moves, where it is predicted to be at a time."""
+        """Return the moving points, predicted for a time."""
         ...
 
     def age(self, stamp_ns: int) -> float:
-        """Return how old the newest of what is known of things that stand is [s]; 0 for a map."""
+        """Return the age of the newest data about static obstacles [s]; 0 for a map."""
         ...
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Take a reset of the odometry's estimator: what was seen is elsewhere now."""
+        """Apply a reset of the odometry's estimate: transform all positions."""
         ...
 
 
-class _Seen(NamedTuple):
-    """The vehicle when the command acts, and what is around it then."""
+class _Perception(NamedTuple):
+    """The vehicle and its surroundings at the time at which the command acts."""
 
     start_ns: int
     p_W: Array
     v_W: Array
-    here: LocalMap
+    map: LocalMap
     movers: Movers
-    keep: float  # m, from the centre of the vehicle to points
+    keep: float  # m, distance to keep between the vehicle's centre and points
 
 
-class _Way(NamedTuple):
-    """A way (n, 3), how fast to be along it (n,) at most, and when the reference is left for it.
+class _LocalPath(NamedTuple):
+    """A path (n, 3), speed limits along it (n,), and the time at which the reference is left.
 
-    Beyond where it arrives, if it does, it is the reference.
+    A ``complete`` path reaches the reference and continues along it.
     """
 
     points: Array
     speeds: Array
-    arrives: bool
+    complete: bool
     leave_ns: int
     found_ns: int
     revision: int
 
     @property
     def length(self) -> float:
-        """How long it is [m]."""
+        """Length [m]."""
         return _length(self.points)
 
 
-class _Lead(NamedTuple):
-    """How the guide moves from a time on."""
+class _GuideState(NamedTuple):
+    """The motion of the guide from a time on."""
 
     start_ns: int
-    motion: Followed
+    motion: GuideMotion
 
 
 class _Goal(NamedTuple):
-    """Where ways lead: to a place, from one of the reference's or at once, and on along it."""
+    """End of a path, and the bypassed part of the reference; None: leave it at once."""
 
     p_W: Array
-    ahead: Ahead
-    detour: Detour | None
+    ahead: Preview
+    find_bypass: Bypass | None
 
     @property
     def leave(self) -> float:
-        """When the reference is left [s]."""
-        return 0.0 if self.detour is None else float(self.ahead.times[self.detour.leave])
+        """Time at which the reference is left [s]."""
+        return 0.0 if self.find_bypass is None else float(self.ahead.times[self.find_bypass.leave])
 
 
 class ObstacleAvoidance(Guide):
-    """A guide around obstacles."""
+    """Guide around obstacles."""
 
     def __init__(
         self,
@@ -169,55 +166,55 @@ class ObstacleAvoidance(Guide):
         radius: float,
         neighbours: Neighbours | None = None,
     ) -> None:
-        """``radius`` [m] is that of a ball about the vehicle, and about each neighbour."""
+        """``radius`` [m] of the bounding sphere of the vehicle, and of each neighbour."""
         self._obstacles, self._radius = obstacles, radius
         self._neighbours = neighbours
-        self.surroundings = Surroundings(obstacles)
-        self._way: _Way | None = None
-        self._lead: _Lead | None = None
-        self._workspace = Workspace.of(0)
+        self.surroundings = LocalMapProvider(obstacles)
+        self._path: _LocalPath | None = None
+        self._guide_state: _GuideState | None = None
+        self._search_buffers = SearchBuffers.of(0)
         _compile()
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over changed live parameters."""
+        """Apply changed live parameters."""
         self._config, self._own = config, config.obstacles
         self._delay_ns = round(config.input_delay * 1e9)
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Forget obstacles, and the way around them, in the coordinates before."""
+        """Discard map and path, which are in the old coordinates."""
         self._obstacles.reset_estimate(reset)
         self.surroundings.forget()
-        self._way = self._lead = None
+        self._path = self._guide_state = None
 
     def guide(
         self, odometry: OdometrySample, window: ReferenceWindow, plan: Plan | None
     ) -> Guided:
-        """Return what to fly from an odometry on, given the last plan."""
-        seen = self._look(odometry)
-        clearance = self._clearance(odometry.p_WB, seen)
-        own = self._planned(seen, plan)
-        shared = self._shared(seen, own)
-        if not math.isfinite(clearance) or self._is_free(seen, window, plan):
-            self._way = self._lead = None
+        """Return window and corridor for an odometry, given the last plan."""
+        view = self._perceive(odometry)
+        clearance = self._clearance(odometry.p_WB, view)
+        own = self._planned(view, plan)
+        shared = self._shared(view, own)
+        if not math.isfinite(clearance) or self._is_free(view, window, plan):
+            self._path = self._guide_state = None
             if shared is None:
                 return Guided(window, None, Avoidance("free", "", clearance))
-            beside = Avoidance("around", "a neighbour is near", clearance)
-            return Guided(window, self._corridor(seen, own, shared), beside)
-        goal = self._goal(seen, window)
-        way = self._way = self._found(seen, goal)
-        motion = self._motion(seen, way, goal.ahead)
-        corridor = self._corridor(seen, self._along(way, motion), shared)
+            avoidance = Avoidance("around", "a neighbour is near", clearance)
+            return Guided(window, self._corridor(view, own, shared), avoidance)
+        goal = self._goal(view, window)
+        path = self._path = self._select_path(view, goal)
+        motion = self._motion(view, path, goal.ahead)
+        corridor = self._corridor(view, self._along(path, motion), shared)
         state, reason = "around", "the reference is not clear"
-        if not way.arrives:
-            away = _apart(way.points[-1], goal.p_W)
+        if not path.complete:
+            away = _distance(path.points[-1], goal.p_W)
             state, reason = "stopped", f"no way leads nearer to the reference than {away:.1f} m"
-        flown = window_of(motion, window, start_ns=seen.start_ns, gravity=self._config.gravity)
+        flown = window_of(motion, window, start_ns=view.start_ns, gravity=self._config.gravity)
         return Guided(flown, corridor, Avoidance(state, reason, clearance))
 
-    # --- what is around
+    # --- perception
 
-    def _look(self, odometry: OdometrySample) -> _Seen:
+    def _perceive(self, odometry: OdometrySample) -> _Perception:
         R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
         v_W = R_WB @ odometry.v_WB_B
         p_W = odometry.p_WB + 1e-9 * self._delay_ns * v_W
@@ -225,186 +222,190 @@ class ObstacleAvoidance(Guide):
         moving = obstacles.moving(stamp_ns + self._delay_ns, near=p_W, radius=own.range)
         speeds = np.linalg.norm(moving.v_W, axis=1)
         keep = self._radius + own.margin + own.margin_growth * float(np.linalg.norm(v_W))
-        keep += _DRIFT * min(obstacles.age(stamp_ns), _OLDEST)
+        keep += _POSITION_DRIFT * min(obstacles.age(stamp_ns), _MAX_AGE)
         movers = Movers(
             np.ascontiguousarray(moving.p_W),
             np.ascontiguousarray(moving.v_W),
-            keep + _SPEED_ERROR * speeds * moving.age,
-            _SPEED_ERROR * float(speeds.max(initial=0.0)),
+            keep + _RELATIVE_SPEED_ERROR * speeds * moving.age,
+            _RELATIVE_SPEED_ERROR * float(speeds.max(initial=0.0)),
             moving.body,
         )
-        # A surface may be nearer than the points that are known of it.
-        spacing = max(obstacles.spacing, THINNED)
+        # A surface may be nearer than its sampled points.
+        spacing = max(obstacles.spacing, VOXEL_SIZE)
         keep += math.hypot(keep, 0.5 * math.sqrt(2.0) * spacing) - keep
-        here = self.surroundings.at(p_W, stamp_ns, radius=own.range, far=self._far(keep))
-        return _Seen(
+        local_map = self.surroundings.at(
+            p_W, stamp_ns, radius=own.range, far=self._map_range(keep)
+        )
+        return _Perception(
             start_ns=stamp_ns + self._delay_ns,
             p_W=p_W,
             v_W=v_W,
-            here=here,
+            map=local_map,
             movers=movers,
             keep=keep,
         )
 
-    def _far(self, keep: float) -> float:
-        """Return up to which distance from points the map resolves places [m].
+    def _map_range(self, keep: float) -> float:
+        """Return the greatest distance that the map must resolve [m].
 
-        As far as paths keep from what is near at usual speeds, however old it is; further where
-        more than that is kept now, in steps, so that a map serves for many ticks.
+        It is the clearance of paths at the typical speed and the oldest data, or more, in steps,
+        so that a map is valid for many control steps.
         """
-        most = self._own.margin_growth * _FASTEST + _DRIFT * _OLDEST
-        usual = self._radius + self._own.margin + most + _COMFORT
-        needed = keep + _SEARCH_MARGIN + _LEAST_COMFORT
-        return next((far for far in usual * _FARTHER if far >= needed), 2.0 * usual)
+        most = self._own.margin_growth * _TYPICAL_SPEED + _POSITION_DRIFT * _MAX_AGE
+        usual = self._radius + self._own.margin + most + _PREFERRED_CLEARANCE
+        needed = keep + _SEARCH_MARGIN + _MIN_PREFERRED_CLEARANCE
+        return next((far for far in usual * _MAP_RANGE_FACTORS if far >= needed), 2.0 * usual)
 
-    def _clearance(self, p_W: Array, seen: _Seen) -> float:
-        """Return how far the vehicle's surface is from the nearest point [m]."""
-        nearest = float(seen.here.distances(p_W[None])[0])
-        movers = seen.movers
+    def _clearance(self, p_W: Array, view: _Perception) -> float:
+        """Return the distance from the vehicle's surface to the nearest point [m]."""
+        nearest = float(view.map.distances(p_W[None])[0])
+        movers = view.movers
         if len(movers.keep):
             apart = np.linalg.norm(movers.p_W - p_W, axis=1)
             balls = movers.keep - (self._radius + self._own.margin)
             nearest = min(nearest, float((apart - balls).min()))
         return nearest - self._radius
 
-    def _is_free(self, seen: _Seen, window: ReferenceWindow, plan: Plan | None) -> bool:
-        """Whether the reference can be flown as it is."""
-        since = (window.stamp_ns - seen.start_ns) * 1e-9
+    def _is_free(self, view: _Perception, window: ReferenceWindow, plan: Plan | None) -> bool:
+        """Return whether the reference can be flown unchanged."""
+        since = (window.stamp_ns - view.start_ns) * 1e-9
         times = np.arange(0.0, self._horizon + 1e-9, STEP)
         offsets = window.offset_ns * 1e-9 + since
         reference = interpolated(times, offsets, window.p_WB)
-        # The vehicle does not fly further in the horizon than it can.
-        fastest = max(float(np.linalg.norm(seen.v_W)), self._own.speed_max)
+        # The vehicle flies at most this far within the horizon.
+        fastest = max(float(np.linalg.norm(view.v_W)), self._own.speed_max)
         reach = self._horizon * fastest
         ends = [reference[0]]
         bends = not is_nearly_straight(reference)
-        if not bends or _apart(seen.p_W, reference[0]) > _ASTRAY:
+        if not bends or _distance(view.p_W, reference[0]) > _MAX_TRACKING_ERROR:
             ends.append(reference[-1])
-        straight = [_between(seen.p_W, end, reach) for end in ends]
-        places = [_filled(reference), *straight]
+        straight = [_sampled_line(view.p_W, end, reach) for end in ends]
+        places = [_densified(reference), *straight]
         if plan is not None:
-            elapsed = (seen.start_ns - plan.stamp_ns) * 1e-9
+            elapsed = (view.start_ns - plan.stamp_ns) * 1e-9
             at = plan.step * np.arange(len(plan.p_WB)) - elapsed
             places.append(interpolated(times, at, plan.p_WB))
-        if not seen.here.are_clear(np.vstack(places), seen.keep).all():
+        if not view.map.are_clear(np.vstack(places), view.keep).all():
             return False
         planned = places[1 + len(ends) :]
-        return not any(seen.movers.meet(times, place) for place in (reference, *planned))
+        return not any(view.movers.meet(times, place) for place in (reference, *planned))
 
     @property
     def _horizon(self) -> float:
         return self._config.horizon_steps * self._config.horizon_step
 
-    # --- a way around
+    # --- path
 
-    def _goal(self, seen: _Seen, window: ReferenceWindow) -> _Goal:
-        """Return where to rejoin the reference, or where to come nearer to it."""
-        ahead = Ahead.of(window, seen.start_ns)
-        near = np.linalg.norm(ahead.p_W - seen.p_W, axis=1) < self._seen_well
-        around = detour(
+    def _goal(self, view: _Perception, window: ReferenceWindow) -> _Goal:
+        """Return the point at which to rejoin the reference, or one nearer to it."""
+        ahead = Preview.of(window, view.start_ns)
+        near = np.linalg.norm(ahead.p_W - view.p_W, axis=1) < self._search_range
+        around = find_bypass(
             ahead,
-            seen.here.are_clear(ahead.p_W, seen.keep + _SEARCH_MARGIN),
+            view.map.are_clear(ahead.p_W, view.keep + _SEARCH_MARGIN),
             near,
             speed_max=self._own.speed_max,
-            astray=_apart(seen.p_W, ahead.p_W[0]) > _ASTRAY,
+            astray=_distance(view.p_W, ahead.p_W[0]) > _MAX_TRACKING_ERROR,
         )
         if around is not None:
             return _Goal(ahead.p_W[around.rejoin], ahead, around)
-        to_reference = ahead.p_W[0] - seen.p_W
+        to_reference = ahead.p_W[0] - view.p_W
         distance = max(float(np.linalg.norm(to_reference)), 1e-6)
-        shortened_to = min(distance, self._seen_well) / distance
-        return _Goal(seen.p_W + shortened_to * to_reference, ahead, None)
+        shortened_to = min(distance, self._search_range) / distance
+        return _Goal(view.p_W + shortened_to * to_reference, ahead, None)
 
     @property
-    def _seen_well(self) -> float:
-        """How far away ways lead [m]."""
+    def _search_range(self) -> float:
+        """Greatest distance to the end of a path [m]."""
         return self._own.range - 0.5
 
-    def _found(self, seen: _Seen, goal: _Goal) -> _Way:
-        """Return the way of before where it will do, else one that is searched."""
-        way, keep = self._way, seen.keep + _SEARCH_MARGIN
-        if way is not None and seen.start_ns - way.found_ns < _AGAIN_NS:
-            if way.revision == seen.here.revision:
-                return way
-            if seen.here.are_clear(way.points, seen.keep).all():
-                return way
-        found = self._searched(seen, goal)
-        kept = None if way is None or not way.arrives else self._prolonged(seen, way, goal)
+    def _select_path(self, view: _Perception, goal: _Goal) -> _LocalPath:
+        """Return the previous path if it is still valid, else a new one."""
+        path, keep = self._path, view.keep + _SEARCH_MARGIN
+        if path is not None and view.start_ns - path.found_ns < _REPLAN_PERIOD_NS:
+            if path.revision == view.map.revision:
+                return path
+            if view.map.are_clear(path.points, view.keep).all():
+                return path
+        found = self._search_path(view, goal)
+        kept = None if path is None or not path.complete else self._extended(view, path, goal)
         if kept is not None and _is_worse(found, kept):
             return kept
-        if way is not None and not (found.arrives or way.arrives):
-            # Of places as near to the reference it stays with the one that it has.
-            before = way.points[-1]
-            nearer = _apart(before, goal.p_W) - _apart(found.points[-1], goal.p_W)
-            if nearer < _SWITCH and seen.here.are_clear(before[None], keep).all():
-                there = self._searched(seen, _Goal(before, goal.ahead, None))
-                found = there._replace(arrives=False)
+        if path is not None and not (found.complete or path.complete):
+            # Keep the previous stop unless the new one is clearly nearer.
+            before = path.points[-1]
+            nearer = _distance(before, goal.p_W) - _distance(found.points[-1], goal.p_W)
+            if nearer < _MIN_IMPROVEMENT and view.map.are_clear(before[None], keep).all():
+                there = self._search_path(view, _Goal(before, goal.ahead, None))
+                found = there._replace(complete=False)
         return found
 
-    def _prolonged(self, seen: _Seen, way: _Way, goal: _Goal) -> _Way | None:
-        """Return what is left of a way, and straight on to the goal of now.
+    def _extended(self, view: _Perception, path: _LocalPath, goal: _Goal) -> _LocalPath | None:
+        """Return the rest of a path, extended straight to the present goal.
 
-        None if it is not clear, and beside what moves, for which ways are searched by the time.
+        None if it is not clear. None near moving obstacles, for which search considers the time.
         """
-        if goal.detour is None or goal.detour.leave > 0 or len(seen.movers.keep) > 0:
+        if goal.find_bypass is None or goal.find_bypass.leave > 0 or len(view.movers.keep) > 0:
             return None
         nearest, last = (
-            int(np.linalg.norm(way.points - place, axis=1).argmin())
-            for place in (seen.p_W, goal.p_W)
+            int(np.linalg.norm(path.points - place, axis=1).argmin())
+            for place in (view.p_W, goal.p_W)
         )
-        corners = np.vstack([seen.p_W, way.points[nearest + 1 : last + 1], goal.p_W])
-        # Where ways are rounded they come nearer than they were found.
-        if not seen.here.are_clear(smoothed(corners), seen.keep - _SEARCH_MARGIN).all():
+        corners = np.vstack([view.p_W, path.points[nearest + 1 : last + 1], goal.p_W])
+        # Rounded corners have less clearance than the search.
+        if not view.map.are_clear(smoothed(corners), view.keep - _SEARCH_MARGIN).all():
             return None
-        return self._way_through(seen, goal, corners, arrives=True)
+        return self._path_through(view, goal, corners, complete=True)
 
-    def _searched(self, seen: _Seen, goal: _Goal) -> _Way:
-        """Return a way that is searched."""
-        start, leave = seen.p_W, goal.leave
-        if goal.detour is not None and leave > 0.0:
-            start = goal.ahead.p_W[goal.detour.leave]
-        corners, arrives = self._corners(seen, start, goal.p_W, seen.movers.after(leave))
-        return self._way_through(seen, goal, corners, arrives=arrives)
+    def _search_path(self, view: _Perception, goal: _Goal) -> _LocalPath:
+        """Return a new path."""
+        start, leave = view.p_W, goal.leave
+        if goal.find_bypass is not None and leave > 0.0:
+            start = goal.ahead.p_W[goal.find_bypass.leave]
+        corners, complete = self._corners(view, start, goal.p_W, view.movers.after(leave))
+        return self._path_through(view, goal, corners, complete=complete)
 
-    def _way_through(self, seen: _Seen, goal: _Goal, corners: Array, *, arrives: bool) -> _Way:
-        """Return the way through corners (n, 3), and along the reference if it arrives there."""
-        fastest, on = self._own.speed_max, goal.ahead.part(0, 0)
-        if arrives and goal.detour is not None:
-            on = self._beyond(seen, goal.ahead, goal.detour.rejoin)
-            there = float(on.speeds[0])
+    def _path_through(
+        self, view: _Perception, goal: _Goal, corners: Array, *, complete: bool
+    ) -> _LocalPath:
+        """Return the path through corners (n, 3), continued along the reference if complete."""
+        fastest, onward = self._own.speed_max, goal.ahead.part(0, 0)
+        if complete and goal.find_bypass is not None:
+            onward = self._reference_after(view, goal.ahead, goal.find_bypass.rejoin)
+            there = float(onward.speeds[0])
             fastest = max(fastest, there)
-            if there > AT_REST:  # no sooner than the reference is there
-                time = max(float(on.times[0]) - goal.leave, 1e-3)
-                fastest = min(fastest, max(_length(corners) / time, _SLOWEST))
-        points = smoothed(np.vstack([corners, on.p_W[1:]]))
-        return _Way(
+            if there > REST_SPEED:  # arrive no sooner than the reference
+                time = max(float(onward.times[0]) - goal.leave, 1e-3)
+                fastest = min(fastest, max(_length(corners) / time, _MIN_SPEED))
+        points = smoothed(np.vstack([corners, onward.p_W[1:]]))
+        return _LocalPath(
             points,
-            _speeds_of(points, corners, fastest, on),
-            arrives,
-            seen.start_ns + round(1e9 * goal.leave),
-            seen.start_ns,
-            seen.here.revision,
+            _speeds_of(points, corners, fastest, onward),
+            complete,
+            view.start_ns + round(1e9 * goal.leave),
+            view.start_ns,
+            view.map.revision,
         )
 
-    def _beyond(self, seen: _Seen, ahead: Ahead, rejoin: int) -> Ahead:
-        """Return the reference from where it is rejoined on, as far as it is known and clear."""
-        on = ahead.p_W[rejoin + 1 : ahead.known]
-        clear = seen.here.are_clear(on, seen.keep + _SEARCH_MARGIN)
-        clear &= np.linalg.norm(on - seen.p_W, axis=1) < self._seen_well
+    def _reference_after(self, view: _Perception, ahead: Preview, rejoin: int) -> Preview:
+        """Return the reference after the point of rejoining, as far as known and clear."""
+        onward = ahead.p_W[rejoin + 1 : ahead.known]
+        clear = view.map.are_clear(onward, view.keep + _SEARCH_MARGIN)
+        clear &= np.linalg.norm(onward - view.p_W, axis=1) < self._search_range
         ends = np.flatnonzero(~clear)
-        return ahead.part(rejoin, rejoin + 1 + int(ends[0] if len(ends) else len(on)))
+        return ahead.part(rejoin, rejoin + 1 + int(ends[0] if len(ends) else len(onward)))
 
     def _corners(
-        self, seen: _Seen, start: Array, goal: Array, movers: Movers
+        self, view: _Perception, start: Array, goal: Array, movers: Movers
     ) -> tuple[Array, bool]:
-        """Return the corners (n, 3) of a way between places, and whether it arrives."""
-        grid = seen.here.grid
-        keep = min(seen.keep + _SEARCH_MARGIN, grid.far - _LEAST_COMFORT)
-        speed = max(float(np.linalg.norm(seen.v_W)), 1.0)
+        """Return the corners (n, 3) of a path between points, and whether it is complete."""
+        grid = view.map.grid
+        keep = min(view.keep + _SEARCH_MARGIN, grid.far - _MIN_PREFERRED_CLEARANCE)
+        speed = max(float(np.linalg.norm(view.v_W)), 1.0)
         floor = min(self._own.floor, float(start[2]), float(goal[2]))
-        if len(self._workspace.cost) != grid.distances.size:
-            self._workspace = Workspace.of(grid.distances.size)
-        cells, arrives = search(
+        if len(self._search_buffers.cost) != grid.distances.size:
+            self._search_buffers = SearchBuffers.of(grid.distances.size)
+        cells, complete = search(
             grid,
             start=start,
             goal=goal,
@@ -412,175 +413,176 @@ class ObstacleAvoidance(Guide):
             floor=floor - 0.1,
             speed=speed,
             movers=movers,
-            workspace=self._workspace,
+            workspace=self._search_buffers,
         )
         cells[0] = start
-        if arrives:
+        if complete:
             cells = np.vstack([cells, goal]) if len(cells) == 1 else cells
             cells[-1] = goal
         if len(cells) > 2:
             cells = shortened(grid, cells, keep, speed, movers)
-        return cells, arrives
+        return cells, complete
 
-    def _motion(self, seen: _Seen, way: _Way, ahead: Ahead) -> Followed:
-        """Return how the guide flies the reference until it is left, and follows a way then."""
+    def _motion(self, view: _Perception, path: _LocalPath, ahead: Preview) -> GuideMotion:
+        """Return the guide's motion along the reference, then along the path."""
         hardest = max(self._own.acceleration, ahead.acceleration)
-        limits = PathLimits(way.speeds, hardest)
+        limits = PathLimits(path.speeds, hardest)
         duration = self._horizon + 5 * STEP
-        count = max(math.ceil((way.leave_ns - seen.start_ns) * 1e-9 / STEP), 0)
+        count = max(math.ceil((path.leave_ns - view.start_ns) * 1e-9 / STEP), 0)
         if count == 0:
-            p_W, v_W = self._led(seen)
-            motion = followed(way.points, limits, p_W=p_W, v_W=v_W, duration=duration)
+            p_W, v_W = self._guide_position(view)
+            motion = follow_path(path.points, limits, p_W=p_W, v_W=v_W, duration=duration)
         else:
             p_W, v_W = ahead.at(np.linspace(0.0, STEP * count, count + 1))
             rest = max(duration - count * STEP, STEP)
-            then = followed(way.points, limits, p_W=p_W[-1], v_W=v_W[-1], duration=rest)
+            then = follow_path(path.points, limits, p_W=p_W[-1], v_W=v_W[-1], duration=rest)
             motion = then.after(p_W[:-1], v_W[:-1])
-        self._lead = _Lead(seen.start_ns, motion)
+        self._guide_state = _GuideState(view.start_ns, motion)
         return motion
 
-    def _led(self, seen: _Seen) -> tuple[Array, Array]:
-        """Return where the guide has come to since the last tick, and how fast it is.
+    def _guide_position(self, view: _Perception) -> tuple[Array, Array]:
+        """Return the present position and velocity of the guide.
 
-        Where the vehicle is, if that is too far away from it.
+        If the vehicle is too far away from the guide, they are those of the vehicle.
         """
-        if self._lead is not None:
-            since = (seen.start_ns - self._lead.start_ns) * 1e-9
-            motion = self._lead.motion
+        if self._guide_state is not None:
+            since = (view.start_ns - self._guide_state.start_ns) * 1e-9
+            motion = self._guide_state.motion
             at = STEP * np.arange(len(motion.p_W))
             now = np.array([since])
             p_W = interpolated(now, at, motion.p_W)[0]
             v_W = interpolated(now, at, motion.v_W)[0]
-            if since < at[-1] and _apart(p_W, seen.p_W) < _ASTRAY:
+            if since < at[-1] and _distance(p_W, view.p_W) < _MAX_TRACKING_ERROR:
                 return p_W, v_W
-        return seen.p_W, seen.v_W
+        return view.p_W, view.v_W
 
-    # --- where the plan may be
+    # --- corridor
 
     @property
     def _times(self) -> Array:
-        """The times of the stages' ends, and of the beginning (N + 1,) [s]."""
+        """The times of the N + 1 stages [s]."""
         config = self._config
         return np.asarray(config.horizon_step * np.arange(config.horizon_steps + 1), float)
 
-    def _along(self, way: _Way, motion: Followed) -> Array:
-        """Return the places (N + 1, 3) that the guide has come to at the stages' ends."""
-        places = np.vstack([motion.p_W[: motion.before], way.points])
+    def _along(self, path: _LocalPath, motion: GuideMotion) -> Array:
+        """Return the points of the path (N + 1, 3) that the guide reaches at the stages."""
+        places = np.vstack([motion.p_W[: motion.before], path.points])
         along = np.interp(self._times, STEP * np.arange(len(motion.along)), motion.along)
         return interpolated(along, np.arange(len(places)), places)
 
-    def _planned(self, seen: _Seen, plan: Plan | None) -> Array:
-        """Return where the plan of before is at the stages' ends; straight on without one."""
+    def _planned(self, view: _Perception, plan: Plan | None) -> Array:
+        """Return the previous plan (N + 1, 3) at the stages; without a plan a straight line."""
         if plan is None:
-            return seen.p_W + self._times[:, None] * seen.v_W
-        since = (seen.start_ns - plan.stamp_ns) * 1e-9
+            return view.p_W + self._times[:, None] * view.v_W
+        since = (view.start_ns - plan.stamp_ns) * 1e-9
         at = plan.step * np.arange(len(plan.p_WB)) - since
         return interpolated(self._times, at, plan.p_WB)
 
-    def _shared(self, seen: _Seen, own_W: Array) -> Shared | None:
-        """Return this vehicle's half of the space between its plan and neighbours'."""
+    def _shared(self, view: _Perception, own_W: Array) -> Shared | None:
+        """Return the half-spaces between this vehicle's plan and its neighbours' plans."""
         if self._neighbours is None:
             return None
-        stamps_ns = [seen.start_ns + round(1e9 * time) for time in self._times[1:]]
+        stamps_ns = [view.start_ns + round(1e9 * time) for time in self._times[1:]]
         plans = self._neighbours.plans(stamps_ns)
         if len(plans.p_W) == 0:
             return None
-        keep = 2.0 * self._radius + self._own.margin + _LOST * np.minimum(plans.age, _OLDEST)
+        drift = _PLAN_DRIFT * np.minimum(plans.age, _MAX_AGE)
+        keep = 2.0 * self._radius + self._own.margin + drift
         return shared_space(own_W[1:], plans, keep=keep, heights_count=1.0 / self._own.downwash)
 
-    def _corridor(self, seen: _Seen, guide: Array, shared: Shared | None) -> Corridor:
-        """Return half-spaces about places (N + 1, 3): of neighbours, of what moves and stands."""
+    def _corridor(self, view: _Perception, guide: Array, shared: Shared | None) -> Corridor:
+        """Return half-spaces around a path (N + 1, 3): neighbours, moving, static obstacles."""
         config, rows, used = self._config, self._own.half_spaces, 0
         normals = np.zeros((config.horizon_steps, rows, 3))
         offsets = np.full((config.horizon_steps, rows), np.inf)
         if shared is not None:
-            most = rows if len(seen.here.points) == 0 else (rows + 1) // 2
+            most = rows if len(view.map.points) == 0 else (rows + 1) // 2
             used = min(shared.offsets.shape[1], most)
             normals[:, :used] = shared.normals[:, :used]
             offsets[:, :used] = shared.offsets[:, :used]
-        used += seen.movers.write_half_spaces(
+        used += view.movers.write_half_spaces(
             self._times[1:], guide[1:], normals=normals[:, used:], offsets=offsets[:, used:]
         )
-        still, bounds = corridor_about(guide, seen.here.points, radius=seen.keep, rows=rows - used)
+        still, bounds = corridor_about(guide, view.map.points, radius=view.keep, rows=rows - used)
         normals[:, used:], offsets[:, used:] = still, bounds
         return Corridor(
-            stamp_ns=seen.start_ns, step=config.horizon_step, normals=normals, offsets=offsets
+            stamp_ns=view.start_ns, step=config.horizon_step, normals=normals, offsets=offsets
         )
 
 
 @functools.cache
 def _compile() -> None:
-    """Compile what is called in a tick, which in the air has no time for it."""
+    """Compile all functions of a control step."""
     points = np.array([[0.5, 0.0, 0.0]])
-    here = LocalMap(points, centre=np.zeros(3), radius=1.0, far=0.8, revision=0)
+    local_map = LocalMap(points, centre=np.zeros(3), radius=1.0, far=0.8, revision=0)
     goal = np.array([0.8, 0.0, 0.0])
-    way, _ = search(
-        here.grid,
+    path, _ = search(
+        local_map.grid,
         start=np.zeros(3),
         goal=goal,
         keep=0.3,
         floor=-1.0,
         speed=1.0,
         movers=Movers.none(),
-        workspace=Workspace.of(here.grid.distances.size),
+        workspace=SearchBuffers.of(local_map.grid.distances.size),
     )
-    corners = smoothed(shortened(here.grid, way, 0.3, 1.0, Movers.none()))
+    corners = smoothed(shortened(local_map.grid, path, 0.3, 1.0, Movers.none()))
     limits = PathLimits(np.ones(len(corners)), 1.0)
-    motion = followed(corners, limits, p_W=np.zeros(3), v_W=np.zeros(3), duration=0.2)
+    motion = follow_path(corners, limits, p_W=np.zeros(3), v_W=np.zeros(3), duration=0.2)
     window_of(motion, ReferenceWindow.hover(goal), start_ns=0, gravity=9.81)
     corridor_about(np.vstack([np.zeros(3), goal]), points, radius=0.3, rows=2)
 
 
-def _is_worse(way: _Way, kept: _Way) -> bool:
-    """Whether a way ends before the goal, or leads elsewhere and is not worth to turn for."""
-    if not way.arrives:
+def _is_worse(path: _LocalPath, kept: _LocalPath) -> bool:
+    """Return whether a path is incomplete, or on another side without being clearly shorter."""
+    if not path.complete:
         return True
-    if way.length < kept.length - _SWITCH:
+    if path.length < kept.length - _MIN_IMPROVEMENT:
         return False
-    apart = np.linalg.norm(way.points[:, None] - kept.points, axis=2).min(axis=1)
-    return bool(apart.max() > _ELSEWHERE)
+    apart = np.linalg.norm(path.points[:, None] - kept.points, axis=2).min(axis=1)
+    return bool(apart.max() > _MIN_PATH_SEPARATION)
 
 
 def _length(places: Array) -> float:
-    """Return how long the way through places (n, 3) is [m]."""
+    """Return the length of a path (n, 3) [m]."""
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
 
-def _apart(place: Array, other: Array) -> float:
-    """Return the distance of two places (3,) [m]."""
+def _distance(place: Array, other: Array) -> float:
+    """Return the distance between two points (3,) [m]."""
     return float(np.linalg.norm(place - other))
 
 
-def _speeds_of(points: Array, corners: Array, fastest: float, on: Ahead) -> Array:
-    """Return how fast to be (n,) along a way: between corners, and where it is the reference.
+def _speeds_of(points: Array, corners: Array, fastest: float, onward: Preview) -> Array:
+    """Return the speed limits (n,) along a path and its continuation on the reference.
 
-    Where it ends without the reference it is to stop.
+    The speed is 0 at the end of a path that does not reach the reference.
     """
-    lengths = np.linalg.norm(np.diff(np.vstack([corners, on.p_W[1:]]), axis=0), axis=1)
+    lengths = np.linalg.norm(np.diff(np.vstack([corners, onward.p_W[1:]]), axis=0), axis=1)
     along = np.concatenate(([0.0], np.cumsum(lengths)))
     rejoined = along[len(corners) - 1 :]
     at = np.linspace(0.0, along[-1], len(points))
     speeds = np.full(len(points), fastest)
-    if len(on.times) == 0:
+    if len(onward.times) == 0:
         speeds[-1] = 0.0
         return speeds
     beyond = at > rejoined[0]
-    speeds[beyond] = np.interp(at[beyond], rejoined, on.speeds)
-    last = float(on.speeds[-1])
-    speeds[-1] = min(speeds[-1], last if last > AT_REST else 0.0)
+    speeds[beyond] = np.interp(at[beyond], rejoined, onward.speeds)
+    last = float(onward.speeds[-1])
+    speeds[-1] = min(speeds[-1], last if last > REST_SPEED else 0.0)
     return speeds
 
 
-def _filled(places: Array) -> Array:
-    """Return places (n, 3) with those of straight ways where they jump."""
-    jumps = np.flatnonzero(np.linalg.norm(np.diff(places, axis=0), axis=1) > 4.0 * _LOOK)
-    ways = [_between(places[k], places[k + 1], math.inf) for k in jumps]
+def _densified(places: Array) -> Array:
+    """Return points (n, 3) with samples of straight lines in gaps."""
+    jumps = np.flatnonzero(np.linalg.norm(np.diff(places, axis=0), axis=1) > 4.0 * _SAMPLE_SPACING)
+    ways = [_sampled_line(places[k], places[k + 1], math.inf) for k in jumps]
     return np.vstack([places, *ways])
 
 
-def _between(start: Array, end: Array, reach: float) -> Array:
-    """Return places (n, 3) on the straight way from one to another, as far as it reaches."""
+def _sampled_line(start: Array, end: Array, reach: float) -> Array:
+    """Return points (n, 3) on the line between two points, up to a length ``reach`` [m]."""
     distance = float(np.linalg.norm(end - start))
     share = min(1.0, reach / max(distance, 1e-9))
-    count = max(math.ceil(share * distance / _LOOK), 1) + 1
+    count = max(math.ceil(share * distance / _SAMPLE_SPACING), 1) + 1
     return start + np.linspace(0.0, share, count)[:, None] * (end - start)

@@ -1,4 +1,4 @@
-"""The points of clouds: scans that are forgotten after a time, or a map that stays."""
+"""Points of clouds: scans that expire after a time, or a map that stays."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from quad_mpc_ros.extras.obstacles.frames import Frames, Pose
 from quad_mpc_ros.extras.obstacles.voxels import Points, VoxelMap, local_origin
 from quad_mpc_ros.messages.point_cloud import PointCloud
 
-_LATE = 1.0  # s before the newest odometry
+_MAX_SCAN_AGE = 1.0  # s before the newest odometry
 
 
 class Placement(NamedTuple):
-    """How the points of a cloud become those of the world.
+    """The transform from the points of a cloud to those of the world.
 
-    ``pose`` is that of the cloud's frame, and ``body`` (3,) [m] the vehicle, relative to
+    ``pose`` of the cloud's frame and position ``body`` (3,) [m] of the vehicle are relative to
     ``origin`` (3,) [m].
     """
 
@@ -31,9 +31,9 @@ class Placement(NamedTuple):
 
 
 class Clouds:
-    """The points of clouds, 32-bit and relative to ``origin`` (3,) [m].
+    """The points of clouds as 32-bit numbers relative to ``origin`` (3,) [m].
 
-    The origin is near the vehicle when the first cloud comes.
+    The origin is near the vehicle at the first cloud.
     """
 
     def __init__(self, config: ObstacleParameters, frames: Frames) -> None:
@@ -43,16 +43,16 @@ class Clouds:
         self._newest_ns: int | None = None
         self.origin = np.zeros(3)
         self.revision = 0
-        """A number that grows with what is known."""
+        """A number that increases with each change."""
 
     @property
-    def is_heard(self) -> bool:
-        """Whether a cloud has come."""
+    def has_cloud(self) -> bool:
+        """Whether a cloud was received."""
         return self._newest_ns is not None
 
     @property
     def points(self) -> Points:
-        """The points (n, 3) [m], relative to ``origin``; another array after each change."""
+        """The points (n, 3) [m] relative to ``origin``; a new array after each change."""
         return self._voxels.points
 
     @property
@@ -60,32 +60,32 @@ class Clouds:
         return self._config.clouds == "map"
 
     def placement(self, cloud: PointCloud) -> Placement:
-        """Return where to place a cloud. Raises ``ValueError`` if it is of no use.
+        """Return the placement of a cloud. Raises ``ValueError`` if it cannot be used.
 
-        A scan has to be stamped within a second before the newest odometry; of a map the stamp
-        does not count.
+        The stamp of a scan must be at most a second before the newest odometry; that of a map is
+        ignored.
         """
         newest_ns = self._frames.newest_ns
         if newest_ns is None:
-            raise ValueError("a cloud, and no odometry yet, by which it could be placed")
+            raise ValueError("a cloud without odometry: its position is unknown")
         late = 1e-9 * (newest_ns - cloud.stamp_ns)
-        if late > _LATE and not self._is_map:
+        if late > _MAX_SCAN_AGE and not self._is_map:
             raise ValueError(f"a cloud stamped {late:.3f} s before the newest odometry")
-        stamp_ns = newest_ns if self._is_map and abs(late) > _LATE else cloud.stamp_ns
+        stamp_ns = newest_ns if self._is_map and abs(late) > _MAX_SCAN_AGE else cloud.stamp_ns
         pose = self._frames.pose(cloud.frame_id, stamp_ns)
         body = self._frames.body_pose(newest_ns if self._is_map else stamp_ns).p
-        origin = self.origin if self.is_heard else local_origin(body)
+        origin = self.origin if self.has_cloud else local_origin(body)
         return Placement(stamp_ns, pose._replace(p=pose.p - origin), body - origin, origin)
 
     def placed(self, cloud: PointCloud, placement: Placement) -> Points:
-        """Return the points of a cloud, those of a scan within range; changes nothing."""
+        """Return the transformed points of a cloud, of a scan within range only."""
         points = placement.pose.applied(cloud.p_SQ)
         if not self._is_map:
             points = points[_within(points, placement.body, self._config.range)]
         return points.astype(np.float32, copy=False)
 
     def insert(self, points: Points, placement: Placement) -> None:
-        """Take points as they were placed."""
+        """Insert transformed points."""
         if self._is_map:
             self._voxels.clear()
         self.origin, stamp_ns = placement.origin, placement.stamp_ns
@@ -94,24 +94,24 @@ class Clouds:
         self.revision += 1
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Take an announced step of the estimate: a map may never come again."""
+        """Apply a reset of the estimate to all points: a map may be published only once."""
         points = reset.points(self._voxels.points + self.origin)
         self.origin = local_origin(reset.points(self.origin))
         self._voxels.move((points - self.origin).astype(np.float32))
         self.revision += 1
 
     def forget(self, now_ns: int) -> None:
-        """Forget what was last seen too long ago."""
+        """Remove expired points."""
         if not self._is_map and self._voxels.forget_before(now_ns - self._forget_ns):
             self.revision += 1
 
     def age(self, stamp_ns: int) -> float:
-        """Return how old the newest scan is [s]; 0 when all are forgotten, and for a map."""
+        """Return the age of the newest scan [s]; 0 if all have expired, and for a map."""
         age = self.silence(stamp_ns)
         return age if age <= self._config.forget_after else 0.0
 
     def silence(self, stamp_ns: int) -> float:
-        """Return how long no scan has come [s]; 0 for a map, and before the first."""
+        """Return the time since the last scan [s]; 0 for a map, and before the first scan."""
         newest_ns = self._newest_ns
         if self._is_map or newest_ns is None:
             return 0.0

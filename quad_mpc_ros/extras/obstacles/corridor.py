@@ -1,18 +1,18 @@
-"""Half-spaces about a guide: a convex free region for every stage of a horizon.
+"""Half-spaces around a path: a convex free region for every stage of a horizon.
 
-About the segment of the guide that a stage covers the region is inflated until it touches points
+The region is inflated around the segment of the path that a stage covers, until it touches points
 (Liu et al., "Planning dynamically feasible trajectories for quadrotors using safe flight corridors
-in 3-D complex environments", RA-L 2017; here with a ball in place of their ellipsoid): the nearest
-point q to the segment, with its foot f on it, gives the plane
+in 3-D complex environments", RA-L 2017; here with a ball instead of an ellipsoid). The nearest
+point q to the segment, with its foot f on the segment, defines the plane
 
     n = (q - f) / |q - f|,   n' p <= n' q - r
 
-where r is the distance to keep. All points behind n' q are then kept clear of and drop out, and
-the next nearest follows. The segment itself is inside, as f is its nearest point to q, if it is r
-away from every point. Where it is not, the plane is beyond the segment and pushes back.
+where r is the distance to keep. Points behind n' q need no further plane; the next nearest point
+follows. The segment is inside if its distance to every point is r or more. Otherwise the plane
+is beyond the segment and pushes the plan back.
 
-A stage holds the planes of its own segment and of the next one, so that the straight way between
-the ends of two stages is in one convex region.
+A stage has the planes of its own segment and of the next one, so that the straight line between
+two stages is in one convex region.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import Array, kernels
 
 REACH = 2.5
-"""Points further than this from a segment give no plane [m]; no plan goes that far from it."""
+"""Points further away from a segment define no plane [m]; no plan deviates that far."""
 
 
 @compiled
 def inflate(points: Array, guide: Array, radius: float, normals: Array, offsets: Array) -> None:
-    """Write half-spaces (N, K, 3) and (N, K) about a guide (N + 1, 3) among points (n, 3).
+    """Write half-spaces (N, K, 3) and (N, K) around a path (N + 1, 3) among points (n, 3).
 
-    The distance kept is ``radius``. Rows that stay unused keep what they hold: infinity.
+    ``radius`` is the distance to keep. Unused rows are not written.
     """
     count, most = offsets.shape
     points = _in_reach(points, guide)
@@ -52,7 +52,7 @@ def inflate(points: Array, guide: Array, radius: float, normals: Array, offsets:
 
 @compiled
 def _in_reach(points: Array, guide: Array) -> Array:
-    """Return those of points (n, 3) that are in reach of a box about the guide."""
+    """Return the points (n, 3) within reach of the bounding box of the path."""
     kept, count = np.empty_like(points), 0
     x0, x1 = guide[:, 0].min() - REACH, guide[:, 0].max() + REACH
     y0, y1 = guide[:, 1].min() - REACH, guide[:, 1].max() + REACH
@@ -74,7 +74,7 @@ def _about(
     offsets: Array,
     distances: Array,
 ) -> int:
-    """Write the planes about a segment, the nearest first; return how many."""
+    """Write the planes around a segment, the nearest first; return their number."""
     for k in range(len(points)):
         q = kernels.vector(points[k])
         d = kernels.plus(q, kernels.scaled(-1.0, _foot(q, segment)))
@@ -100,7 +100,7 @@ def _about(
 
 @compiled
 def _is_behind(q: kernels.Vector, radius: float, normals: Array, offsets: Array) -> bool:
-    """Whether a point is kept clear of by one of the planes."""
+    """Return whether a point is behind one of the planes."""
     for row in range(len(offsets)):
         if kernels.dot(kernels.vector(normals[row]), q) >= offsets[row] + radius - 1e-9:
             return True
@@ -109,7 +109,7 @@ def _is_behind(q: kernels.Vector, radius: float, normals: Array, offsets: Array)
 
 @compiled
 def _foot(q: kernels.Vector, segment: tuple[kernels.Vector, kernels.Vector]) -> kernels.Vector:
-    """Return the point of a segment that is nearest to a point."""
+    """Return the nearest point of a segment to a point."""
     a, b = segment
     along = kernels.plus(b, kernels.scaled(-1.0, a))
     length = kernels.dot(along, along)
@@ -122,7 +122,7 @@ def _foot(q: kernels.Vector, segment: tuple[kernels.Vector, kernels.Vector]) -> 
 
 @compiled
 def _direction(start: kernels.Vector, end: kernels.Vector) -> kernels.Vector:
-    """Return the unit vector between two points; up between equal ones, from below."""
+    """Return the unit vector between two points; down for equal points."""
     d = kernels.plus(end, kernels.scaled(-1.0, start))
     length = math.sqrt(kernels.dot(d, d))
     if length < 1e-9:
@@ -133,10 +133,10 @@ def _direction(start: kernels.Vector, end: kernels.Vector) -> kernels.Vector:
 def corridor_about(
     guide: Array, points: Array, *, radius: float, rows: int
 ) -> tuple[Array, Array]:
-    """Return normals (N, K, 3) and offsets (N, K) of K ``rows`` a stage about a guide (N + 1, 3).
+    """Return normals (N, K, 3) and offsets (N, K) around a path (N + 1, 3), K = ``rows``.
 
-    Points (n, 3) are kept ``radius`` away from [m]. Rows that hold nothing have a zero normal and
-    an infinite offset.
+    ``radius`` [m] is the distance to keep from points (n, 3). Unused rows have zero normals and
+    infinite offsets.
     """
     normals = np.zeros((len(guide) - 1, rows, 3))
     offsets = np.full((len(guide) - 1, rows), np.inf)

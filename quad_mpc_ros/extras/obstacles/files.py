@@ -1,4 +1,4 @@
-"""Files of obstacles.
+"""Obstacle files.
 
     obstacles:
       - {shape: box, position: [4.0, 0.0, 1.5], size: [0.4, 0.4, 3.0], yaw: 0.3}
@@ -6,7 +6,7 @@
       - {shape: sphere, position: [8.0, 0.0, 2.0], radius: 0.5, velocity: [0.0, 1.0, 0.0]}
     volume: {minimum: [-1.0, -5.0, 0.0], maximum: [12.0, 5.0, 4.0]}
 
-Positions are those of centres, in metres, in the frame of the odometry.
+Positions are centres [m] in the frame of the odometry.
 """
 
 from __future__ import annotations
@@ -27,31 +27,28 @@ from quad_mpc_ros.extras.obstacles.surfaces import area
 from quad_mpc_ros.simulation.scene import Scene, Volume
 from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
 
-_OWN = {"box": ("size",), "cylinder": ("radius", "height"), "sphere": ("radius",)}
-_COMMON = ("shape", "position", "yaw", "velocity", "appears_at")
-_LARGEST_AREA = 20_000.0  # m^2: two million points
-_SECTIONS = ("obstacles", "volume")
+_SHAPE_KEYS = {"box": ("size",), "cylinder": ("radius", "height"), "sphere": ("radius",)}
+_COMMON_KEYS = ("shape", "position", "yaw", "velocity", "appears_at")
+_MAX_TOTAL_AREA = 20_000.0  # m^2: two million points
+_FILE_KEYS = ("obstacles", "volume")
 
 
 def read_scene(path: Path | str) -> Scene:
-    """Return what a file states.
-
-    Raises :class:`UserError` that names the file, the entry, what was given and what is expected.
-    """
+    """Return the scene in a file. Raises :class:`UserError` with the entry and expected value."""
     content = ros_yaml.read_file(Path(path))
     return scene_of(content, str(path))
 
 
 def scene_of_file(file: str) -> Scene:
-    """Return what a file states that a parameter names; nothing where it names none."""
+    """Return the scene in the file of a parameter; an empty scene if it is not set."""
     return read_scene(files.expanded(file)) if file else Scene()
 
 
 def scene_of(content: object, where: str) -> Scene:
-    """Return what the content of a file states; ``where`` begins its errors."""
+    """Return the scene in the content of a file; ``where`` is the prefix of errors."""
     if not isinstance(content, Mapping):
         raise UserError(f"{where}: given {text_of(content)}, expected 'obstacles:' with a list")
-    _refuse_unknown(content, _SECTIONS, where)
+    _refuse_unknown(content, _FILE_KEYS, where)
     entries = content.get("obstacles", [])
     if not isinstance(entries, list):
         raise UserError(f"{where}: obstacles: given {text_of(entries)}, expected a list")
@@ -59,10 +56,10 @@ def scene_of(content: object, where: str) -> Scene:
         _shape(entry, f"{where}: obstacle {number}") for number, entry in enumerate(entries, 1)
     ]
     whole = sum(area(shape) for shape in shapes)
-    if whole > _LARGEST_AREA:
+    if whole > _MAX_TOTAL_AREA:
         raise UserError(
             f"{where}: obstacles: given surfaces of {whole:.0f} m^2 in all, expected "
-            f"{_LARGEST_AREA:.0f} m^2 at most; leave out the ground and what is far away"
+            f"{_MAX_TOTAL_AREA:.0f} m^2 at most; leave out the ground and what is far away"
         )
     given = content.get("volume")
     return Scene(shapes, None if given is None else _volume(given, f"{where}: volume"))
@@ -72,12 +69,12 @@ def _shape(entry: object, where: str) -> Shape:
     if not isinstance(entry, Mapping):
         raise UserError(f"{where}: given {text_of(entry)}, expected {{shape: box, position: …}}")
     kind = entry.get("shape")
-    if not isinstance(kind, str) or kind not in _OWN:
+    if not isinstance(kind, str) or kind not in _SHAPE_KEYS:
         raise UserError(
-            f"{where}: shape: given {text_of(kind)}, expected one of {', '.join(_OWN)}"
-            f"{did_you_mean(str(kind), _OWN)}"
+            f"{where}: shape: given {text_of(kind)}, expected one of {', '.join(_SHAPE_KEYS)}"
+            f"{did_you_mean(str(kind), _SHAPE_KEYS)}"
         )
-    _refuse_unknown(entry, (*_COMMON, *_OWN[kind]), where)
+    _refuse_unknown(entry, (*_COMMON_KEYS, *_SHAPE_KEYS[kind]), where)
     common: dict[str, Any] = {
         "p_WO": _vector(entry, "position", where),
         "R_WO": rotation_about_z(_number(entry, "yaw", where, default=0.0)),
@@ -98,7 +95,7 @@ def _shape(entry: object, where: str) -> Shape:
 
 
 def rotation_about_z(yaw: float) -> Array:
-    """Return the rotation (3, 3) by an angle about the vertical."""
+    """Return the rotation (3, 3) about the vertical by an angle [rad]."""
     c, s = math.cos(yaw), math.sin(yaw)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 

@@ -1,4 +1,4 @@
-"""Where the frame of a message was, at its stamp, in the frame of the odometry."""
+"""Poses of message frames in the frame of the odometry, at their stamps."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages.obstacle_messages import Transform
 
-_KEPT_NS = 2_000_000_000
-_AHEAD_NS = 100_000_000  # as far as a pose is foreseen by the last two
-_MOST_LINKS = 32
-_UNIT = 1e-3  # off the length of a quaternion
+_POSE_HISTORY_NS = 2_000_000_000
+_MAX_EXTRAPOLATION_NS = 100_000_000  # extrapolation of the last two poses
+_MAX_CHAIN_LENGTH = 32
+_UNIT_TOLERANCE = 1e-3  # of the length of a quaternion
 
 
 class Pose(NamedTuple):
@@ -28,24 +28,24 @@ class Pose(NamedTuple):
     R: Array
 
     def __matmul__(self, other: Any) -> Pose:
-        """Return the pose of what has the pose ``other`` in this frame."""
+        """Return the composed pose: ``other`` is a pose in this frame."""
         return Pose(self.p + self.R @ other.p, self.R @ other.R)
 
     @property
     def inverse(self) -> Pose:
-        """The other frame in this one."""
+        """The inverse pose."""
         return Pose(-(self.R.T @ self.p), self.R.T)
 
     def applied(self, points: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
-        """Return points (n, 3) [m] of this frame in the other, of the type that they have."""
+        """Return points (n, 3) [m] transformed by the pose, in their data type."""
         R, p = self.R.astype(points.dtype), self.p.astype(points.dtype)
         x, y, z = points.T
-        # Written out: a matrix product of this shape starts threads, which cost more.
+        # Written out: a matrix product of this shape starts threads, which take longer.
         rows = [R[i, 0] * x + R[i, 1] * y + (R[i, 2] * z + p[i]) for i in range(3)]
         return np.stack(rows).T
 
 
-_SAME = Pose(np.zeros(3), np.eye(3))
+_IDENTITY = Pose(np.zeros(3), np.eye(3))
 
 
 class _Stamped(NamedTuple):
@@ -54,39 +54,39 @@ class _Stamped(NamedTuple):
 
 
 class Frames:
-    """The poses of the body by its odometry, and other frames by transforms."""
+    """Poses of the body from odometry, and of other frames from transforms."""
 
     def __init__(self, frame_id: str) -> None:
-        """Take the name of the odometry's frame."""
+        """Initialise with the name of the odometry's frame."""
         self._frame_id = frame_id
         self._poses: deque[_Stamped] = deque()
         self._links: dict[str, Transform] = {}
         self._body = ""
 
     def receive_odometry(self, odometry: OdometrySample) -> None:
-        """Take where the body is, if that is sound; a clock that was set back starts again."""
+        """Receive an odometry; ignore an invalid one; restart if the clock was set back."""
         if odometry_fault(odometry, frame_id=self._frame_id) is not None:
             return
         stamp_ns, poses = odometry.stamp_ns, self._poses
-        if poses and not 0 < stamp_ns - poses[-1].stamp_ns < _KEPT_NS:
+        if poses and not 0 < stamp_ns - poses[-1].stamp_ns < _POSE_HISTORY_NS:
             if stamp_ns == poses[-1].stamp_ns:
                 return
             poses.clear()
         poses.append(_Stamped(stamp_ns, odometry))
-        while stamp_ns - poses[0].stamp_ns > _KEPT_NS:
+        while stamp_ns - poses[0].stamp_ns > _POSE_HISTORY_NS:
             poses.popleft()
         self._body = odometry.child_frame_id.lstrip("/")
 
     def receive_transform(self, transform: Transform) -> None:
-        """Take a transform; ``ValueError`` for one that is none.
+        """Receive a transform. Raises ``ValueError`` if it is invalid.
 
-        Of each frame the newest counts: those that matter are of how sensors are mounted.
+        The newest transform of each frame is used, because sensor mounts are static.
         """
         numbers = np.append(transform.p, transform.q_xyzw)
         near = (np.abs(numbers) <= FARTHEST).all()  # NaN compares with nothing
-        unit = near and abs(float(np.linalg.norm(transform.q_xyzw)) - 1.0) < _UNIT
+        unit = near and abs(float(np.linalg.norm(transform.q_xyzw)) - 1.0) < _UNIT_TOLERANCE
         if not unit or transform.child == transform.parent:
-            raise ValueError(f"a transform to '{transform.child}' that is none")
+            raise ValueError(f"transform to '{transform.child}': not a rigid transform")
         self._links[transform.child] = transform
 
     @property
@@ -95,18 +95,18 @@ class Frames:
         return self._poses[-1].stamp_ns if self._poses else None
 
     def body_pose(self, stamp_ns: int) -> Pose:
-        """Return the pose of the body at a stamp; ``ValueError`` where that is not known."""
+        """Return the pose of the body at a stamp. Raises ``ValueError`` if unknown."""
         return _body_pose(self._poses, stamp_ns)
 
     def forget_poses(self) -> None:
-        """Forget where the body was: the odometry's frame has moved."""
+        """Discard all poses of the body: the odometry's frame has moved."""
         self._poses.clear()
 
     def pose(self, frame_id: str, stamp_ns: int) -> Pose:
         """Return the pose of a frame in the odometry's at a stamp.
 
         Raises:
-            ValueError: The frame is not known, or the body's pose of that time.
+            ValueError: The frame, or the body's pose at that time, is unknown.
         """
         links, body = self._links, self._body
         odometry = self._frame_id.lstrip("/")
@@ -121,12 +121,12 @@ class Frames:
 
 
 def _chain(name: str, links: dict[str, Transform], *, until: str) -> Iterator[tuple[str, Pose]]:
-    """Yield a frame and those above it, each with the pose of the first in it.
+    """Yield a frame and its ancestors, each with the pose of the first frame in it.
 
-    What is above the body is not asked: the odometry knows better.
+    The chain ends at the body, whose pose is that of the odometry.
     """
-    pose = _SAME
-    for _ in range(_MOST_LINKS):
+    pose = _IDENTITY
+    for _ in range(_MAX_CHAIN_LENGTH):
         yield name, pose
         link = links.get(name)
         if link is None or name == until:
@@ -141,11 +141,11 @@ def _pose(p: Array, q_xyzw: Array) -> Pose:
 def _body_pose(poses: Sequence[_Stamped], stamp_ns: int) -> Pose:
     """Return the pose of the body at a stamp, between two odometries or shortly after the last."""
     if not poses:
-        raise ValueError("no odometry yet, by which it could be placed")
+        raise ValueError("no odometry yet: the position is unknown")
     first, last = poses[0].stamp_ns, poses[-1].stamp_ns
     if stamp_ns < first:
         raise ValueError(f"stamp {1e-9 * (last - stamp_ns):.3f} s before the newest odometry")
-    if stamp_ns - last > _AHEAD_NS:
+    if stamp_ns - last > _MAX_EXTRAPOLATION_NS:
         raise ValueError(f"stamp {1e-9 * (stamp_ns - last):.3f} s after the newest odometry")
     stamps = [each.stamp_ns for each in poses]
     # Between two poses, or beyond the last two.

@@ -1,9 +1,9 @@
-"""A guide in time: a point mass that follows a way, and the window that the controller flies.
+"""The guide: a point mass that follows a path in time, and the resulting window.
 
-The point mass starts as the vehicle moves, and steers towards a point of the way ahead of it
-(pure pursuit: Coulter, "Implementation of the pure pursuit path tracking algorithm", 1992) with a
-bounded acceleration, as fast as it may be there: slow enough for the bends ahead, and to stop or
-to go on at the end. So the window is one that the vehicle can fly from where it is, however fast.
+The point mass starts with the vehicle's state and steers towards a point ahead on the path (pure
+pursuit: Coulter, "Implementation of the pure pursuit path tracking algorithm", 1992). Its
+acceleration is bounded, and its speed is slow enough for bends and for the end of the path. So the
+vehicle can fly the window from its present state.
 """
 
 from __future__ import annotations
@@ -19,55 +19,55 @@ from quad_mpc_ros.control.model.samples import ReferenceWindow
 
 STEP = 0.04
 """s, between samples of a window."""
-_SPACING = 0.1  # m, between the points of a way
+_POINT_SPACING = 0.1  # m, between points of a path
 _SUBSTEPS = 4
-_STEERING = 0.12  # s, in which the velocity becomes the wanted one
-# Ahead of the point mass: this, and as far as it flies in this time.
-_AHEAD, _AHEAD_TIME = 0.25, 0.2
-_ROUNDS, _REACH = 3, 3  # of smoothing, and how many points to both sides it takes
+_VELOCITY_TIME_CONSTANT = 0.12  # s, time constant of the velocity
+# Lookahead distance [m], plus the distance flown in this time [s].
+_LOOKAHEAD, _LOOKAHEAD_TIME = 0.25, 0.2
+_ROUNDS, _HALF_WIDTH = 3, 3  # rounds of smoothing; points to both sides
 
 
 class PathLimits(NamedTuple):
-    """How fast the point mass may be at the points of a way (n,), and how it may accelerate."""
+    """Speed limits at the points of a path (n,) [m/s], and the acceleration limit [m/s^2]."""
 
     speeds: Array
     acceleration: float
 
 
 def smoothed(corners: Array) -> Array:
-    """Return a way (n, 3) of points a tenth of a metre apart, its corners rounded."""
+    """Return a path (n, 3) of points 0.1 m apart with rounded corners."""
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     along = np.concatenate(([0.0], np.cumsum(lengths)))
-    count = max(math.ceil(along[-1] / _SPACING), 1) + 1
+    count = max(math.ceil(along[-1] / _POINT_SPACING), 1) + 1
     places = np.linspace(0.0, along[-1], count)
-    way = np.column_stack([np.interp(places, along, corners[:, k]) for k in range(3)])
-    width = 2 * _REACH + 1
+    path = np.column_stack([np.interp(places, along, corners[:, k]) for k in range(3)])
+    width = 2 * _HALF_WIDTH + 1
     for _ in range(_ROUNDS if count > width else 0):
-        padded = np.vstack([np.tile(way[0], (_REACH, 1)), way, np.tile(way[-1], (_REACH, 1))])
+        padded = np.pad(path, ((_HALF_WIDTH, _HALF_WIDTH), (0, 0)), mode="edge")
         total = np.vstack([np.zeros(3), np.cumsum(padded, axis=0)])
         mean = (total[width:] - total[:-width]) / width
-        way[1:-1] = mean[1:-1]
-    return way
+        path[1:-1] = mean[1:-1]
+    return path
 
 
 @compiled
-def speeds_along(way: Array, fastest: Array, acceleration: float) -> Array:
-    """Return how fast to be at the points of a way (n, 3): in bends, and before what is slower.
+def speeds_along(path: Array, fastest: Array, acceleration: float) -> Array:
+    """Return the speeds at the points of a path (n, 3), limited in bends and before slow parts.
 
-    ``fastest`` (n,) is how fast one may be there, whatever the way.
+    ``fastest`` (n,) are the speed limits on a straight path.
     """
-    n = len(way)
+    n = len(path)
     speeds = fastest.copy()
     for k in range(1, n - 1):
         before, after, bend = 0.0, 0.0, 0.0
         for c in range(3):
-            before += (way[k, c] - way[k - 1, c]) ** 2
-            after += (way[k + 1, c] - way[k, c]) ** 2
+            before += (path[k, c] - path[k - 1, c]) ** 2
+            after += (path[k + 1, c] - path[k, c]) ** 2
         before, after = math.sqrt(before), math.sqrt(after)
         if min(before, after) < 1e-6:
             continue
         for c in range(3):
-            change = (way[k + 1, c] - way[k, c]) / after - (way[k, c] - way[k - 1, c]) / before
+            change = (path[k + 1, c] - path[k, c]) / after - (path[k, c] - path[k - 1, c]) / before
             bend += change * change
         curvature = math.sqrt(bend) / (0.5 * (before + after))
         if curvature > 1e-6:
@@ -75,15 +75,15 @@ def speeds_along(way: Array, fastest: Array, acceleration: float) -> Array:
     for k in range(n - 2, -1, -1):
         length = 0.0
         for c in range(3):
-            length += (way[k + 1, c] - way[k, c]) ** 2
+            length += (path[k + 1, c] - path[k, c]) ** 2
         braked = speeds[k + 1] ** 2 + 2.0 * acceleration * math.sqrt(length)
         speeds[k] = min(speeds[k], math.sqrt(braked))
     return speeds
 
 
 @compiled
-def follow(
-    way: Array,
+def simulate_pursuit(
+    path: Array,
     speeds: Array,
     acceleration: float,
     p: Array,
@@ -92,30 +92,30 @@ def follow(
     velocities: Array,
     along: Array,
 ) -> None:
-    """Write where a point mass is that follows a way (n, 3) from ``p`` and ``v`` (3,) on.
+    """Write the motion of a point mass that follows a path (n, 3) from ``p`` and ``v`` (3,).
 
-    ``positions`` and ``velocities`` (m, 3) are every ``STEP`` seconds, the first now, ``along``
-    (m,) is which point of the way it has come to.
+    ``positions`` and ``velocities`` (m, 3) are sampled every ``STEP`` seconds from now on;
+    ``along`` (m,) is the index of the nearest point of the path.
     """
     dt = STEP / _SUBSTEPS
     position, velocity, at = p.copy(), v.copy(), 0
     for k in range(len(positions)):
         for _ in range(_SUBSTEPS if k > 0 else 0):
-            _steer(way, speeds, acceleration, (position, velocity), dt, at)
-            at = _nearest(way, position, at)
+            _steer(path, speeds, acceleration, (position, velocity), dt, at)
+            at = _nearest(path, position, at)
         if k == 0:
-            at = _nearest(way, position, 0)
+            at = _nearest(path, position, 0)
         positions[k], velocities[k], along[k] = position, velocity, at
 
 
 @compiled
-def _nearest(way: Array, position: Array, at: int) -> int:
-    """Return the nearest point of a way, from a place on it on, not further than it was."""
+def _nearest(path: Array, position: Array, at: int) -> int:
+    """Return the index of the nearest point of a path, from an index on."""
     least, best = math.inf, at
-    for k in range(at, min(at + 12, len(way))):
+    for k in range(at, min(at + 12, len(path))):
         squared = 0.0
         for c in range(3):
-            squared += (way[k, c] - position[c]) ** 2
+            squared += (path[k, c] - position[c]) ** 2
         if squared < least:
             least, best = squared, k
     return best
@@ -123,37 +123,37 @@ def _nearest(way: Array, position: Array, at: int) -> int:
 
 @compiled
 def _steer(
-    way: Array,
+    path: Array,
     speeds: Array,
     acceleration: float,
     state: tuple[Array, Array],
     dt: float,
     at: int,
 ) -> None:
-    """Move the point mass on by a step."""
+    """Advance the point mass by a step."""
     position, velocity = state
     fast = math.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
-    ahead, to, length = _AHEAD + _AHEAD_TIME * fast, at, 0.0
-    while to < len(way) - 1 and length < ahead:
+    ahead, to, length = _LOOKAHEAD + _LOOKAHEAD_TIME * fast, at, 0.0
+    while to < len(path) - 1 and length < ahead:
         squared = 0.0
         for c in range(3):
-            squared += (way[to + 1, c] - way[to, c]) ** 2
+            squared += (path[to + 1, c] - path[to, c]) ** 2
         length += math.sqrt(squared)
         to += 1
     distance = 0.0
     for c in range(3):
-        distance += (way[to, c] - position[c]) ** 2
+        distance += (path[to, c] - position[c]) ** 2
     distance = math.sqrt(distance)
     wanted = speeds[at]
-    if to == len(way) - 1:  # towards the end itself, no faster than brakes stop there
-        end = speeds[len(way) - 1]
+    if to == len(path) - 1:  # brake for the end
+        end = speeds[len(path) - 1]
         wanted = min(wanted, math.sqrt(end * end + 2.0 * acceleration * distance))
         if end == 0.0:
-            wanted = min(wanted, distance / (2.0 * _STEERING))
+            wanted = min(wanted, distance / (2.0 * _VELOCITY_TIME_CONSTANT))
     share, change = wanted / max(distance, 1e-6), np.empty(3)
     squared = 0.0
     for c in range(3):
-        change[c] = (share * (way[to, c] - position[c]) - velocity[c]) / _STEERING
+        change[c] = (share * (path[to, c] - position[c]) - velocity[c]) / _VELOCITY_TIME_CONSTANT
         squared += change[c] ** 2
     factor = min(1.0, acceleration / max(math.sqrt(squared), 1e-9))
     for c in range(3):
@@ -162,10 +162,10 @@ def _steer(
         position[c] += 0.5 * dt * (before + velocity[c])
 
 
-class Followed(NamedTuple):
-    """A point mass along a way: positions and velocities (m, 3), and the place on the way (m,).
+class GuideMotion(NamedTuple):
+    """Motion of the guide: positions and velocities (m, 3), and index on the path (m,).
 
-    The first ``before`` of them are before the way begins, each a place of its own.
+    The first ``before`` samples precede the path, and have an index each.
     """
 
     p_W: Array
@@ -173,23 +173,23 @@ class Followed(NamedTuple):
     along: Array
     before: int = 0
 
-    def after(self, p_W: Array, v_W: Array) -> Followed:
-        """Return the motion that has had these positions and velocities (k, 3) before."""
+    def after(self, p_W: Array, v_W: Array) -> GuideMotion:
+        """Return the motion with preceding positions and velocities (k, 3)."""
         along = np.concatenate((np.arange(len(p_W), dtype=float), self.along + len(p_W)))
-        return Followed(
+        return GuideMotion(
             np.vstack([p_W, self.p_W]), np.vstack([v_W, self.v_W]), along, before=len(p_W)
         )
 
 
-def followed(
-    way: Array, limits: PathLimits, *, p_W: Array, v_W: Array, duration: float
-) -> Followed:
-    """Return how a point mass follows a way (n, 3) from a state on, for ``duration`` [s]."""
+def follow_path(
+    path: Array, limits: PathLimits, *, p_W: Array, v_W: Array, duration: float
+) -> GuideMotion:
+    """Return the motion along a path (n, 3) from a state, for ``duration`` [s]."""
     count = math.ceil(duration / STEP) + 1
-    motion = Followed(np.empty((count, 3)), np.empty((count, 3)), np.empty(count))
-    speeds = speeds_along(way, limits.speeds, limits.acceleration)
-    follow(
-        way,
+    motion = GuideMotion(np.empty((count, 3)), np.empty((count, 3)), np.empty(count))
+    speeds = speeds_along(path, limits.speeds, limits.acceleration)
+    simulate_pursuit(
+        path,
         speeds,
         limits.acceleration,
         p=p_W,
@@ -202,15 +202,15 @@ def followed(
 
 
 def window_of(
-    motion: Followed, reference: ReferenceWindow, *, start_ns: int, gravity: float
+    motion: GuideMotion, reference: ReferenceWindow, *, start_ns: int, gravity: float
 ) -> ReferenceWindow:
-    """Return the window of a motion from a stamp on, with the heading of a reference.
+    """Return the window of a motion from a stamp on, with the heading of the reference.
 
-    The thrust axis is along the force that the acceleration needs under a gravity [m/s^2].
+    The thrust axis is along the force required by acceleration and gravity [m/s^2].
     """
     count = len(motion.p_W)
     a, w, q = np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 4))
-    _turn(motion.v_W, _heading(reference.q_WB_xyzw[0]), gravity, a_W=a, q_xyzw=q, w_W=w)
+    _write_attitudes(motion.v_W, _heading(reference.q_WB_xyzw[0]), gravity, a_W=a, q_xyzw=q, w_W=w)
     return ReferenceWindow(
         stamp_ns=reference.stamp_ns,
         offset_ns=start_ns
@@ -226,7 +226,7 @@ def window_of(
 
 
 @compiled
-def _turn(
+def _write_attitudes(
     v_W: Array, heading: float, gravity: float, a_W: Array, q_xyzw: Array, w_W: Array
 ) -> None:
     """Write accelerations (n, 3), attitudes (n, 4) and angular velocities (n, 3) of velocities."""
@@ -247,6 +247,6 @@ def _turn(
 
 
 def _heading(q_xyzw: Array) -> float:
-    """Return where the nose of an attitude points, from east to north [rad]."""
+    """Return the heading of an attitude [rad], from east to north."""
     x, y, z, w = q_xyzw.tolist()
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -1,4 +1,4 @@
-"""Obstacles published as markers, as RViz shows them."""
+"""Obstacles published as markers."""
 
 from __future__ import annotations
 
@@ -28,37 +28,37 @@ from quad_mpc_ros.messages.obstacle_messages import (
 from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
 
 NAMESPACE = "obstacles"
-"""Of the markers that are made of shapes."""
+"""Namespace of markers made from shapes."""
 
-_KINDS = {
+_SUPPORTED_TYPES = {
     CUBE: "CUBE",
     SPHERE: "SPHERE",
     CYLINDER: "CYLINDER",
     CUBE_LIST: "CUBE_LIST",
     SPHERE_LIST: "SPHERE_LIST",
 }
-_LISTS = {CUBE_LIST: CUBE, SPHERE_LIST: SPHERE}
-_UNIT = 1e-3  # off the length of a quaternion
-_LARGEST = 1e5  # m
-_LARGEST_AREA = 4000.0  # m^2, of one element
-_MOST_POINTS = 1_000_000  # on the surfaces of a list
+_ELEMENT_TYPES = {CUBE_LIST: CUBE, SPHERE_LIST: SPHERE}
+_UNIT_TOLERANCE = 1e-3  # off the length of a quaternion
+_MAX_SCALE = 1e5  # m
+_MAX_AREA = 4000.0  # m^2, of one element
+_MAX_POINTS = 1_000_000  # on the surfaces of a list
 
-# s between two messages of which a speed is taken.
-_SHORTEST, _LONGEST = 0.01, 1.0
-_STANDS, _FASTEST = 0.05, 30.0  # m/s: slower is noise, faster another thing with its name
-_FORESEEN = 1.0  # s: as long as it is taken to go on
+# s between two messages, to compute a speed.
+_MIN_INTERVAL, _MAX_INTERVAL = 0.01, 1.0
+_MIN_SPEED, _MAX_SPEED = 0.05, 30.0  # m/s: noise below, another object above
+_PREDICTION_TIME = 1.0  # s: longest prediction of a motion
 
 
-class Moved(NamedTuple):
-    """A moving shape at its predicted place, its time of receipt [ns], and its number."""
+class MovingShape(NamedTuple):
+    """A moving shape at its predicted position, its time of reception [ns], and its number."""
 
     shape: Shape
-    told_ns: int
+    received_ns: int
     number: int
 
 
-class _LiveMarker(NamedTuple):
-    """A shape or points (n, 3) on surfaces, with the times of its receipt and of its end [ns]."""
+class _TrackedMarker(NamedTuple):
+    """A shape or points (n, 3) on surfaces, with the times of reception and expiry [ns]."""
 
     number: int
     shape: Shape | None
@@ -67,32 +67,31 @@ class _LiveMarker(NamedTuple):
     until_ns: float
 
     def body_at(self, stamp_ns: int) -> Shape | None:
-        """Return the shape where it is predicted to be."""
+        """Return the shape at its predicted position."""
         if self.shape is None or not self.shape.moves:
             return self.shape
-        return self.shape.after(min(1e-9 * (stamp_ns - self.stamp_ns), _FORESEEN))
+        return self.shape.after(min(1e-9 * (stamp_ns - self.stamp_ns), _PREDICTION_TIME))
 
 
 class Markers:
-    """The markers that are there, each by its namespace and number.
+    """The present markers, by namespace and number.
 
-    One that comes again elsewhere moves: it is predicted by its speed from one message to the
-    next, for a second; then it is where it was predicted until the next message, or its lifetime
-    ends.
+    A marker that is received at another position moves: it is predicted for a second with its
+    speed between two messages, and then stays there until the next message or its expiry.
     """
 
     def __init__(self, frames: Frames, *, spacing: float) -> None:
-        """Take frames, and how far points on a surface are apart [m]."""
+        """Initialise with frames and the spacing of points on surfaces [m]."""
         self._frames, self._spacing = frames, spacing
-        self._known: dict[tuple[str, int], _LiveMarker] = {}
+        self._tracked: dict[tuple[str, int], _TrackedMarker] = {}
         self._count = 0
         self.revision = 0
-        """A number that grows with what stands."""
+        """A number that increases with changes of static markers."""
 
     def receive(self, markers: Sequence[Marker]) -> None:
-        """Take an array of markers, in its order.
+        """Receive an array of markers.
 
-        What of it is of no use is left out; ``ValueError`` says then what the first such was.
+        Unusable markers are skipped; then it raises ``ValueError`` with the first reason.
         """
         refused = None
         for marker in markers:
@@ -104,13 +103,13 @@ class Markers:
             raise refused
 
     def clear(self) -> None:
-        """Forget all."""
-        self._known.clear()
+        """Remove all markers."""
+        self._tracked.clear()
         self.revision += 1
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Take an announced step of the estimate: all move along."""
-        for name, known in self._known.items():
+        """Apply a reset of the estimate to all markers."""
+        for name, known in self._tracked.items():
             shape = known.shape
             if shape is not None:
                 shape = dataclasses.replace(
@@ -119,31 +118,31 @@ class Markers:
                     R_WO=reset.vectors(shape.R_WO.T).T,
                     v_WO_W=reset.vectors(shape.v_WO_W),
                 )
-            self._known[name] = known._replace(shape=shape, points=reset.points(known.points))
+            self._tracked[name] = known._replace(shape=shape, points=reset.points(known.points))
         self.revision += 1
 
     def forget(self, now_ns: int) -> None:
-        """Forget those whose lifetime has ended."""
-        ended = [name for name, known in self._known.items() if known.until_ns < now_ns]
+        """Remove expired markers."""
+        ended = [name for name, known in self._tracked.items() if known.until_ns < now_ns]
         for name in ended:
-            del self._known[name]
+            del self._tracked[name]
         self.revision += len(ended)
 
     def shapes(self, stamp_ns: int) -> list[Shape]:
-        """Return the shapes that are there at a time, where they are then."""
-        bodies = (known.body_at(stamp_ns) for known in self._known.values())
+        """Return the shapes at their predicted positions at a time."""
+        bodies = (known.body_at(stamp_ns) for known in self._tracked.values())
         return [body for body in bodies if body is not None]
 
     @property
-    def standing_points(self) -> list[Array]:
-        """Points (n, 3) [m] on the surfaces of what stands."""
-        return [known.points for known in self._known.values() if len(known.points)]
+    def static_points(self) -> list[Array]:
+        """Points (n, 3) [m] on the surfaces of static markers."""
+        return [known.points for known in self._tracked.values() if len(known.points)]
 
-    def moving(self, stamp_ns: int) -> list[Moved]:
+    def moving(self, stamp_ns: int) -> list[MovingShape]:
         """Return what moves, where it is predicted to be at a time."""
         return [
-            Moved(body, known.stamp_ns, known.number)
-            for known in self._known.values()
+            MovingShape(body, known.stamp_ns, known.number)
+            for known in self._tracked.values()
             if (body := known.body_at(stamp_ns)) is not None and body.moves
         ]
 
@@ -151,7 +150,7 @@ class Markers:
         if marker.action == DELETEALL:
             self.clear()
         elif marker.action == DELETE:
-            self.revision += self._known.pop(marker.name, None) is not None
+            self.revision += self._tracked.pop(marker.name, None) is not None
         elif marker.action == ADD:
             self._add(marker)
         else:
@@ -161,28 +160,28 @@ class Markers:
         _check(marker)
         newest_ns = self._frames.newest_ns
         if newest_ns is None:
-            raise ValueError(f"{_named(marker)}, and no odometry yet, by which it could be placed")
-        # Without a stamp it is of now, as for RViz.
+            raise ValueError(f"{_named(marker)} without odometry: its position is unknown")
+        # No stamp means now, as in RViz.
         stamp_ns = marker.stamp_ns or newest_ns
         in_odometry = self._frames.pose(marker.frame_id, min(stamp_ns, newest_ns))
         placed = in_odometry @ Pose(marker.p, so3.rotation_from_quaternion_xyzw(marker.q_xyzw))
         until_ns = stamp_ns + marker.lifetime_ns if marker.lifetime_ns > 0 else math.inf
         shape: Shape | None = _shape(marker, placed)
         assert shape is not None
-        if area(shape) > _LARGEST_AREA:
+        if area(shape) > _MAX_AREA:
             raise ValueError(
                 f"{_named(marker)} with a surface of {area(shape):.0f} m^2, expected "
-                f"{_LARGEST_AREA:.0f} m^2 at most"
+                f"{_MAX_AREA:.0f} m^2 at most"
             )
-        if marker.kind in _LISTS:
+        if marker.kind in _ELEMENT_TYPES:
             shape, points = None, self._of_list(marker, placed)
         else:
             shape = self._with_speed(shape, marker, stamp_ns)
             points = np.zeros((0, 3)) if shape.moves else surface_points(shape, self._spacing)
-        before = self._known.get(marker.name)
+        before = self._tracked.get(marker.name)
         number = self._count if before is None else before.number
         self._count += before is None
-        self._known[marker.name] = _LiveMarker(number, shape, points, stamp_ns, until_ns)
+        self._tracked[marker.name] = _TrackedMarker(number, shape, points, stamp_ns, until_ns)
         if before is None or not _same_points(before.points, points):
             self.revision += 1
 
@@ -192,33 +191,33 @@ class Markers:
         surface = surface_points(element, self._spacing)
         centres = np.asarray(placed.applied(marker.points), dtype=np.float64)
         count = len(centres) * len(surface)
-        if count > _MOST_POINTS and element.outer_radius <= self._spacing:
+        if count > _MAX_POINTS and element.outer_radius <= self._spacing:
             surface, count = np.zeros((1, 3)), len(centres)
-        if count > _MOST_POINTS:
+        if count > _MAX_POINTS:
             raise ValueError(
                 f"{_named(marker)} with {len(centres)} elements and {count} points on their "
-                f"surfaces, expected {_MOST_POINTS} at most: publish those near the vehicle, or "
+                f"surfaces, expected {_MAX_POINTS} at most: publish those near the vehicle, or "
                 "their centres as a cloud"
             )
         return (centres[:, None] + surface).reshape(-1, 3)
 
     def _with_speed(self, shape: Shape, marker: Marker, stamp_ns: int) -> Shape:
-        """Return the shape with its speed since the last message, if it is the same thing."""
-        before = self._known.get(marker.name)
+        """Return the shape with its speed since the last message, if it is the same object."""
+        before = self._tracked.get(marker.name)
         if before is None or before.shape is None or type(before.shape) is not type(shape):
             return shape
         seconds = 1e-9 * (stamp_ns - before.stamp_ns)
-        if not seconds >= _SHORTEST:  # the same message again: the speed is known
+        if not seconds >= _MIN_INTERVAL:  # repeated message: keep the speed
             return dataclasses.replace(shape, v_WO_W=before.shape.v_WO_W)
         velocity = (shape.p_WO - before.shape.p_WO) / seconds
         speed = float(np.linalg.norm(velocity))
-        if seconds > _LONGEST or not _STANDS <= speed <= _FASTEST:
+        if seconds > _MAX_INTERVAL or not _MIN_SPEED <= speed <= _MAX_SPEED:
             return shape
         return dataclasses.replace(shape, v_WO_W=velocity)
 
 
 def shape_marker(shape: Shape | None, number: int, *, stamp_ns: int, frame_id: str) -> Marker:
-    """Return a shape as a marker; without one, that the number is there no more."""
+    """Return the marker of a shape; without a shape, the deletion of the number."""
     kind, p, q_xyzw, scale = CUBE, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.ones(3)
     if shape is not None:
         kind = CUBE if isinstance(shape, Box) else SPHERE
@@ -245,26 +244,26 @@ def _named(marker: Marker) -> str:
 
 
 def _check(marker: Marker) -> None:
-    if marker.kind not in _KINDS:
+    if marker.kind not in _SUPPORTED_TYPES:
         raise ValueError(
             f"{_named(marker)} of type {marker.kind}, expected one of "
-            f"{', '.join(f'{name} ({kind})' for kind, name in _KINDS.items())}"
+            f"{', '.join(f'{name} ({kind})' for kind, name in _SUPPORTED_TYPES.items())}"
         )
     places = np.concatenate((marker.p, marker.q_xyzw, marker.points.ravel()))
-    if not ((np.abs(places) <= FARTHEST).all() and (marker.scale <= _LARGEST).all()):
+    if not ((np.abs(places) <= FARTHEST).all() and (marker.scale <= _MAX_SCALE).all()):
         raise ValueError(
             f"{_named(marker)} with numbers that are not finite, beyond {FARTHEST:g} m, or with a "
-            f"scale beyond {_LARGEST:g} m"
+            f"scale beyond {_MAX_SCALE:g} m"
         )
     if not (marker.scale > 0.0).all():
         raise ValueError(f"{_named(marker)} of scale {marker.scale.tolist()}, expected 3 above 0")
-    if not abs(float(np.linalg.norm(marker.q_xyzw)) - 1.0) < _UNIT:
+    if not abs(float(np.linalg.norm(marker.q_xyzw)) - 1.0) < _UNIT_TOLERANCE:
         raise ValueError(f"{_named(marker)} whose orientation is no unit quaternion")
 
 
 def _shape(marker: Marker, placed: Pose) -> Shape:
-    """Return the shape of a marker; of a squeezed sphere or cylinder the round one around it."""
-    kind = _LISTS.get(marker.kind, marker.kind)
+    """Return the shape of a marker; for flattened spheres and cylinders a round bound."""
+    kind = _ELEMENT_TYPES.get(marker.kind, marker.kind)
     x, y, z = marker.scale.tolist()
     if kind == CUBE:
         return Box(p_WO=placed.p, R_WO=placed.R, size=marker.scale)

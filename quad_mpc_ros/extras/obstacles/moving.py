@@ -1,4 +1,4 @@
-"""Balls that move, predicted at constant velocity: meetings, and half-spaces at their time."""
+"""Moving balls, predicted with constant velocity: collisions and half-spaces."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from quad_mpc_ros.control.lie import Array
 
 
 class Movers(NamedTuple):
-    """Balls that move: ``p_W`` (m, 3) now, ``v_W`` (m, 3), and the distance to keep from each.
+    """Moving balls: ``p_W`` (m, 3) now, ``v_W`` (m, 3), and the distance to keep from each.
 
-    That is ``keep`` (m,) [m] now, and grows by ``growth`` [m/s]. ``body`` (m,) says which belong
-    together and are passed on one side.
+    The distance is ``keep`` (m,) [m] now and increases by ``growth`` [m/s]. Balls of the same
+    ``body`` (m,) are passed on one side.
     """
 
     p_W: Array
@@ -30,41 +30,41 @@ class Movers(NamedTuple):
         return Movers(empty, empty, np.zeros(0), 0.0, np.zeros(0, np.int64))
 
     def after(self, time: float) -> Movers:
-        """Return them a time [s] later."""
+        """Return the balls a time [s] later."""
         later = self.keep + self.growth * time
         return self._replace(p_W=self.p_W + time * self.v_W, keep=later)
 
-    def room(self, times: Array, places: Array) -> Array:
-        """Return how much further than kept places (n, 3) at times (n,) [s] are from each ball.
+    def clearance(self, times: Array, places: Array) -> Array:
+        """Return the distances beyond ``keep`` of positions (n, 3) at times (n,) [s].
 
-        Shape (n, m), negative where one is too near.
+        Shape (n, m), negative if a ball is too near.
         """
         away = self._at(times) - places[:, None]
         kept = self.keep + self.growth * times[:, None]
         return np.asarray(np.linalg.norm(away, axis=2) - kept)
 
     def meet(self, times: Array, places: Array) -> bool:
-        """Whether a ball is too near to places (n, 3) at times (n,) [s] from now."""
-        return len(self.keep) > 0 and bool((self.room(times, places) < 0.0).any())
+        """Return whether a ball is too near to positions (n, 3) at times (n,) [s] from now."""
+        return len(self.keep) > 0 and bool((self.clearance(times, places) < 0.0).any())
 
     def write_half_spaces(
         self, times: Array, places: Array, *, normals: Array, offsets: Array
     ) -> int:
-        """Write a half-space of each body, the nearest first, and return how many there are.
+        """Write a half-space for each body, the nearest first, and return their number.
 
-        At each of the times (n,) a plane is before the ball nearest to the place (n, 3) that the
-        guide has then: ``normals`` (n, K, 3), ``offsets`` (n, K). At most half of K are written.
+        At each time (n,) the plane is before the body's ball nearest to the guide's place (n, 3):
+        ``normals`` (n, K, 3), ``offsets`` (n, K). At most half of the K rows are written.
         """
         if len(self.keep) == 0:
             return 0
-        at, room = self._at(times), self.room(times, places)
+        at, clearance = self._at(times), self.clearance(times, places)
         bodies = np.unique(self.body).tolist()
-        nearest = sorted(bodies, key=lambda body: float(room[:, self.body == body].min()))
+        nearest = sorted(bodies, key=lambda body: float(clearance[:, self.body == body].min()))
         rows: int = min(len(bodies), (offsets.shape[1] + 1) // 2)
         stages = np.arange(len(times))
         for row, body in enumerate(nearest[:rows]):
             own = np.flatnonzero(self.body == body)
-            ball = own[room[:, own].argmin(axis=1)]
+            ball = own[clearance[:, own].argmin(axis=1)]
             away = at[stages, ball] - places
             n = away / np.maximum(np.linalg.norm(away, axis=1), 1e-6)[:, None]
             normals[:, row] = n
@@ -73,5 +73,5 @@ class Movers(NamedTuple):
         return rows
 
     def _at(self, times: Array) -> Array:
-        """Return where they are at times (n,), (n, m, 3)."""
+        """Return the positions (n, m, 3) at times (n,)."""
         return np.asarray(self.p_W + times[:, None, None] * self.v_W)

@@ -1,4 +1,4 @@
-"""Other vehicles: where they plan to be, by what they publish."""
+"""Other vehicles: their positions predicted from published plans and odometry."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages.obstacle_messages import TimedPath
 
-_KEPT_NS = 3_000_000_000  # after the last message
-_LOST_NS = 1_000_000_000  # its odometry goes on for so long: then its plan is lost
-_LONGEST = 10.0  # s of a plan
+_MESSAGE_TIMEOUT_NS = 3_000_000_000  # after the last message
+_PLAN_TIMEOUT_NS = 1_000_000_000  # odometry newer than the plan by more: the plan is stale
+_MAX_PLAN_DURATION = 10.0  # s of a plan
 
 
-class Heard(NamedTuple):
-    """Where a neighbour is at n times (n, 3) [m], and when it was received [ns]."""
+class NeighbourPositions(NamedTuple):
+    """Positions of a neighbour at n times (n, 3) [m], and the time of reception [ns]."""
 
     p_W: Array
-    told_ns: int
+    received_ns: int
 
 
 class _Plan(NamedTuple):
@@ -39,9 +39,9 @@ class _State(NamedTuple):
 
 
 class Neighbour:
-    """One vehicle, by its odometry and its plan.
+    """Another vehicle, with its odometry and plan.
 
-    Within its plan it is where it plans to be; beyond, and without one, it goes on as it last did.
+    It follows its plan; beyond the plan, or without a plan, it keeps its velocity.
     """
 
     def __init__(self, frame_id: str) -> None:
@@ -50,40 +50,41 @@ class Neighbour:
         self._state: _State | None = None
 
     def receive_odometry(self, odometry: OdometrySample) -> None:
-        """Take where it is; ``ValueError`` for what is no odometry in our frame."""
+        """Receive its odometry. Raises ``ValueError`` if invalid or in another frame."""
         if fault := odometry_fault(odometry, frame_id=self._frame_id):
             raise ValueError(fault)
         velocity = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw) @ odometry.v_WB_B
         self._state = _State(odometry.stamp_ns, odometry.p_WB, velocity)
 
     def receive_plan(self, path: TimedPath) -> None:
-        """Take where it plans to be; ``ValueError`` for what is no plan in our frame."""
+        """Receive its plan. Raises ``ValueError`` if invalid or in another frame."""
         times_ns, p = path.times_ns, path.p
         if path.frame_id.lstrip("/") != self._frame_id:
             raise ValueError(f"a plan in '{path.frame_id}', expected '{self._frame_id}'")
         if len(p) < 2 or not (np.abs(p) <= FARTHEST).all():  # NaN compares with nothing
             raise ValueError(f"a plan of {len(p)} positions, expected 2 or more, finite")
         duration = 1e-9 * int(times_ns[-1] - times_ns[0])
-        if not (np.diff(times_ns) > 0).all() or duration > _LONGEST:
-            raise ValueError("a plan whose stamps do not rise, or beyond 10 s")
+        if not (np.diff(times_ns) > 0).all() or duration > _MAX_PLAN_DURATION:
+            raise ValueError("a plan whose stamps do not increase, or longer than 10 s")
         self._plan = _Plan(times_ns, p, path.stamp_ns)
 
-    def at(self, stamps_ns: Sequence[int], *, now_ns: int) -> Heard | None:
-        """Return where it is predicted to be at times; None without a recent message."""
+    def at(self, stamps_ns: Sequence[int], *, now_ns: int) -> NeighbourPositions | None:
+        """Return its predicted positions at times; None without a recent message."""
         plan, state = self._plan, self._state
-        told_ns = max((each.stamp_ns for each in (plan, state) if each is not None), default=None)
-        if told_ns is None or now_ns - told_ns > _KEPT_NS:
+        stamps = [each.stamp_ns for each in (plan, state) if each is not None]
+        received_ns = max(stamps, default=None)
+        if received_ns is None or now_ns - received_ns > _MESSAGE_TIMEOUT_NS:
             return None
         times_ns = np.asarray(stamps_ns, dtype=np.int64)
-        if plan is not None and told_ns - plan.stamp_ns <= _LOST_NS:
-            return Heard(_along(plan, times_ns), plan.stamp_ns)
+        if plan is not None and received_ns - plan.stamp_ns <= _PLAN_TIMEOUT_NS:
+            return NeighbourPositions(_along(plan, times_ns), plan.stamp_ns)
         assert state is not None
         seconds = 1e-9 * (times_ns - state.stamp_ns)
-        return Heard(state.p + seconds[:, None] * state.v, state.stamp_ns)
+        return NeighbourPositions(state.p + seconds[:, None] * state.v, state.stamp_ns)
 
 
 def _along(plan: _Plan, times_ns: NDArray[np.int64]) -> Array:
-    """Return where it is by its plan, before and beyond by its first and last piece (n, 3)."""
+    """Return positions (n, 3) on a plan, extrapolated with its first and last segment."""
     ends = np.searchsorted(plan.times_ns, times_ns, side="right").clip(1, len(plan.p) - 1)
     first_ns, last_ns = plan.times_ns[ends - 1], plan.times_ns[ends]
     share = (times_ns - first_ns) / (last_ns - first_ns)

@@ -1,4 +1,4 @@
-"""How far rays go until they meet a shape: the exact formulas of rays that enter a slab.
+"""Exact intersection of rays with shapes, by the slab method.
 
 Kay and Kajiya, SIGGRAPH 1986.
 """
@@ -14,9 +14,9 @@ _TINY = 1e-12
 
 
 def ray_lengths(shape: Shape, p_WC: Array, directions_W: Array) -> Array:
-    """Return how far (n,) [m] rays (n, 3), of unit length, go from a point (3,) [m] to a shape.
+    """Return the lengths (n,) [m] of rays (n, 3), unit vectors, from a point (3,) [m] to a shape.
 
-    Infinite for those that miss it; 0 from inside.
+    Infinite for rays that miss the shape; 0 from inside.
     """
     p_OC = shape.turned((p_WC - shape.p_WO)[None])[0]
     directions_O = shape.turned(directions_W)
@@ -37,14 +37,14 @@ def _to_cylinder(cylinder: Cylinder, p_OC: Array, directions_O: Array) -> Array:
 
 
 def _slabs(p: Array, directions: Array, half: Array) -> tuple[Array, Array]:
-    """Return where rays enter and leave the slab -half < x < half of each axis (n, k)."""
+    """Return the lengths at which rays enter and leave the slab |x| < half of each axis (n, k)."""
     steep = np.where(np.abs(directions) < _TINY, np.copysign(_TINY, directions), directions)
     first, second = (-half - p) / steep, (half - p) / steep
     return np.minimum(first, second), np.maximum(first, second)
 
 
 def _through_round(p: Array, directions: Array, radius: float) -> tuple[Array, Array]:
-    """Return where rays enter and leave a circle or sphere about 0; those that miss never do."""
+    """Return the lengths at which rays enter and leave a circle or sphere around 0."""
     a = np.maximum(np.einsum("ni,ni->n", directions, directions), _TINY**2)
     b = directions @ p
     c = float(p @ p) - radius * radius

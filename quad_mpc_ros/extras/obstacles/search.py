@@ -1,4 +1,4 @@
-"""A way through a local grid: a field of distances to points, and A* in it, compiled."""
+"""Path search: a grid of distances to points, and A* on it, compiled."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from quad_mpc_ros.configuration.compilation import compiled, compiled_without_gi
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.obstacles.moving import Movers
 
-_MOST_EXPANDED = 12_000
-# What a way of a metre costs besides, where it is just as near to points as it may be.
-_NEAR_COST = 1.5
-# Where the goal cannot be reached: how much nearer to it a metre more of way has to lead.
-_DETOUR = 0.3
-# Ways up or down cost this much of those across: the ground is near, and pillars are high.
-_CLIMB = 1.5
+_MAX_EXPANSIONS = 12_000
+# Additional cost of a metre at the least permitted distance from points.
+_PROXIMITY_COST = 1.5
+# For unreachable goals: by how much a metre of path must reduce the distance to the goal.
+_DETOUR_PENALTY = 0.3
+# Cost of climbing over that of level flight: the ground is near, and pillars are high.
+_CLIMB_COST_FACTOR = 1.5
 
 
 class Grid(NamedTuple):
-    """Distances (nx, ny, nz) [m] from the centres of cells to the nearest point, at most ``far``.
+    """Distances (nx, ny, nz) [m] from cell centres to the nearest point, at most ``far``.
 
-    They are in single precision. ``origin`` (3,) is the centre of the first cell, ``cell`` the
-    width of one [m]. To be further away than ``far`` [m] is no better.
+    They have single precision. ``origin`` (3,) is the centre of the first cell, ``cell`` the
+    width of a cell [m].
     """
 
     distances: NDArray[np.float32]
@@ -36,17 +36,17 @@ class Grid(NamedTuple):
 
     @staticmethod
     def about(centre: Array, *, half: tuple[float, float], cell: float, far: float) -> Grid:
-        """Return an empty grid about a place, so far across and up and down [m]."""
+        """Return an empty grid around a position with half extents (across, up) [m]."""
         across, up = (round(extent / cell) for extent in half)
         corner = np.floor(centre / cell) - (across, across, up)
         shape = 2 * across + 1, 2 * across + 1, 2 * up + 1
         return Grid(np.full(shape, far, np.float32), (corner + 0.5) * cell, cell, far)
 
 
-class Workspace(NamedTuple):
-    """What a search writes of each cell, kept for the next: fresh memory takes longer than that.
+class SearchBuffers(NamedTuple):
+    """Buffers of a search for each cell, reused because allocation takes longer.
 
-    The cost and the length of the way to it, the cell before, and whether these are final.
+    Cost and length of the path to the cell, the preceding cell, and whether these are final.
     """
 
     cost: Array
@@ -55,10 +55,10 @@ class Workspace(NamedTuple):
     closed: NDArray[np.bool_]
 
     @staticmethod
-    def of(size: int) -> Workspace:
-        """Return room for so many cells."""
+    def of(size: int) -> SearchBuffers:
+        """Return buffers for a number of cells."""
         parent, closed = np.zeros(size, np.int32), np.zeros(size, np.bool_)
-        return Workspace(np.zeros(size), np.zeros(size), parent, closed)
+        return SearchBuffers(np.zeros(size), np.zeros(size), parent, closed)
 
 
 @compiled_without_gil
@@ -79,7 +79,7 @@ def fill(points: Array, grid: Grid) -> None:
                 if across >= farthest:
                     continue
                 column = least[i, j]
-                for m in range(lowest, highest):  # without a branch: several cells at once
+                for m in range(lowest, highest):  # branch-free, so that it is vectorised
                     up = np.float32(m) - z
                     squared = across + up * up
                     column[m] = squared if squared < column[m] else column[m]
@@ -91,7 +91,7 @@ def fill(points: Array, grid: Grid) -> None:
 
 @compiled
 def distance_at(grid: Grid, x: float, y: float, z: float) -> float:
-    """Return the distance at a place, between cells in proportion; ``far`` outside."""
+    """Return the distance at a position, interpolated between cells; ``far`` outside."""
     nx, ny, nz = grid.distances.shape
     u = (x - grid.origin[0]) / grid.cell
     v = (y - grid.origin[1]) / grid.cell
@@ -111,7 +111,7 @@ def distance_at(grid: Grid, x: float, y: float, z: float) -> float:
 
 @compiled
 def is_clear(grid: Grid, start: Array, end: Array, keep: float) -> bool:
-    """Whether the straight way between two places (3,) keeps a distance from points."""
+    """Return whether the line between two positions (3,) keeps a distance from points."""
     dx, dy, dz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
     count = math.ceil(math.sqrt(dx * dx + dy * dy + dz * dz) / (0.5 * grid.cell)) + 1
     for k in range(count + 1):
@@ -123,7 +123,7 @@ def is_clear(grid: Grid, start: Array, end: Array, keep: float) -> bool:
 
 @compiled
 def _cell_of(grid: Grid, place: Array) -> tuple[int, int, int]:
-    """Return the cell of the grid that is nearest to a place."""
+    """Return the nearest cell of the grid to a position."""
     shape = grid.distances.shape
     return (
         min(max(round((place[0] - grid.origin[0]) / grid.cell), 0), shape[0] - 1),
@@ -133,8 +133,8 @@ def _cell_of(grid: Grid, place: Array) -> tuple[int, int, int]:
 
 
 @compiled
-def _moves_into(movers: Movers, x: float, y: float, z: float, time: float) -> bool:
-    """Whether something that moves is too near to a place at a time [s] from now."""
+def _collides(movers: Movers, x: float, y: float, z: float, time: float) -> bool:
+    """Return whether a moving ball is too near to a position at a time [s] from now."""
     for k in range(len(movers.keep)):
         dx = movers.p_W[k, 0] + time * movers.v_W[k, 0] - x
         dy = movers.p_W[k, 1] + time * movers.v_W[k, 1] - y
@@ -154,13 +154,13 @@ def search(
     floor: float,
     speed: float,
     movers: Movers,
-    workspace: Workspace,
+    workspace: SearchBuffers,
 ) -> tuple[NDArray[np.float64], bool]:
-    """Return a way (n, 3) from cell to cell, and whether it reaches the goal.
+    """Return a path (n, 3) of cells, and whether it reaches the goal.
 
-    It keeps the distance ``keep`` from points and from what moves, which it meets at a ``speed``,
-    and stays above ``floor``. A start that is nearer than that first leads away. Where no way
-    reaches the goal, it leads to a place near it, rather in front than behind.
+    The path keeps the distance ``keep`` from points and from balls that move while it is flown
+    at ``speed``, and stays above ``floor``. From a start with less distance it first leads away.
+    If the goal is unreachable, it ends near the goal, rather in front than behind.
     """
     nx, ny, nz = grid.distances.shape
     start_cell, goal_cell = _cell_of(grid, start), _cell_of(grid, goal)
@@ -172,15 +172,15 @@ def search(
     cost[first], length[first], parent[first] = 0.0, 0.0, -1
     queue = [(0.0, first)]
     best, least, expanded = first, math.inf, 0
-    while len(queue) > 0 and expanded < _MOST_EXPANDED:
+    while len(queue) > 0 and expanded < _MAX_EXPANSIONS:
         _, at = heapq.heappop(queue)
         if closed[at]:
             continue
         closed[at] = True
         expanded += 1
         i, j, k = at // (ny * nz), (at // nz) % ny, at % nz
-        left = _way(goal_cell[0] - i, goal_cell[1] - j, goal_cell[2] - k)
-        left += _DETOUR * cost[at]
+        left = _weighted_length(goal_cell[0] - i, goal_cell[1] - j, goal_cell[2] - k)
+        left += _DETOUR_PENALTY * cost[at]
         if left < least:
             best, least = at, left
         if at == last:
@@ -195,69 +195,69 @@ def search(
                     z = grid.origin[2] + c * grid.cell
                     if (distance < keep and distance <= flat[at]) or (z < floor and c <= k):
                         continue
-                    step = _way(a - i, b - j, c - k)
+                    step = _weighted_length(a - i, b - j, c - k)
                     nearness = max(0.0, (grid.far - distance) / (grid.far - keep))
-                    reached = cost[at] + step * (1.0 + _NEAR_COST * min(nearness, 2.0))
+                    reached = cost[at] + step * (1.0 + _PROXIMITY_COST * min(nearness, 2.0))
                     if reached >= cost[to]:
                         continue
                     straight = math.sqrt((a - i) ** 2 + (b - j) ** 2 + (c - k) ** 2)
                     if len(movers.keep) > 0:
                         x, y = grid.origin[0] + a * grid.cell, grid.origin[1] + b * grid.cell
                         time = (length[at] + straight) * grid.cell / speed
-                        if _moves_into(movers, x, y, z, time):
+                        if _collides(movers, x, y, z, time):
                             continue
                     cost[to], parent[to], length[to] = reached, at, length[at] + straight
-                    ahead = _way(goal_cell[0] - a, goal_cell[1] - b, goal_cell[2] - c)
+                    ahead = _weighted_length(goal_cell[0] - a, goal_cell[1] - b, goal_cell[2] - c)
                     heapq.heappush(queue, (reached + ahead, to))
     count, at = 1, best
     while parent[at] >= 0:
         count, at = count + 1, parent[at]
-    way, at = np.empty((count, 3)), best
+    path, at = np.empty((count, 3)), best
     for n in range(count - 1, -1, -1):
-        way[n, 0] = grid.origin[0] + (at // (ny * nz)) * grid.cell
-        way[n, 1] = grid.origin[1] + ((at // nz) % ny) * grid.cell
-        way[n, 2] = grid.origin[2] + (at % nz) * grid.cell
+        path[n, 0] = grid.origin[0] + (at // (ny * nz)) * grid.cell
+        path[n, 1] = grid.origin[1] + ((at // nz) % ny) * grid.cell
+        path[n, 2] = grid.origin[2] + (at % nz) * grid.cell
         at = parent[at]
-    return way, best == last
+    return path, best == last
 
 
 @compiled
-def _way(x: int, y: int, z: int) -> float:
-    """Return the length of a way, one up or down counting for more."""
-    return math.sqrt(x * x + y * y + (_CLIMB * z) ** 2)
+def _weighted_length(x: int, y: int, z: int) -> float:
+    """Return the length of a step, with a higher weight of climbing."""
+    return math.sqrt(x * x + y * y + (_CLIMB_COST_FACTOR * z) ** 2)
 
 
 @compiled
 def shortened(
-    grid: Grid, way: Array, keep: float, speed: float, movers: Movers
+    grid: Grid, path: Array, keep: float, speed: float, movers: Movers
 ) -> NDArray[np.float64]:
-    """Return the corners (m, 3) of a way that is as short as straight lines make it.
+    """Return the corners (m, 3) of a path shortened by straight lines.
 
-    Straight lines keep clear of points and of what moves as :func:`search` does.
+    The lines keep the same distances as in :func:`search`.
     """
-    corners = np.empty_like(way)
-    corners[0] = way[0]
+    corners = np.empty_like(path)
+    corners[0] = path[0]
     count, at, time = 1, 0, 0.0
-    while at < len(way) - 1:
+    while at < len(path) - 1:
         to = at + 1
-        for k in range(len(way) - 1, at + 1, -1):
-            if is_clear(grid, way[at], way[k], keep) and not _is_met(
-                movers, way[at], way[k], time, speed, grid.cell
+        for k in range(len(path) - 1, at + 1, -1):
+            if is_clear(grid, path[at], path[k], keep) and not _segment_collides(
+                movers, path[at], path[k], time, speed, grid.cell
             ):
                 to = k
                 break
-        leg = way[to] - way[at]
+        leg = path[to] - path[at]
         time += math.sqrt(leg[0] ** 2 + leg[1] ** 2 + leg[2] ** 2) / speed
-        corners[count] = way[to]
+        corners[count] = path[to]
         count, at = count + 1, to
     return corners[:count].copy()
 
 
 @compiled
-def _is_met(
+def _segment_collides(
     movers: Movers, start: Array, end: Array, begun: float, speed: float, step: float
 ) -> bool:
-    """Whether what moves is met on the straight way between places, begun at a time [s]."""
+    """Return whether a line between positions, started at a time [s], meets a moving ball."""
     if len(movers.keep) == 0:
         return False
     dx, dy, dz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
@@ -266,6 +266,6 @@ def _is_met(
     for k in range(count + 1):
         s = k / count
         x, y, z = start[0] + s * dx, start[1] + s * dy, start[2] + s * dz
-        if _moves_into(movers, x, y, z, begun + s * length / speed):
+        if _collides(movers, x, y, z, begun + s * length / speed):
             return True
     return False

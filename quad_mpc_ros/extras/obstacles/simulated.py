@@ -1,4 +1,4 @@
-"""A scene around a simulated vehicle: what a sensor sees of it, where it is flown into."""
+"""Simulated obstacle sensor and collisions with a scene."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from quad_mpc_ros.simulation.surroundings import (
     SensedObstacles,
 )
 
-_ROUND, _UP_AND_DOWN = 240, 31  # rays: a pillar of 0.2 m is met at 6 m
-_HIGHEST = math.radians(45.0)
-_BETWEEN = 5  # places looked at between two odometries
+_AZIMUTH_COUNT, _ELEVATION_COUNT = 240, 31  # rays: a pillar of 0.2 m is hit at 6 m
+_MAX_ELEVATION = math.radians(45.0)
+_COLLISION_CHECKS = 5  # between two odometries
 
 
 class SimulatedSurroundings:
-    """A scene around a vehicle; times from the start of the flight."""
+    """A scene around a simulated vehicle; times are from the start of the flight."""
 
     def __init__(self, config: ObstacleSensorParameters, scene: Scene, *, radius: float) -> None:
-        """Take the sensor, what is there, and the radius of the vehicle [m]."""
+        """Initialise with the sensor, the scene and the radius of the vehicle [m]."""
         self.scene = scene
         self._config, self._radius = config, radius
         self._period_ns = round(1e9 / config.sensor_rate)
@@ -41,7 +41,7 @@ class SimulatedSurroundings:
         self._before: tuple[float, Array] | None = None
 
     def check_start(self, p_WB: Array) -> None:
-        """Raise :class:`UserError` for a vehicle that would begin in contact at ``p_WB`` (3,)."""
+        """Raise :class:`UserError` for a vehicle in contact at ``p_WB`` (3,)."""
         away = [float(shape.distance(p_WB[None])[0]) for shape in self.scene.there(0.0)]
         if min(away, default=math.inf) < self._radius:
             shape = self.scene.there(0.0)[int(np.argmin(away))]
@@ -67,7 +67,7 @@ class SimulatedSurroundings:
         seconds, place = 1e-9 * time_ns, truth.p_WB
         before, now = self._before or (seconds, place), (seconds, place)
         self._before = now
-        for share in np.linspace(1.0 / _BETWEEN, 1.0, _BETWEEN):
+        for share in np.linspace(1.0 / _COLLISION_CHECKS, 1.0, _COLLISION_CHECKS):
             time = before[0] + share * (now[0] - before[0])
             p_WB = before[1] + share * (now[1] - before[1])
             near = self.scene.near(p_WB, self._radius, time)
@@ -76,7 +76,7 @@ class SimulatedSurroundings:
         return None
 
     def _marked(self, truth: OdometrySample, seconds: float, reach: float) -> tuple[Marker, ...]:
-        """Return the shapes in reach as markers, and that others are there no more."""
+        """Return the markers of the shapes in range, and deletions of others."""
         gaps = [
             (number, shape.after(seconds))
             for number, shape in enumerate(self.scene.shapes)
@@ -95,9 +95,9 @@ class SimulatedSurroundings:
 def scan(
     scene: Scene, truth: OdometrySample, *, seconds: float, reach: float
 ) -> PointCloud | None:
-    """Return the points, in the body, where rays all around meet a scene; None if none does.
+    """Return the points in the body frame where rays hit a scene; None without any hit.
 
-    The rays are 1.5 degrees apart across and 3 up and down, to 45 degrees; ``reach`` [m] long.
+    The rays cover all azimuths every 1.5 degrees and elevations to 45 degrees every 3 degrees.
     """
     R_WB = so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw)
     lengths = np.full(len(_RAYS), np.inf)
@@ -116,7 +116,7 @@ def scan(
 
 
 def _towards(shape: Shape, p_WC: Array, rays_W: Array) -> NDArray[np.intp]:
-    """Return which rays may meet the sphere about a shape."""
+    """Return which rays may hit the bounding sphere of a shape."""
     to_it = shape.p_WO - p_WC
     along = rays_W @ to_it
     away = float(to_it @ to_it) - along * along
@@ -124,15 +124,15 @@ def _towards(shape: Shape, p_WC: Array, rays_W: Array) -> NDArray[np.intp]:
 
 
 def _marker(truth: OdometrySample, number: int, shape: Shape | None) -> Marker:
-    """Return a shape as a marker in the frame of the odometry, or that it is there no more."""
+    """Return the marker of a shape in the frame of the odometry, or its deletion."""
     stamp_ns, frame_id = truth.stamp_ns, truth.frame_id
     return shape_marker(shape, number, stamp_ns=stamp_ns, frame_id=frame_id)
 
 
 def _rays() -> Array:
-    """Return unit vectors (n, 3) all around, level and up to 45 degrees up and down."""
-    azimuth = np.linspace(-math.pi, math.pi, _ROUND, endpoint=False)
-    elevation = np.linspace(-_HIGHEST, _HIGHEST, _UP_AND_DOWN)
+    """Return the unit vectors (n, 3) of the rays."""
+    azimuth = np.linspace(-math.pi, math.pi, _AZIMUTH_COUNT, endpoint=False)
+    elevation = np.linspace(-_MAX_ELEVATION, _MAX_ELEVATION, _ELEVATION_COUNT)
     around, up = (each.ravel() for each in np.meshgrid(azimuth, elevation))
     flat = np.cos(up)
     return np.column_stack((flat * np.cos(around), flat * np.sin(around), np.sin(up)))

@@ -1,4 +1,4 @@
-"""Points on the surfaces of shapes, by which the world is searched, and how large surfaces are."""
+"""Sampled points and areas of the surfaces of shapes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.simulation.scene import Volume
 from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
 
-_ON = 1e-6  # m from a wall
+_WALL_TOLERANCE = 1e-6  # m from a wall
 
 
 def area(shape: Shape) -> float:
@@ -25,9 +25,9 @@ def area(shape: Shape) -> float:
 
 
 def surface_points(shape: Shape, spacing: float) -> Array:
-    """Return points (n, 3) [m] on a surface at the time 0, about :func:`area` / ``spacing``^2.
+    """Return about :func:`area` / ``spacing``^2 points (n, 3) [m] on a surface at time 0.
 
-    Every point of the surface has one within ``spacing`` / sqrt(2) [m].
+    Every point of the surface is within ``spacing`` / sqrt(2) [m] of one of them.
     """
     if isinstance(shape, Box):
         points = _on_box(shape, spacing)
@@ -40,9 +40,9 @@ def surface_points(shape: Shape, spacing: float) -> Array:
 
 
 def wall_points(volume: Volume, spacing: float, *, near: Array, radius: float) -> Array:
-    """Return points (n, 3) [m] on walls and ceiling within a cube about a place (3,).
+    """Return points (n, 3) [m] on walls and ceiling within a cube around a position (3,).
 
-    On the floor too, if that is above 0: on ground at height 0 or below the vehicle stands.
+    Also on the floor if it is above 0; a vehicle may stand on ground at height 0 or below.
     """
     low = np.maximum(volume.minimum, near - radius)
     high = np.minimum(volume.maximum, near + radius)
@@ -51,12 +51,12 @@ def wall_points(volume: Volume, spacing: float, *, near: Array, radius: float) -
     points = surface_points(Box(p_WO=0.5 * (low + high), size=high - low), spacing)
     floor = volume.minimum.copy()
     floor[2] = floor[2] if floor[2] > 0.0 else -np.inf
-    on_wall = (points <= floor + _ON) | (points >= volume.maximum - _ON)
+    on_wall = (points <= floor + _WALL_TOLERANCE) | (points >= volume.maximum - _WALL_TOLERANCE)
     return points[on_wall.any(axis=1)]
 
 
 def _on_box(box: Box, spacing: float) -> Array:
-    """Return points (n, 3) [m] on the six faces, edges and corners included."""
+    """Return points (n, 3) [m] on the six faces, including edges and corners."""
     a, b, c = (_steps(length, spacing) for length in box.size)
     ends_x, ends_y, ends_z = (np.array([-h, h]) for h in box.half_extents)
     faces = [_grid(ends_x, b, c), _grid(a, ends_y, c), _grid(a, b, ends_z)]
@@ -64,7 +64,7 @@ def _on_box(box: Box, spacing: float) -> Array:
 
 
 def _on_cylinder(cylinder: Cylinder, spacing: float) -> Array:
-    """Return points (n, 3) [m] on the wall and the two ends, rims included."""
+    """Return points (n, 3) [m] on the wall and the two ends, including rims."""
     heights = _steps(cylinder.height, spacing)
     wall = _crossed(_circle(cylinder.radius, spacing), heights)
     radii = _steps(2.0 * cylinder.radius, spacing)
@@ -84,7 +84,7 @@ def _on_sphere(sphere: Sphere, spacing: float) -> Array:
 
 
 def _steps(length: float, spacing: float) -> Array:
-    """Return places from one end to the other of a length about 0, no further apart."""
+    """Return positions along a length centred at 0, at most ``spacing`` apart."""
     half = 0.5 * length
     return np.linspace(-half, half, max(math.ceil(length / spacing), 1) + 1)
 
@@ -94,7 +94,7 @@ def _grid(x: Array, y: Array, z: Array) -> Array:
 
 
 def _circle(radius: float, spacing: float) -> Array:
-    """Return points (n, 2) round the centre, one where the radius is 0."""
+    """Return points (n, 2) on a circle, one for a radius of 0."""
     count = math.ceil(2.0 * math.pi * radius / spacing)
     if count < 2:
         return np.zeros((1, 2))
@@ -103,6 +103,6 @@ def _circle(radius: float, spacing: float) -> Array:
 
 
 def _crossed(places: Array, heights: Array) -> Array:
-    """Return every place (n, 2) at every height (m,) as points (n m, 3)."""
+    """Return every position (n, 2) at every height (m,) as points (n m, 3)."""
     across = np.tile(places, (len(heights), 1))
     return np.column_stack((across, np.repeat(heights, len(places))))

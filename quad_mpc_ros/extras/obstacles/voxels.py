@@ -1,4 +1,4 @@
-"""Points thinned out to one for each cube of a grid, in time proportional to their number."""
+"""Voxel filter: one point per cube of a grid, in time proportional to the number of points."""
 
 from __future__ import annotations
 
@@ -9,104 +9,102 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.control.lie import Array
 
-_BITS = 18  # of the table
-_CELL_BITS = 21  # of a coordinate of a cube, counted round: of cubes so far apart none meet
+_TABLE_BITS = 18  # of the hash table
+_CELL_BITS = 21  # of a cube's coordinate, which wraps around
 _MIXER = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio: Fibonacci hashing
-_TILE = 1024.0  # m
+_ORIGIN_SPACING = 1024.0  # m
 
 Points = NDArray[np.float32]
 
 
 def local_origin(p_W: Array) -> Array:
-    """Return a place (3,) [m] near another one, relative to which 32-bit coordinates are exact.
+    """Return an origin (3,) [m] near a position, for accurate 32-bit coordinates.
 
-    It is the world's origin for places near that. UTM coordinates of 5.4e6 m as 32-bit numbers are
-    half a metre apart.
+    It is 0 near the world's origin. In 32 bit, coordinates of 5.4e6 m have a resolution of 0.5 m.
     """
-    return np.asarray(_TILE * np.round(p_W / _TILE))
+    return np.asarray(_ORIGIN_SPACING * np.round(p_W / _ORIGIN_SPACING))
 
 
-class _CloudPoints(NamedTuple):
-    """Points (n, 3) [m], when each was last seen [ns], the key of its cube, where that hashes."""
+class _VoxelPoints(NamedTuple):
+    """Points (n, 3) [m], their last detections [ns], keys of their cubes, and hashes."""
 
     points: Points
-    seen_ns: NDArray[np.int64]
+    last_seen_ns: NDArray[np.int64]
     keys: NDArray[np.int64]
     places: NDArray[np.intp]
 
-    def chosen(self, which: NDArray[Any]) -> _CloudPoints:
-        return _CloudPoints(*(column[which] for column in self))
+    def chosen(self, which: NDArray[Any]) -> _VoxelPoints:
+        return _VoxelPoints(*(column[which] for column in self))
 
-    def with_more(self, other: _CloudPoints) -> _CloudPoints:
-        return _CloudPoints(
+    def with_more(self, other: _VoxelPoints) -> _VoxelPoints:
+        return _VoxelPoints(
             np.concatenate((self.points, other.points)),
-            np.concatenate((self.seen_ns, other.seen_ns)),
+            np.concatenate((self.last_seen_ns, other.last_seen_ns)),
             np.concatenate((self.keys, other.keys)),
             np.concatenate((self.places, other.places)),
         )
 
 
 class VoxelMap:
-    """Of the points seen in a cube the last one, and when that was.
+    """The last point in each cube and its time.
 
-    A table says which point was the last with a hash. A point gives way only to one of its own
-    cube: of two cubes with one hash some points stay that could go, and none goes that has to
-    stay.
+    A table has the last point of each hash. A point replaces only points of the same cube: for
+    cubes with equal hash some redundant points stay, but no required point is lost.
     """
 
     def __init__(self, size: float) -> None:
-        """Take the side of a cube [m]."""
+        """Initialise with the size of a cube [m]."""
         self._per_metre = np.float32(1.0 / size)
-        self._table = np.zeros(1 << _BITS, dtype=np.int32)
-        self._known = self._made(np.zeros((0, 3), np.float32), 0)
+        self._table = np.zeros(1 << _TABLE_BITS, dtype=np.int32)
+        self._stored = self._voxelized(np.zeros((0, 3), np.float32), 0)
 
     @property
     def points(self) -> Points:
-        """The points (n, 3) [m]; another array after each change."""
-        return self._known.points
+        """The points (n, 3) [m]; a new array after each change."""
+        return self._stored.points
 
     def clear(self) -> None:
-        """Forget all."""
-        self._known = self._made(np.zeros((0, 3), np.float32), 0)
+        """Remove all points."""
+        self._stored = self._voxelized(np.zeros((0, 3), np.float32), 0)
 
     def move(self, points: Points) -> None:
-        """Take other coordinates (n, 3) [m] of the same points."""
-        seen_ns = self._known.seen_ns
-        self._settle(self._made(points, 0)._replace(seen_ns=seen_ns))
+        """Set new coordinates (n, 3) [m] of the same points."""
+        last_seen_ns = self._stored.last_seen_ns
+        self._store(self._voxelized(points, 0)._replace(last_seen_ns=last_seen_ns))
 
     def insert(self, points: Points, stamp_ns: int) -> None:
-        """Add points (n, 3) [m], finite, in place of what was known of the same cubes."""
-        new, known = self._made(points, stamp_ns), self._known
-        if len(known.points):
-            before = np.minimum(self._table[new.places], len(known.points) - 1)
-            given_up = before[known.keys[before] == new.keys]
-            stays = np.ones(len(known.points), dtype=bool)
+        """Add finite points (n, 3) [m], replacing those of the same cubes."""
+        new, stored = self._voxelized(points, stamp_ns), self._stored
+        if len(stored.points):
+            before = np.minimum(self._table[new.places], len(stored.points) - 1)
+            given_up = before[stored.keys[before] == new.keys]
+            stays = np.ones(len(stored.points), dtype=bool)
             stays[given_up] = False
-            known = known.chosen(stays)
+            stored = stored.chosen(stays)
         numbers = np.arange(len(points), dtype=np.int32)
-        self._table[new.places] = numbers  # of equal places the last counts
+        self._table[new.places] = numbers  # the last of equal hashes counts
         last = self._table[new.places]
         kept = (last == numbers) | (new.keys[last] != new.keys)
-        self._settle(known.with_more(new.chosen(kept)))
+        self._store(stored.with_more(new.chosen(kept)))
 
     def forget_before(self, stamp_ns: int) -> bool:
-        """Forget what was last seen before a time; return whether there was any."""
-        stays = self._known.seen_ns >= stamp_ns
+        """Remove points last detected before a time; return whether there were any."""
+        stays = self._stored.last_seen_ns >= stamp_ns
         if stays.all():
             return False
-        self._settle(self._known.chosen(stays))
+        self._store(self._stored.chosen(stays))
         return True
 
-    def _settle(self, known: _CloudPoints) -> None:
-        self._table[known.places] = np.arange(len(known.points), dtype=np.int32)
-        self._known = known
+    def _store(self, stored: _VoxelPoints) -> None:
+        self._table[stored.places] = np.arange(len(stored.points), dtype=np.int32)
+        self._stored = stored
 
-    def _made(self, points: Points, stamp_ns: int) -> _CloudPoints:
+    def _voxelized(self, points: Points, stamp_ns: int) -> _VoxelPoints:
         mask, keys = (1 << _CELL_BITS) - 1, np.zeros(len(points), dtype=np.int64)
         for coordinate in points.T:
             cells = np.floor(coordinate * self._per_metre).astype(np.int32)
             keys <<= _CELL_BITS
             keys |= cells & mask
-        hashed = (keys.view(np.uint64) * _MIXER) >> np.uint64(64 - _BITS)
-        seen_ns = np.full(len(points), stamp_ns, dtype=np.int64)
-        return _CloudPoints(points, seen_ns, keys, hashed.astype(np.intp))
+        hashed = (keys.view(np.uint64) * _MIXER) >> np.uint64(64 - _TABLE_BITS)
+        last_seen_ns = np.full(len(points), stamp_ns, dtype=np.int64)
+        return _VoxelPoints(points, last_seen_ns, keys, hashed.astype(np.intp))

@@ -1,4 +1,4 @@
-"""What is known of obstacles by now, from a file, clouds, markers and neighbours."""
+"""The known obstacles, from a file, clouds, markers and neighbours."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from quad_mpc_ros.simulation.scene import Scene
 from quad_mpc_ros.simulation.shapes import Shape
 
 _SPACING = 0.1  # m between points of a surface
-_BESIDE = 1.0  # m beyond what was asked for, so that the answer serves the next ticks too
+_QUERY_MARGIN = 1.0  # m beyond the requested radius, for later requests
 
 
-class _Answer(NamedTuple):
-    """The points within a radius of a place, of a revision."""
+class _QueryResult(NamedTuple):
+    """The points within a radius of a position, at a revision."""
 
     points: Array
     near: Array
@@ -40,13 +40,13 @@ class _Answer(NamedTuple):
     revision: int
 
     def serves(self, near: Array, radius: float, revision: int) -> bool:
-        """Whether it holds all that is asked for."""
+        """Return whether it covers a request."""
         away = float(np.linalg.norm(near - self.near))
         return revision == self.revision and away + radius <= self.radius
 
 
-class _Standing(NamedTuple):
-    """What was received of what stands, as it is at one moment; nothing changes it.
+class _StaticObstacles(NamedTuple):
+    """An immutable snapshot of the received static obstacles.
 
     ``clouds`` (n, 3) [m] are 32-bit and relative to ``origin`` (3,); ``markers`` are arrays of
     points (m, 3) [m].
@@ -58,15 +58,13 @@ class _Standing(NamedTuple):
     markers: list[Array]
 
 
-class World:
-    """What is known of obstacles, as :class:`.avoidance.Obstacles` says.
+class ObstacleWorld:
+    """The known obstacles; implements :class:`.avoidance.Obstacles`.
 
-    Every ``receive`` raises ``ValueError`` with one line for what is of no use, and is then as if
-    it had not been called.
+    Every ``receive`` raises ``ValueError`` with one line for an unusable message, without effect.
 
-    Clouds may be received, and :meth:`points` be asked for, in another thread than all else. What
-    is received is written under one lock; what stands is read from one record, which is replaced
-    as a whole.
+    Receiving clouds and calling :meth:`points` is permitted in another thread. Writing uses one
+    lock; static obstacles are read from one snapshot, which is replaced as a whole.
     """
 
     def __init__(
@@ -77,7 +75,7 @@ class World:
         frame_id: str = "odom",
         radius: float = 0.0,
     ) -> None:
-        """Begin with what stands in a scene; ``radius`` [m] is that of a neighbour."""
+        """Initialise with a scene; ``radius`` [m] is that of neighbours."""
         self._scene = (scene or Scene()).static
         self._radius, self._resolution = radius, config.resolution
         self._frames = Frames(frame_id)
@@ -86,13 +84,13 @@ class World:
         self._neighbours = {name: Neighbour(frame_id) for name in config.neighbours}
         surfaces = [surface_points(shape, _SPACING) for shape in self._scene.shapes]
         self._fixed = np.vstack(surfaces) if surfaces else np.zeros((0, 3))
-        self._answer: _Answer | None = None
+        self._query_result: _QueryResult | None = None
         self._lock, self._resets = threading.Lock(), 0
-        self._standing = _Standing(0, self._clouds.points, self._clouds.origin, [])
+        self._static = _StaticObstacles(0, self._clouds.points, self._clouds.origin, [])
 
     @property
     def scene(self) -> Scene:
-        """What stands by the file, and the volume of flight."""
+        """The static obstacles of the file, and the flight volume."""
         return self._scene
 
     @property
@@ -102,22 +100,16 @@ class World:
 
     @property
     def spacing(self) -> float:
-        """How far points of a surface are apart at most [m].
-
-        Of cubes side by side the points that were kept may be at opposite ends.
-        """
-        return max(_SPACING, 2.0 * self._resolution) if self._clouds.is_heard else _SPACING
+        """Greatest distance between points of a surface, in opposite ends of two cubes [m]."""
+        return max(_SPACING, 2.0 * self._resolution) if self._clouds.has_cloud else _SPACING
 
     @property
     def revision(self) -> int:
         """A number that changes when what :meth:`points` returns may have changed."""
-        return self._standing.revision
+        return self._static.revision
 
     def receive_odometry(self, odometry: OdometrySample) -> None:
-        """Take where the vehicle is, by which clouds in its frame are placed, and the time.
-
-        What has been seen for too long, or has outlived its lifetime, is forgotten.
-        """
+        """Receive the odometry, for transforms and time; remove expired points and markers."""
         with self._changing():
             self._frames.receive_odometry(odometry)
             now_ns = self._frames.newest_ns
@@ -126,27 +118,27 @@ class World:
                 self._markers.forget(now_ns)
 
     def receive_cloud(self, cloud: PointCloud) -> None:
-        """Take a scan or a map. One that was placed before a reset of the estimate is dropped."""
+        """Receive a scan or a map; drop one transformed before a reset of the estimate."""
         with self._lock:
             placement, resets = self._clouds.placement(cloud), self._resets
-        points = self._clouds.placed(cloud, placement)  # takes long, and needs no lock
+        points = self._clouds.placed(cloud, placement)  # slow, and needs no lock
         with self._changing():
             if resets == self._resets:
                 self._clouds.insert(points, placement)
 
     def receive_markers(self, markers: Sequence[Marker]) -> None:
-        """Take markers; those of use are taken even if it raises for others."""
+        """Receive markers; valid ones are used even if it raises for others."""
         with self._changing():
             self._markers.receive(markers)
 
     def receive_transforms(self, transforms: Sequence[Transform]) -> None:
-        """Take transforms of the frames of sensors."""
+        """Receive transforms of sensor frames."""
         with self._lock:
             for transform in transforms:
                 self._frames.receive_transform(transform)
 
     def receive_neighbour(self, name: str, message: OdometrySample | TimedPath) -> None:
-        """Take the odometry or the plan of a neighbour."""
+        """Receive the odometry or the plan of a neighbour."""
         neighbour = self._neighbours[name]
         try:
             if isinstance(message, TimedPath):
@@ -157,7 +149,7 @@ class World:
             raise ValueError(f"neighbour '{name}': {error}") from None
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Let what was seen move along; what the file says stays in its coordinates."""
+        """Transform received obstacles; obstacles of the file keep their coordinates."""
         with self._changing():
             self._frames.forget_poses()
             self._clouds.reset_estimate(reset)
@@ -166,38 +158,39 @@ class World:
 
     @contextmanager
     def _changing(self) -> Iterator[None]:
-        """Hold the lock, and replace what stands if it has changed, whatever is raised."""
+        """Hold the lock, and replace the snapshot if it has changed, also after an exception."""
         with self._lock:
             try:
                 yield
             finally:
                 revision = self._clouds.revision + self._markers.revision
-                if revision != self._standing.revision:
-                    clouds, markers = self._clouds, self._markers.standing_points
-                    self._standing = _Standing(revision, clouds.points, clouds.origin, markers)
+                if revision != self._static.revision:
+                    clouds, markers = self._clouds, self._markers.static_points
+                    cloud = clouds.points, clouds.origin
+                    self._static = _StaticObstacles(revision, *cloud, markers)
 
     def points(self, stamp_ns: int, *, near: Array, radius: float) -> Array:
-        """Return points (n, 3) [m] of what stands, all within a radius of a place and some more.
+        """Return all static points (n, 3) [m] within a radius of a position, and some more.
 
-        The same array as long as it serves.
+        It returns the same array while that covers the request.
         """
-        known, answer = self._standing, self._answer
-        if answer is None or not answer.serves(near, radius, known.revision):
-            wide = radius + _BESIDE
+        known, result = self._static, self._query_result
+        if result is None or not result.serves(near, radius, known.revision):
+            wide = radius + _QUERY_MARGIN
             found = [_within(points, near, wide) for points in (self._fixed, *known.markers)]
             found.insert(1, _within(known.clouds, near - known.origin, wide) + known.origin)
             if self._scene.volume is not None:
                 found.append(wall_points(self._scene.volume, _SPACING, near=near, radius=wide))
-            answer = _Answer(np.vstack(found), near.copy(), wide, known.revision)
-            self._answer = answer
-        return answer.points
+            result = _QueryResult(np.vstack(found), near.copy(), wide, known.revision)
+            self._query_result = result
+        return result.points
 
     def moving(self, stamp_ns: int, *, near: Array, radius: float) -> MovingPoints:
-        """Return what moves, neighbours apart, where it is predicted to be at a time."""
+        """Return the moving points without neighbours, predicted for a time."""
         now_ns = self._frames.newest_ns or stamp_ns
         parts = []
         for moved in self._markers.moving(stamp_ns):
-            shape, old_ns = moved.shape, now_ns - moved.told_ns
+            shape, old_ns = moved.shape, now_ns - moved.received_ns
             if float(np.linalg.norm(shape.p_WO - near)) - shape.outer_radius <= radius:
                 surface = surface_points(shape, _SPACING)
                 parts.append(_points_of(surface, shape.v_WO_W, moved.number, old_ns))
@@ -212,7 +205,7 @@ class World:
         known = [each for each in plans if each is not None]
         return Plans(
             np.array([each.p_W for each in known]).reshape(len(known), len(stamps_ns), 3),
-            np.array([1e-9 * max(now_ns - each.told_ns, 0) for each in known]),
+            np.array([1e-9 * max(now_ns - each.received_ns, 0) for each in known]),
         )
 
     def age(self, stamp_ns: int) -> float:
@@ -220,19 +213,19 @@ class World:
         return self._clouds.age(stamp_ns)
 
     def silence(self, stamp_ns: int) -> float:
-        """Return how long no scan has come [s]; 0 before the first."""
+        """Return the time since the last scan [s]; 0 before the first."""
         return self._clouds.silence(stamp_ns)
 
     def distance(self, stamp_ns: int, p_WQ: Array) -> Array:
-        """Return the signed distances (n,) [m] of points (n, 3) [m] to all that is known.
+        """Return the signed distances (n,) [m] of points (n, 3) [m] to all obstacles.
 
-        To points of clouds and lists they are not negative.
+        Distances to points of clouds and marker lists are not negative.
         """
         shapes: list[Shape] = [*self._scene.shapes, *self._markers.shapes(stamp_ns)]
         nearest = Scene(shapes).distance(p_WQ, 0.0)
         if self._scene.volume is not None:
             nearest = np.minimum(nearest, self._scene.volume.distance(p_WQ))
-        known = self._standing
+        known = self._static
         points = np.vstack([known.clouds + known.origin, *known.markers])
         if len(points):
             from scipy.spatial import cKDTree
@@ -261,7 +254,7 @@ def _points_of(
 
 
 def _within(points: NDArray[np.floating[Any]], centre: Array, radius: float) -> Array:
-    """Return those of points (n, 3) that lie within a radius of a centre (3,)."""
+    """Return the points (n, 3) within a radius of a centre (3,)."""
     x, y, z = points.T
     near = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2 <= radius**2
     return np.asarray(points[near], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Races through gates: courses, how a path passes them, plans of least time, gates that move.
+"""Races through gates: courses, gate passages, time-optimal plans, moving gates.
 
-May import the libraries and ``control``. On with ``--gates``, ``*.gates``, ``quad_mpc plan``.
+May import the libraries and ``control``. Enabled with ``--gates``, ``*.gates``, ``quad_mpc plan``.
 """

@@ -1,9 +1,9 @@
-"""When and where a flown path passes the gates of a course, and by how much it misses them.
+"""Times and misses of the gate passages of a flown path.
 
-A gate in a plane is passed where the path crosses that plane in the gate's direction, a ball
-where the path is nearest to its centre. A course may lead through a gate several times and a
-path may cross a plane elsewhere on its way, so the passages of all gates are chosen together, in
-the order of the course: as many as possible through the openings, then as early as possible.
+A planar gate is passed where the path crosses its plane in the gate's direction, a ball where the
+path is nearest to its centre. A course may have a gate several times and a path may cross a plane
+elsewhere, so the passages of all gates are chosen together, in the order of the course: as many
+as possible through the openings, then as early as possible.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from numpy.typing import NDArray
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.course import Course, Gate
 
-# What choosing a passage costs: one outside of the opening, its distance [m] coming on top, and
-# none. One more through its opening is worth any number of these differences.
-_FARTHEST = 1e4  # m: misses beyond it count alike
-_MISSED, _ABSENT = 1e8, 1e8 + 2.0 * _FARTHEST
+# Costs of a passage outside of the opening, plus its miss [m], and of no passage. They outweigh
+# all differences between passages through the opening.
+_MAX_MISS = 1e4  # m: larger misses have equal cost
+_MISS_COST, _ABSENT_COST = 1e8, 1e8 + 2.0 * _MAX_MISS
 
 
 @dataclass(frozen=True, kw_only=True)
 class Passage:
-    """How a gate was passed.
+    """Passage of a gate.
 
     Attributes:
-        time: When [s]; None where the path never comes by.
-        miss: Distance from the centre, in the plane of a gate that has one [m].
+        time: Time [s]; None if the path never passes.
+        miss: Distance from the centre, in the plane of a planar gate [m].
         passed: Whether the vehicle's centre went through the opening.
-        clipped: Whether its edge was nearer than the vehicle's radius, on either side; a ball
-            has no edge to clip.
+        clipped: Whether the edge was nearer than the vehicle's radius, on either side; false for a
+            ball.
     """
 
     time: float | None
@@ -44,10 +44,9 @@ class Passage:
 
 @dataclass(frozen=True, kw_only=True)
 class Lap:
-    """The passages of a course in its order, and when its end was reached [s], None if not.
+    """The passages of a course in order, and the time at which its end was reached [s] or None.
 
-    That is when the vehicle came within the tolerance of the end, or, where the course has none,
-    passed the last gate.
+    The end is reached within its tolerance; without an end, by the passage of the last gate.
     """
 
     passages: tuple[Passage, ...]
@@ -55,21 +54,21 @@ class Lap:
 
     @property
     def missed(self) -> int:
-        """How many gates were not passed."""
+        """Number of missed gates."""
         return sum(not passage.passed for passage in self.passages)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MovedGates:
-    """A course as its gates moved: ``courses`` one after the other, and which held when (n,)."""
+    """A course with moving gates: successive ``courses``, and the index of each sample (n,)."""
 
     courses: Sequence[Course]
     held: NDArray[np.int64]
 
     def offsets(self, number: int, p_WB: Array) -> tuple[Array, Array]:
-        """Return where a path (n, 3) is from a passage's gate before and after each step.
+        """Return the offsets of a path (n, 3) from a gate before and after each step.
 
-        (n - 1, 3) [m] each, in the gate's axes, or the world's of a ball. Over a step it is held.
+        (n - 1, 3) [m] each, in the axes of the gate, or of the world for a ball, held per step.
         """
         gates = [course.gates[number] for course in self.courses]
         held = self.held[:-1]
@@ -89,10 +88,10 @@ def passages(
     radius: float = 0.0,
     moved: MovedGates | None = None,
 ) -> Lap:
-    """Return how a path, positions (n, 3) [m] at increasing times (n,) [s], passes a course.
+    """Return the passages of a path, positions (n, 3) [m] at increasing times (n,) [s].
 
-    ``radius`` [m] is that of a ball round the vehicle, for clipping. Gates that ``moved`` are
-    passed where they were by then.
+    ``radius`` [m] of the vehicle's bounding sphere defines clipping. ``moved`` has the poses of
+    moving gates.
     """
     found = [
         _nearest(
@@ -119,7 +118,7 @@ def passages(
 
 
 def _offsets(gate: Gate, p_WB: Array) -> tuple[Array, Array]:
-    """Return where a path (n, 3) is from a gate before and after each step (n - 1, 3) [m]."""
+    """Return the offsets of a path (n, 3) from a gate before and after each step [m]."""
     offsets = p_WB - gate.p_WG
     if gate.R_WG is not None:
         offsets = offsets @ gate.R_WG
@@ -129,7 +128,7 @@ def _offsets(gate: Gate, p_WB: Array) -> tuple[Array, Array]:
 def _nearest(
     gate: Gate, seconds: Array, before: Array, after: Array, *, radius: float
 ) -> list[Passage]:
-    """Return every passage of a gate that a path has, in order of time."""
+    """Return all passages of a gate, in order of time."""
     p, step = before, after - before
     places: NDArray[np.int64]
     if gate.R_WG is None:
@@ -140,7 +139,7 @@ def _nearest(
         miss = np.linalg.norm(offset, axis=1)
         places = _least_of_each_visit(miss, gate.half_width)
     else:
-        x, x_after = before[:, 0], after[:, 0]  # one number a place: its sign counts twice
+        x, x_after = before[:, 0], after[:, 0]  # consecutive signs must be consistent
         forward, backward = (x < 0.0) & (x_after >= 0.0), (x > 0.0) & (x_after <= 0.0)
         places = np.flatnonzero(forward | backward if gate.both_ways else forward)
         share = np.zeros(len(p))
@@ -161,10 +160,10 @@ def _nearest(
 
 
 def _least_of_each_visit(miss: Array, tolerance: float) -> NDArray[np.int64]:
-    """Return where a distance (n,) is least: once a visit, and where it is least nearby else."""
+    """Return local minima of a distance (n,), inside the tolerance one for each visit."""
     around = np.pad(miss, 1, constant_values=np.inf)
     least = np.flatnonzero((miss <= around[:-2]) & (miss < around[2:]))
-    left = np.cumsum(miss > tolerance)  # the same all along a visit
+    left = np.cumsum(miss > tolerance)  # constant during a visit
     best: dict[tuple[str, int], int] = {}
     for place in least.tolist():
         inside = miss[place] <= tolerance
@@ -175,20 +174,20 @@ def _least_of_each_visit(miss: Array, tolerance: float) -> NDArray[np.int64]:
 
 
 def _in_order(found: list[list[Passage]]) -> tuple[Passage, ...]:
-    """Return one passage of each gate, their times increasing, at the least cost in all.
+    """Return one passage of each gate with increasing times at the least total cost.
 
-    Dynamic programming over the gates: of chains that end no later and cost no more one is kept.
+    Dynamic programming over the gates; dominated chains are dropped.
     """
     none = Passage(time=None, miss=None, passed=False, clipped=False)
     chains: list[tuple[float, float, tuple[Passage, ...]]] = [(-math.inf, 0.0, ())]
     for candidates in found:
-        longer = [(time, cost + _ABSENT, (*chain, none)) for time, cost, chain in chains]
+        longer = [(time, cost + _ABSENT_COST, (*chain, none)) for time, cost, chain in chains]
         for each in candidates:
             assert each.time is not None and each.miss is not None
             before = [entry for entry in chains if entry[0] < each.time]
             if before:
                 _, cost, chain = min(before, key=lambda entry: entry[1])
-                own = each.time if each.passed else _MISSED + min(each.miss, _FARTHEST)
+                own = each.time if each.passed else _MISS_COST + min(each.miss, _MAX_MISS)
                 longer.append((each.time, cost + own, (*chain, each)))
         chains = []
         for entry in sorted(longer, key=lambda entry: entry[:2]):

@@ -1,4 +1,4 @@
-"""The reference ``gates``: a plan through a course, or without one a smooth path through it."""
+"""The reference ``gates``: a plan through a course, or a smooth path."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from quad_mpc_ros.references.motion_table import PlannedMotion
 from quad_mpc_ros.references.path import Path, SplinePath
 from quad_mpc_ros.references.point_table import csv_path
 
-_SAMPLED = 0.005  # s
-_AHEAD = 1.0  # m in front of a gate and behind it, where the path has to go straight through
-_SHORTEST = 0.05  # m, between two points
-_LOWEST, _SHARE_OF_LOWEST = 0.3, 0.5  # m: a path is led up that dips lower without need
-_MOST_BETWEEN = 3  # points on the line between two gates
+_SAMPLE_PERIOD = 0.005  # s
+_LEAD_IN = 1.0  # m, straight part of the path before and behind a gate
+_MIN_SPACING = 0.05  # m, between two points
+_MIN_HEIGHT, _HEIGHT_RATIO = 0.3, 0.5  # m: lowest height of a path, unless gates are lower
+_MAX_INTERMEDIATE_POINTS = 3  # points on the line between two gates
 
 
 def gates_path(config: GateParameters) -> Path | PlannedMotion:
-    """Return the plan that ``file`` names, or the smooth path through the gates.
+    """Return the plan in ``file``, or the smooth path through the gates.
 
-    Raises :class:`UserError` for a course that cannot be flown and a plan that does not pass it.
+    Raises :class:`UserError` for an invalid course, or a plan that does not pass it.
     """
     course = configured_course(config)
     if course is None:
@@ -44,32 +44,32 @@ def gates_path(config: GateParameters) -> Path | PlannedMotion:
 
 
 def configured_course(config: GateParameters) -> Course | None:
-    """Return the configured course, None for none; raises :class:`UserError`."""
+    """Return the configured course, or None. Raises :class:`UserError`."""
     return read_course(config.gates) if config.gates else None
 
 
 def smooth_path(
     course: Course, *, max_speed: float, max_acceleration: float, start: End | None = None
 ) -> SplinePath:
-    """Return a path of minimum snap through the middle of every gate, to rest.
+    """Return a minimum-snap path through the centres of all gates, which ends at rest.
 
-    It begins at rest, or goes on from the motion ``start`` where the course begins.
+    It starts at rest, or with the motion ``start``, at the start of the course.
 
-    Where it would pass a gate against its direction, it is led straight through from in front of
-    the gate to behind it; where it would dip towards the ground, through points on the straight
-    line between the gates. Raises :class:`UserError` where a gate is still not passed.
+    A gate that would be passed in the wrong direction gets waypoints before and behind it. A leg
+    that is too low gets waypoints on the line between its gates. Raises :class:`UserError` if a
+    gate is still missed.
     """
-    guides = _Guides(course)
+    waypoints = _Waypoints(course)
     limits = {"max_speed": max_speed, "max_acceleration": max_acceleration}
     while True:
         if start is None:
-            path = minimum_snap_path(guides.points(), **limits)
+            path = minimum_snap_path(waypoints.points(), **limits)
         else:
-            path = minimum_snap_onward(guides.points(), start, **limits)
-        seconds = np.linspace(0.0, path.duration, 2 + round(path.duration / _SAMPLED))
+            path = minimum_snap_onward(waypoints.points(), start, **limits)
+        seconds = np.linspace(0.0, path.duration, 2 + round(path.duration / _SAMPLE_PERIOD))
         p_WB = path.at(seconds).p_WB
         lap = passages(course, seconds=seconds, p_WB=p_WB)
-        if not guides.improve(lap, seconds=seconds, height=p_WB[:, 2]):
+        if not waypoints.improve(lap, seconds=seconds, height=p_WB[:, 2]):
             break
     for number, passage in zip(course.numbers, lap.passages, strict=True):
         if not passage.passed:
@@ -80,17 +80,17 @@ def smooth_path(
     return path
 
 
-class _Guides:
-    """The points that lead a smooth path through a course: more where one is not enough."""
+class _Waypoints:
+    """The waypoints of a smooth path through a course, increased as needed."""
 
     def __init__(self, course: Course) -> None:
         self._course = course
         self._straight = [False] * len(course.gates)
         self._between = [0] * (len(course.places()) - 1)
-        self._lowest = min(_LOWEST, *(_SHARE_OF_LOWEST * place[2] for place in course.places()))
+        self._lowest = min(_MIN_HEIGHT, *(_HEIGHT_RATIO * place[2] for place in course.places()))
 
     def improve(self, lap: Lap, *, seconds: Array, height: Array) -> bool:
-        """Add points where a path misses a gate or dips; return whether there were any to add."""
+        """Add waypoints where a path misses a gate or is too low; return whether it did so."""
         before = [*self._straight], [*self._between]
         for i, passage in enumerate(lap.passages):
             if not passage.passed and self._course.gates[i].R_WG is not None:
@@ -101,7 +101,7 @@ class _Guides:
             for leg in range(len(self._between)):
                 inside = (seconds >= ends[leg]) & (seconds <= ends[leg + 1])
                 if height[inside].min(initial=np.inf) < self._lowest:
-                    self._between[leg] = min(2 * self._between[leg] + 1, _MOST_BETWEEN)
+                    self._between[leg] = min(2 * self._between[leg] + 1, _MAX_INTERMEDIATE_POINTS)
         return before != (self._straight, self._between)
 
     def points(self) -> Array:
@@ -119,20 +119,20 @@ class _Guides:
         gate = self._course.gates[number]
         if gate.R_WG is None or not self._straight[number]:
             return [gate.p_WG]
-        way = gate.R_WG[:, 0]
-        if gate.both_ways and float(way @ (gate.p_WG - begin)) < 0.0:
-            way = -way
-        return [gate.p_WG - _AHEAD * way, gate.p_WG, gate.p_WG + _AHEAD * way]
+        normal = gate.R_WG[:, 0]
+        if gate.both_ways and float(normal @ (gate.p_WG - begin)) < 0.0:
+            normal = -normal
+        return [gate.p_WG - _LEAD_IN * normal, gate.p_WG, gate.p_WG + _LEAD_IN * normal]
 
 
 def _apart(one: Array, other: Array) -> bool:
-    return bool(np.linalg.norm(other - one) > _SHORTEST)
+    return bool(np.linalg.norm(other - one) > _MIN_SPACING)
 
 
 def _check_passes(plan: Path | PlannedMotion, course: Course, config: GateParameters) -> None:
-    """Refuse the plan of the configured file unless it passes the course."""
+    """Reject the plan in the configured file unless it passes the course."""
     duration = 1e-9 * plan.period_ns if isinstance(plan, PlannedMotion) else plan.duration
-    seconds = np.linspace(0.0, duration, 2 + round(duration / _SAMPLED))
+    seconds = np.linspace(0.0, duration, 2 + round(duration / _SAMPLE_PERIOD))
     if isinstance(plan, PlannedMotion):
         p_WB = plan.at(np.round(1e9 * seconds).astype(np.int64).tolist()).p_WB
     else:

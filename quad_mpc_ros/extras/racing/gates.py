@@ -1,4 +1,4 @@
-"""Files of courses of gates, and what makes a course that can be flown.
+"""Course files, and checks of a course.
 
 A course is YAML, in the world (ENU, m, rad)::
 
@@ -11,9 +11,9 @@ A course is YAML, in the world (ENU, m, rad)::
       - {position: [9.2, 6.6, 1.0], yaw: -0.35, width: 2.4, height: 2.4, direction: both}
       - {position: [9.2, -4.0, 1.2], quaternion: [x, y, z, w], tolerance: 1.0}
 
-``yaw`` is the heading of the passage. A ``quaternion`` turns the gate's axes to the world: x the
-way through, y across, z up. With either of them a gate is an opening in a plane, a rectangle or,
-with ``tolerance``, round; without, it is a ball to be touched by the vehicle's centre.
+``yaw`` is the heading of the passage. A ``quaternion`` rotates the gate's axes to the world: x
+through the gate, y across, z up. A gate with either is an opening in a plane: a rectangle, or with
+``tolerance`` a circle. A gate without is a ball that the vehicle's centre must touch.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.references.course import OFF_UNIT, Course, Finish, Gate
 
-_FEWEST, _MOST = 2, 100  # passages of gates
-_LARGEST = 100.0  # m, of an opening
+_MIN_GATES, _MAX_GATES = 2, 100  # passages of gates
+_MAX_OPENING = 100.0  # m, of an opening
 _END_TOLERANCE = 0.3  # m
 _SAME_PLACE = 1e-3  # m
-_TURNED = 0.2  # cosine: more than 100 degrees off the way, before and after the gate
+_MAX_REVERSED_COSINE = 0.2  # cosine: more than 100 degrees from the legs before and after the gate
 _COURSE_KEYS = ("start", "end", "laps", "order", "gates")
 _TOGT_KEYS = {"initState", "endState", "orders"}
 _GATE_KEYS = ("position", "yaw", "quaternion", "width", "height", "tolerance", "direction")
@@ -45,20 +45,17 @@ _DIRECTIONS = ("forward", "both")
 
 
 def read_course(given: str | Path) -> Course:
-    """Return the course of a file, of the name of a shipped one, or of its text in braces.
+    """Return the course in a file, a shipped course by name, or a course as text in braces.
 
-    Raises :class:`UserError` for what cannot be read and for a course that cannot be flown: the
-    file, the entry, what was given, what is expected.
+    Raises :class:`UserError` for an unreadable file or an invalid course, with file, entry, given
+    and expected value.
     """
     content, source = _content(str(given))
     return course_from(content, source=source)
 
 
 def course_text(given: str | Path) -> str:
-    """Return the text of a course in one line, as a parameter that needs no file later.
-
-    Raises as :func:`read_course`.
-    """
+    """Return a course as one line of text, for a parameter. Raises as :func:`read_course`."""
     content, source = _content(str(given))
     course_from(content, source=source)
     text = ros_yaml.written(dict(content), default_flow_style=True, width=math.inf)
@@ -66,7 +63,7 @@ def course_text(given: str | Path) -> str:
 
 
 def _content(given: str) -> tuple[Mapping[Any, Any], str]:
-    """Return what stands in a file, and what errors call it."""
+    """Return the content of a file, and its name in errors."""
     source = "gates"
     if given.lstrip().startswith("{"):
         content = ros_yaml.read_text(given, source)
@@ -93,10 +90,7 @@ def _content(given: str) -> tuple[Mapping[Any, Any], str]:
 
 
 def course_from(content: Mapping[Any, Any], *, source: str = "gates") -> Course:
-    """Return the course that the content of a file describes; ``source`` begins its errors.
-
-    Raises as :func:`read_course`.
-    """
+    """Return the course in a file's content; ``source`` is the prefix of errors."""
     entries = _Entries(source)
     entries.check_keys("", content, _COURSE_KEYS)
     rows = content.get("gates")
@@ -108,9 +102,9 @@ def course_from(content: Mapping[Any, Any], *, source: str = "gates") -> Course:
     if not isinstance(order, Sequence) or isinstance(order, str) or not order:
         raise entries.error("order", order, f"numbers of gates from 1 to {len(gates)}")
     numbers = [entries.whole("order", each, least=1, most=len(gates)) for each in order] * laps
-    if not _FEWEST <= len(numbers) <= _MOST:
+    if not _MIN_GATES <= len(numbers) <= _MAX_GATES:
         raise entries.error(
-            "gates", len(numbers), f"{_FEWEST} to {_MOST} passages of gates, those of all laps"
+            "gates", len(numbers), f"{_MIN_GATES} to {_MAX_GATES} passages of gates in all laps"
         )
     start, start_yaw = _start(entries, content.get("start"))
     course = Course(
@@ -122,22 +116,22 @@ def course_from(content: Mapping[Any, Any], *, source: str = "gates") -> Course:
         end=_end(entries, content["end"]) if content.get("end") is not None else None,
     )
     _check_apart(entries, gates)
-    _check_way(entries, course)
+    _check_headings(entries, course)
     return course
 
 
 class _Entries:
-    """Takes values out of a file, or says what is wrong with which of its entries."""
+    """Reads and validates the entries of a file."""
 
     def __init__(self, source: str) -> None:
         self._source = source
 
     def error(self, entry: str, given: object, expected: str) -> UserError:
-        """Return the error of an entry."""
+        """Return the error for an entry."""
         return UserError(f"{self._source}: {entry}: given {text_of(given)}, expected {expected}")
 
     def check_keys(self, entry: str, given: Any, known: Sequence[str]) -> None:
-        """Refuse anything but a mapping, and unknown keys."""
+        """Reject other types than a mapping, and unknown keys."""
         if not isinstance(given, Mapping):
             raise self.error(entry, given, f"{', '.join(known)}")
         for key in given:
@@ -149,14 +143,14 @@ class _Entries:
                 )
 
     def number(self, entry: str, given: Any, *, above: float, most: float) -> float:
-        """Return a number above one and at most another."""
+        """Return a number > ``above`` and <= ``most``."""
         fits = isinstance(given, int | float) and not isinstance(given, bool)
-        if not (fits and above < given <= most):  # NaN is not
+        if not (fits and above < given <= most):  # false for NaN
             raise self.error(entry, given, f"a number > {above:g} and <= {most:g}")
         return float(given)
 
-    def whole(self, entry: str, given: Any, *, least: int, most: int = _MOST) -> int:
-        """Return a whole number within limits."""
+    def whole(self, entry: str, given: Any, *, least: int, most: int = _MAX_GATES) -> int:
+        """Return an integer within limits."""
         if not isinstance(given, int) or isinstance(given, bool) or not least <= given <= most:
             raise self.error(entry, given, f"a whole number from {least} to {most}")
         return given
@@ -173,10 +167,10 @@ class _Entries:
         return np.array(numbers, dtype=np.float64)
 
     def place(self, entry: str, given: Any) -> Array:
-        """Return a position (3,) [m] that is not inside the ground."""
+        """Return a position (3,) [m] that is not below the ground."""
         found = self.vector(entry, given, size=3)
         if found[2] < 0.0:
-            raise self.error(entry, given, "a place above the ground, z >= 0: it is inside of it")
+            raise self.error(entry, given, "a position above the ground, z >= 0")
         return found
 
 
@@ -186,7 +180,7 @@ def _start(entries: _Entries, given: Any) -> tuple[Array, float]:
         yaw = entries.number("start.yaw", given.get("yaw", 0.0), above=-FARTHEST, most=FARTHEST)
         return entries.place("start.position", given.get("position")), yaw
     if given is None:
-        raise entries.error("start", given, "[x, y, z], where the vehicle begins at rest")
+        raise entries.error("start", given, "[x, y, z], where the vehicle starts at rest")
     return entries.place("start", given), 0.0
 
 
@@ -201,7 +195,7 @@ def _end(entries: _Entries, given: Any) -> Finish:
     return Finish(
         p_WB=entries.place("end.position", given.get("position")),
         tolerance=entries.number(
-            "end.tolerance", given.get("tolerance", _END_TOLERANCE), above=0.0, most=_LARGEST
+            "end.tolerance", given.get("tolerance", _END_TOLERANCE), above=0.0, most=_MAX_OPENING
         ),
         at_rest=at_rest,
     )
@@ -217,7 +211,7 @@ def _gate(entries: _Entries, entry: str, given: Any) -> Gate:
         raise entries.error(entry, dict(given), "yaw or quaternion beside width and height")
     names = ("tolerance", "tolerance") if is_round else ("width", "height")
     sizes = [
-        entries.number(f"{entry}.{name}", given.get(name), above=0.0, most=_LARGEST)
+        entries.number(f"{entry}.{name}", given.get(name), above=0.0, most=_MAX_OPENING)
         for name in names
     ]
     direction = given.get("direction", "both" if R_WG is None else "forward")
@@ -268,7 +262,7 @@ def _check_apart(entries: _Entries, gates: Sequence[Gate]) -> None:
 
 
 def _overlap(one: Gate, other: Gate) -> bool:
-    """Return whether openings meet: balls touch, an edge of one leads through the other."""
+    """Return whether openings overlap: balls touch, or an edge of one crosses the other."""
     if one.R_WG is None and other.R_WG is None:
         distance = float(np.linalg.norm(one.p_WG - other.p_WG))
         return distance < one.half_width + other.half_width - _SAME_PLACE
@@ -276,14 +270,14 @@ def _overlap(one: Gate, other: Gate) -> bool:
 
 
 def _reaches_into(one: Gate, other: Gate) -> bool:
-    """Return whether the edge of a gate, or its centre, lies in another."""
+    """Return whether the edge or the centre of a gate is inside another gate."""
     edge = np.vstack((one.corners(), one.p_WG))
     if other.R_WG is None:
         steps = np.linspace(0.0, 1.0, 21)[:, None, None]
         points = (edge[:-1] + steps * (edge[1:] - edge[:-1])).reshape(-1, 3)
         return bool((other.room(points - other.p_WG) > _SAME_PLACE).any())
     if one.R_WG is None:
-        return False  # the other way round it is looked at by points
+        return False  # the reverse order is checked by points
     inside = (edge - other.p_WG) @ other.R_WG
     if (other.room(inside)[np.abs(inside[:, 0]) < _SAME_PLACE] > _SAME_PLACE).any():
         return True
@@ -294,8 +288,8 @@ def _reaches_into(one: Gate, other: Gate) -> bool:
     return bool((other.room(before + share * (after - before)) > _SAME_PLACE).any())
 
 
-def _check_way(entries: _Entries, course: Course) -> None:
-    """Refuse gates one after the other at one place, and those that are turned round."""
+def _check_headings(entries: _Entries, course: Course) -> None:
+    """Reject successive gates at one position, and gates with a reversed heading."""
     places = course.places()
     names = ["start", *(f"gates[{number}]" for number in course.numbers), "end"]
     for i, step in enumerate(np.diff(places, axis=0)):
@@ -308,7 +302,7 @@ def _check_way(entries: _Entries, course: Course) -> None:
         if gate.R_WG is None or gate.both_ways:
             continue
         ways = (steps[i : i + 2] / np.linalg.norm(steps[i : i + 2], axis=1)[:, None]) @ gate.R_WG
-        if (ways[:, 0] < -_TURNED).all():
+        if (ways[:, 0] < -_MAX_REVERSED_COSINE).all():
             after = f" and on to {names[i + 2]}" if len(ways) > 1 else ""
             heading = math.atan2(gate.R_WG[1, 0], gate.R_WG[0, 0])
             raise entries.error(

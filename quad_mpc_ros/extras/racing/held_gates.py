@@ -1,9 +1,9 @@
-"""Holding the openings of a course's gates: half-spaces where the plan comes near an edge.
+"""Guide that keeps the plan inside gate openings with half-spaces near an edge.
 
-A reference that passes the gates keeps a plan inside of them, as long as it follows closely. Where
-the last plan leads nearer to an edge than what is kept, or past it, for the vehicle is carried
-away or the gate has moved, the stages before and after the passage may move no further across than
-what is left at the gate. Elsewhere there is no corridor, and nothing of it is solved.
+A plan that closely follows a reference through the gates needs no constraint. If the last plan is
+nearer to an edge than the margin, or outside, because of a disturbance or a moved gate, the
+lateral positions of the stages before and after the passage are constrained. Otherwise there is
+no corridor and no additional problem to solve.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.stage import Stage
 from quad_mpc_ros.references.course import Course, Gate
 
-# m: kept from the edge of an opening, beyond the vehicle's radius from one that has a frame; at
-# most this share of half of it.
-_KEPT, _MOST_KEPT = 0.05, 0.8
-# m: a path that leads past a gate by more than this does not mean it.
-_REACH = 1.5
-# How many of the gates to come are looked at.
-_AHEAD = 2
-_PARTS = np.linspace(0.0, 1.0, 9)  # of a stage, to find where in it the plan is at a gate
-_AT_REST = 0.1  # m/s
-_ROUND = math.cos(math.pi / GATE_HALF_SPACES)  # of a polygon inside of a circle
+# m: margin to the edge of an opening, plus the vehicle's radius for a planar gate; at most this
+# share of its half size.
+_EDGE_MARGIN, _MAX_MARGIN_RATIO = 0.05, 0.8
+# m: a plan that passes a gate at a greater distance does not aim at it.
+_MAX_MISS = 1.5
+# Number of considered next gates.
+_GATES_AHEAD = 2
+_STAGE_SAMPLES = np.linspace(0.0, 1.0, 9)  # of a stage, to find the passage
+_REST_SPEED = 0.1  # m/s
+_POLYGON_INRADIUS = math.cos(math.pi / GATE_HALF_SPACES)  # of the polygon inside a circle
 
 
-class _Pass(NamedTuple):
-    """Where a plan passes a gate: when [s], from the centre (3,), axes across (3, 2) in W."""
+class _Crossing(NamedTuple):
+    """Passage of a plan: time [s], offset from the centre (3,), lateral axes (3, 2) in W."""
 
     time: float
     offset_W: Array
@@ -45,11 +45,11 @@ class _Pass(NamedTuple):
 
 
 class HeldGates(Guide):
-    """Guide through the gates of a course, in their order; it starts again from rest.
+    """Guide through the gates of a course in order; it restarts when the vehicle is at rest.
 
     Args:
         course: The gates.
-        radius: Of the vehicle [m].
+        radius: Radius of the vehicle [m].
     """
 
     def __init__(self, course: Course, *, radius: float) -> None:
@@ -58,81 +58,81 @@ class HeldGates(Guide):
         self._before: OdometrySample | None = None
 
     def move(self, p_WG: Array, q_WG_xyzw: Array) -> None:
-        """Take where the gates are by now; takes and raises as :meth:`.Course.moved`."""
+        """Receive the poses of the gates; arguments and errors as :meth:`.Course.moved`."""
         self._course = self._course.moved(p_WG, q_WG_xyzw)
 
     def guide(
         self, odometry: OdometrySample, window: ReferenceWindow, plan: Plan | None
     ) -> Guided:
-        """Return the window, and half-spaces where the plan comes near the edge of a gate."""
+        """Return the window, and half-spaces if the plan is near the edge of a gate."""
         before, self._before = self._before, odometry
         if before is None or plan is None:
             return Guided(window)
         self._advance(before.p_WB, odometry)
         since = 1e-9 * (odometry.stamp_ns - before.stamp_ns)
         corridor: Corridor | None = None
-        for gate in self._course.gates[self._next : self._next + _AHEAD]:
+        for gate in self._course.gates[self._next : self._next + _GATES_AHEAD]:
             passed = _passage(gate, plan)
-            if passed is not None and passed.room < self._kept(gate):
-                corridor = corridor or _anywhere(plan, since)
-                self._hold(gate, passed, plan, since, corridor)
+            if passed is not None and passed.room < self._margin(gate):
+                corridor = corridor or _unconstrained_corridor(plan, since)
+                self._constrain(gate, passed, plan, since, corridor)
         return Guided(window, corridor)
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Forget the odometry in the coordinates before."""
+        """Discard the last odometry, which is in the old coordinates."""
         self._before = None
 
-    def _kept(self, gate: Gate) -> float:
-        kept = _KEPT if gate.R_WG is None else _KEPT + self._radius
-        return min(kept, _MOST_KEPT * min(gate.half_width, gate.half_height))
+    def _margin(self, gate: Gate) -> float:
+        margin = _EDGE_MARGIN if gate.R_WG is None else _EDGE_MARGIN + self._radius
+        return min(margin, _MAX_MARGIN_RATIO * min(gate.half_width, gate.half_height))
 
     def _advance(self, p_before: Array, odometry: OdometrySample) -> None:
-        """Count the gate that was passed since the odometry before."""
-        if odometry.speed < _AT_REST:
+        """Advance to the next gate after a passage since the last odometry."""
+        if odometry.speed < _REST_SPEED:
             self._next = 0
-        for ahead, gate in enumerate(self._course.gates[self._next : self._next + _AHEAD]):
+        for ahead, gate in enumerate(self._course.gates[self._next : self._next + _GATES_AHEAD]):
             if _passes(gate, p_before, odometry):
                 self._next += ahead + 1
                 return
 
-    def _hold(
-        self, gate: Gate, passed: _Pass, plan: Plan, since: float, corridor: Corridor
+    def _constrain(
+        self, gate: Gate, passed: _Crossing, plan: Plan, since: float, corridor: Corridor
     ) -> None:
-        """Write half-spaces for the stages before and after a passage."""
-        kept, sides = self._kept(gate), 4
+        """Write the half-spaces of the stages before and after a passage."""
+        margin, sides = self._margin(gate), 4
         angles = np.arange(sides) * 2.0 * math.pi / sides
-        half = np.tile([gate.half_width, gate.half_height], 2) - kept
+        half = np.tile([gate.half_width, gate.half_height], 2) - margin
         if gate.is_round:
             sides = GATE_HALF_SPACES
             angles = np.arange(sides) * 2.0 * math.pi / sides
-            half = np.full(sides, _ROUND * (gate.half_width - kept))
+            half = np.full(sides, _POLYGON_INRADIUS * (gate.half_width - margin))
         normals = np.column_stack((np.cos(angles), np.sin(angles))) @ passed.across.T
         left = half - normals @ passed.offset_W
         stage = math.floor((passed.time - since) / plan.step)
         for end in (stage, stage + 1):
             if 1 <= end <= len(corridor.offsets):
-                place = _place(plan, since + end * plan.step)
+                place = _position_at(plan, since + end * plan.step)
                 corridor.normals[end - 1, :sides] = normals
                 corridor.offsets[end - 1, :sides] = left + normals @ place
 
 
-class GuidedThrough(Guide):
-    """Guide around obstacles and, where the reference is free, through gates."""
+class CombinedGuide(Guide):
+    """Guide around obstacles and, if the reference is clear, through gates."""
 
     def __init__(self, around: Guide, gates: HeldGates) -> None:
         self._around, self._gates = around, gates
 
     @property
     def stages(self) -> tuple[Stage, ...]:
-        """This guide and the two that it asks."""
+        """This guide and the stages of both guides."""
         return self, *self._around.stages, *self._gates.stages
 
     def guide(
         self, odometry: OdometrySample, window: ReferenceWindow, plan: Plan | None
     ) -> Guided:
-        """Return what leads around obstacles, or else through gates.
+        """Return window and corridor around obstacles, or else through gates.
 
-        Gates that fail do not keep it from leading around obstacles.
+        An error of the gates does not disable obstacle avoidance.
         """
         through, failure = Guided(window), None
         try:
@@ -148,8 +148,8 @@ class GuidedThrough(Guide):
         return through._replace(avoidance=around.avoidance)
 
 
-def _anywhere(plan: Plan, since: float) -> Corridor:
-    """Return a corridor for the problem ``since`` seconds after a plan's that holds nothing."""
+def _unconstrained_corridor(plan: Plan, since: float) -> Corridor:
+    """Return a corridor without constraints, ``since`` seconds after the start of a plan."""
     count = len(plan.p_WB) - 1
     return Corridor(
         stamp_ns=plan.stamp_ns + round(1e9 * since),
@@ -159,8 +159,8 @@ def _anywhere(plan: Plan, since: float) -> Corridor:
     )
 
 
-def _place(plan: Plan, time: float) -> Array:
-    """Return where a plan is at a time after its beginning (3,), by the cubic through four."""
+def _position_at(plan: Plan, time: float) -> Array:
+    """Return the position (3,) of a plan at a time from its start, by cubic interpolation."""
     last = len(plan.p_WB) - 1
     first = min(max(math.floor(time / plan.step) - 1, 0), max(last - 3, 0))
     ends = np.arange(first, min(first + 4, last + 1))
@@ -172,45 +172,45 @@ def _place(plan: Plan, time: float) -> Array:
     return np.asarray(np.array(weights) @ plan.p_WB[ends])
 
 
-def _passage(gate: Gate, plan: Plan) -> _Pass | None:
-    """Return where a plan passes a gate first, None if it does not come by."""
+def _passage(gate: Gate, plan: Plan) -> _Crossing | None:
+    """Return the first passage of a gate, None if the plan does not pass it."""
     relative = plan.p_WB - gate.p_WG
     if gate.R_WG is None:
         distance = np.linalg.norm(relative, axis=1)
         nearest = int(distance.argmin())
-        if not 0 < nearest < len(distance) - 1 or distance[nearest] > _REACH + gate.half_width:
+        if not 0 < nearest < len(distance) - 1 or distance[nearest] > _MAX_MISS + gate.half_width:
             return None
-        times = plan.step * (nearest - 1.0 + 2.0 * _PARTS)
-        offsets = np.array([_place(plan, time) for time in times.tolist()]) - gate.p_WG
+        times = plan.step * (nearest - 1.0 + 2.0 * _STAGE_SAMPLES)
+        offsets = np.array([_position_at(plan, time) for time in times.tolist()]) - gate.p_WG
         at = int(np.linalg.norm(offsets, axis=1).argmin())
-        way = offsets[min(at + 1, len(offsets) - 1)] - offsets[max(at - 1, 0)]
-        across = _across(way)
-        offset_W = across @ (across.T @ offsets[at])  # of the line that it is on
-        return _Pass(times[at], offset_W, across, gate.half_width - math.hypot(*offset_W))
+        direction = offsets[min(at + 1, len(offsets) - 1)] - offsets[max(at - 1, 0)]
+        across = _across(direction)
+        offset_W = across @ (across.T @ offsets[at])  # component across the path
+        return _Crossing(times[at], offset_W, across, gate.half_width - math.hypot(*offset_W))
     x = relative @ gate.R_WG[:, 0]
     crossed = np.flatnonzero(_crosses(gate, x[:-1], x[1:]))
     if not len(crossed):
         return None
-    times = plan.step * (crossed[0] + _PARTS)
-    offsets = np.array([_place(plan, time) for time in times.tolist()]) - gate.p_WG
+    times = plan.step * (crossed[0] + _STAGE_SAMPLES)
+    offsets = np.array([_position_at(plan, time) for time in times.tolist()]) - gate.p_WG
     inside = offsets @ gate.R_WG
     at = int(np.abs(inside[:, 0]).argmin())
-    if math.hypot(*inside[at, 1:]) > _REACH + max(gate.half_width, gate.half_height):
+    if math.hypot(*inside[at, 1:]) > _MAX_MISS + max(gate.half_width, gate.half_height):
         return None
     across = gate.R_WG[:, 1:]
     room = float(gate.room(inside[at : at + 1])[0])
-    return _Pass(times[at], across @ inside[at, 1:], across, room)
+    return _Crossing(times[at], across @ inside[at, 1:], across, room)
 
 
 def _passes(gate: Gate, p_before: Array, odometry: OdometrySample) -> bool:
-    """Whether the vehicle passed a gate since it was at a place before."""
+    """Return whether the vehicle has passed a gate since its last position."""
     before, after = p_before - gate.p_WG, odometry.p_WB - gate.p_WG
-    reach = _REACH + max(gate.half_width, gate.half_height)
+    reach = _MAX_MISS + max(gate.half_width, gate.half_height)
     if min(math.hypot(*before), math.hypot(*after)) > reach:
         return False
     if gate.R_WG is None:
-        way = after - before
-        return bool(before @ way < 0.0 <= after @ way)
+        direction = after - before
+        return bool(before @ direction < 0.0 <= after @ direction)
     x_axis = gate.R_WG[:, 0]
     return bool(_crosses(gate, np.array(before @ x_axis), np.array(after @ x_axis)))
 
@@ -221,9 +221,9 @@ def _crosses(gate: Gate, x: Array, x_after: Array) -> Array:
     return np.asarray(forward | backward if gate.both_ways else forward)
 
 
-def _across(way: Array) -> Array:
-    """Return two unit vectors (3, 2) across a way (3,)."""
-    along = way / max(float(np.linalg.norm(way)), 1e-9)
+def _across(direction: Array) -> Array:
+    """Return two unit vectors (3, 2) perpendicular to a direction (3,)."""
+    along = direction / max(float(np.linalg.norm(direction)), 1e-9)
     first = np.cross(along, np.eye(3)[int(np.abs(along).argmin())])
     first /= np.linalg.norm(first)
     return np.column_stack((first, np.cross(along, first)))

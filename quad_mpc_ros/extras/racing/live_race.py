@@ -1,6 +1,6 @@
-"""A race whose gates move while it is flown: what is to be flown another way, and what is flown.
+"""A race with gates that move in flight: which part must be replanned, and the flown trajectory.
 
-A way through gates that have moved is made elsewhere (:mod:`.detours`), for that takes
+A way through gates that have moved is made elsewhere (:mod:`.replanning`), for that takes
 longer than a tick. It leaves the present one at a state ahead, and a plan meets it again behind
 the gates that have moved.
 """
@@ -28,18 +28,18 @@ from quad_mpc_ros.references.path import Turned
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.references.transition import flat_state_of
 
-_MOVED = 0.05  # m, of a gate's centre or edge: less is no news
-# s: a new way does not leave as shortly before a gate as the first, but the second behind it.
-_BEFORE, _BEHIND = 0.15, 0.02
-# Gates that have not moved, before and behind moved gates: the race is replanned between them.
+_MIN_SHIFT = 0.05  # m, of a gate's centre or edge: smaller changes are ignored
+# s: a replanned part does not start within the first time before a gate, but the second after it.
+_LEAVE_BEFORE_GATE, _LEAVE_AFTER_GATE = 0.15, 0.02
+# Number of unmoved gates before and behind moved gates that are replanned as well.
 _GATES_BEFORE, _GATES_BEHIND = 1, 2
-_STEP_NS = 10_000_000  # of a table
-_SAMPLED = 0.005  # s
+_STEP_NS = 10_000_000  # between rows of a table
+_SAMPLE_PERIOD = 0.005  # s
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Way:
-    """A trajectory through a course: when it passes each gate (n,) [s], and its lap [s]."""
+class GateTrajectory:
+    """A trajectory through a course, with its gate times (n,) [s] and lap time [s]."""
 
     trajectory: Trajectory
     course: Course
@@ -47,10 +47,10 @@ class Way:
     lap: float
 
     @classmethod
-    def of(cls, trajectory: Trajectory, course: Course) -> Way:
-        """Return a trajectory as a way; raises :class:`UserError` for one that misses a gate."""
+    def of(cls, trajectory: Trajectory, course: Course) -> GateTrajectory:
+        """Return a trajectory with its gate times. Raises :class:`UserError` if it misses one."""
         duration = 1e-9 * trajectory.period_ns
-        seconds = np.linspace(0.0, duration, 2 + round(duration / _SAMPLED))
+        seconds = np.linspace(0.0, duration, 2 + round(duration / _SAMPLE_PERIOD))
         p_WB = trajectory.at(np.round(1e9 * seconds).astype(np.int64).tolist()).p_WB
         lap = passages(course, seconds=seconds, p_WB=p_WB)
         times = []
@@ -62,7 +62,7 @@ class Way:
         return cls(trajectory=trajectory, course=course, times=np.array(times), lap=end)
 
     def table(self) -> MotionTable:
-        """Return the trajectory in rows: its own, or of every 10 ms."""
+        """Return the trajectory in rows: its own rows, or one every 10 ms."""
         if isinstance(self.trajectory, PlannedMotion):
             return self.trajectory.table
         times = [*range(0, self.trajectory.period_ns, _STEP_NS), self.trajectory.period_ns]
@@ -70,18 +70,18 @@ class Way:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Detour:
-    """What is to be flown another way, because gates have moved.
+class ReplanRequest:
+    """A part of a race to replan because gates have moved.
 
     Attributes:
-        motion: The present way, from the beginning of the race on.
-        leave: The row of it at which the new way begins.
-        rejoin: The row at which that meets the present one again; None for the end of the race.
-        course: The gates as they are passed then.
-        part: Those between the two rows; it starts and ends there.
-        ends: When the present way ends each leg of ``part`` (n,) [s].
-        moved: How far gates of the part have moved, by their numbers [m].
-        planned: Whether it is to be planned, as the present way was, or a smooth path.
+        motion: The present trajectory, from the start of the race.
+        leave: The row at which the replanned part starts.
+        rejoin: The row at which it rejoins the trajectory; None for the end of the race.
+        course: The course with the gates of the replanned race.
+        part: The course between the two rows.
+        ends: The times at which the present trajectory ends each leg of ``part`` (n,) [s].
+        moved: The displacements of moved gates of the part, by number [m].
+        planned: Whether to plan it with the optimiser, or as a smooth path.
     """
 
     motion: MotionTable
@@ -95,15 +95,15 @@ class Detour:
 
     @property
     def leave_seconds(self) -> float:
-        """When the new way begins, from the beginning of the race on [s]."""
+        """Start of the replanned part, from the start of the race [s]."""
         return float(self.motion.seconds[self.leave] - self.motion.seconds[0])
 
     def text(self) -> str:
-        """Return which gates have moved by how much."""
+        """Return a text with the moved gates."""
         return description(self.moved)
 
-    def flown(self, part: MotionTable, config: ReferenceConfig) -> Way:
-        """Return the race with a new part; raises :class:`UserError` for one not to be flown."""
+    def with_part(self, part: MotionTable, config: ReferenceConfig) -> GateTrajectory:
+        """Return the race with a replanned part. Raises :class:`UserError` if infeasible."""
         before = self.motion.rows(slice(None, self.leave + 1))
         table = before.followed_by(part)
         if self.rejoin is not None:
@@ -112,16 +112,16 @@ class Detour:
         verdict = judged(motion, config)
         if not verdict.feasible:
             raise UserError(verdict.reason())
-        return Way.of(motion, self.course)
+        return GateTrajectory.of(motion, self.course)
 
 
 class LiveRace:
-    """Where the gates of a race are, and by which way its reference passes them.
+    """The gates of a race, and the flown trajectory.
 
     Args:
-        course: The gates of the configuration.
-        trajectory: What is flown through them.
-        planner: Whether a plan can be replanned; otherwise smooth paths replace it.
+        course: The configured course.
+        trajectory: The flown trajectory.
+        planner: Whether the optimiser is available; otherwise smooth paths are used.
 
     Raises :class:`UserError` for a trajectory that does not pass the course.
     """
@@ -129,74 +129,73 @@ class LiveRace:
     def __init__(self, course: Course, trajectory: Trajectory, *, planner: bool) -> None:
         self._now = course
         self._planner = planner
-        self._whole = self._newest = Way.of(trajectory, course)
+        self._whole = self._newest = GateTrajectory.of(trajectory, course)
 
     def move(self, p_WG: Array, q_WG_xyzw: Array) -> None:
-        """Take where the gates are by now; takes and raises as :meth:`.Course.moved`."""
+        """Receive the poses of the gates; arguments and errors as :meth:`.Course.moved`."""
         self._now = self._now.moved(p_WG, q_WG_xyzw)
 
-    def detour(self, trajectory: Trajectory, begin: float) -> Detour | None:
-        """Return what is to be flown another way from a time of the race on [s].
+    def replan_request(self, trajectory: Trajectory, begin: float) -> ReplanRequest | None:
+        """Return the part to replan after a time of the race [s].
 
-        None if no gate to come has moved from where ``trajectory``, which is flown, passes it, or
-        that is not the race.
+        None if no gate ahead on ``trajectory`` has moved, or ``trajectory`` is not this race.
         """
-        way = self._way(trajectory)
-        if way is None:
+        flown = self._known_trajectory(trajectory)
+        if flown is None:
             return None
-        begin = _clear_of_gates(way.times, max(begin, 0.0))
-        moved = self._moved(way, begin, math.inf)
+        begin = _clear_of_gates(flown.times, max(begin, 0.0))
+        moved = self._moved(flown, begin, math.inf)
         if not moved:
             return None
-        table = way.table()
+        table = flown.table()
         planned = self._planner and bool(table.planned_with)
-        return _detour(way, table, self._now.once(), moved, begin, planned=planned)
+        return _replan_request(flown, table, self._now.once(), moved, begin, planned=planned)
 
     def missed(self, trajectory: Trajectory, since: float, until: float) -> dict[int, float]:
-        """Return how far gates have moved that are passed between two times, by their numbers."""
-        way = self._way(trajectory)
-        if way is None:
+        """Return the displacements of moved gates passed between two times, by number."""
+        flown = self._known_trajectory(trajectory)
+        if flown is None:
             return {}
-        moved = self._moved(way, since, until)
-        return {way.course.numbers[i]: far for i, far in moved.items()}
+        moved = self._moved(flown, since, until)
+        return {flown.course.numbers[i]: far for i, far in moved.items()}
 
-    def take(self, detour: Detour, way: Way) -> str:
-        """Take the path that is flown from now on; return a message for the log."""
-        before, self._newest = self._newest, way
+    def take(self, request: ReplanRequest, flown: GateTrajectory) -> str:
+        """Note a new flown trajectory; return a message for the log."""
+        before, self._newest = self._newest, flown
         return (
-            f"replanned: {detour.text()}, joins at {detour.leave_seconds:.2f} s of the race, "
-            f"lap {way.lap:.2f} s after {before.lap:.2f} s"
+            f"replanned: {request.text()}, joins at {request.leave_seconds:.2f} s of the race, "
+            f"lap {flown.lap:.2f} s after {before.lap:.2f} s"
         )
 
-    def _moved(self, way: Way, since: float, until: float) -> dict[int, float]:
+    def _moved(self, flown: GateTrajectory, since: float, until: float) -> dict[int, float]:
         now = self._now.once()
         return {
             i: far
-            for i in np.flatnonzero((way.times > since) & (way.times <= until)).tolist()
-            if (far := _moved(way.course.gates[i], now[way.course.numbers[i]])) > _MOVED
+            for i in np.flatnonzero((flown.times > since) & (flown.times <= until)).tolist()
+            if (far := _moved(flown.course.gates[i], now[flown.course.numbers[i]])) > _MIN_SHIFT
         }
 
-    def _way(self, trajectory: Trajectory) -> Way | None:
+    def _known_trajectory(self, trajectory: Trajectory) -> GateTrajectory | None:
         ways = (self._newest, self._whole)
-        return next((way for way in ways if way.trajectory is trajectory), None)
+        return next((flown for flown in ways if flown.trajectory is trajectory), None)
 
 
 def description(moved: Mapping[int, float]) -> str:
-    """Return which gates have moved by how much [m], as a text."""
+    """Return a text with the displacements of moved gates [m]."""
     return ", ".join(f"gate {number} moved {far:.2f} m" for number, far in moved.items())
 
 
-def smooth_part(detour: Detour, config: ReferenceConfig) -> MotionTable:
-    """Return the smooth path through the gates of a detour to the end, in rows.
+def smooth_part(request: ReplanRequest, config: ReferenceConfig) -> MotionTable:
+    """Return a smooth path through the gates of a request to the end, in rows.
 
-    It goes on from the present way. Raises :class:`UserError` where there is none.
+    It continues the present motion. Raises :class:`UserError` if there is none.
     """
-    leave_ns = round(1e9 * detour.leave_seconds)
-    start = flat_state_of(PlannedMotion(detour.motion), leave_ns)
+    leave_ns = round(1e9 * request.leave_seconds)
+    start = flat_state_of(PlannedMotion(request.motion), leave_ns)
     if start.inverted:
         raise UserError("upside down where a smooth path would join")
     path = smooth_path(
-        detour.part,
+        request.part,
         max_speed=config.max_speed,
         max_acceleration=config.max_acceleration,
         start=start.end,
@@ -212,17 +211,17 @@ def smooth_part(detour: Detour, config: ReferenceConfig) -> MotionTable:
     return _tabled(trajectory, times)
 
 
-def _detour(
-    way: Way,
+def _replan_request(
+    flown: GateTrajectory,
     table: MotionTable,
     now: Mapping[int, Gate],
     moved: Mapping[int, float],
     begin: float,
     *,
     planned: bool,
-) -> Detour:
-    """Return the part of a way about the first gates that have moved; a smooth one to the end."""
-    times, seconds, end = way.times, table.seconds - table.seconds[0], way.course.end
+) -> ReplanRequest:
+    """Return the request for the first moved gates; a smooth path extends to the end."""
+    times, seconds, end = flown.times, table.seconds - table.seconds[0], flown.course.end
     stop, before = len(times), min(moved) - _GATES_BEFORE - 1
     if planned:
         last = min(moved)
@@ -240,20 +239,20 @@ def _detour(
         end = Finish(p_WB=table.p_WB[rejoin], tolerance=0.0, at_rest=True)
     else:
         if end is not None and not end.at_rest:
-            ends = np.append(ends, way.lap)
+            ends = np.append(ends, flown.lap)
         ends = np.append(ends, seconds[-1])
-    numbers = way.course.numbers
+    numbers = flown.course.numbers
     gates = tuple(now[number] for number in numbers[first:stop])
-    before_and_behind = way.course.gates[:first], way.course.gates[stop:]
-    return Detour(
+    before_and_behind = flown.course.gates[:first], flown.course.gates[stop:]
+    return ReplanRequest(
         motion=table,
         leave=leave,
         rejoin=rejoin,
         course=dataclasses.replace(
-            way.course, gates=(*before_and_behind[0], *gates, *before_and_behind[1])
+            flown.course, gates=(*before_and_behind[0], *gates, *before_and_behind[1])
         ),
         part=dataclasses.replace(
-            way.course,
+            flown.course,
             start=table.p_WB[leave],
             numbers=numbers[first:stop],
             gates=gates,
@@ -266,20 +265,20 @@ def _detour(
 
 
 def _moved(before: Gate, now: Gate) -> float:
-    """Return how far a gate's centre has moved, or its edge by a turn [m]."""
+    """Return the displacement of a gate's centre or edge [m]."""
     far = float(np.linalg.norm(now.p_WG - before.p_WG))
     if before.R_WG is None or now.R_WG is None:
         return far
-    axes = slice(0, 1) if before.is_round else slice(0, 3)  # a circle may turn in its plane
+    axes = slice(0, 1) if before.is_round else slice(0, 3)  # a circle's normal
     turned = np.linalg.norm((now.R_WG - before.R_WG)[:, axes], axis=0).max()
     return max(far, float(turned) * max(before.half_width, before.half_height))
 
 
 def _clear_of_gates(times: Array, begin: float) -> float:
-    """Return when to leave a way from a time on [s]."""
+    """Return the time at which to leave the trajectory, not near a gate [s]."""
     for passed in times.tolist():
-        if begin - _BEHIND < passed < begin + _BEFORE:
-            begin = passed + _BEHIND
+        if begin - _LEAVE_AFTER_GATE < passed < begin + _LEAVE_BEFORE_GATE:
+            begin = passed + _LEAVE_AFTER_GATE
     return begin
 
 
@@ -288,7 +287,7 @@ def _row_from(seconds: Array, begin: float) -> int:
 
 
 def _tabled(trajectory: Trajectory, times_ns: list[int]) -> MotionTable:
-    samples = trajectory.at([*times_ns[:-1], times_ns[-1] - 1])  # moving, if it does
+    samples = trajectory.at([*times_ns[:-1], times_ns[-1] - 1])  # not at rest if it ends in motion
     R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
     return MotionTable(
         source="the smooth path",

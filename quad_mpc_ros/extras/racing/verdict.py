@@ -1,4 +1,4 @@
-"""How a flight passed the gates of its course."""
+"""Gate passages of a flight."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.course import Course
 
 VEHICLE_RADIUS = 0.2
-"""Of a ball that holds a vehicle, rotors and all, by default [m]."""
+"""Default radius of a vehicle's bounding sphere [m]."""
 
 
 def flown_course(flight: Flight) -> Course | None:
-    """Return the course in the recorded parameters; None without one that can be read."""
+    """Return the course in the recorded parameters; None without a readable course."""
     gates = recorded_parameters(flight.parameters, ReferenceConfig).get("gates")
     if not gates:
         return None
     try:
         return read_course(str(gates))
-    except UserError:  # a file that is on another machine
+    except UserError:  # a file on another computer
         return None
 
 
 def race_figures(flight: Flight) -> dict[str, Any]:
     """Return ``gates``, each passage with its time, and ``lap_time_s``; None without a course.
 
-    Gates that moved are judged at their last published place before the passage.
+    Moved gates are evaluated at their last published pose before the passage.
     """
     course = flown_course(flight)
     if course is None:
@@ -56,9 +56,9 @@ def race_figures(flight: Flight) -> dict[str, Any]:
 
 
 def drawn_course(flight: Flight) -> Course | None:
-    """Return the course with the gate of each passage at its last published place.
+    """Return the course with the gate of each passage at its last published pose.
 
-    A gate that was not passed is at its last published place of the flight.
+    A missed gate is at its last published pose of the flight.
     """
     course = flown_course(flight)
     if course is None or not flight.gates:
@@ -80,7 +80,7 @@ def _lap(course: Course, flight: Flight, moved: MovedGates | None) -> Lap:
 
 
 def _moved(course: Course, flight: Flight) -> MovedGates:
-    """Return the course as published in flight, without messages that the controller refuses."""
+    """Return the course as published in flight, without messages that the controller rejects."""
     courses, since_ns = [course], [np.iinfo(np.int64).min]
     for poses in flight.gates:
         with contextlib.suppress(UserError):

@@ -45,7 +45,7 @@ class Crash:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
+class TrackedMotion:
     """Where n odometries and the reference were, and how they were tilted.
 
     Shapes: ``time`` [s], ``tilt``, ``tilt_reference`` [rad], of the thrust axis from the vertical,
@@ -58,7 +58,7 @@ class Motion:
     p_WB_reference: Array
     tilt_reference: Array
 
-    def late(self, behind: Array) -> Motion:
+    def late(self, behind: Array) -> TrackedMotion:
         """Return it with the reference as it was some time (n,) [s] before each moment."""
         if not behind.any():
             return self
@@ -144,7 +144,7 @@ def crash_of(flight: Flight) -> Crash | None:
         return None
     into = collision_of(flight)
     hit = None if into is None else Crash(kind="obstacle", time=float(flight.time[into]))
-    moved = Motion(
+    moved = TrackedMotion(
         time=flight.time,
         p_WB=flight.p_WB,
         tilt=tilts(flight.q_WB_xyzw),

@@ -1,1 +1,1 @@
-"""Flight stacks: the messages and rules of each in one file, and the node that wires any."""
+"""Bridges to flight stacks: messages and rules of each stack in one file, and one node for all."""

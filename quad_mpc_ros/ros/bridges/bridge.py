@@ -1,26 +1,26 @@
-"""The contract of every bridge: the rules and messages of a flight stack.
+"""The interface of all bridges: the rules and messages of a flight stack.
 
-A bridge turns the stack's state into odometry, and the MPC's command into the stack's messages.
-It needs neither ROS nor a clock: the time and a function that makes empty messages are given, and
-it only reads and fills attributes. So the same object runs in a node, in a test and in a
-simulation. Its file has both halves: the codec, functions with frame and unit in their names, and
-the rules, a subclass of :class:`Bridge`.
+A bridge converts the stack's state into odometry and the MPC's commands into the stack's messages.
+It uses neither ROS nor a clock: the caller passes the time and a function that makes empty
+messages. So the same object runs in a node, in a test and in a simulation. The file of a bridge
+has the codec, functions with frame and unit in their names, and the rules, a subclass of
+:class:`Bridge`.
 
 Every bridge obeys these rules:
 
-- It sends only in answer to a fresh command. It has no timer: when the MPC stops, the stack gets
-  nothing more, no heartbeat either, and its own failsafe acts. (Betaflight holds the last sticks:
-  its bridge has a ``line``, over which it continues to send what brings the vehicle down.)
-- It refuses, with a reason, what is not finite or not in a known frame.
+- It sends only in response to a fresh command and has no timer. If the MPC stops, the stack
+  receives nothing, not even a heartbeat, and its own failsafe acts. (Betaflight holds the last
+  sticks, so its bridge has a ``line`` over which it brings the vehicle down.)
+- It rejects values that are not finite or not in a known frame, with a reason.
 - It passes on a reset of the estimator: same frame, next stamp, another position.
 - It arms and switches modes only on request, and sends nothing before a request to engage.
-  (ArduPilot is asked for its landing mode once it has been landed: it would not disarm else.)
-- It refuses to engage and to arm where the vehicle would jump, and releases for good when another
-  else takes over or commands have stopped (:mod:`.handover`).
-- Disarming is forced: in the air, too, the motors stop. The bridge releases the vehicle at once. A
-  bridge that cannot disarm its stack refuses and names what can.
-- It reports whether the vehicle acts on commands: until then the reference waits at the vehicle,
-  and the MPC learns nothing. Where the stack knows it, it reports whether the vehicle stands.
+  (It requests ArduPilot's landing mode after a landing, because ArduPilot does not disarm else.)
+- It refuses to engage and to arm if the vehicle would jump. It releases the vehicle for good if
+  another source takes over or commands have stopped (:mod:`.handover`).
+- Disarming is forced: the motors stop also in the air. The bridge releases the vehicle at once. A
+  bridge that cannot disarm its stack refuses and names the tool that can.
+- It reports whether the vehicle acts on commands. Until it does, the reference waits at the
+  vehicle and the MPC does not estimate. It reports whether the vehicle has landed, if known.
 """
 
 from __future__ import annotations
@@ -43,31 +43,31 @@ from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.handover import (
     Ground,
     Handover,
+    HandoverConditions,
+    HandoverState,
     Stack,
-    State,
-    Surroundings,
 )
-from quad_mpc_ros.ros.bridges.line import OwnLine
+from quad_mpc_ros.ros.bridges.line import LineFactory
 from quad_mpc_ros.ros.bridges.odometry import OdometryStamps
 from quad_mpc_ros.ros.bridges.thrust import ThrustMap
 
 FORCED = 21196.0
 """Second parameter of MAV_CMD_COMPONENT_ARM_DISARM: disarm in the air as well."""
 
-_FASTEST_TURN = 100.0  # rad/s: more than the gyroscope of a vehicle can measure
-_COMMAND_TIMEOUT = 0.1  # s: an older command, by its stamp, is not passed on
-_ASKED_AGAIN_NS = 1_000_000_000
-_RESULTS = "accepted", "temporarily rejected", "denied", "unsupported", "failed"
+_MAX_BODY_RATE = 100.0  # rad/s: beyond the range of gyroscopes
+_COMMAND_TIMEOUT = 0.1  # s: a command with an older stamp is not passed on
+_SWITCH_RETRY_NS = 1_000_000_000
+_MAV_RESULTS = "accepted", "temporarily rejected", "denied", "unsupported", "failed"
 _ARMING_TIMEOUT_NS = 3_000_000_000  # until the stack reports what was requested
-_REASON_NS = 500_000_000  # for texts with the reason of a refusal
+_REFUSAL_REASON_NS = 500_000_000  # for texts with the reason of a refusal
 
 
 @dataclass(frozen=True, kw_only=True)
 class Subscription:
-    """A topic of the stack and the function that takes its messages.
+    """A topic of the stack and the function that receives its messages.
 
-    ``receive`` gets a message and the time of its arrival [ns], and returns an odometry if there
-    is one to pass on.
+    ``receive`` is called with a message and its time of arrival [ns]. It returns an odometry to
+    publish, or None.
     """
 
     topic: Topic
@@ -76,7 +76,7 @@ class Subscription:
 
 @dataclass(frozen=True, kw_only=True)
 class OutgoingMessage:
-    """A filled message and the stack's topic that it goes to."""
+    """A filled message and the topic of the stack to publish it on."""
 
     topic: Topic
     message: Any
@@ -84,17 +84,17 @@ class OutgoingMessage:
 
 @dataclass(frozen=True, kw_only=True)
 class OutgoingBytes:
-    """What goes out over the line."""
+    """Bytes to send over the line."""
 
     data: bytes
 
 
 @dataclass(frozen=True, kw_only=True)
 class ServiceCall:
-    """A filled request and the stack's service that it goes to.
+    """A filled request and the service of the stack to call.
 
-    ``type_name`` is like ``std_srvs/srv/SetBool``. ``receive`` gets the response, if anything
-    does; an ``optional`` call is left out where no node serves it.
+    ``type_name`` is like ``std_srvs/srv/SetBool``. ``receive``, if not None, is called with the
+    response. An ``optional`` call is skipped if no node provides the service.
     """
 
     service: str
@@ -106,9 +106,9 @@ class ServiceCall:
 
 @dataclass(frozen=True, kw_only=True)
 class Response:
-    """The response to a request to arm or to engage, and what to send for it.
+    """The response to a request to arm or to engage, with the messages to send.
 
-    ``text`` has the reason of a refusal.
+    ``text`` has the reason for a refusal.
     """
 
     accepted: bool
@@ -124,111 +124,111 @@ class Bridge(ABC):
     """Base of every bridge. Messages are sent in the order in which they are returned."""
 
     name: ClassVar[str]
-    """The executable, which is also the node: ``px4_bridge``."""
+    """Name of the executable and of the node, like ``px4_bridge``."""
     speaks: ClassVar[str]
-    """The stack and its messages, in a few words."""
+    """The stack and its messages, for ``quad_mpc bridges``."""
     packages: ClassVar[tuple[str, ...]]
-    """The message packages that it needs."""
+    """The required packages."""
     how_to_get: ClassVar[str]
-    """How to install them when they are missing."""
+    """How to install missing packages."""
     Config: ClassVar[type[BridgeConfig]]
 
     warm_up: float = 0.0
-    """How long [s] setpoints must have run before the stack may be asked to act on them."""
+    """Time [s] for which setpoints must be sent before the request to switch to them."""
     streams: bool = False
-    """Whether setpoints are sent before the stack acts on them."""
-    patient: bool = False
-    """Whether a pilot switches the stack to setpoints, at any time."""
+    """Whether setpoints are sent before the stack has switched to them."""
+    pilot_switches_mode: bool = False
+    """Whether a pilot switches the stack to setpoints, so that the switch has no timeout."""
 
-    line: OwnLine | None = None
-    """The line to the stack in place of topics, if there is one."""
+    line: LineFactory | None = None
+    """The line to the stack, None for a stack with topics."""
 
     subscriptions: Sequence[Subscription]
-    """What the bridge listens to."""
+    """The subscribed topics."""
     publications: Sequence[Topic]
-    """What the bridge may publish."""
+    """The published topics."""
     services: Sequence[tuple[str, str]] = ()
-    """The services that the bridge may call: name and type."""
+    """Name and type of each service that the bridge may call."""
 
     def __init__(self, config: Any, new: NewMessage, *, namespace: str = "") -> None:
-        """Prepare; a derived class also sets ``subscriptions`` and ``publications``.
+        """Initialise; a derived class also sets ``subscriptions`` and ``publications``.
 
         Args:
             config: An instance of ``Config``.
-            new: Makes empty messages, and empty requests of services.
-            namespace: Of the stack's topics and services.
+            new: Makes empty messages and service requests by type name.
+            namespace: Namespace of the stack's topics and services.
         """
         self.thrust = ThrustMap(config)
         self.silence = "waiting for a command"
         self.commands = self.passed = self.refused = self.jumps = 0
         self.announced_reset: EstimateReset | None = None
-        """The step of the estimate that the stack announced with the newest odometry."""
+        """The reset that the stack announced with the newest odometry, if any."""
         self._new = new
         self._config = config
         self._namespace = namespace
         self._stamps = OdometryStamps()
-        self._newest: OdometrySample | None = None  # that was passed on, and when it came
+        self._newest: OdometrySample | None = None  # published odometry, and its arrival
         self._newest_ns: int | None = None
         self._warnings: list[str] = []
-        self._handover = Handover(config.handover, patient=self.patient)
-        self._surroundings = Surroundings(config.handover)
+        self._handover = Handover(config.handover, by_pilot=self.pilot_switches_mode)
+        self._handover_conditions = HandoverConditions(config.handover)
         self._ground, self._mpc_ground = Ground(), GroundState.UNKNOWN
-        self._arming: tuple[bool, int] | None = None  # what was requested, and when [ns]
-        self._refusal: list[str] = []  # of that request
-        self._reasons: list[str] = []  # what the stack said since then
-        self._asked_ns: int | None = None
+        self._arming: tuple[bool, int] | None = None  # requested state, and when [ns]
+        self._refusal: list[str] = []  # refusal of that request
+        self._reasons: list[str] = []  # texts of the stack since then
+        self._requested_ns: int | None = None
 
     @abstractmethod
     def _stack(self, now_ns: int) -> Stack:
-        """Return what the stack reports now."""
+        """Return the state that the stack reports now."""
 
     def _switch(self) -> Sequence[Outgoing]:
-        """Return the messages that switch the stack to setpoints."""
+        """Return the messages that request the mode for setpoints."""
         return ()
 
     def _switch_back(self, now_ns: int) -> Response:
-        """Return what switches the stack back to flying by itself."""
+        """Return the response that switches the stack back to its own control."""
         return Response(accepted=True, text="released")
 
     def _arm(self, wanted: bool) -> Response:
-        """Return what arms, or disarms also in the air, or that this bridge cannot."""
+        """Return the response that arms or disarms (also in the air), or a refusal."""
         return Response(accepted=False, text="arm the vehicle with the tools of its own stack")
 
     @abstractmethod
     def _messages(self, command: CommandSample, now_ns: int) -> Sequence[Outgoing]:
-        """Return what to send to the stack for a fresh command."""
+        """Return the messages for a fresh command."""
 
     def exchange(self, received: bytes, *, now_ns: int) -> bytes:
-        """Take what came over the line, and return what goes out; called every few milliseconds.
+        """Process bytes from the line and return bytes to send; called every few milliseconds.
 
-        Only a bridge with a ``line`` is asked.
+        It is called only if the bridge has a ``line``.
         """
         return b""
 
     def take_odometries(self) -> list[tuple[OdometrySample, EstimateReset | None]]:
-        """Return what odometry has come over the line since the last call.
+        """Return the odometries received over the line since the last call.
 
-        With each comes the step of the estimate that was announced with it, if one was.
+        Each has the reset of the estimate that was announced with it, or None.
         """
         return []
 
     def engage(self, wanted: bool, *, now_ns: int) -> Response:
-        """Hand the vehicle to the MPC, or take it back, on request.
+        """Hand the vehicle to the MPC on request, or take it back.
 
-        Handing over takes as long as the stack needs; ``handover`` has the result.
+        The stack may need time for the handover; ``handover`` has the result.
         """
         if not wanted:
             self._handover.release("released on request")
             return self._switch_back(now_ns)
         self._advance(now_ns)
-        if self._handover.state is not State.RELEASED:
+        if self._handover.state is not HandoverState.RELEASED:
             text = f"already requested: {self._handover.state.value}"
             return Response(accepted=True, text=text)
-        obstacle = self._stack(now_ns).fault or self._obstacle(now_ns)
-        if obstacle:
-            return Response(accepted=False, text=obstacle)
+        blocker = self._stack(now_ns).fault or self._engage_blocker(now_ns)
+        if blocker:
+            return Response(accepted=False, text=blocker)
         self._handover.offer(now_ns=now_ns)
-        self._asked_ns = None
+        self._requested_ns = None
         self._advance(now_ns)
         return Response(accepted=True, text=f"{self._handover.state.value}: the MPC will fly")
 
@@ -239,24 +239,24 @@ class Bridge(ABC):
         """
         self._advance(now_ns)
         response = self._arm(wanted)
-        obstacle = self._obstacle_to_arming(now_ns) if wanted and response.accepted else ""
-        if obstacle:
-            return Response(accepted=False, text=obstacle)
+        blocker = self._arming_blocker(now_ns) if wanted and response.accepted else ""
+        if blocker:
+            return Response(accepted=False, text=blocker)
         if response.accepted:
             self._arming, self._refusal, self._reasons = (wanted, now_ns), [], []
-            if not wanted and self._handover.state is not State.RELEASED:
+            if not wanted and self._handover.state is not HandoverState.RELEASED:
                 self._handover.release("released by disarming")
         return response
 
     def arming_outcome(self, *, now_ns: int) -> Response | None:
-        """Return how the last request to arm or disarm ended; None while that is open."""
+        """Return the result of the last request to arm or disarm; None while it is pending."""
         if self._arming is None:
             return None
         wanted, since_ns = self._arming
         what, elapsed_ns = "armed" if wanted else "disarmed", abs(now_ns - since_ns)
         if self._reports_armed(wanted, now_ns) is wanted:
             return Response(accepted=True, text=what)
-        if elapsed_ns < (_REASON_NS if self._refusal else _ARMING_TIMEOUT_NS):
+        if elapsed_ns < (_REFUSAL_REASON_NS if self._refusal else _ARMING_TIMEOUT_NS):
             return None
         unanswered = f"the stack has not reported that it is {what} within 3 s"
         return Response(
@@ -264,27 +264,27 @@ class Bridge(ABC):
         )
 
     def stack_fault(self, *, now_ns: int) -> str:
-        """Return why the stack cannot be flown now, or an empty string."""
+        """Return the reason why the stack cannot be flown now, or an empty string."""
         return self._stack(now_ns).fault
 
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
-        """Take a reference, by which a handover is judged."""
-        self._surroundings.reference.receive(window, now_ns)
+        """Receive a reference, which the check of a handover uses."""
+        self._handover_conditions.reference.receive(window, now_ns)
 
     def receive_ground(self, state: GroundState) -> None:
-        """Take what the MPC knows of the ground, which counts while it flies the vehicle."""
+        """Receive the MPC's ground state, which is used while the MPC is engaged."""
         self._mpc_ground = state
 
     def receive_command(self, command: CommandSample, *, now_ns: int) -> list[Outgoing]:
-        """Return what to send for a command that arrives now.
+        """Return the messages to send for a command that arrives now.
 
-        Afterwards ``silence`` has why nothing was sent, or is empty.
+        Afterwards ``silence`` has the reason why nothing was sent, or is empty.
         """
         self.commands += 1
         fault = self._command_fault(command, now_ns)
         if fault is None:
             share = self.thrust.specific_thrust(command.throttle) / self._config.gravity
-            self._surroundings.command.receive((command, share), now_ns)
+            self._handover_conditions.command.receive((command, share), now_ns)
             self._advance(now_ns)
             self._handover.commanded(now_ns=now_ns)
         if fault is None:
@@ -295,24 +295,24 @@ class Bridge(ABC):
         stack = self._stack(now_ns)
         if not (stack.takes_setpoints or self.streams):
             self.silence = "waiting for the stack to switch to setpoints"
-            return self._asked_to_switch(now_ns)
+            return self._switch_requests(now_ns)
         self.silence = ""
         self.passed += 1
         messages: list[Outgoing] = [*self._messages(command, now_ns)]
-        return messages if stack.takes_setpoints else messages + self._asked_to_switch(now_ns)
+        return messages if stack.takes_setpoints else messages + self._switch_requests(now_ns)
 
     def engaged(self, *, now_ns: int) -> bool:
-        """Return whether the vehicle acts on commands: armed, in the mode that takes them."""
+        """Return whether the vehicle acts on commands: armed, in the mode for setpoints."""
         self._advance(now_ns)
-        return self._handover.state is State.ENGAGED
+        return self._handover.state is HandoverState.ENGAGED
 
     @property
     def handover(self) -> tuple[str, str]:
-        """Who flies, in a word of :class:`.handover.State`, and why it is released, if it is."""
+        """The value of the :class:`.HandoverState`, and the reason for a release."""
         return self._handover.state.value, self._handover.reason
 
     def landed(self, *, now_ns: int) -> bool | None:
-        """Return whether the vehicle stands on the ground; None where that is unknown."""
+        """Return whether the vehicle is on the ground; None if unknown."""
         return self._ground.landed
 
     def take_warnings(self) -> list[str]:
@@ -321,37 +321,37 @@ class Bridge(ABC):
         return warnings
 
     def _advance(self, now_ns: int) -> None:
-        """Advance or end the handover by the present state."""
+        """Advance or end the handover according to the present state."""
         before = self._handover.state
-        if before is State.RELEASED:
+        if before is HandoverState.RELEASED:
             return
-        waits = before in (State.OFFERED, State.STANDBY)
-        obstacle = self._obstacle(now_ns) if waits else ""
-        self._handover.advance(self._stack(now_ns), obstacle=obstacle, now_ns=now_ns)
-        if self._handover.state is State.RELEASED:
+        waits = before in (HandoverState.OFFERED, HandoverState.STANDBY)
+        blocker = self._engage_blocker(now_ns) if waits else ""
+        self._handover.advance(self._stack(now_ns), blocker=blocker, now_ns=now_ns)
+        if self._handover.state is HandoverState.RELEASED:
             self._warnings.append(self._handover.reason)
 
-    def _obstacle(self, now_ns: int) -> str:
-        return self._surroundings.obstacle(landed=self.landed(now_ns=now_ns), now_ns=now_ns)
+    def _engage_blocker(self, now_ns: int) -> str:
+        return self._handover_conditions.blocker(landed=self.landed(now_ns=now_ns), now_ns=now_ns)
 
-    def _obstacle_to_arming(self, now_ns: int) -> str:
-        """Return why the vehicle must not be armed now, or nothing."""
+    def _arming_blocker(self, now_ns: int) -> str:
+        """Return the reason why the vehicle must not be armed now, or an empty string."""
         stack = self._stack(now_ns)
         match self._handover.state:
-            case State.RELEASED if stack.takes_setpoints:
+            case HandoverState.RELEASED if stack.takes_setpoints:
                 return (
-                    "engage it first: the stack is in the mode that takes setpoints, and would "
-                    "fly any"
+                    "engage it first: the stack is in the mode for setpoints and would execute "
+                    "any setpoint"
                 )
-            case State.OFFERED:
+            case HandoverState.OFFERED:
                 return "it is being engaged: try again"
-            case State.STANDBY:
-                return stack.fault or self._obstacle(now_ns)
+            case HandoverState.STANDBY:
+                return stack.fault or self._engage_blocker(now_ns)
             case _:
                 return ""
 
     def _reports_armed(self, wanted: bool, now_ns: int) -> bool | None:
-        """Return whether the stack reports that it is armed, or None, after it was ``wanted``."""
+        """Return whether the stack is armed, or None, after a request for ``wanted``."""
         return self._stack(now_ns).armed
 
     def _refuse_arming(self, reason: str) -> None:
@@ -359,17 +359,17 @@ class Bridge(ABC):
         self._warnings.append(reason)
         self._refusal = [reason]
 
-    def _asked_to_switch(self, now_ns: int) -> list[Outgoing]:
-        """Return what switches the stack to setpoints, once they have run for long enough."""
+    def _switch_requests(self, now_ns: int) -> list[Outgoing]:
+        """Return the request for the mode for setpoints, if they were sent for long enough."""
         if self._handover.offered_for(now_ns=now_ns) < round(self.warm_up * 1e9):
             return []
-        if self._asked_ns is not None and now_ns - self._asked_ns < _ASKED_AGAIN_NS:
+        if self._requested_ns is not None and now_ns - self._requested_ns < _SWITCH_RETRY_NS:
             return []
-        self._asked_ns = now_ns
+        self._requested_ns = now_ns
         return [*self._switch()]
 
     def _topic(self, path: str, type_name: str, **quality: Any) -> Topic:
-        """Return a topic in the stack's namespace; ``quality`` is what else a topic takes."""
+        """Return a topic in the stack's namespace; ``quality``: further fields of the topic."""
         return Topic(name=f"{self._namespace}/{path}", type_name=type_name, **quality)
 
     def _service(self, path: str, type_name: str) -> tuple[str, str]:
@@ -384,7 +384,7 @@ class Bridge(ABC):
         optional: bool = False,
         **fields: object,
     ) -> ServiceCall:
-        """Return a call with these fields in its request; the rest as in :class:`ServiceCall`."""
+        """Return a :class:`ServiceCall` with these fields in its request."""
         name, type_name = service
         request = self._new(type_name)
         for field, value in fields.items():
@@ -394,9 +394,9 @@ class Bridge(ABC):
         )
 
     def _odometry_subscription(self, name: str, *, twist_frame: str) -> Subscription:
-        """Return a subscription to an estimator's ``nav_msgs/Odometry``, in ENU.
+        """Return a subscription to ``nav_msgs/Odometry`` of an estimator, in ENU.
 
-        ``twist_frame`` is the frame of its twist: ``child`` (body) or ``world``.
+        ``twist_frame`` is the frame of the twist: ``child`` (body) or ``world``.
         """
 
         def receive(message: Any, now_ns: int) -> OdometrySample | None:
@@ -414,7 +414,7 @@ class Bridge(ABC):
     def _converted(
         self, source: str, convert: Callable[[], OdometrySample | None]
     ) -> OdometrySample | None:
-        """Return an odometry, or None and note the ``ValueError`` of the conversion."""
+        """Return the converted odometry; on ``ValueError`` return None and warn."""
         try:
             return convert()
         except ValueError as error:
@@ -424,10 +424,10 @@ class Bridge(ABC):
     def _passed_on(
         self, odometry: OdometrySample | None, *, now_ns: int, cause: str | None = None
     ) -> OdometrySample | None:
-        """Return an odometry with the stamp and the frames that the MPC expects.
+        """Return the odometry to publish, with the MPC's clock and frames.
 
-        ``cause`` is why the stack's estimate stepped, if it announced that. Returns None, and
-        notes why, if it is not valid or not newer than the last.
+        ``cause`` is the announced cause of a reset of the stack's estimate. Returns None, with a
+        warning, for an odometry that is not valid or not newer than the last one.
         """
         if odometry is None:
             return None
@@ -452,15 +452,15 @@ class Bridge(ABC):
             self.announced_reset = reset = EstimateReset.between(before, odometry)
             step = math.hypot(*reset.step_W)
             self._warnings.append(f"the estimate steps by {step:.2f} m ({cause})")
-        self._surroundings.odometry.receive(odometry, now_ns)
-        self._see_ground(odometry, now_ns)
+        self._handover_conditions.odometry.receive(odometry, now_ns)
+        self._update_ground(odometry, now_ns)
         return odometry
 
-    def _see_ground(self, odometry: OdometrySample, now_ns: int) -> None:
-        """Judge whether the vehicle stands, where the stack reports whether it is armed."""
+    def _update_ground(self, odometry: OdometrySample, now_ns: int) -> None:
+        """Update the ground state from height, arming and the MPC's ground state."""
         stack = self._stack(now_ns)
         if not stack.fault:
-            flown = self._handover.state is State.ENGAGED
+            flown = self._handover.state is HandoverState.ENGAGED
             state = self._mpc_ground if flown else GroundState.UNKNOWN
             self._ground.update(odometry.p_WB, armed=bool(stack.armed), state=state)
 
@@ -469,7 +469,7 @@ class Bridge(ABC):
         self._warnings.append(reason)
 
     def _battery_subscription(self, topic: Topic, *, field: str = "voltage") -> list[Subscription]:
-        """Return the subscription to the battery's voltage, if the thrust map uses it."""
+        """Return the subscription to the battery voltage, if the thrust map uses it."""
         if self._config.thrust_map.battery_voltage == 0.0:
             return []
 
@@ -479,7 +479,7 @@ class Bridge(ABC):
         return [Subscription(topic=topic, receive=receive)]
 
     def _receive_voltage(self, voltage: float, now_ns: int) -> None:
-        """Take a battery voltage [V] as the stack reports it, known or not."""
+        """Receive a battery voltage [V] as reported by the stack, valid or not."""
         warning = self.thrust.receive_voltage(voltage, now_ns=now_ns)
         self._warnings += [warning] if warning else []
 
@@ -489,8 +489,8 @@ class Bridge(ABC):
         if not 0.0 <= command.throttle <= 1.0:
             return f"the command's throttle {command.throttle:.3g} is outside [0, 1]"
         fastest = max(map(abs, command.w_WB_B.tolist()))
-        if fastest > _FASTEST_TURN:
-            return f"the command's body rate {fastest:.3g} rad/s is beyond {_FASTEST_TURN:g} rad/s"
+        if fastest > _MAX_BODY_RATE:
+            return f"the command's body rate {fastest:.3g} rad/s exceeds {_MAX_BODY_RATE:g} rad/s"
         age = (now_ns - command.stamp_ns) * 1e-9
         if abs(age) > _COMMAND_TIMEOUT:
             return f"the command is {age:.3f} s old by its stamp"
@@ -498,15 +498,15 @@ class Bridge(ABC):
 
 
 def command_result(number: int) -> str:
-    """Return a MAV_RESULT in words; PX4 and MAVROS answer with the same numbers."""
-    return _RESULTS[number] if 0 <= number < len(_RESULTS) else f"result {number}"
+    """Return a MAV_RESULT as text; PX4 and MAVROS use the same numbers."""
+    return _MAV_RESULTS[number] if 0 <= number < len(_MAV_RESULTS) else f"result {number}"
 
 
 class SwitchedBridge(Bridge):
-    """A bridge to a stack without modes, which acts on whatever it gets, armed or not."""
+    """A bridge to a stack without modes, which acts on every setpoint, armed or not."""
 
     def _stack(self, now_ns: int) -> Stack:
         return Stack(takes_setpoints=True, armed=True)
 
-    def _see_ground(self, odometry: OdometrySample, now_ns: int) -> None:
-        """Whether the vehicle stands is unknown."""
+    def _update_ground(self, odometry: OdometrySample, now_ns: int) -> None:
+        """Do nothing: the ground state is unknown."""

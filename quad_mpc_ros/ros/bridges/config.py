@@ -1,4 +1,4 @@
-"""Parameters that every bridge has."""
+"""Parameters of all bridges."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _advanced = functools.partial(parameter, advanced=True)
 
 @dataclass(frozen=True, kw_only=True)
 class ThrustParameters(Configuration):
-    """How the stack's throttle u in [0, 1] makes thrust, when not as the MPC's model says."""
+    """Thrust over the stack's throttle u in [0, 1], if it differs from the MPC's model."""
 
     owner = "bridge.thrust_map"
 
@@ -55,7 +55,7 @@ class ThrustParameters(Configuration):
     )
 
     def check(self) -> None:
-        """Refuse maps without an inverse."""
+        """Reject maps without an inverse."""
         a, b, _ = self.motor_curve
         if a < 0.0 or b < 0.0 or a + b <= 0.0:
             raise ConfigurationError(
@@ -74,7 +74,7 @@ class ThrustParameters(Configuration):
 
 @dataclass(frozen=True, kw_only=True)
 class HandoverParameters(Configuration):
-    """What must hold before the MPC may fly, and when that ends."""
+    """Conditions for engaging the MPC, and for releasing the vehicle."""
 
     owner = "bridge.handover"
 
@@ -106,7 +106,7 @@ class HandoverParameters(Configuration):
 
 @dataclass(frozen=True, kw_only=True)
 class BridgeConfig(LiftParameters):
-    """What every bridge must know; the vehicle is that of the MPC's model."""
+    """Parameters of every bridge; the vehicle is that of the MPC's model."""
 
     owner = "bridge"
 
@@ -122,7 +122,7 @@ class BridgeConfig(LiftParameters):
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatorConfig(BridgeConfig):
-    """What a bridge must know that takes the odometry of an estimator beside the stack."""
+    """Parameters of a bridge that uses the odometry of an estimator outside the stack."""
 
     odometry_topic: str = parameter(
         "stack_odom", doc="Topic of the estimator's nav_msgs/Odometry, in ENU."

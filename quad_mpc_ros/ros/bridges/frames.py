@@ -1,8 +1,8 @@
-"""Between ENU/FLU, in which the package computes, and NED/FRD, which aircraft stacks use.
+"""Conversion between ENU/FLU, used by this package, and NED/FRD, used by aircraft stacks.
 
-REP-103 has both. World axes swap and turn: north-east-down (x, y, z) is east-north-up (y, x, -z).
-Body axes forward-right-down are forward-left-up with y and z turned. Both maps are their own
-inverse, so each function serves in both directions; the names say what comes out.
+REP-103 defines both. North-east-down (x, y, z) is east-north-up (y, x, -z); forward-right-down
+(x, y, z) is forward-left-up (x, -y, -z). Both maps are their own inverse, so each function
+works in both directions; its name states the result.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ _SQRT_HALF = math.sqrt(0.5)
 
 
 def enu_from_ned(p_ned: Any) -> Array:
-    """Return a world vector (3,) in east-north-up of one in north-east-down, or back."""
+    """Return a world vector (3,) converted from NED to ENU, or back."""
     north, east, down = map(float, p_ned)
     return np.array((east, north, -down))
 
 
 def flu_from_frd(v_frd: Any) -> Array:
-    """Return a body vector (3,) in forward-left-up of one in forward-right-down, or back."""
+    """Return a body vector (3,) converted from FRD to FLU, or back."""
     forward, right, down = map(float, v_frd)
     return np.array((forward, -right, -down))
 
 
 def q_enu_flu_xyzw_from_ned_frd_wxyz(q_ned_frd_wxyz: Any) -> Array:
-    """Return the quaternion (x, y, z, w) of FLU in ENU for that (w, x, y, z) of FRD in NED.
+    """Return the quaternion (x, y, z, w) of FLU in ENU, given (w, x, y, z) of FRD in NED.
 
-    It is q(pi, 0, pi/2) q q(pi, 0, 0), roll, pitch and yaw, multiplied out and normalised.
-    Raises ``ValueError`` when there is no rotation in it.
+    It is q(pi, 0, pi/2) q q(pi, 0, 0), in roll, pitch and yaw, multiplied out and normalised.
+    Raises ``ValueError`` if the quaternion is not a rotation.
     """
     w, x, y, z = (float(value) for value in q_ned_frd_wxyz)
     length = math.hypot(w, x, y, z)
-    if not 0.5 < length < 2.0:  # NaN compares with nothing
+    if not 0.5 < length < 2.0:  # false also for NaN
         raise ValueError(f"no rotation in the quaternion {[w, x, y, z]}")
     s = _SQRT_HALF / length
     return np.array((s * (x + y), s * (x - y), s * (w - z), s * (w + z)))

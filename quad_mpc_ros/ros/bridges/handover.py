@@ -1,10 +1,10 @@
-"""Who flies, and the conditions of a handover: one state machine for every stack.
+"""The active source and the conditions of a handover: one state machine for all stacks.
 
-It has neither messages nor a clock; both are given. docs/howto/stacks/README.md has the diagram.
+It uses neither messages nor a clock. docs/howto/stacks/README.md has the diagram.
 
-Only a request leads out of ``RELEASED``. Whatever ends an engagement (a request, a gap in the
-commands, the pilot, the stack's failsafe, disarming) leads back there, and nothing resumes by
-itself: an autopilot that was left in the mode that takes setpoints would fly whatever comes next.
+Only a request leads out of ``RELEASED``. Every end of an engagement (request, gap in the commands,
+pilot, failsafe of the stack, disarming) leads back there, and nothing resumes by itself: an
+autopilot left in the mode for setpoints would execute any setpoint.
 """
 
 from __future__ import annotations
@@ -28,128 +28,131 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.ros.bridges.config import HandoverParameters
 
 _SECOND = 1_000_000_000
-_PATIENCE_NS = 5 * _SECOND  # until the stack has switched
-_LASTING_NS = 300_000_000  # obstacles to an offered handover are ignored for so long
-_GAP_NS = 100_000_000  # without a fresh command, after which the stack may act on the gap
-_FRESH, _REFERENCE_FRESH = 0.5, 1.0  # s
-_HOLDING_SHARES = (0.5, 1.6)  # of the weight as thrust: keeps its height for a moment
+_SWITCH_TIMEOUT_NS = 5 * _SECOND  # for the stack to switch its mode
+_BLOCKED_NS = 300_000_000  # shorter blockers of an offered handover are ignored
+_COMMAND_GAP_NS = 100_000_000  # without a fresh command: the stack may react to a longer gap
+_MAX_AGE, _MAX_REFERENCE_AGE = 0.5, 1.0  # s
+_HOVER_THRUST_RATIOS = (0.5, 1.6)  # thrust over weight that roughly keeps the height
 
 
-class State(enum.Enum):
-    """Who flies."""
+class HandoverState(enum.Enum):
+    """State of the handover: which source flies the vehicle."""
 
     RELEASED = "released"
-    """Somebody else. Nothing is sent to the stack."""
+    """Another source. Nothing is sent to the stack."""
     OFFERED = "offered"
-    """Somebody else; the stack is asked to act on setpoints, and gets them where it needs to."""
+    """Another source; the stack is requested to switch to setpoints."""
     STANDBY = "standby"
-    """Nobody: the stack would act on setpoints, but is not armed."""
+    """None: the stack would act on setpoints but is not armed."""
     ENGAGED = "engaged"
     """The MPC."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stack:
-    """What a stack reports; ``fault`` is why nothing must be sent to it, or empty.
+    """State of a stack; ``fault`` is the reason why nothing must be sent to it, or empty.
 
-    ``armed`` is None while unknown. ``left`` is why it takes no setpoints, for the log.
+    ``armed`` is None while unknown. ``exit_reason`` is logged when it leaves the setpoint mode.
     """
 
     fault: str = ""
     takes_setpoints: bool = False
     armed: bool | None = None
-    left: str = "another node, a pilot or a failsafe switched the mode"
+    exit_reason: str = "another node, a pilot or a failsafe switched the mode"
 
 
 class Handover:
     """The state machine. Times are nanoseconds of the node's clock."""
 
-    def __init__(self, parameters: HandoverParameters, *, patient: bool = False) -> None:
-        """Begin released; ``patient`` is for a stack that a pilot switches at any time."""
-        self.state = State.RELEASED
+    def __init__(self, parameters: HandoverParameters, *, by_pilot: bool = False) -> None:
+        """Begin released; ``by_pilot``: a pilot may switch the mode of the stack at any time."""
+        self.state = HandoverState.RELEASED
         self.reason = "not engaged: call the service engage"
-        """Why it is released."""
+        """Reason for the release."""
         self._gap_ns = round(parameters.release_after * _SECOND)
-        self._patient = patient
+        self._by_pilot = by_pilot
         self._offered_ns = self._command_ns = 0
-        self._odd_since_ns: int | None = None
+        self._blocked_since_ns: int | None = None
 
     def offer(self, *, now_ns: int) -> None:
-        """Begin to hand over, on request and without obstacles."""
-        self.state, self.reason = State.OFFERED, ""
+        """Start a handover, on request and without blockers."""
+        self.state, self.reason = HandoverState.OFFERED, ""
         self._offered_ns = self._command_ns = now_ns
-        self._odd_since_ns = None
+        self._blocked_since_ns = None
 
     def release(self, reason: str) -> None:
-        """Hand back until the next request."""
-        self.state, self.reason = State.RELEASED, f"{reason}: call the service engage"
+        """Release the vehicle until the next request."""
+        self.state, self.reason = HandoverState.RELEASED, f"{reason}: call the service engage"
 
     def commanded(self, *, now_ns: int) -> None:
         """Note a fresh command."""
         self._command_ns = now_ns
 
     def offered_for(self, *, now_ns: int) -> int:
-        """Return for how long it has been offered [ns]."""
+        """Return the time since the offer [ns]."""
         return now_ns - self._offered_ns
 
-    def advance(self, stack: Stack, *, obstacle: str, now_ns: int) -> None:
-        """Take what the stack reports now, and what is an obstacle to engaging it now."""
-        if self.state is State.RELEASED:
+    def advance(self, stack: Stack, *, blocker: str, now_ns: int) -> None:
+        """Update with the stack's state and the reason that blocks engaging, if any."""
+        if self.state is HandoverState.RELEASED:
             return
         gap_ns = now_ns - self._command_ns
         if abs(gap_ns) > self._gap_ns:  # or the clock was set back
             self.release(f"released after {abs(gap_ns) / _SECOND:.2f} s without a fresh command")
         elif stack.fault:
             self.release(f"released because {stack.fault}")
-        elif self.state is not State.OFFERED and not stack.takes_setpoints:
+        elif self.state is not HandoverState.OFFERED and not stack.takes_setpoints:
             gap = f"no fresh command came for {gap_ns / _SECOND:.2f} s, and "
-            self.release(f"released because {gap if gap_ns > _GAP_NS else ''}{stack.left}")
-        elif self.state is State.ENGAGED and not stack.armed:
+            reason = stack.exit_reason if gap_ns <= _COMMAND_GAP_NS else gap + stack.exit_reason
+            self.release(f"released because {reason}")
+        elif self.state is HandoverState.ENGAGED and not stack.armed:
             self.release("released by disarming")
-        elif self.state is not State.ENGAGED:
-            self._approach(stack, obstacle=obstacle, now_ns=now_ns)
+        elif self.state is not HandoverState.ENGAGED:
+            self._approach(stack, blocker=blocker, now_ns=now_ns)
 
-    def _approach(self, stack: Stack, *, obstacle: str, now_ns: int) -> None:
-        """Follow the stack's progress, unless an obstacle persists."""
-        if not obstacle:
-            self._odd_since_ns = None
-        elif self._odd_since_ns is None:
-            self._odd_since_ns = now_ns
-        if self._odd_since_ns is not None and now_ns - self._odd_since_ns > _LASTING_NS:
-            self.release(f"released because {obstacle}")
+    def _approach(self, stack: Stack, *, blocker: str, now_ns: int) -> None:
+        """Follow the stack's progress, unless a blocker persists."""
+        if not blocker:
+            self._blocked_since_ns = None
+        elif self._blocked_since_ns is None:
+            self._blocked_since_ns = now_ns
+        if self._blocked_since_ns is not None and now_ns - self._blocked_since_ns > _BLOCKED_NS:
+            self.release(f"released because {blocker}")
         elif stack.takes_setpoints:
-            self.state = State.ENGAGED if stack.armed else State.STANDBY
-        elif not self._patient and self.offered_for(now_ns=now_ns) > _PATIENCE_NS:
+            self.state = HandoverState.ENGAGED if stack.armed else HandoverState.STANDBY
+        elif not self._by_pilot and self.offered_for(now_ns=now_ns) > _SWITCH_TIMEOUT_NS:
             self.release("released because the stack has not switched within 5 s")
 
 
 class Ground:
-    """Whether a vehicle stands on the ground, for a stack that only reports whether it is armed.
+    """Landing state of a stack that reports only whether it is armed.
 
-    It stands while it is disarmed. While the MPC flies it, the MPC says so, where it is heard and
-    knows; else it stands after that until it has left that height.
+    A disarmed vehicle is on the ground. While the MPC is engaged, the MPC's ground state applies
+    if it is known. Otherwise the vehicle is on the ground until it has left that height.
     """
 
     def __init__(self) -> None:
         self.landed: bool | None = None
-        """Whether it stands; None while unknown."""
-        self._stood = GroundHeight(LEFT_GROUND)
+        """Whether the vehicle is on the ground; None while unknown."""
+        self._standing_height = GroundHeight(LEFT_GROUND)
 
     def update(
         self, p_WB: Array, *, armed: bool, state: GroundState = GroundState.UNKNOWN
     ) -> None:
-        """Take a position (3,) [m], whether it is armed, and the ``state`` by who flies it."""
+        """Update with a position (3,) [m], the arming state and the MPC's ground state."""
         height = float(p_WB[2])
         if not armed or state.is_on_ground:
             self.landed = True
-            self._stood.set(height)
+            self._standing_height.set(height)
         else:
-            self._stood.update(height)
-            self.landed = self.landed is True and not (state.is_flying or self._stood.was_left)
+            self._standing_height.update(height)
+            self.landed = self.landed is True and not (
+                state.is_flying or self._standing_height.was_left
+            )
 
 
 class LatestStatus:
-    """Holds the newest status, which is valid for ``timeout`` seconds."""
+    """The newest status, valid for ``timeout`` seconds."""
 
     def __init__(self, *, timeout: float) -> None:
         self._timeout_ns = round(timeout * 1e9)
@@ -158,43 +161,43 @@ class LatestStatus:
 
     @property
     def is_empty(self) -> bool:
-        """Whether there has been none."""
+        """Whether no status was received."""
         return self._value is None
 
     def receive(self, value: Any, now_ns: int) -> None:
-        """Take a status that arrives now."""
+        """Receive a status that arrives now."""
         self._value, self._received_ns = value, now_ns
 
     def value(self, *, now_ns: int) -> Any:
-        """Return the newest status, or None if it is too old or there is none.
+        """Return the newest status, or None if it is missing or too old.
 
-        After the clock was set back its age is unknown, so it counts as too old.
+        If the clock was set back, the age is unknown and the status counts as too old.
         """
         return self._value if abs(now_ns - self._received_ns) <= self._timeout_ns else None
 
 
-class Surroundings:
-    """The newest odometry, command and reference, with which a handover would begin."""
+class HandoverConditions:
+    """Conditions of a handover: the newest odometry, command and reference."""
 
     def __init__(self, parameters: HandoverParameters) -> None:
         self._limits = parameters
-        self.odometry = LatestStatus(timeout=_FRESH)
-        self.command = LatestStatus(timeout=_FRESH)
-        """Of each fresh command, it and its thrust over the weight."""
-        self.reference = LatestStatus(timeout=_REFERENCE_FRESH)
+        self.odometry = LatestStatus(timeout=_MAX_AGE)
+        self.command = LatestStatus(timeout=_MAX_AGE)
+        """The newest command and its thrust over the weight."""
+        self.reference = LatestStatus(timeout=_MAX_REFERENCE_AGE)
 
-    def obstacle(self, *, landed: bool | None, now_ns: int) -> str:
-        """Return what is an obstacle to letting the MPC fly from now on, or an empty string.
+    def blocker(self, *, landed: bool | None, now_ns: int) -> str:
+        """Return the reason that blocks engaging the MPC now, or an empty string.
 
-        ``landed`` is whether the vehicle stands on the ground; None where that is unknown.
+        ``landed``: whether the vehicle is on the ground; None if unknown.
         """
         odometry = self.odometry.value(now_ns=now_ns)
         if odometry is None:
             return "there is no fresh odometry"
         return (
             self._tilted(odometry)
-            or self._reference_obstacle(odometry, landed=landed, now_ns=now_ns)
-            or self._command_obstacle(landed=landed, now_ns=now_ns)
+            or self._reference_blocker(odometry, landed=landed, now_ns=now_ns)
+            or self._command_blocker(landed=landed, now_ns=now_ns)
         )
 
     def _tilted(self, odometry: OdometrySample) -> str:
@@ -204,16 +207,16 @@ class Surroundings:
             return ""
         return f"the vehicle tilts by {math.degrees(tilt):.0f}°, engage_tilt_max is {most:g} rad"
 
-    def _reference_obstacle(
+    def _reference_blocker(
         self, odometry: OdometrySample, *, landed: bool | None, now_ns: int
     ) -> str:
         if self.reference.is_empty:
-            return ""  # commands need not come from a reference
+            return ""  # commands may come without a reference
         window = self.reference.value(now_ns=now_ns)
         if window is None:
             return "the reference is old"
         away = window.pose_at(odometry.stamp_ns)[0] - odometry.p_WB
-        if landed:  # a reference below the ground leads nowhere
+        if landed:  # ignore a reference below the ground
             rises = float(window.p_WB[:, 2].max() - odometry.p_WB[2])
             if rises > LEFT_GROUND_UNPOWERED:
                 return f"the reference leads {rises:.2f} m up: the vehicle would take off at once"
@@ -223,12 +226,12 @@ class Surroundings:
             return ""
         return f"the reference is {distance:.2f} m away, engage_distance_max is {most:g} m"
 
-    def _command_obstacle(self, *, landed: bool | None, now_ns: int) -> str:
+    def _command_blocker(self, *, landed: bool | None, now_ns: int) -> str:
         newest = self.command.value(now_ns=now_ns)
         if newest is None:
             return "there is no fresh command"
         command, share = newest
-        least, most = _HOLDING_SHARES
+        least, most = _HOVER_THRUST_RATIOS
         if landed is not False:
             least = 0.0
         if landed:
@@ -248,5 +251,5 @@ class Surroundings:
 
 
 def is_old(since_ns: int | None, now_ns: int, most_ns: int) -> bool:
-    """Whether a time [ns] is longer ago than ``most_ns``, or unknown, or far in the future."""
+    """Return whether a time [ns] is unknown, or differs from now by more than ``most_ns``."""
     return since_ns is None or abs(now_ns - since_ns) > most_ns

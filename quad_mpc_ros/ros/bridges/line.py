@@ -1,7 +1,7 @@
-"""Lines to a stack in place of topics: a serial port by pyserial, UDP or TCP.
+"""Lines to a stack without topics: a serial port (pyserial), UDP or TCP.
 
-``udpin:HOST:PORT`` waits to be called, and answers who calls; ``udpout:HOST:PORT`` and
-``tcp:HOST:PORT`` call. A line may be lost: nothing passes meanwhile, and it is opened again.
+``udpin:HOST:PORT`` is a server and answers its caller; ``udpout:HOST:PORT`` and
+``tcp:HOST:PORT`` are clients. A line that fails is opened again.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-AGAIN = 1.0  # s
-NETWORK = "udpin:", "udpout:", "tcp:"
-_CONNECTING = 0.2  # s: nothing else happens meanwhile
-_QUIET = 3.0  # s, after which another caller is answered
-_MOST = 65536  # bytes of one reading; what is left comes with the next
-_LARGEST = 2048  # bytes of a datagram
+RECONNECT_PERIOD = 1.0  # s
+NETWORK_PREFIXES = "udpin:", "udpout:", "tcp:"
+_CONNECT_TIMEOUT = 0.2  # s, during which the node is blocked
+_CALLER_TIMEOUT = 3.0  # s, after which another caller is accepted
+_MAX_READ_BYTES = 65536  # in one call of read
+_MAX_DATAGRAM_BYTES = 2048
 
 
 def address_of(device: str) -> tuple[str, int] | None:
-    """Return host and port of ``udpin:HOST:PORT`` and the like; None for what is none."""
+    """Return host and port of ``udpin:HOST:PORT`` and the like; None for other texts."""
     parts = device.split(":")
     if len(parts) != 3 or not parts[2].isdecimal() or not 0 < int(parts[2]) < 65536:
         return None
@@ -38,69 +38,69 @@ class Line:
     device: str
     baud: int
     period: float = 0.005
-    """How often it is read [s]."""
+    """Time between two reads [s]."""
 
-    def open(self) -> ReopenedLine:
+    def open(self) -> ReconnectingLine:
         """Return the line; it connects when it is first read."""
-        return NetworkLine(self) if self.device.startswith(NETWORK) else SerialLine(self)
+        return NetworkLine(self) if self.device.startswith(NETWORK_PREFIXES) else SerialLine(self)
 
 
-class OwnLine(Protocol):
-    """What describes a line: a :class:`Line`, or one of another kind."""
+class LineFactory(Protocol):
+    """Description of a line: a :class:`Line`, or one of another kind."""
 
     @property
     def period(self) -> float:
-        """How often it is read [s]."""
+        """Time between two reads [s]."""
 
-    def open(self) -> ReopenedLine:
+    def open(self) -> ReconnectingLine:
         """Return the line; it connects when it is first read."""
 
 
-class ReopenedLine(ABC):
-    """Reads and writes without waiting; ``fault`` is why it cannot."""
+class ReconnectingLine(ABC):
+    """A line that reads and writes without blocking; ``fault`` is the reason if it cannot."""
 
     def __init__(self, name: str) -> None:
         self.fault = ""
         self._name = name
-        self._tried = -math.inf
+        self._attempted_s = -math.inf
 
     @abstractmethod
     def read(self) -> bytes:
-        """Return what has come."""
+        """Return the received bytes."""
 
     @abstractmethod
     def write(self, data: bytes) -> None:
-        """Send; what cannot be taken at once is dropped, as newer data follow."""
+        """Send; data that cannot be sent at once are dropped, because newer data follow."""
 
     @abstractmethod
     def close(self) -> None:
-        """Close it."""
+        """Close the line."""
 
     @abstractmethod
     def _open(self) -> None:
-        """Open it; raises ``OSError`` or ``ValueError``."""
+        """Open the line; raises ``OSError`` or ``ValueError``."""
 
-    def _is_reopened(self) -> bool:
-        """Open it, once a second at most; return whether it is open."""
+    def _reconnect(self) -> bool:
+        """Try to open the line, at most once a second; return whether it is open."""
         now = time.monotonic()
-        if now - self._tried < AGAIN:
+        if now - self._attempted_s < RECONNECT_PERIOD:
             return False
-        self._tried = now
+        self._attempted_s = now
         try:
             self._open()
         except (OSError, ValueError) as error:
-            self._lose(error)
+            self._disconnect(error)
             return False
         self.fault = ""
         return True
 
-    def _lose(self, error: Exception) -> None:
+    def _disconnect(self, error: Exception) -> None:
         self.fault = f"{self._name}: {error}"
         with contextlib.suppress(OSError):
             self.close()
 
 
-class SerialLine(ReopenedLine):
+class SerialLine(ReconnectingLine):
     """A serial port."""
 
     def __init__(self, line: Line) -> None:
@@ -110,17 +110,17 @@ class SerialLine(ReopenedLine):
         self._port: Any = None
 
     def read(self) -> bytes:
-        """Return what has come."""
-        if self._port is None and not self._is_reopened():
+        """Return the received bytes."""
+        if self._port is None and not self._reconnect():
             return b""
         try:
             return bytes(self._port.read(self._port.in_waiting))
-        except OSError as error:  # of which pyserial's own are
-            self._lose(error)
+        except OSError as error:  # also pyserial's errors
+            self._disconnect(error)
             return b""
 
     def write(self, data: bytes) -> None:
-        """Send; what the port cannot take at once is dropped, as newer data follow."""
+        """Send; data that the port cannot take at once are dropped, because newer data follow."""
         if self._port is None or not data:
             return
         try:
@@ -128,7 +128,7 @@ class SerialLine(ReopenedLine):
         except self._serial.SerialTimeoutException:
             self._port.reset_output_buffer()
         except OSError as error:
-            self._lose(error)
+            self._disconnect(error)
 
     def close(self) -> None:
         """Close the port."""
@@ -142,7 +142,7 @@ class SerialLine(ReopenedLine):
         )
 
 
-class NetworkLine(ReopenedLine):
+class NetworkLine(ReconnectingLine):
     """A UDP or TCP connection."""
 
     def __init__(self, line: Line) -> None:
@@ -151,41 +151,41 @@ class NetworkLine(ReopenedLine):
             raise ValueError(f"{line.device}: expected a kind, a host and a port")
         super().__init__(line.device)
         self._address = address
-        self._waits, self._is_stream = line.device.startswith("udpin:"), line.device[0] == "t"
+        self._is_server, self._is_stream = line.device.startswith("udpin:"), line.device[0] == "t"
         self._socket: socket.socket | None = None
-        self._caller: tuple[tuple[str, int], float] | None = None  # and when it was heard
+        self._caller: tuple[tuple[str, int], float] | None = None  # with its last time
 
     def read(self) -> bytes:
-        """Return what has come."""
+        """Return the received bytes."""
         data = b""
-        while len(data) < _MOST:
-            if self._socket is None and not self._is_reopened():
+        while len(data) < _MAX_READ_BYTES:
+            if self._socket is None and not self._reconnect():
                 break
             assert self._socket is not None
             try:
-                if self._waits:
-                    piece, caller = self._socket.recvfrom(_LARGEST)
-                    if not self._is_heard(caller):
+                if self._is_server:
+                    piece, caller = self._socket.recvfrom(_MAX_DATAGRAM_BYTES)
+                    if not self._accepts(caller):
                         continue
                 else:
-                    piece = self._socket.recv(_LARGEST)
+                    piece = self._socket.recv(_MAX_DATAGRAM_BYTES)
             except BlockingIOError:
                 break
             except OSError as error:  # ConnectionRefused of UDP: no receiver yet
-                self._lose(error)
+                self._disconnect(error)
                 break
             if self._is_stream and not piece:
-                self._lose(ConnectionResetError("closed by the other end"))
+                self._disconnect(ConnectionResetError("closed by the other end"))
                 break
             data += piece
         return data
 
     def write(self, data: bytes) -> None:
-        """Send; what cannot be taken at once is dropped, as newer data follow."""
+        """Send; data that cannot be sent at once are dropped, because newer data follow."""
         if self._socket is None or not data:
             return
         try:
-            if self._waits:
+            if self._is_server:
                 if self._caller is not None:
                     self._socket.sendto(data, self._caller[0])
             else:
@@ -193,7 +193,7 @@ class NetworkLine(ReopenedLine):
         except BlockingIOError:
             pass
         except OSError as error:
-            self._lose(error)
+            self._disconnect(error)
 
     def close(self) -> None:
         """Close the connection."""
@@ -203,19 +203,19 @@ class NetworkLine(ReopenedLine):
 
     def _open(self) -> None:
         if self._is_stream:
-            self._socket = socket.create_connection(self._address, timeout=_CONNECTING)
+            self._socket = socket.create_connection(self._address, timeout=_CONNECT_TIMEOUT)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         else:
             self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            (self._socket.bind if self._waits else self._socket.connect)(self._address)
+            (self._socket.bind if self._is_server else self._socket.connect)(self._address)
         self._socket.setblocking(False)
 
-    def _is_heard(self, caller: tuple[str, int]) -> bool:
-        """Whether a datagram is of whom we talk to; another is heard once that one is silent."""
+    def _accepts(self, caller: tuple[str, int]) -> bool:
+        """Return whether to accept a datagram: of one caller, until it is silent."""
         now = time.monotonic()
         if self._caller is not None and caller != self._caller[0]:
-            if now - self._caller[1] < _QUIET:
-                self.fault = f"{self._name}: {caller[0]}:{caller[1]} calls as well, not heard"
+            if now - self._caller[1] < _CALLER_TIMEOUT:
+                self.fault = f"{self._name}: {caller[0]}:{caller[1]} also sends, ignored"
                 return False
             self.fault = ""
         self._caller = caller, now

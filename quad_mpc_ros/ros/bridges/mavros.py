@@ -1,11 +1,11 @@
-"""MAVROS with PX4 or ArduPilot (mavros_msgs), ENU and FLU, which MAVROS converts.
+"""Bridge to PX4 or ArduPilot with MAVROS (mavros_msgs); MAVROS converts from ENU and FLU.
 
-With PX4 the setpoints are the heartbeat: they must run before the switch to OFFBOARD, and PX4
-acts on them only in that mode, to which it returns by itself when they return. ArduPilot needs no
-stream before the switch to GUIDED and gets none outside of it. Of ArduPilot MAVROS is asked what
-thrust means there (:mod:`.ardupilot`): its node ``param`` serves the autopilot's parameters.
+For PX4 the setpoints are the heartbeat: they must be sent before the switch to OFFBOARD, and PX4
+returns to OFFBOARD by itself when they return. ArduPilot needs no setpoints before the switch to
+GUIDED and receives none in other modes. The bridge requests ArduPilot's parameters from the node
+``param`` of MAVROS, for the interpretation of thrust (:mod:`.ardupilot`).
 
-Fields and constants after https://github.com/mavlink/mavros (mavros_msgs/msg/AttitudeTarget).
+Fields and constants: https://github.com/mavlink/mavros (mavros_msgs/msg/AttitudeTarget).
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class MavrosConfig(BridgeConfig):
 
 
 class MavrosBridge(Bridge):
-    """Attitude targets with body rates out, local odometry and state in."""
+    """Bridge with attitude targets (body rates) out; local odometry and state in."""
 
     name = "mavros_bridge"
     speaks = "MAVROS with PX4 or ArduPilot: AttitudeTarget"
@@ -92,7 +92,7 @@ class MavrosBridge(Bridge):
         self._target = self._topic(
             "setpoint_raw/attitude",
             "mavros_msgs/msg/AttitudeTarget",
-            reliable=True,  # which matches whatever MAVROS asks for
+            reliable=True,  # matches any subscription
         )
         self.publications = (self._target,)
         self._set_mode = self._service("set_mode", "mavros_msgs/srv/SetMode")
@@ -104,9 +104,9 @@ class MavrosBridge(Bridge):
         self.services = self._set_mode, self._arm_service, self._command, self._parameters
 
     def engage(self, wanted: bool, *, now_ns: int) -> Response:
-        """Hand the vehicle to the MPC, or take it back; ask ArduPilot what thrust means."""
+        """Hand the vehicle to the MPC, or take it back; request ArduPilot's thrust parameters."""
         if wanted:
-            self._thrust_fault = ""  # it may be correct by now; the answer shows it
+            self._thrust_fault = ""  # until the response arrives
         response = super().engage(wanted, now_ns=now_ns)
         if not (wanted and response.accepted) or self._config.autopilot != "ardupilot":
             return response
@@ -116,7 +116,7 @@ class MavrosBridge(Bridge):
         return dataclasses.replace(response, calls=[*response.calls, question])
 
     def _on_parameters(self, response: Any) -> None:
-        """Judge what ArduPilot's parameters make of thrust."""
+        """Check how ArduPilot interprets thrust."""
         values = map(conversions.parameter_value, response.values)
         reported = dict(zip((_OPTIONS, _BOOST), values, strict=False))
         if missing := [name for name in (_OPTIONS, _BOOST) if reported.get(name) is None]:
@@ -141,7 +141,7 @@ class MavrosBridge(Bridge):
         return Stack(
             takes_setpoints=state.mode in self._modes,
             armed=bool(state.armed),
-            left=f"the autopilot's mode is {state.mode}",
+            exit_reason=f"the autopilot's mode is {state.mode}",
         )
 
     def _arm(self, wanted: bool) -> Response:
@@ -149,7 +149,7 @@ class MavrosBridge(Bridge):
         receive = functools.partial(self._on_arming, what)
         if wanted:
             call = self._call(self._arm_service, receive=receive, value=True)
-        else:  # the service arming cannot force it
+        else:  # the arming service cannot force it
             call = self._call(
                 self._command,
                 receive=receive,

@@ -1,4 +1,4 @@
-"""The node around any bridge: its topics and services."""
+"""The node that runs a bridge: topics and services."""
 
 from __future__ import annotations
 
@@ -36,25 +36,25 @@ from quad_mpc_ros.ros.repeated_warnings import RepeatedWarnings
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
 
-_OURS = (
+_BRIDGE_TOPICS = (
     *(topics.ODOMETRY, topics.ODOMETRY_RESET, topics.REFERENCE, topics.ENGAGED, topics.LANDED),
     topics.GROUND_STATE,
 )
-_WARNING_PERIOD = 5.0
+_LOG_PERIOD = 5.0
 _OUTCOME_PERIOD = 0.05
-_QUIET_NS = 500_000_000
+_COMMAND_TIMEOUT_NS = 500_000_000
 
 
 class BridgeNode(ReportingNode[BridgeConfig]):
-    """Wires a bridge to its topics, and to the services ``~/arm`` and ``~/engage``."""
+    """Connects a bridge to its topics and to the services ``~/arm`` and ``~/engage``."""
 
     def __init__(self, kind: type[Bridge]) -> None:
         _require(kind)
         super().__init__(kind.name, kind.Config)
         self._bridge = kind(self.config, _new)
         command = dataclasses.replace(topics.COMMAND, name=self.config.mpc_command_topic)
-        self._refuse_clashes(command)
-        self._refuse_other_releases()
+        self._check_topic_types(command)
+        self._check_message_types()
         self._silence = ""
         self._warnings = RepeatedWarnings(self)
         self._command_ns = 0
@@ -64,7 +64,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self._odometries = 0
         self._engaged = self.health.publisher(topics.ENGAGED)
         self._engaged_message = new_message(topics.ENGAGED.type_name)
-        self._tell_engaged(False)
+        self._publish_engaged(False)
         self._landed = self.health.publisher(topics.LANDED)
         self._published_landed: bool | None = None
         self._time = SteadyTime(self.get_clock())
@@ -96,7 +96,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         arm = self.create_service(
             SetBool, "~/arm", functools.partial(self._serve, self._bridge.arm)
         )
-        # Answered by the outcome, which may take seconds: rclpy has no other way to answer later.
+        # The response waits for the outcome, for seconds: rclpy has no other deferred response.
         self._answer_arm, arm.send_response = arm.send_response, self._hold_answer
         self._held_answers: list[tuple[Any, Any]] = []
         create_steady_timer(self, _OUTCOME_PERIOD, self._answer_held)
@@ -106,15 +106,15 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             create_steady_timer(self, line.period, self._on_line)
 
     def destroy_node(self) -> None:
-        """Let go of the line as well."""
+        """Close the line as well."""
         if self._line is not None:
             self._line.close()
         super().destroy_node()
 
-    def _refuse_clashes(self, command: Topic) -> None:
-        """Refuse two types under one name: DDS would use only the first."""
+    def _check_topic_types(self, command: Topic) -> None:
+        """Reject two types on one topic: DDS would use only the first."""
         stack = (*(each.topic for each in self._bridge.subscriptions), *self._bridge.publications)
-        ours = {self.resolve_topic_name(each.name): each for each in (command, *_OURS)}
+        ours = {self.resolve_topic_name(each.name): each for each in (command, *_BRIDGE_TOPICS)}
         for topic in stack:
             same = ours.get(self.resolve_topic_name(topic.name))
             if same is not None and same.type_name != topic.type_name:
@@ -124,8 +124,8 @@ class BridgeNode(ReportingNode[BridgeConfig]):
                     "advanced.mpc_command_topic and remap the mpc's topic command to it"
                 )
 
-    def _refuse_other_releases(self) -> None:
-        """Refuse installed message packages that lack a type."""
+    def _check_message_types(self) -> None:
+        """Reject installed message packages without a required type."""
         bridge = self._bridge
         for type_name in (
             *(each.topic.type_name for each in bridge.subscriptions),
@@ -152,7 +152,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         if self._bridge.silence != self._silence:
             self._silence = self._bridge.silence
             self.get_logger().info(
-                self._silence or "commands pass", throttle_duration_sec=_WARNING_PERIOD
+                self._silence or "commands pass", throttle_duration_sec=_LOG_PERIOD
             )
 
     def _on_reference(self, message: Any) -> None:
@@ -186,7 +186,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             self._warnings.warn(warning)
 
     def _publish_odometry(self, odometry: OdometrySample, reset: EstimateReset | None) -> None:
-        if reset is not None:  # first, for what follows is in other coordinates
+        if reset is not None:  # first: the odometry is in the new coordinates
             message = new_message(topics.ODOMETRY_RESET.type_name)
             conversions.fill_reset(message, reset)
             self._odometry_reset.publish(message)
@@ -195,10 +195,10 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self._odometries += 1
 
     def _follow_engagement(self, now_ns: int) -> None:
-        """Publish changes of whether the vehicle acts on commands, and of whether it landed."""
+        """Publish changes of ``engaged`` and ``landed``."""
         engaged = self._bridge.engaged(now_ns=now_ns)
         if engaged is not self._engaged_message.data:
-            self._tell_engaged(engaged)
+            self._publish_engaged(engaged)
         landed = self._bridge.landed(now_ns=now_ns)
         if landed is not None and landed is not self._published_landed:
             self._published_landed = landed
@@ -206,15 +206,15 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             message.data = landed
             self._landed.publish(message)
 
-    def _tell_engaged(self, engaged: bool) -> None:
+    def _publish_engaged(self, engaged: bool) -> None:
         self._engaged_message.data = engaged
         self._engaged.publish(self._engaged_message)
 
     def _serve(self, ask: Callable[..., Response], request: Any, response: Any) -> Any:
-        """Send a request to the stack; its own response is logged when it comes."""
-        obstacle = self._obstacle() if request.data else ""
-        if obstacle:
-            response.success, response.message = False, obstacle
+        """Send a request to the stack; the response of the stack is logged when it arrives."""
+        blocker = self._engage_blocker() if request.data else ""
+        if blocker:
+            response.success, response.message = False, blocker
             self.get_logger().info(response.message)
             return response
         decided = ask(bool(request.data), now_ns=self._time.now_ns())
@@ -235,14 +235,14 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         return response
 
     def _hold_answer(self, response: Any, header: Any) -> None:
-        """Send the answer of a request to arm or disarm, unless its outcome is still open."""
+        """Respond to a request to arm or disarm, unless its outcome is pending."""
         if response.success:
             self._held_answers.append((response, header))
         else:
             self._answer_arm(response, header)
 
     def _answer_held(self) -> None:
-        """Answer requests to arm or disarm whose outcome has come; the newest one decides."""
+        """Respond to pending requests to arm or disarm with the outcome of the newest."""
         if not self._held_answers:
             return
         outcome = self._bridge.arming_outcome(now_ns=self._time.now_ns())
@@ -254,13 +254,13 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             self.get_logger().info(outcome.text)
         self._held_answers.clear()
 
-    def _obstacle(self) -> str:
-        """Return what must be mended before the vehicle is handed over; nothing is asked now."""
-        rivals = self.health.rivals()
+    def _engage_blocker(self) -> str:
+        """Return the errors that must be fixed before arming or engaging, or an empty string."""
+        duplicates = self.health.duplicate_publishers()
         found = [*self._own_findings, *self._vehicles.contradictions()]
         return "; ".join(
             [
-                *([f"{rivals}: stop the others first"] if rivals else []),
+                *([f"{duplicates}: stop the others first"] if duplicates else []),
                 *(finding.text for finding in found if finding.level is Level.ERROR),
             ]
         )
@@ -290,9 +290,9 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         future.add_done_callback(functools.partial(self._on_answered, call))
 
     def report(self) -> Health:
-        """Return whether commands are sent to the stack, or why not."""
+        """Return whether commands are sent to the stack, or the reason why not."""
         bridge, now_ns = self._bridge, self._time.now_ns()
-        quiet = now_ns - self._command_ns > _QUIET_NS
+        quiet = now_ns - self._command_ns > _COMMAND_TIMEOUT_NS
         fault = bridge.stack_fault(now_ns=now_ns)
         silence = "silent: no commands from the mpc" if quiet else bridge.silence
         text = "; ".join(dict.fromkeys(filter(None, (fault, silence))))
@@ -321,7 +321,7 @@ def run_bridge(kind: type[Bridge], args: list[str] | None = None) -> int:
 
 
 def _require(kind: type[Bridge]) -> None:
-    """Raise :class:`UserError` with how to install missing message packages."""
+    """Raise :class:`UserError` with the installation of missing message packages."""
     missing = [name for name in kind.packages if importlib.util.find_spec(name) is None]
     if missing:
         raise UserError(
@@ -331,7 +331,7 @@ def _require(kind: type[Bridge]) -> None:
 
 
 def _new(type_name: str) -> Any:
-    """Return an empty message, or the empty request of a service."""
+    """Return an empty message or service request."""
     if "/srv/" in type_name:
         return message_class(type_name).Request()
     return new_message(type_name)

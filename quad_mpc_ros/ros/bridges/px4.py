@@ -1,11 +1,11 @@
-"""PX4 over uXRCE-DDS (px4_msgs), NED and FRD.
+"""Bridge to PX4 over uXRCE-DDS (px4_msgs), in NED and FRD.
 
-The heartbeat ``offboard_control_mode`` must run for a second before PX4 switches to offboard. PX4
-does not fail safe when setpoints stop while the heartbeat continues, so a heartbeat is sent only
-together with a fresh command. PX4 also keeps the intention to fly offboard through a failsafe and
-through disarming: a returning heartbeat is enough. So there is none before a request to engage.
+The heartbeat ``offboard_control_mode`` must be sent for a second before PX4 switches to offboard.
+PX4 has no failsafe for setpoints that stop while the heartbeat continues, so a heartbeat is sent
+only with a fresh command. PX4 stays ready for offboard mode after a failsafe or disarming: a
+single heartbeat would resume it. So no heartbeat is sent before a request to engage.
 
-Fields and constants after the definitions in https://github.com/PX4/px4_msgs.
+Fields and constants: https://github.com/PX4/px4_msgs.
 """
 
 from __future__ import annotations
@@ -49,18 +49,18 @@ OFFBOARD, HOLD = (1.0, 6.0, 0.0), (1.0, 4.0, 3.0)
 
 _POSE_FRAMES = {POSE_FRAME_NED: "NED", POSE_FRAME_FRD: "FRD"}
 
-_STATUS_TIMEOUT = 1.5  # s: PX4 sends it twice a second, and at every change
-_MODE_TIMEOUT = 0.5  # s: 50 times a second
-_LAND_TIMEOUT = 2.5  # s: once a second, and at every change
-_FROM_MESSAGE = -1
+_STATUS_TIMEOUT = 1.5  # s: published at 2 Hz and on change; DDS forwards 5 Hz at most
+_MODE_TIMEOUT = 0.5  # s: published at 50 Hz
+_LAND_TIMEOUT = 2.5  # s: published at 1 Hz and on change
+_INSTALLED_VERSION = -1
 _ACCEPTED, _IN_PROGRESS = 0, 5
 
 
 def odometry_from_vehicle_odometry(message: Any) -> OdometrySample:
-    """Return the values of a ``VehicleOdometry``, stamped with its time of sampling.
+    """Return the odometry in a ``VehicleOdometry``, stamped with its sample time.
 
-    Raises ``ValueError`` for a frame that is unknown, for a velocity in another world frame than
-    the pose, and for an attitude marked as invalid. Other invalid fields stay NaN.
+    Raises ``ValueError`` for an unknown frame, a velocity in another world frame than the pose,
+    or an attitude marked as invalid. Other invalid fields stay NaN.
     """
     pose_frame, velocity_frame = int(message.pose_frame), int(message.velocity_frame)
     if pose_frame not in _POSE_FRAMES:
@@ -88,7 +88,7 @@ def odometry_from_vehicle_odometry(message: Any) -> OdometrySample:
 def fill_vehicle_rates_setpoint(message: Any, command: CommandSample, *, throttle: float) -> None:
     """Write body rates [rad/s] into a ``VehicleRatesSetpoint`` (FRD), throttle along -z.
 
-    The timestamp stays 0, in all messages to PX4: PX4 puts its own.
+    The timestamp is 0 in all messages to PX4, which sets its own.
     """
     p, q, r = flu_from_frd(command.w_WB_B).tolist()
     message.roll, message.pitch, message.yaw = p, q, r
@@ -108,7 +108,7 @@ def fill_command(
 
 def _version(kind: str) -> Any:
     return parameter(
-        _FROM_MESSAGE, doc=f"The same of {kind}.", minimum=_FROM_MESSAGE, advanced=True
+        _INSTALLED_VERSION, doc=f"The same of {kind}.", minimum=_INSTALLED_VERSION, advanced=True
     )
 
 
@@ -125,10 +125,10 @@ class Px4Config(BridgeConfig):
         1, doc="MAV_SYS_ID of the vehicle that is armed and switched.", minimum=1, maximum=255
     )
     odometry_version: int = parameter(
-        _FROM_MESSAGE,
+        _INSTALLED_VERSION,
         doc="Version N of VehicleOdometry on the vehicle, whose topic then ends in _vN; 0 is no "
         "suffix and -1 that of the installed px4_msgs.",
-        minimum=_FROM_MESSAGE,
+        minimum=_INSTALLED_VERSION,
         advanced=True,
     )
     status_version: int = _version("VehicleStatus")
@@ -141,7 +141,7 @@ class Px4Config(BridgeConfig):
 
 
 class Px4Bridge(Bridge):
-    """Heartbeat and rate setpoints out, vehicle odometry and status in."""
+    """Bridge with heartbeat and rate setpoints out; vehicle odometry and status in."""
 
     name = "px4_bridge"
     speaks = "PX4 over uXRCE-DDS: VehicleRatesSetpoint"
@@ -181,7 +181,7 @@ class Px4Bridge(Bridge):
         self.publications = self._heartbeat, self._rates, self._command
 
     def landed(self, *, now_ns: int) -> bool | None:
-        """Return what PX4's land detector reports, or without it what follows from arming."""
+        """Return the state of PX4's land detector, or, without it, one derived from arming."""
         land = self._land.value(now_ns=now_ns)
         return super().landed(now_ns=now_ns) if land is None else bool(land.landed)
 
@@ -190,7 +190,7 @@ class Px4Bridge(Bridge):
         if mode is None and status is None:
             fault = f"no vehicle_status within {_STATUS_TIMEOUT:g} s on {self._status_name}"
             return Stack(fault=fault)
-        # Both where both are there: either may be the first to report a change.
+        # Use both if both are available: either may report a change first.
         offboard, armed = [], []
         if status is not None:
             offboard.append(status.nav_state == NAVIGATION_STATE_OFFBOARD)
@@ -198,10 +198,10 @@ class Px4Bridge(Bridge):
         if mode is not None:
             offboard.append(bool(mode.flag_control_offboard_enabled))
             armed.append(bool(mode.flag_armed))
-        left = "PX4 switched the mode in a failsafe"
+        exit_reason = "PX4 switched the mode in a failsafe"
         if status is None or not status.failsafe:
-            left = "a pilot, a ground station or another node switched PX4's mode"
-        return Stack(takes_setpoints=all(offboard), armed=all(armed), left=left)
+            exit_reason = "a pilot, a ground station or another node switched PX4's mode"
+        return Stack(takes_setpoints=all(offboard), armed=all(armed), exit_reason=exit_reason)
 
     def _arm(self, wanted: bool) -> Response:
         parameters = (1.0, 0.0, 0.0) if wanted else (0.0, FORCED, 0.0)
@@ -268,8 +268,8 @@ class Px4Bridge(Bridge):
         version = 0
         if version_parameter is not None:
             version = getattr(self._config, f"{version_parameter}_version")
-        if version == _FROM_MESSAGE:
+        if version == _INSTALLED_VERSION:
             version = int(getattr(type(self._new(type_name)), "MESSAGE_VERSION", 0))
         suffix = f"_v{version}" if version > 0 else ""
-        # Never latched: an agent that starts later would get requests of long ago.
+        # Not latched: an agent that starts later would receive old requests.
         return self._topic(f"{path}{suffix}", type_name)

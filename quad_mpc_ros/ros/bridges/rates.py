@@ -1,4 +1,4 @@
-"""Any stack that takes body rates and thrust in a ``TwistStamped``: frame, units by parameter."""
+"""Bridge to stacks with a ``TwistStamped`` of body rates and thrust in configured units."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def fill_rates(
 ) -> None:
     """Write the rates into ``twist.angular`` and the thrust along body z into ``twist.linear.z``.
 
-    ``thrust`` is what shall push the vehicle up, in the stack's unit: along z in ``flu``, against
-    it, and so negative, in ``frd``. ``angle_unit`` is ``rad`` or ``deg``.
+    ``thrust`` is the upward thrust in the stack's unit: positive along z in ``flu``, negative in
+    ``frd``. ``angle_unit`` is ``rad`` or ``deg``.
     """
     frd = body_frame == "frd"
     rates = flu_from_frd(command.w_WB_B) if frd else command.w_WB_B
@@ -41,7 +41,7 @@ def fill_rates(
 
 @dataclass(frozen=True, kw_only=True)
 class RatesConfig(EstimatorConfig):
-    """Parameters of the bridge to everything else."""
+    """Parameters of the bridge to other stacks."""
 
     owner = "rates_bridge"
 
@@ -67,7 +67,7 @@ class RatesConfig(EstimatorConfig):
 
 
 class RatesBridge(SwitchedBridge):
-    """A twist in the stack's units out, odometry in."""
+    """Bridge with a twist in the stack's units out; odometry in."""
 
     name = "rates_bridge"
     speaks = "anything that takes body rates and thrust: TwistStamped"

@@ -1,9 +1,8 @@
-"""The registered bridges: ours and those of other packages, by entry point.
+"""The registered bridges of this and other packages, found by entry points.
 
-A package adds one by an entry point ``name = module:Class`` in the group
-``quad_mpc_ros.bridges``, and an executable ``name = quad_mpc_ros.entry:name``. The command line,
-the launch file and the tool that writes parameter files look here. No message package is
-imported.
+A package registers a bridge with an entry point ``name = module:Class`` in the group
+``quad_mpc_ros.bridges`` and an executable ``name = quad_mpc_ros.entry:name``. No message package
+is imported.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from quad_mpc_ros.configuration.spelling import did_you_mean
 
 @dataclass(frozen=True, kw_only=True)
 class RegisteredBridge:
-    """A bridge as it is listed; ``fault`` is why it cannot be loaded, or empty."""
+    """A registered bridge; ``fault`` is the reason why it cannot be loaded, or empty."""
 
     name: str
     speaks: str = ""
@@ -30,12 +29,12 @@ class RegisteredBridge:
 
 
 def registered_bridges() -> list[RegisteredBridge]:
-    """Return every bridge that an installed package has registered, by name."""
-    return [_looked_at(entry) for entry in _entries()]
+    """Return all registered bridges, sorted by name."""
+    return [_described(entry) for entry in _entries()]
 
 
 def bridge_packages() -> dict[str, str]:
-    """Return the ROS package of every registered bridge, by its name. Nothing is loaded."""
+    """Return the ROS package of each registered bridge by name, without loading any."""
     return {
         entry.name: entry.dist.name.replace("-", "_")
         for entry in _entries()
@@ -44,7 +43,7 @@ def bridge_packages() -> dict[str, str]:
 
 
 def bridge_configurations() -> dict[str, type[Configuration]]:
-    """Return the parameters of every registered bridge that can be loaded, by the node's name."""
+    """Return the parameters of each loadable bridge by node name."""
     found: dict[str, type[Configuration]] = {}
     for entry in _entries():
         try:
@@ -56,7 +55,7 @@ def bridge_configurations() -> dict[str, type[Configuration]]:
 
 
 def load_bridge(name: str) -> Any:
-    """Return a bridge by its name, with or without ``_bridge``; raise :class:`UserError`."""
+    """Return a bridge by its name, with or without ``_bridge``. Raises :class:`UserError`."""
     entries = {entry.name: entry for entry in _entries()}
     entry = entries.get(name) or entries.get(f"{name}_bridge")
     if entry is None:
@@ -74,7 +73,7 @@ def _entries() -> list[EntryPoint]:
     return sorted(entry_points(group=BRIDGES), key=lambda entry: entry.name)
 
 
-def _looked_at(entry: EntryPoint) -> RegisteredBridge:
+def _described(entry: EntryPoint) -> RegisteredBridge:
     try:
         bridge: Any = entry.load()
         packages = tuple(str(package) for package in bridge.packages)

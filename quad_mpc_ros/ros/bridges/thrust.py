@@ -1,4 +1,4 @@
-"""From the throttle of the MPC's model to the thrust, and to the throttle of the stack."""
+"""Conversion of the MPC's throttle to thrust and to the stack's throttle."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from quad_mpc_ros.control.model.vehicle import inverse_throttle_curve
 from quad_mpc_ros.control.model.voltage import SmoothedVoltage, measured_voltage
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 
-_SCALE_LIMITS = (0.5, 1.5)
+_BATTERY_SCALE_LIMITS = (0.5, 1.5)
 
 
 class ThrustMap:
-    """The vehicle's thrust by the MPC's throttle and by the stack's."""
+    """Thrust over the MPC's throttle and over the stack's throttle."""
 
     def __init__(self, config: BridgeConfig) -> None:
         self._model = config.vehicle()
@@ -21,23 +21,23 @@ class ThrustMap:
         self._has_refused_voltage = False
 
     def thrust_newton(self, model_throttle: float) -> float:
-        """Return the collective thrust [N] of the MPC's throttle by its model; at least 0."""
+        """Return the collective thrust [N] at the MPC's throttle, at least 0."""
         return max(self._model.thrust(model_throttle), 0.0)
 
     def specific_thrust(self, model_throttle: float) -> float:
-        """Return that thrust over the mass [m/s^2]."""
+        """Return the thrust over mass [m/s^2] at the MPC's throttle."""
         return self.thrust_newton(model_throttle) / self._model.mass
 
     def stack_throttle(self, model_throttle: float) -> float:
-        """Return the stack's throttle in [0, 1] whose thrust is nearest to that."""
+        """Return the stack's throttle in [0, 1] with the nearest thrust."""
         if self._parameters.kind == "model" and self.battery_scale == 1.0:
             return model_throttle
         return self._inverse(self._model.thrust(model_throttle) / self.battery_scale)
 
     def receive_voltage(self, voltage: float, *, now_ns: int) -> str:
-        """Take a reported battery voltage [V]; return why it is ignored, once, or nothing.
+        """Receive a battery voltage [V]; return a warning, once, if it is ignored.
 
-        Unknown voltages are ignored without a reason.
+        Invalid voltages are ignored without a warning.
         """
         expected, bounds = self._parameters.battery_voltage, self._voltage
         if expected == 0.0 or bounds.receive(voltage, now_ns=now_ns):
@@ -53,11 +53,11 @@ class ThrustMap:
 
     @property
     def battery_scale(self) -> float:
-        """Thrust at the present voltage over that of the map; 1 until a voltage is known."""
+        """Thrust at the present voltage over thrust of the map; 1 until a voltage is known."""
         if self._voltage.value is None:
             return 1.0
         ratio = self._voltage.value / self._parameters.battery_voltage
-        low, high = _SCALE_LIMITS
+        low, high = _BATTERY_SCALE_LIMITS
         return float(min(max(ratio**self._parameters.battery_exponent, low), high))
 
     def _inverse(self, thrust: float) -> float:

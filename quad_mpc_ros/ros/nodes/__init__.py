@@ -1,1 +1,1 @@
-"""The ROS nodes: wiring between topics and what lives behind the other doors."""
+"""The ROS nodes, which connect topics with the other packages."""

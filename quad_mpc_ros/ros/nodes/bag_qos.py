@@ -1,4 +1,4 @@
-"""Quality of service between rclpy and bags: as recorded, as subscribed, as played."""
+"""Quality of service for recording and playing bags with rclpy."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from quad_mpc_ros.recordings.qos_profile import INFINITE_NS, QosProfile
 from quad_mpc_ros.ros.messages import qos_profile
 
 _RECORDING_DEPTH = 1000  # room for a stall of several seconds
-_LEAST_DEPTH = 10
+_MIN_DEPTH = 10
 
 
-def offered(profile: QoSProfile) -> QosProfile:
-    """Return rclpy's profile as a bag writes it down."""
+def recorded_profile(profile: QoSProfile) -> QosProfile:
+    """Return the profile for a bag, given rclpy's profile."""
     return QosProfile(
         history=profile.history.name.lower(),
         depth=profile.depth,
@@ -36,24 +36,24 @@ def offered(profile: QoSProfile) -> QosProfile:
     )
 
 
-def adapted(publishers: Sequence[QoSProfile]) -> QoSProfile:
-    """Return the strictest profile that every publisher of a topic can serve, as rosbag2 does."""
+def strictest_common_profile(publishers: Sequence[QoSProfile]) -> QoSProfile:
+    """Return the strictest profile that is compatible with all publishers, as in rosbag2."""
     reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in publishers)
     latched = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in publishers)
     profile = qos_profile(depth=_RECORDING_DEPTH, reliable=reliable, latched=latched)
-    if reliable and latched:  # of lockstep, whose simulator waits for a recorder that is behind
+    if reliable and latched:  # lockstep: the simulator waits for the recorder
         profile.history = HistoryPolicy.KEEP_ALL
     return profile
 
 
-def offered_again(recorded: Sequence[QosProfile]) -> QoSProfile:
-    """Return the profile for publishing what publishers of these profiles had sent.
+def playback_profile(recorded: Sequence[QosProfile]) -> QoSProfile:
+    """Return the profile to play messages that publishers with these profiles sent.
 
-    Subscribers that matched each of them must match this one: it is reliable or latched if one of
-    them was. Deadline, lifespan and liveliness are kept where all are the same.
+    It must match subscribers of any of these publishers: it is reliable or latched if one of them
+    was. Deadline, lifespan and liveliness are kept if all are equal.
     """
     if not recorded:
-        return QoSProfile(depth=_LEAST_DEPTH)
+        return QoSProfile(depth=_MIN_DEPTH)
     reliable = any(profile.reliability == "reliable" for profile in recorded)
     latched = any(profile.durability == "transient_local" for profile in recorded)
     common: dict[str, Any] = {
@@ -63,11 +63,11 @@ def offered_again(recorded: Sequence[QosProfile]) -> QoSProfile:
     }
     if all(profile.liveliness == "manual_by_topic" for profile in recorded):
         common["liveliness"] = LivelinessPolicy.MANUAL_BY_TOPIC
-    # Over DDS the depth of a publisher is often unknown, and recorded as 0.
-    depth = max(_LEAST_DEPTH, *(profile.depth for profile in recorded))
+    # DDS often does not report the depth of a publisher; then it is recorded as 0.
+    depth = max(_MIN_DEPTH, *(profile.depth for profile in recorded))
     return qos_profile(depth=depth, reliable=reliable, latched=latched, **common)
 
 
 def _duration(nanoseconds: int) -> Duration:
-    """Return a duration; infinity is spelled zero, which is rmw's word for "not given"."""
+    """Return a duration; infinity becomes zero, which is rmw's value for "unspecified"."""
     return Duration(nanoseconds=0 if nanoseconds == INFINITE_NS else nanoseconds)

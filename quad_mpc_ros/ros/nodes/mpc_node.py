@@ -24,8 +24,8 @@ from quad_mpc_ros.messages.corridor import written_corridor
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
 from quad_mpc_ros.ros import realtime
 from quad_mpc_ros.ros.clocks import SteadyTime
-from quad_mpc_ros.ros.commanders import Commanders
-from quad_mpc_ros.ros.compiling import reported
+from quad_mpc_ros.ros.command_ownership import CommandOwnership
+from quad_mpc_ros.ros.compiling import log_compilation
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import imu_in, new_message, odometry_in, reference_in
@@ -34,46 +34,46 @@ from quad_mpc_ros.ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
 
-if TYPE_CHECKING:  # a node that nothing guides imports it not
+if TYPE_CHECKING:  # imported only with a guide
     from quad_mpc_ros.extras.guidance import Guidance
     from quad_mpc_ros.extras.racing.held_gates import HeldGates
 
-_ESTIMATE_FAILS = {"at bounds": "is at its bounds", "reset": "was reset"}
-_ACCELEROMETER_FAILS = {
+_ESTIMATE_WARNINGS = {"at bounds": "is at its bounds", "reset": "was reset"}
+_IMU_WARNINGS = {
     "missing": "is silent",
     "refused": "measures what the odometry contradicts",
 }
-# Between published plans: in lockstep every one at 50 Hz; in real time, where publishing a plan
-# takes as long as solving, as many as an eye can follow.
-_SHOWN_PERIOD_NS, _LOCKSTEP_PERIOD_NS = 95_000_000, 15_000_000
+# Between published plans: every plan at 50 Hz in lockstep; fewer in real time, where publishing
+# takes as long as solving.
+_PATH_PERIOD_NS, _LOCKSTEP_PERIOD_NS = 95_000_000, 15_000_000
 
-# s: between checks for missing odometry; a live timeout may be shortened meanwhile.
-_LONGEST_PAUSE = 0.1
+# s: at most, between checks for missing odometry, because the timeout is a live parameter.
+_MAX_PAUSE = 0.1
 
 
 class MpcNode(ManagedNode[MpcConfig]):
-    """Wires the controller to its topics: odometry triggers it, a timer is its watchdog.
+    """Connects the controller to its topics: odometry triggers it, a timer is the watchdog.
 
-    While the node is inactive nothing reaches the controller, which would count on commands that
-    are not sent.
+    While the node is inactive the controller receives no input, because it would assume that its
+    commands are sent.
     """
 
     _controller: Controller
     _standby: Standby
 
-    def __init__(self, *, hears_reference: bool = True) -> None:
-        """Make it; without ``hears_reference`` windows come by :meth:`take_reference` alone."""
+    def __init__(self, *, subscribes_reference: bool = True) -> None:
+        """Initialise; without the subscription, windows come from :meth:`take_reference` only."""
         super().__init__("mpc", MpcConfig)
-        self._hears_reference, self._in_lockstep = hears_reference, False
+        self._subscribes_reference, self._in_lockstep = subscribes_reference, False
         self._handed: deque[tuple[ReferenceWindow, int]] = deque(maxlen=1)
         self._tick: Tick | None = None
         self._time = SteadyTime(self.get_clock())
-        self._commanders = Commanders(self)
-        self._rivals = ""
+        self._ownership = CommandOwnership(self)
+        self._duplicates = ""
         self.start()
 
     def configure(self, config: MpcConfig) -> None:
-        """Make the controller and listen."""
+        """Create the controller, publishers and subscriptions."""
         refused = realtime.apply(config.realtime)
         for refusal in refused:
             self.get_logger().warning(refusal)
@@ -83,24 +83,24 @@ class MpcNode(ManagedNode[MpcConfig]):
         guidance = _guidance(config)
         guide = None if guidance is None else guidance.guide
         self._gates: HeldGates | None = None if guidance is None else guidance.gates
-        with reported(self):
+        with log_compilation(self):
             self._controller = warmed_up(config, deadline=config.deadline_seconds, guide=guide)
         self._standby = Standby(config)
         self._in_lockstep = self.health.lockstep = config.lockstep
-        self._engaged: bool | None = None  # unless a bridge publishes it, commands act
+        self._engaged: bool | None = None  # commands act unless a bridge reports otherwise
         self._landed: bool | None = None
         self._command = self.health.publisher(topics.COMMAND)
-        self._commanders.watch(self._command, waits=not config.lockstep)
+        self._ownership.watch(self._command, waits=not config.lockstep)
         self._stats = self.health.publisher(topics.STATS)
         self._ground = self.health.publisher(topics.GROUND_STATE)
         self._ground_message = new_message(topics.GROUND_STATE.type_name)
         self._predicted_path = self.health.publisher(topics.PREDICTED_PATH)
-        self._path_period_ns = _LOCKSTEP_PERIOD_NS if config.lockstep else _SHOWN_PERIOD_NS
-        self._path_shown_ns = -self._path_period_ns
+        self._path_period_ns = _LOCKSTEP_PERIOD_NS if config.lockstep else _PATH_PERIOD_NS
+        self._path_published_ns = -self._path_period_ns
 
-        # Raw bytes: rclpy's conversion to objects takes longer than the control step.
+        # Raw bytes: conversion by rclpy takes longer than the control step.
         self.managed_subscription(topics.ODOMETRY, self._on_odometry, decode=odometry_in, raw=True)
-        if self._hears_reference:
+        if self._subscribes_reference:
             self.managed_subscription(
                 topics.REFERENCE, self._on_reference, decode=reference_in, raw=True
             )
@@ -132,36 +132,36 @@ class MpcNode(ManagedNode[MpcConfig]):
                 self, guidance.world, guidance.surroundings, lockstep=config.lockstep
             )
         if not config.lockstep:
-            self.managed_timer(1.0 / config.control_rate, self._on_watch)
+            self.managed_timer(1.0 / config.control_rate, self._on_watchdog)
 
-    def obstacle(self) -> str | None:
-        """Return which of odometry and reference is missing, or who commands already."""
+    def activation_blocker(self) -> str | None:
+        """Return the missing input or the other active node that blocks activation, or None."""
         config, now_ns = self._controller.config, self._time.now_ns()
-        obstacle = self._standby.activation_blocker(config, now_ns=now_ns)
-        if obstacle is None:
-            return self._commanders.obstacle()
+        blocker = self._standby.activation_blocker(config, now_ns=now_ns)
+        if blocker is None:
+            return self._ownership.activation_blocker()
         missing = self._standby.missing
         if missing not in ("odometry", "reference"):
-            return obstacle
-        if missing == "reference" and not self._hears_reference:
-            return f"{obstacle}: from the reference node of this process"
+            return blocker
+        if missing == "reference" and not self._subscribes_reference:
+            return f"{blocker}: from the reference node of this process"
         topic = topics.ODOMETRY if missing == "odometry" else topics.REFERENCE
-        return f"{obstacle}: {self.health.publishers_of(topic)}"
+        return f"{blocker}: {self.health.publishers_of(topic)}"
 
-    def prepare(self, obstacle: str | None) -> bool:
-        """Return whether to begin now, as all other MPCs agree."""
-        if self._commanders.claim(obstacle is None):
+    def prepare(self, blocker: str | None) -> bool:
+        """Return whether to activate now: not blocked, and all other MPCs grant the claim."""
+        if self._ownership.claim(blocker is None):
             self.health.report()
-        return obstacle is None and self._commanders.agreed()
+        return blocker is None and self._ownership.claim_is_granted()
 
     def activate(self) -> None:
-        """Answer the newest odometry."""
-        self._commanders.begin()
+        """Start the controller with the newest odometry."""
+        self._ownership.begin()
         self._finish(self._standby.begin(self._controller))
 
     def deactivate(self) -> None:
-        """Forget the flight: the MPC does not command until the next activation."""
-        self._commanders.end()
+        """Discard the flight state; no commands until the next activation."""
+        self._ownership.end()
         self._controller, self._tick = self._controller.fresh_copy(), None
         if self._engaged is not None:
             self._controller.engage(self._engaged)
@@ -169,34 +169,34 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._publish_ground()
 
     def loss_in_flight(self) -> str | None:
-        """Return that commands stop, None where they do not act or the vehicle stands."""
+        """Return that commands stop; None if commands do not act or the vehicle has landed."""
         if self._engaged is False or self._controller.ground_state.is_on_ground:
             return None
         return "no more commands, the autopilot's failsafe takes over"
 
     def cleanup(self) -> None:
         """Release the controller."""
-        self._commanders.watch(None)
+        self._ownership.watch(None)
         if self._obstacle_inputs is not None:
             self._obstacle_inputs.close()
         del self._controller, self._standby
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Apply live parameters between two ticks."""
+        """Apply live parameters between two control steps."""
         self._controller.reconfigure(config)
         self._standby.reconfigure(config)
 
     def take_reference(self, window: ReferenceWindow) -> None:
-        """Take a window from another node of this process, in any thread.
+        """Receive a window from another node of this process, in any thread.
 
-        It is used with the next odometry; in lockstep, where that waits for it, at once.
+        It is used with the next odometry, in lockstep at once, because the odometry waits for it.
         """
         self._handed.append((window, self._time.now_ns()))
         if self._in_lockstep and self.executor is not None:
             self.executor.create_task(self._receive_handed)
 
     def _receive_handed(self) -> None:
-        """Take the newest window handed over, if any."""
+        """Receive the newest window from another thread, if any."""
         if self._handed and self._configured:
             window, now_ns = self._handed.pop()
             self._receive_reference(window, now_ns=now_ns)
@@ -205,16 +205,16 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._receive_handed()
         now_ns = self._time.now_ns()
         self._standby.receive_odometry(odometry, now_ns=now_ns)
-        self._commanders.hear()
+        self._ownership.note_message()
         if self._obstacle_inputs is not None:
-            self._obstacle_inputs.before(odometry)
+            self._obstacle_inputs.receive_odometry(odometry)
         if self.active:
             self._finish(self._controller.receive_odometry(odometry, now_ns=now_ns))
         else:
             self.activate_when_ready()
 
     def _on_imu(self, sample: ImuSample) -> None:
-        """Take what an accelerometer measured; while inactive it is of no use."""
+        """Receive an accelerometer sample; ignored while inactive."""
         if not self.active:
             return
         tick = self._controller.receive_imu(sample)
@@ -234,7 +234,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.activate_when_ready()
 
     def _on_engaged(self, message: Any) -> None:
-        """Pass on whether the vehicle acts on commands, and log changes."""
+        """Receive whether the vehicle acts on commands, and log changes."""
         engaged = bool(message.data)
         self._controller.engage(engaged)
         if engaged is not self._engaged:
@@ -248,18 +248,19 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._controller.landed(self._landed)
 
     def _on_diagnostics(self, data: bytes) -> None:
-        """Compare vehicles, and give way to who commands already."""
+        """Compare vehicles, and yield to an MPC that is already active."""
         if self.health.watch is not None:
             self.health.watch.receive(data)
-        before = self._commanders.values()
-        reason = self._commanders.receive(data)
-        if self._commanders.values() != before:
+        before = self._ownership.values()
+        reason = self._ownership.receive(data)
+        if self._ownership.values() != before:
             self.health.report()
         if reason and self.active:
             self.stay_inactive(reason)
-        elif not self.active and self._autostarting and self._commanders.is_taken():
-            self.stay_inactive(f"inactive: {self._commanders.obstacle()}, then activate this node")
-        elif not self.active and self._commanders.claims:
+        elif not self.active and self._autostarting and self._ownership.is_taken():
+            blocker = self._ownership.activation_blocker()
+            self.stay_inactive(f"inactive: {blocker}, then activate this node")
+        elif not self.active and self._ownership.is_claiming:
             self.activate_when_ready()
 
     def _on_odometry_reset(self, reset: EstimateReset) -> None:
@@ -267,7 +268,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._controller.reset_estimate(reset)
 
     def _on_gates(self, message: Any) -> None:
-        """Take where the gates are by now."""
+        """Receive the current poses of the gates."""
         frame_id = self._controller.config.odometry.frame_id
         if self._gates is not None:
             try:
@@ -276,24 +277,24 @@ class MpcNode(ManagedNode[MpcConfig]):
             except UserError as error:
                 self.warnings.warn(str(error))
 
-    def _on_watch(self) -> float:
-        """Act if odometry is missing, and return the time to the next check [s]."""
+    def _on_watchdog(self) -> float:
+        """React to missing odometry; return the time until the next check [s]."""
         self._receive_handed()
         now_ns = self._time.now_ns()
         if self.active:
             self._finish(self._controller.watch(now_ns=now_ns))
-        elif self._commanders.claims:  # withdraws the claim when inputs grow old
+        elif self._ownership.is_claiming:  # withdraws the claim if inputs are too old
             self.activate_when_ready()
         period = 1.0 / self._controller.config.control_rate
-        if self._time.is_simulated:  # it may run faster than the timer
+        if self._time.is_simulated:  # simulated time may run faster than the timer
             return period
-        pause = min(self._controller.seconds_until_odometry_lost(now_ns=now_ns), _LONGEST_PAUSE)
+        pause = min(self._controller.seconds_until_odometry_lost(now_ns=now_ns), _MAX_PAUSE)
         return max(pause, period)
 
     def _finish(self, tick: Tick | None) -> None:
-        """Publish the command first, then everything else.
+        """Publish the command, then everything else.
 
-        Before it only the news of the ground, so that they are there at the next odometry.
+        Only the ground state is published before, so that it arrives before the next odometry.
         """
         if tick is not None:
             self._publish_ground()
@@ -313,7 +314,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.warnings.warn(warning)
 
     def _publish_ground(self) -> None:
-        """Publish changes of the ground state, while ROS runs."""
+        """Publish changes of the ground state while ROS is running."""
         state = self._controller.ground_state.value
         if state != self._ground_message.data and self.context.ok():
             self._ground_message.data = state
@@ -331,16 +332,16 @@ class MpcNode(ManagedNode[MpcConfig]):
                 self._corridor.publish(data)
 
     def _path_is_due(self, stamp_ns: int) -> bool:
-        """Whether the path has a subscriber, and was not published just now."""
-        if abs(stamp_ns - self._path_shown_ns) < self._path_period_ns:
+        """Return whether the path has a subscriber and its period has passed."""
+        if abs(stamp_ns - self._path_published_ns) < self._path_period_ns:
             return False
         if self._predicted_path.get_subscription_count() == 0:
             return False
-        self._path_shown_ns = stamp_ns
+        self._path_published_ns = stamp_ns
         return True
 
     def _log_change(self, tick: Tick) -> None:
-        """Log changes of the source of commands."""
+        """Log changes of the active source."""
         before = self._tick.decision.source if self._tick is not None else Source.WAITING
         now = tick.decision.source
         if now is before:
@@ -349,27 +350,26 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.get_logger().info("the MPC flies")
             return
         text = f"{now.name.lower()} takes over: {tick.decision.reason}"
-        # Two statements: rclpy raises where one statement logs with two severities.
+        # Two statements: rclpy raises if one statement logs with two severities.
         if now in (Source.BLIND, Source.SILENT):
             self.get_logger().error(text)
         else:
             self.get_logger().warning(text)
 
     def report(self) -> Health:
-        """Return who commands."""
-        health, rivals = self._health_of_flight(), self._commanders.fault()
-        if rivals and rivals != self._rivals:
-            self.get_logger().warning(f"{rivals}; this node flies on")
-        self._rivals = rivals
-        if not rivals:
+        """Return the health: the active source, warnings and duplicate publishers."""
+        health, duplicates = self._health_of_flight(), self._ownership.fault()
+        if duplicates and duplicates != self._duplicates:
+            self.get_logger().warning(f"{duplicates}; this node flies on")
+        self._duplicates = duplicates
+        if not duplicates:
             return health
-        return Health(
-            level=max(health.level, WARN), text=f"{rivals}; {health.text}", values=health.values
-        )
+        text = f"{duplicates}; {health.text}"
+        return Health(level=max(health.level, WARN), text=text, values=health.values)
 
     def values(self) -> list[tuple[str, str]]:
-        """Return since when it commands, for others that could."""
-        return self._commanders.values()
+        """Return the values of command ownership, for other MPCs."""
+        return self._ownership.values()
 
     def _health_of_flight(self) -> Health:
         tick = self._tick
@@ -379,26 +379,26 @@ class MpcNode(ManagedNode[MpcConfig]):
         level = {Source.MPC: OK, Source.PLAN: WARN, Source.WAITING: WARN}.get(source, ERROR)
         engaged = "unknown" if self._engaged is None else str(self._engaged).lower()
         text = tick.decision.reason or "flying"
-        if tick.stats.estimate in _ESTIMATE_FAILS:
+        if tick.stats.estimate in _ESTIMATE_WARNINGS:
             level = max(level, WARN)
-            text += f", the estimate of thrust and wind {_ESTIMATE_FAILS[tick.stats.estimate]}"
-        if tick.stats.accelerometer in _ACCELEROMETER_FAILS:
+            text += f", the estimate of thrust and wind {_ESTIMATE_WARNINGS[tick.stats.estimate]}"
+        if tick.stats.accelerometer in _IMU_WARNINGS:
             level = max(level, WARN)
-            text += f", the accelerometer {_ACCELEROMETER_FAILS[tick.stats.accelerometer]}"
+            text += f", the accelerometer {_IMU_WARNINGS[tick.stats.accelerometer]}"
         if tick.stats.avoidance == FAILED:
             level = max(level, WARN)
             text += ", the guide failed: obstacles are not avoided"
-        heard: list[tuple[str, str]] = []
+        obstacle_values: list[tuple[str, str]] = []
         if self._obstacle_inputs is not None:
             if fault := self._obstacle_inputs.fault(tick.stats.stamp_ns):
                 level, text = max(level, WARN), f"{text}; {fault}"
-            heard = self._obstacle_inputs.values(tick.stats.stamp_ns)
+            obstacle_values = self._obstacle_inputs.values(tick.stats.stamp_ns)
         return Health(
             level=level,
             text=text,
             values=[
                 *tick.stats.items(),
-                *heard,
+                *obstacle_values,
                 ("engaged", engaged),
                 ("realtime_refused", self._refused),
             ],
@@ -406,7 +406,7 @@ class MpcNode(ManagedNode[MpcConfig]):
 
 
 def _guidance(config: MpcConfig) -> Guidance | None:
-    """Return what guides the controller, None where nothing is configured to."""
+    """Return the configured guidance, or None."""
     if not config.guided_by:
         return None
     guidance: Guidance = optional_part("guidance", needed_by=config.guided_by)(config)

@@ -1,4 +1,4 @@
-"""What the MPC node hears of obstacles: clouds, markers, transforms, other vehicles."""
+"""Obstacle inputs of the MPC node: clouds, markers, transforms, neighbours."""
 
 from __future__ import annotations
 
@@ -28,23 +28,27 @@ from quad_mpc_ros.messages.topics import (
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import message_class, message_in, odometry_in
 
-if TYPE_CHECKING:  # a node without obstacles imports neither
-    from quad_mpc_ros.extras.obstacles.surroundings import Surroundings
-    from quad_mpc_ros.extras.obstacles.world import World
+if TYPE_CHECKING:  # imported only with obstacles
+    from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider
+    from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 
-_SILENT = 1.0  # s without a scan, after the first
+_CLOUD_TIMEOUT = 1.0  # s without a cloud, after the first
 
 
 class ObstacleInputs:
-    """Hands what is heard on to a world, and counts what is refused.
+    """Passes received obstacle messages to a world and counts rejected ones.
 
-    Clouds are read in a thread of their own, the newest only, and there the local map is made from
-    what is known, so that no tick waits for one. In lockstep everything waits for the next
-    odometry, so that a flight can be repeated.
+    A separate thread reads the newest cloud and builds the local map, so that no control step
+    waits. In lockstep all messages wait for the next odometry, so that a flight is repeatable.
     """
 
     def __init__(
-        self, node: ManagedNode[Any], world: World, surroundings: Surroundings, *, lockstep: bool
+        self,
+        node: ManagedNode[Any],
+        world: ObstacleWorld,
+        surroundings: LocalMapProvider,
+        *,
+        lockstep: bool,
     ) -> None:
         self._node, self._world, self._lockstep = node, world, lockstep
         self._surroundings = surroundings
@@ -52,8 +56,8 @@ class ObstacleInputs:
         self._counts = {"clouds": 0, "markers": 0, "plans": 0, "refused": 0}
         self._newest: deque[bytes] = deque(maxlen=1)
         self._refusals: deque[str] = deque(maxlen=10)
-        self._wakes = threading.Condition()
-        self._ended = self._map_is_due = False
+        self._condition = threading.Condition()
+        self._closed = self._map_is_due = False
         self._thread: threading.Thread | None = None
         if not lockstep:
             surroundings.wake = self._wake
@@ -62,71 +66,71 @@ class ObstacleInputs:
         self._subscribe()
 
     def close(self) -> None:
-        """End the thread."""
-        with self._wakes:
-            self._ended = True
-            self._wakes.notify()
+        """Stop the thread."""
+        with self._condition:
+            self._closed = True
+            self._condition.notify()
         if self._thread is not None:
             self._thread.join()
 
-    def before(self, odometry: OdometrySample) -> None:
-        """Hand on what has waited for the next odometry, and that."""
+    def receive_odometry(self, odometry: OdometrySample) -> None:
+        """Pass on the messages that waited for this odometry, then the odometry."""
         waiting, self._waiting = self._waiting, []
         for receive in waiting:
             receive()
         self._world.receive_odometry(odometry)
 
     def take_warnings(self) -> list[str]:
-        """Return what was refused since the last call."""
+        """Return the rejections since the last call."""
         return [self._refusals.popleft() for _ in range(len(self._refusals))]
 
     def values(self, stamp_ns: int) -> list[tuple[str, str]]:
-        """Return what was heard, for diagnostics."""
+        """Return counts and ages for diagnostics."""
         counts = [(f"obstacles.{name}", str(count)) for name, count in self._counts.items()]
-        heard = len(self._world.plans([stamp_ns]).age)
+        received = len(self._world.plans([stamp_ns]).age)
         return [
             *counts,
             ("obstacles.silence_s", f"{self._world.silence(stamp_ns):.2f}"),
-            ("obstacles.neighbours", f"{heard} of {len(self._world.neighbours)}"),
+            ("obstacles.neighbours", f"{received} of {len(self._world.neighbours)}"),
         ]
 
     def fault(self, stamp_ns: int) -> str:
-        """Return what is wrong, empty if nothing is."""
+        """Return an error if clouds are missing, or an empty string."""
         silence = self._world.silence(stamp_ns)
-        if silence <= _SILENT:
+        if silence <= _CLOUD_TIMEOUT:
             return ""
         return f"no usable cloud on {OBSTACLES.name} for {silence:.1f} s"
 
     def _subscribe(self) -> None:
         node = self._node
 
-        def listen(topic: Topic, receive: Callable[[bytes], None]) -> None:
+        def subscribe(topic: Topic, receive: Callable[[bytes], None]) -> None:
             callback = self._postponed(receive) if self._lockstep else receive
             node.managed_subscription(topic, callback, raw=True, expected=False)
 
-        listen(OBSTACLES, self._on_cloud)
-        listen(OBSTACLE_MARKERS, self._guarded("markers", self._on_markers))
+        subscribe(OBSTACLES, self._on_cloud)
+        subscribe(OBSTACLE_MARKERS, self._counted("markers", self._on_markers))
         for topic in (TF, TF_STATIC):
             try:
                 message_class(topic.type_name)
             except ImportError:
                 node.get_logger().info(
-                    "tf2_msgs is not installed: clouds and markers have to be in the frames of "
-                    "the odometry"
+                    "tf2_msgs is not installed: clouds and markers must be in the frames of the "
+                    "odometry"
                 )
                 break
-            listen(topic, self._guarded(None, self._on_transforms))
+            subscribe(topic, self._counted(None, self._on_transforms))
         for name in self._world.neighbours:
             of_it = f"/{name.strip('/')}"
             plan = functools.partial(self._on_plan, name)
             state = functools.partial(self._on_neighbour, name)
-            listen(_named(PREDICTED_PATH, of_it), self._guarded("plans", plan))
-            listen(_named(ODOMETRY, of_it), self._guarded(None, state))
+            subscribe(_named(PREDICTED_PATH, of_it), self._counted("plans", plan))
+            subscribe(_named(ODOMETRY, of_it), self._counted(None, state))
 
-    def _guarded(
+    def _counted(
         self, counted: str | None, receive: Callable[[bytes], None]
     ) -> Callable[[bytes], None]:
-        """Return what receives bytes and takes note of those that are of no use."""
+        """Return a callback that counts messages and notes rejections."""
 
         def guarded(data: bytes) -> None:
             result = counted
@@ -136,46 +140,46 @@ class ObstacleInputs:
                 result = "refused"
                 self._refusals.append(f"refused: {error}")
             if result is not None:
-                with self._wakes:  # both threads count
+                with self._condition:  # both threads count
                     self._counts[result] += 1
 
         return guarded
 
     def _postponed(self, receive: Callable[[bytes], None]) -> Callable[[bytes], None]:
-        """Return what keeps bytes until the next odometry."""
+        """Return a callback that keeps messages until the next odometry."""
         return lambda data: self._waiting.append(functools.partial(receive, data))
 
     def _on_cloud(self, data: bytes) -> None:
         if self._thread is None:
             self._read_cloud(data)
             return
-        with self._wakes:
+        with self._condition:
             self._newest.append(data)
-            self._wakes.notify()
+            self._condition.notify()
 
     def _read_cloud(self, data: bytes) -> None:
-        self._guarded("clouds", self._take_cloud)(data)
+        self._counted("clouds", self._take_cloud)(data)
 
     def _take_cloud(self, data: bytes) -> None:
         cloud = point_cloud_from_message(message_in(OBSTACLES, data))
         self._world.receive_cloud(cloud)
 
     def _wake(self) -> None:
-        with self._wakes:
+        with self._condition:
             self._map_is_due = True
-            self._wakes.notify()
+            self._condition.notify()
 
     def _read_clouds(self) -> None:
         while True:
-            with self._wakes:
-                self._wakes.wait_for(lambda: self._ended or self._newest or self._map_is_due)
-                if self._ended:
+            with self._condition:
+                self._condition.wait_for(lambda: self._closed or self._newest or self._map_is_due)
+                if self._closed:
                     return
                 self._map_is_due = False
                 data = self._newest.pop() if self._newest else None
             if data is not None:
                 self._read_cloud(data)
-            self._surroundings.renew()
+            self._surroundings.update_map()
 
     def _on_markers(self, data: bytes) -> None:
         self._world.receive_markers(markers_from_message(message_in(OBSTACLE_MARKERS, data)))

@@ -1,4 +1,4 @@
-"""Querying all parameters of another node, without blocking."""
+"""Query of all parameters of another node, without blocking."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
-# An answer is lost if the other node has not discovered this one yet.
-_ASK_AGAIN = 2.0  # s
+# A response is lost if the other node has not discovered this one yet.
+_RETRY_PERIOD = 2.0  # s
 
 
 class ParameterQuery:
-    """One query; its clients exist only while it runs, as each costs every wake-up."""
+    """One query; its clients exist only while it runs, because each costs time per wake-up."""
 
     def __init__(self, node: Node, node_name: str) -> None:
         self.node_name = node_name
@@ -25,28 +25,28 @@ class ParameterQuery:
         self._clients: list[Any] = []
         self._names: Any = None
         self._values: Any = None
-        self._asked_s = 0.0
+        self._called_s = 0.0
 
     def poll(self) -> dict[str, Any] | None:
-        """Take the next step; return the parameters, once, when they have arrived."""
+        """Advance the query; return the parameters once, when they have arrived."""
         if self.done or not self._ready():
             return None
         list_names, get_values = self._clients
         if self._names is None:
-            self._names = self._ask(list_names, ListParameters.Request())
+            self._names = self._call(list_names, ListParameters.Request())
         elif self._values is None and self._names.done():
             names = self._names.result().result.names
-            self._values = self._ask(get_values, GetParameters.Request(names=names))
+            self._values = self._call(get_values, GetParameters.Request(names=names))
         elif self._values is not None and self._values.done():
             self.done = True
             self.close()
             return self._received()
-        elif time.monotonic() - self._asked_s > _ASK_AGAIN:
+        elif time.monotonic() - self._called_s > _RETRY_PERIOD:
             self._names = self._values = None
         return None
 
-    def _ask(self, client: Any, request: Any) -> Any:
-        self._asked_s = time.monotonic()
+    def _call(self, client: Any, request: Any) -> Any:
+        self._called_s = time.monotonic()
         return client.call_async(request)
 
     def close(self) -> None:

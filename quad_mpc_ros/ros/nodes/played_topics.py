@@ -1,4 +1,4 @@
-"""Which topics of a bag are selected for playing, and which of them can be played."""
+"""Selection of the topics of a bag to play."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from quad_mpc_ros.recordings.config import PlayerConfig, TopicSelection
 from quad_mpc_ros.recordings.reader import BagReader, TopicInfo
 from quad_mpc_ros.ros.messages import message_class
 
-_SHOWN = 10
+_MAX_LISTED = 10
 
 
 def played_topics(
     reader: BagReader, config: PlayerConfig
 ) -> tuple[dict[str, TopicInfo], dict[str, str]]:
-    """Return the selected topics that can be played, and why others cannot.
+    """Return the selected topics that can be played, and the errors of the others.
 
-    Raises :class:`BagError` when a given topic is not in the bag, and when none can be played.
+    Raises :class:`BagError` if a given topic is not in the bag, or none can be played.
     """
-    # Some recorders leave the slash out.
+    # Some recorders omit the slash.
     names = tuple(
         name if name in reader.topics else f"/{name.lstrip('/')}" for name in config.topics
     )
@@ -34,7 +34,7 @@ def played_topics(
     for topic, info in reader.topics.items():
         if not selection.includes(topic) or (config.clock_rate and topic == CLOCK.name):
             continue
-        if why := _obstacle(info):
+        if why := _playback_error(info):
             refused[topic] = why
         else:
             playable[topic] = info
@@ -47,8 +47,8 @@ def played_topics(
     return playable, refused
 
 
-def _obstacle(info: TopicInfo) -> str:
-    """Return why a topic cannot be played, or nothing."""
+def _playback_error(info: TopicInfo) -> str:
+    """Return the reason why a topic cannot be played, or an empty string."""
     if info.encoding != "cdr":
         return f"its messages are encoded as {info.encoding!r}, expected 'cdr'"
     try:
@@ -62,5 +62,5 @@ def _obstacle(info: TopicInfo) -> str:
 
 
 def _listed(topics: Collection[str]) -> str:
-    shown = ", ".join(sorted(topics)[:_SHOWN]) or "no topic"
-    return shown if len(topics) <= _SHOWN else f"{shown}, …"
+    shown = ", ".join(sorted(topics)[:_MAX_LISTED]) or "no topic"
+    return shown if len(topics) <= _MAX_LISTED else f"{shown}, …"

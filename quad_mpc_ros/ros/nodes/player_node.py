@@ -1,4 +1,4 @@
-"""The player node: a recorded bag onto its topics again, in its own time."""
+"""The player node: publishes the messages of a bag at their recorded times."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline
 from quad_mpc_ros.recordings.replay.playback_threads import PlaybackThread, ReadAhead
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
-from quad_mpc_ros.ros.nodes.bag_qos import offered_again
+from quad_mpc_ros.ros.nodes.bag_qos import playback_profile
 from quad_mpc_ros.ros.nodes.played_topics import played_topics
 from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run, stop
 
-_READ_AHEAD = 1000
+_READ_AHEAD_MESSAGES = 1000
 _ACKNOWLEDGE_TIMEOUT = Duration(seconds=2)
 _PROGRESS_PERIOD = 0.5
-# Reading ahead must not keep the interpreter from a message that is due: Python's default of
-# 5 ms is a quarter of a period at 50 Hz.
+# Reading ahead must not delay a due message: Python's default of 5 ms is a quarter of a period
+# at 50 Hz.
 _SWITCH_INTERVAL_S = 0.0005
-_S = 1_000_000_000
+_NS_PER_S = 1_000_000_000
 
 
 class PlayerNode(ReportingNode[PlayerConfig]):
-    """Publishes the serialized messages of a bag with the quality of service they had."""
+    """Publishes the serialized messages of a bag with their recorded quality of service."""
 
     def __init__(self) -> None:
         self._thread: PlaybackThread | None = None
@@ -47,7 +47,7 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         super().__init__("player", PlayerConfig)
         try:
             self._prepare()
-        except BaseException:  # signals too: nothing else would end the threads
+        except BaseException:  # also signals: nothing else would stop the threads
             self._end_threads()
             raise
 
@@ -59,21 +59,21 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         topics, refused = played_topics(reader, config)
         for topic, why in refused.items():
             self.get_logger().warning(f"not played: {topic}: {why}")
-        self._start_ns, self._end_ns = _section(reader, config)
+        self._start_ns, self._end_ns = _played_span(reader, config)
         self._outputs = {
             topic: self.create_publisher(
-                message_class(info.type_name), topic, offered_again(_recorded_qos(info))
+                message_class(info.type_name), topic, playback_profile(_recorded_qos(info))
             )
             for topic, info in topics.items()
         }
         self._clock_output = self._clock_publisher()
         self._clock_message = new_message(CLOCK.type_name)
         self._read_ahead = ReadAhead(
-            reader.messages(topics, from_ns=self._start_ns), depth=_READ_AHEAD
+            reader.messages(topics, from_ns=self._start_ns), depth=_READ_AHEAD_MESSAGES
         )
         timeline = PlaybackTimeline(
             recorded_ns=self._start_ns,
-            steady_ns=time.monotonic_ns() + round(config.delay * _S),
+            steady_ns=time.monotonic_ns() + round(config.delay * _NS_PER_S),
             rate=config.rate,
             paused=config.paused,
         )
@@ -97,13 +97,13 @@ class PlayerNode(ReportingNode[PlayerConfig]):
             self.get_logger().warning(reader.warning)
 
     def begin(self) -> None:
-        """Play."""
+        """Start to play."""
         assert self._thread is not None
         self.get_logger().info(f"playing {self.config.bag}: {len(self._outputs)} topics")
         self._thread.start()
 
     def destroy_node(self) -> None:
-        """End the playback, then the node."""
+        """Stop playing, then destroy the node."""
         self._end_threads()
         super().destroy_node()
 
@@ -131,7 +131,7 @@ class PlayerNode(ReportingNode[PlayerConfig]):
             publisher.publish(message)
 
     def _await_acknowledgement(self) -> None:
-        """Wait for slow subscribers, which would lose messages when this process ends."""
+        """Wait for slow subscribers, which would lose messages at the end of this process."""
         for publisher in self._outputs.values():
             with self._unless_shut_down():
                 publisher.wait_for_all_acked(_ACKNOWLEDGE_TIMEOUT)
@@ -166,14 +166,14 @@ class PlayerNode(ReportingNode[PlayerConfig]):
     def _position(self) -> float:
         assert self._thread is not None
         recorded_ns = min(self._thread.recorded_ns(), self._end_ns)
-        return self.config.start + (recorded_ns - self._start_ns) / _S
+        return self.config.start + (recorded_ns - self._start_ns) / _NS_PER_S
 
     def _show_progress(self) -> None:
-        end = self.config.start + (self._end_ns - self._start_ns) / _S
+        end = self.config.start + (self._end_ns - self._start_ns) / _NS_PER_S
         print(f"  {self._position():8.1f} s of {end:.1f} s", file=sys.stderr, flush=True)
 
     def report(self) -> Health:
-        """Return how far the playback has come."""
+        """Return the position in the bag."""
         return Health(
             level=OK,
             text="playing",
@@ -184,24 +184,24 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         )
 
 
-def _section(reader: BagReader, config: PlayerConfig) -> tuple[int, int]:
-    """Return the log times between which a bag is played, both included."""
+def _played_span(reader: BagReader, config: PlayerConfig) -> tuple[int, int]:
+    """Return the first and last log time to play, both included."""
     if reader.has_wrong_log_times:
         raise BagError(reader.warning)
     span = reader.span
     assert span is not None  # there is a message to play
-    start_ns = span.start_ns + round(config.start * _S)
+    start_ns = span.start_ns + round(config.start * _NS_PER_S)
     if start_ns > span.end_ns:
-        raise ConfigurationError(
-            "player.start", config.start, f"at most the {span.duration_ns / _S:.3f} s of the bag"
-        )
+        duration = span.duration_ns / _NS_PER_S
+        expected = f"at most the {duration:.3f} s of the bag"
+        raise ConfigurationError("player.start", config.start, expected)
     return start_ns, span.end_ns
 
 
 def _recorded_qos(info: TopicInfo) -> Sequence[QosProfile]:
     try:
         return parse_qos_profiles(info.qos_profiles)
-    except BagError:  # of another writer: the default profile serves
+    except BagError:  # of another writer: use the default profile
         return ()
 
 

@@ -1,7 +1,7 @@
-"""Messages of several topics in the order in which they were published.
+"""Writes messages of several topics in the order of their publication.
 
-In simulated time an executor may deliver an odometry before the reference of the previous one,
-although the flight waited for that: playing such a bag in lockstep would never end.
+In simulated time an executor may deliver an odometry before the reference that the flight waited
+for. Playing such a bag in lockstep would never end.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 Write = Callable[[int], None]
-"""Writes a message with the time at which it was received [ns]."""
+"""Writes a message with a time of reception [ns]."""
 
 
 class _Held(NamedTuple):
@@ -20,7 +20,7 @@ class _Held(NamedTuple):
 
 
 class PublishedOrder:
-    """Holds messages for a moment, and writes them in the order of their publication.
+    """Holds messages briefly and writes them in the order of their publication.
 
     The times of reception are assigned in the same order.
     """
@@ -28,16 +28,16 @@ class PublishedOrder:
     def __init__(self) -> None:
         self._older: list[_Held] = []
         self._newer: list[_Held] = []
-        self._newest_ns = 0  # of the times of what is written
+        self._newest_ns = 0  # time of reception of written messages
 
     def add(self, published_ns: int, received_ns: int, write: Write) -> None:
-        """Take a message; times are by a clock of the computer and by that of the recording."""
+        """Add a message: its time of publication (system clock), and of reception (recording)."""
         self._newer.append(_Held(published_ns, received_ns, write))
 
     def write_older(self) -> None:
-        """Write what was published before all that was added since the last call.
+        """Write the messages published before those added since the last call.
 
-        Call it periodically: what is late by more than a period stays out of order.
+        Call it periodically: messages late by more than a period stay out of order.
         """
         newest_ns = max((held.published_ns for held in self._older), default=0)
         held = self._older + self._newer
@@ -46,7 +46,7 @@ class PublishedOrder:
         self._newer = []
 
     def write_all(self) -> None:
-        """Write what is held."""
+        """Write all held messages."""
         self._write(self._older + self._newer)
         self._older, self._newer = [], []
 

@@ -1,4 +1,4 @@
-"""A recording in progress: a bag, the topics that go into it and the parameters of nodes."""
+"""A recording in progress: its bag, topics and parameters of nodes."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from quad_mpc_ros.recordings.config import RecorderConfig, TopicSelection
 from quad_mpc_ros.recordings.parameters import write_parameters
 from quad_mpc_ros.recordings.writer import BagExistsError, BagWriter, Split
 from quad_mpc_ros.ros.messages import message_class, qos_of
-from quad_mpc_ros.ros.nodes.bag_qos import adapted, offered
+from quad_mpc_ros.ros.nodes.bag_qos import recorded_profile, strictest_common_profile
 from quad_mpc_ros.ros.nodes.parameter_query import ParameterQuery
 from quad_mpc_ros.ros.nodes.published_order import PublishedOrder
 from quad_mpc_ros.ros.nodes.topic_recorder import TopicRecorder
 
 
 class Recorder:
-    """One bag, which exists from the first :meth:`resume` on and ends with :meth:`close`.
+    """One bag, created by the first :meth:`resume` and ended by :meth:`close`.
 
-    Paused, it has no subscriptions, so that a latched message of the meantime is recorded when it
-    resumes. ``on_fault`` is called with the reason when the bag cannot be written.
+    While paused it has no subscriptions, so a latched message of that time is recorded after the
+    pause. ``on_fault`` is called with the reason if the bag cannot be written.
     """
 
     def __init__(
         self, node: Node, config: RecorderConfig, *, on_fault: Callable[[str], None]
     ) -> None:
-        """Prepare it. Raises :class:`BagError` when the folder of the bag exists already."""
+        """Initialise. Raises :class:`BagError` if the folder of the bag exists already."""
         if config.directory and Path(config.directory).exists():
             raise BagExistsError(Path(config.directory))
         self._node = node
@@ -53,15 +53,15 @@ class Recorder:
         self._refused: set[str] = set()
         self._early: list[Callable[[int], None]] = []
         self._ordered = PublishedOrder()
-        self._asked = {name: ParameterQuery(node, name) for name in config.nodes}
-        self._asked.pop(node.get_name(), None)
+        self._parameter_queries = {name: ParameterQuery(node, name) for name in config.nodes}
+        self._parameter_queries.pop(node.get_name(), None)
         self.message_count = 0
-        self._lost_before = 0  # the last pause
+        self._lost_before = 0  # before the last pause
         self.fault: str | None = None
 
     @property
     def missing(self) -> list[str]:
-        """The topics given by name that have no publisher yet, but for those that need none."""
+        """The required topics without a publisher, of those given by name."""
         optional = {self._node.resolve_topic_name(each.name) for each in OPTIONAL}
         return [
             topic
@@ -71,8 +71,8 @@ class Recorder:
 
     @property
     def unanswered(self) -> list[str]:
-        """The nodes whose parameters have not arrived yet."""
-        return [name for name, query in self._asked.items() if not query.done]
+        """The nodes whose parameters have not arrived."""
+        return [name for name, query in self._parameter_queries.items() if not query.done]
 
     @property
     def publisher_counts(self) -> dict[str, int]:
@@ -81,24 +81,24 @@ class Recorder:
 
     @property
     def lost_count(self) -> int:
-        """How many messages were lost in transit."""
+        """Number of messages lost in transit."""
         lost = sum(recording.lost_count for recording in self._recorded.values())
         return self._lost_before + lost
 
     def resume(self) -> Path:
-        """Record from now on, and return the folder of the bag.
+        """Start or continue recording; return the folder of the bag.
 
-        Raises :class:`BagError` when it cannot be created.
+        Raises :class:`BagError` if the bag cannot be created.
         """
         if self._writer is None:
             self._writer = new_bag(self._config)
             write_parameters(self._writer, self._node.get_name(), self._config.flattened())
-        self._expect()
+        self._subscribe_early()
         self.poll()
         return self._writer.directory
 
     def pause(self) -> None:
-        """End the subscriptions, and flush what was received to the operating system."""
+        """Destroy the subscriptions and flush received messages to the operating system."""
         for recording in (*self._recorded.values(), *self._expected.values()):
             recording.close()
         self._lost_before = self.lost_count
@@ -109,31 +109,31 @@ class Recorder:
         self._guarded(lambda writer: writer.flush())
 
     def close(self) -> None:
-        """End the bag, when one was begun."""
+        """End the bag, if it was started."""
         self.pause()
-        for query in self._asked.values():
+        for query in self._parameter_queries.values():
             query.close()
         self._write_early(0)
         self._guarded(lambda writer: writer.close())
 
     def poll(self) -> bool:
-        """Flush when due, subscribe to selected topics that have appeared, query parameters.
+        """Flush if due, subscribe to new selected topics, query parameters.
 
-        Call it several times a second while recording. Return whether there is more to record now
-        than before.
+        Call it several times a second while recording. Returns whether topics or parameters were
+        added.
         """
         self._ordered.write_older()
         self._guarded(lambda writer: writer.flush_if_due(time.monotonic()))
         more = False
-        for topic in self._appeared():
+        for topic in self._new_topics():
             more |= self._subscribe(topic)
         for recording in self._recorded.values():
             recording.follow_publishers(time.monotonic())
-        for query in self._asked.values():
+        for query in self._parameter_queries.values():
             more |= self._take_parameters(query)
         return more
 
-    def _appeared(self) -> list[str]:
+    def _new_topics(self) -> list[str]:
         known = self._recorded.keys() | self._refused
         if self._selection.by_name_only:
             candidates = set(self._selection.names) - known
@@ -141,17 +141,17 @@ class Recorder:
             candidates = {name for name, _ in self._node.get_topic_names_and_types()} - known
         return sorted(topic for topic in candidates if self._selection.includes(topic))
 
-    def _expect(self) -> None:
+    def _subscribe_early(self) -> None:
         """Subscribe to topics of known types before they have a publisher.
 
-        A publisher finds a subscription within milliseconds. To be found, subscribed to and to
-        find that subscription takes it from 0.1 s to seconds.
+        A publisher matches an existing subscription in milliseconds, a later one after 0.1 s or
+        even seconds.
         """
         for topic in RECORDED:
             name = self._node.resolve_topic_name(topic.name)
             if name in self._selection.names and self._selection.includes(name):
                 self._expected[name] = self._recorder_of(
-                    name, topic.type_name, adapted([qos_of(topic)])
+                    name, topic.type_name, strictest_common_profile([qos_of(topic)])
                 )
 
     def _recorder_of(self, topic: str, type_name: str, profile: QoSProfile) -> TopicRecorder:
@@ -172,7 +172,7 @@ class Recorder:
         try:
             if len(type_names) > 1:
                 raise BagError("its publishers have different types")
-            message_class(type_names[0])  # raises when it is not installed
+            message_class(type_names[0])  # raises if it is not installed
             self._announce(topic, type_names[0], profiles)
         except (ImportError, AttributeError, ValueError, BagError) as error:
             self._refused.add(topic)
@@ -187,16 +187,16 @@ class Recorder:
             expected.close()
             expected = None
         self._recorded[topic] = expected or self._recorder_of(
-            topic, type_names[0], adapted(profiles)
+            topic, type_names[0], strictest_common_profile(profiles)
         )
         return True
 
     def _announce(self, topic: str, type_name: str, profiles: list[QoSProfile]) -> None:
-        """Add a topic to the bag, unless it was recorded before a pause."""
+        """Add a topic to the bag, unless it was added before a pause."""
         before = self._type_names.get(topic)
         if before is None and self._writer is not None:
             self._writer.add_topic(
-                topic, type_name, qos_profiles=[offered(profile) for profile in profiles]
+                topic, type_name, qos_profiles=[recorded_profile(profile) for profile in profiles]
             )
             self._type_names[topic] = type_name
         elif before != type_name:
@@ -204,7 +204,7 @@ class Recorder:
 
     def _on_message(self, topic: str, data: bytes, info: dict[str, int]) -> None:
         if topic in self._expected and not self._subscribe(topic):
-            return  # its publisher is already gone
+            return  # its publisher has already ended
         write = partial(self._write, topic, data, info["source_timestamp"])
         self.message_count += 1
         clock = self._node.get_clock()
@@ -212,7 +212,7 @@ class Recorder:
             write(info["received_timestamp"])
             return
         now_ns = int(clock.now().nanoseconds)
-        if now_ns == 0:  # simulated time has not begun
+        if now_ns == 0:  # simulated time has not started
             self._early.append(write)
             return
         self._write_early(now_ns)
@@ -226,7 +226,7 @@ class Recorder:
         )
 
     def _write_early(self, now_ns: int) -> None:
-        """Write what came before simulated time began, with the time at which it began."""
+        """Write messages received before simulated time started, with its first time."""
         for write in self._early:
             write(now_ns)
         self._early.clear()
@@ -239,7 +239,7 @@ class Recorder:
         return True
 
     def _guarded(self, action: Callable[[BagWriter], None]) -> None:
-        """Do something with the bag; after a failure nothing more is written."""
+        """Access the bag; after a failure nothing more is written."""
         if self._writer is None or self.fault is not None:
             return
         try:
@@ -250,7 +250,7 @@ class Recorder:
 
 
 def new_bag(config: RecorderConfig) -> BagWriter:
-    """Begin a bag in the configured folder, or else under a name that is not taken yet."""
+    """Create a bag in the configured folder, or in a new folder with a unique name."""
     if config.directory:
         return _bag_in(Path(config.directory), config)
     name = datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
@@ -259,7 +259,7 @@ def new_bag(config: RecorderConfig) -> BagWriter:
         try:
             return _bag_in(Path(next(names)), config)
         except BagExistsError:
-            pass  # another recorder began in the same second
+            pass  # another recorder started in the same second
 
 
 def _bag_in(directory: Path, config: RecorderConfig) -> BagWriter:

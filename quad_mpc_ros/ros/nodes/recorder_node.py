@@ -1,4 +1,4 @@
-"""The recorder node: topics into a rosbag2 directory, as raw serialized messages."""
+"""The recorder node: records raw serialized messages into a rosbag2 directory."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from quad_mpc_ros.ros.nodes.recorder import Recorder
 from quad_mpc_ros.ros.preflight.own import bag_place, free_bytes
 from quad_mpc_ros.ros.spin import run, stop
 
-_PERIOD = 0.1
-_LOST = "were lost in transit: this machine is too busy, record fewer topics"
+_POLL_PERIOD = 0.1
+_LOST_TEXT = "were lost in transit: this machine is too busy, record fewer topics"
 
 
 class RecorderNode(ManagedNode[RecorderConfig]):
-    """Subscribes to what is asked for as it appears on the graph, and writes what comes.
+    """Subscribes to selected topics as they appear, and writes their messages.
 
-    Active it records; inactive it holds an open bag, to which it adds when it is activated again.
-    The bag ends with the cleanup. Nothing is on the disk before the first activation.
+    While active it records; while inactive it keeps the bag open for the next activation. The
+    cleanup ends the bag. Nothing is written before the first activation.
     """
 
     _recorder: Recorder
@@ -35,11 +35,11 @@ class RecorderNode(ManagedNode[RecorderConfig]):
         self._recorder = Recorder(self, config, on_fault=self._on_fault)
         self._place = bag_place(config)
         self._lost_logged = 0
-        # One timer for everything: waking the node costs more than the work.
-        self.managed_timer(_PERIOD, self._on_timer)
+        # One timer: a wake-up costs more than the work.
+        self.managed_timer(_POLL_PERIOD, self._on_timer)
 
     def activate(self) -> None:
-        """Record."""
+        """Start recording."""
         directory = self._recorder.resume()
         self.get_logger().info(f"recording to {directory}")
 
@@ -54,12 +54,12 @@ class RecorderNode(ManagedNode[RecorderConfig]):
         del self._recorder
 
     def report(self) -> Health:
-        """Return how the recording goes."""
+        """Return the health: missing topics, lost messages, faults."""
         recorder = self._recorder
         missing, lost = recorder.missing, recorder.lost_count
         text = f"no publisher yet: {', '.join(missing)}" if missing else "recording"
         if lost:
-            text = f"{lost} messages {_LOST}"
+            text = f"{lost} messages {_LOST_TEXT}"
         return Health(
             level=ERROR if recorder.fault else WARN if missing or lost else OK,
             text=recorder.fault or text,
@@ -83,15 +83,15 @@ class RecorderNode(ManagedNode[RecorderConfig]):
             self.health.report()
 
     def _log_lost(self) -> bool:
-        """Log messages lost since the last call; return whether there were any."""
+        """Log messages lost since the last call; return whether any were lost."""
         lost = self._recorder.lost_count - self._lost_logged
         self._lost_logged += lost
         if lost:
-            self.get_logger().warning(f"{lost} messages {_LOST}")
+            self.get_logger().warning(f"{lost} messages {_LOST_TEXT}")
         return lost > 0
 
     def _on_fault(self, fault: str) -> None:
-        """End a recording that cannot be written, and log why."""
+        """End a recording that cannot be written, and log the reason."""
         self.exit_code = 1
         self.get_logger().fatal(f"recording ended: {fault}")
         stop()

@@ -1,4 +1,4 @@
-"""The reference node: publishes windows of the reference, and takes requests."""
+"""The reference node: publishes windows of the reference and handles requests."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import odometry_in
 from quad_mpc_ros.ros.spin import run
 
-if TYPE_CHECKING:  # imported for a race only
-    from quad_mpc_ros.extras.racing.detours import Detours
+if TYPE_CHECKING:  # imported only for a race
+    from quad_mpc_ros.extras.racing.replanning import GateReplanner
 
 _BODY_FRAME = "base_link"
-# A request begins after a lead, as it has to be planned first; if planning takes longer, it is
-# repeated with a lead of 1.5 times its duration more.
-_LEAD_NS = 100_000_000
-_QUICK_LEAD_NS = 20_000_000  # of a velocity, which is planned in a millisecond
-_LOOKED_AT = 0.05  # s: how often it is looked whether gates have moved
-_LONGER = 1.5
-_TRIALS = 3
+# A requested motion starts after a lead time for planning. If planning takes longer, it is
+# repeated with a lead time that is longer by 1.5 times the planning time.
+_PLANNING_LEAD_NS = 100_000_000
+_VELOCITY_LEAD_NS = 20_000_000  # for a velocity, which is planned in a millisecond
+_REPLAN_CHECK_PERIOD = 0.05  # s: between checks for moved gates
+_LEAD_FACTOR = 1.5
+_MAX_ATTEMPTS = 3
 _INACTIVE = Reply(accepted=False, text="the reference node is inactive: activate it first")
 
 
-class _Sent(NamedTuple):
-    """The version of the last window, the offset of its stamps, and when it was published."""
+class _PublishedWindow(NamedTuple):
+    """The last published window: version, offset of its stamps, time of publication [ns]."""
 
     version: object
     ahead_ns: int
@@ -56,25 +56,25 @@ class _Sent(NamedTuple):
 
 
 class ReferenceNode(ManagedNode[ReferenceConfig]):
-    """Wires the reference of a live flight to its topics and services.
+    """Connects the reference of a live flight to its topics and services.
 
-    The trajectory begins with the first odometry; until then its first sample is held. In the mode
-    ``on_request`` nothing is published until then, and the vehicle stands. While commands are
-    reported not to act, it waits at the vehicle. While the node is inactive the time of the flight
-    stands still.
+    The trajectory starts with the first odometry; before, its first sample is published. In the
+    mode ``on_request`` nothing is published before, and the vehicle stays on the ground. While
+    commands do not act, the reference waits at the vehicle. While the node is inactive, the time
+    of the flight is stopped.
 
-    The flight follows a clock that is never set. Windows are published by a separate thread, while
-    the executor plans: as soon as the reference changes, and otherwise every twentieth of a
-    window's length. That thread uses the reference only by :attr:`.LiveReference.published`, and
-    a thread that publishes or stops the time holds ``_publishing``.
+    The flight uses a steady clock. A separate thread publishes windows while the executor plans:
+    when the reference changes, and otherwise every twentieth of a window's length. That thread
+    accesses the reference only by :attr:`.LiveReference.published`. A thread that publishes or
+    stops the time holds the lock ``_publishing``.
     """
 
     _config: ReferenceConfig
     _live: LiveReference
-    _detours: Detours | None
+    _replanner: GateReplanner | None
 
     def __init__(self, *, hand_over: Callable[[ReferenceWindow], None] | None = None) -> None:
-        """Make it; ``hand_over`` passes windows to another node of the process."""
+        """Initialise; ``hand_over`` passes windows to another node of the process."""
         super().__init__("reference", ReferenceConfig)
         self._hand_over = hand_over
         self._newest_ns = 0
@@ -83,13 +83,13 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self.start()
 
     def configure(self, config: ReferenceConfig) -> None:
-        """Prepare the trajectory and listen."""
+        """Prepare the trajectory, publishers, subscriptions and services."""
         self._config = config
-        self._live, self._detours = self._prepared(), None
+        self._live, self._replanner = self._prepared(), None
         self._live.too_late = lambda start_ns: self._flight_ns() > start_ns
         self._time, self._stamps = FlightTime(), StampClock()
         self._request = ""
-        self._sent: _Sent | None = None
+        self._sent: _PublishedWindow | None = None
         self._renewal_ns = round(config.renewal_period * 1e9)
         self.health.lockstep = config.lockstep
         self._reference = self.health.publisher(topics.REFERENCE)
@@ -108,7 +108,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self.managed_subscription(topics.TRAJECTORY, self._on_trajectory)
         self.managed_subscription(topics.VELOCITY, self._on_velocity, expected=False)
         if config.trajectory == "gates":
-            self._lead_through_gates()
+            self._set_up_replanning()
         for name, request in (
             ("takeoff", self._live.take_off),
             ("start", self._live.start),
@@ -121,26 +121,26 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             self.managed_beat(1.0 / config.publish_rate, self._on_beat)
 
     def activate(self) -> None:
-        """Begin, or continue where it stopped."""
+        """Start, or continue at the time at which it stopped."""
         self._time.resume(self._now_ns())
         self._sent = None
         self._publish_path(self._live.planned_samples(self._flight_ns()))
 
     def deactivate(self) -> None:
         """Stop the time of the flight."""
-        with self._publishing:  # a window in progress still belongs to the flight
+        with self._publishing:  # complete a window in progress
             self._time.pause(self._now_ns())
 
     def loss_in_flight(self) -> str | None:
-        """Return that windows stop, None while no trajectory is flown."""
+        """Return that windows stop; None while no trajectory is flown."""
         if not self._live.started or self._live.mode(self._flight_ns()) == GROUND:
             return None
         return "no more reference, the MPC's failsafe takes over"
 
     def cleanup(self) -> None:
         """Release the trajectory."""
-        if self._detours is not None:
-            self._detours.close()
+        if self._replanner is not None:
+            self._replanner.close()
         del self._live
 
     def _prepared(self) -> LiveReference:
@@ -154,14 +154,14 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             self._config, trajectory, joined=(lambda: trajectory) if trajectory.smooth else joined
         )
 
-    def _lead_through_gates(self) -> None:
-        from quad_mpc_ros.extras.racing.detours import Detours
+    def _set_up_replanning(self) -> None:
+        from quad_mpc_ros.extras.racing.replanning import GateReplanner
 
         waits = self._config.lockstep
-        self._detours = Detours(self._config, self._live, waits=waits)
+        self._replanner = GateReplanner(self._config, self._live, waits=waits)
         self.managed_subscription(topics.GATES, self._on_gates, expected=False)
         if not waits:
-            self.managed_timer(_LOOKED_AT, self._on_detours)
+            self.managed_timer(_REPLAN_CHECK_PERIOD, self._replan)
 
     def _on_odometry(self, data: bytes) -> None:
         if not self.active:
@@ -169,7 +169,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         if not self._config.lockstep:
             self._stamps.note(cdr.header_stamp_ns(data), now_ns=self._now_ns())
             if not self._live.needs_odometry(self._flight_ns()):
-                return  # in real time most need not be decoded
+                return  # most odometries need no decoding in real time
         try:
             odometry = odometry_in(data)
         except ValueError:
@@ -184,7 +184,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         if starting or self._config.lockstep:
             self._newest_ns = odometry.stamp_ns
             if self._config.lockstep:
-                self._on_detours()
+                self._replan()
             with self._publishing:
                 self._publish(now_ns)
 
@@ -194,7 +194,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
                 self._publish(self._now_ns(), if_due=True)
 
     def _is_due(self, published: Published, now_ns: int) -> bool:
-        """Whether the last window is out of date, or ends too soon."""
+        """Return whether the last window is outdated or ends too soon."""
         sent = self._sent
         return (
             sent is None
@@ -246,26 +246,26 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._handle("trajectory", lambda now_ns: self._live.follow(now_ns, window))
 
     def _on_gates(self, message: Any) -> None:
-        """Take where the gates of the race are by now."""
-        assert self._detours is not None
+        """Receive the current poses of the gates."""
+        assert self._replanner is not None
         try:
             poses = conversions.poses_from_message(message, frame_id=self._config.frame_id)
-            self._detours.move(*poses)
+            self._replanner.move(*poses)
         except UserError as error:
             self._report_request("race", Reply(accepted=False, text=str(error)))
 
-    def _on_detours(self) -> None:
-        """Fly another way where gates have moved."""
-        if self._detours is None or not self.active:
+    def _replan(self) -> None:
+        """Replan the race if gates have moved, and report the result."""
+        if self._replanner is None or not self.active:
             return
-        reply = self._detours.poll(self._flight_ns())
+        reply = self._replanner.poll(self._flight_ns())
         if reply is not None:
             self._report_request("race", reply)
             if reply.accepted:
                 self._publish_path(self._live.planned_samples(self._flight_ns()))
 
     def _on_velocity(self, message: Any) -> None:
-        """Follow a velocity; its beginning and a refusal are logged."""
+        """Follow a velocity; log its start and refusals."""
         if not self.active:
             return
         try:
@@ -273,13 +273,13 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         except ValueError as error:
             self._report_request("velocity", Reply(accepted=False, text=str(error)))
             return
-        lead_ns = 0 if self._config.lockstep else _QUICK_LEAD_NS
+        lead_ns = 0 if self._config.lockstep else _VELOCITY_LEAD_NS
         reply = self._live.move(self._flight_ns() + lead_ns, command)
-        if reply is not None and reply is not TOO_LATE:  # the next one comes soon
+        if reply is not None and reply is not TOO_LATE:  # the next velocity follows soon
             self._report_request("velocity", reply)
 
     def _velocity_in(self, message: Any) -> VelocityCommand:
-        """Return a velocity received. Raises ``ValueError`` where it cannot be used."""
+        """Return a received velocity. Raises ``ValueError`` if it cannot be used."""
         frame_id, velocity, turn = conversions.twist_from_message(message)
         if frame_id not in ("", _BODY_FRAME, self._config.frame_id):
             raise ValueError(
@@ -293,7 +293,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         )
 
     def _handle(self, name: str, request: Callable[[int], Reply]) -> Reply:
-        """Pass a request to the flight, report its result, and publish the new path."""
+        """Execute a request, report its result and publish the new path."""
         reply = self._planned(request) if self.active else _INACTIVE
         self._report_request(name, reply)
         if reply.accepted:
@@ -301,21 +301,21 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         return reply
 
     def _planned(self, request: Callable[[int], Reply]) -> Reply:
-        """Make a request that begins late enough to be planned by then."""
-        if self._config.lockstep:  # time waits
+        """Execute a request with a lead time that is sufficient for planning."""
+        if self._config.lockstep:  # time is stopped while planning
             return request(self._flight_ns())
-        lead_ns = _LEAD_NS
+        lead_ns = _PLANNING_LEAD_NS
         reply = TOO_LATE
-        for _ in range(_TRIALS):
+        for _ in range(_MAX_ATTEMPTS):
             begun_ns = time.monotonic_ns()
             reply = request(self._flight_ns() + lead_ns)
             if reply is not TOO_LATE:
                 break
-            lead_ns = _LEAD_NS + round(_LONGER * (time.monotonic_ns() - begun_ns))
+            lead_ns = _PLANNING_LEAD_NS + round(_LEAD_FACTOR * (time.monotonic_ns() - begun_ns))
         return reply
 
     def _report_request(self, name: str, reply: Reply) -> None:
-        """Log and report the result of a request; a repeated refusal only once."""
+        """Log and report the result of a request; log a repeated refusal once."""
         before = self._request
         self._request = f"{name} {'accepted' if reply.accepted else 'refused'}: {reply.text}"
         if reply.accepted:
@@ -332,7 +332,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             return
         ahead_ns = self._stamps.ahead_ns
         window = replace(published.window(self._time.at(now_ns)), stamp_ns=now_ns + ahead_ns)
-        self._sent = _Sent(published.version, ahead_ns, now_ns)
+        self._sent = _PublishedWindow(published.version, ahead_ns, now_ns)
         if self._hand_over is not None:
             self._hand_over(window)
             if self._reference.get_subscription_count() == 0:
@@ -351,15 +351,15 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._path.publish(path)
 
     def _flight_ns(self) -> int:
-        """Return the time of the flight."""
+        """Return the time of the flight [ns]."""
         return self._time.at(self._now_ns())
 
     def _now_ns(self) -> int:
-        """Return the time of the flight's clock: in lockstep the stamp of the newest odometry."""
+        """Return the steady time, or in lockstep the stamp of the newest odometry [ns]."""
         return self._newest_ns if self._config.lockstep else self._steady.now_ns()
 
     def report(self) -> Health:
-        """Return what is flown."""
+        """Return the health: trajectory, mode and last request."""
         if self._live.started:
             text, level = "flying", OK
         elif self._live.waits:

@@ -1,4 +1,4 @@
-"""The simulator node: flies the plant on the wall clock, or in lockstep with the commands."""
+"""The simulator node: runs the plant in real time, or in lockstep with the commands."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from quad_mpc_ros.messages.topics import (
     REFERENCE,
 )
 from quad_mpc_ros.ros.clocks import create_steady_timer
-from quad_mpc_ros.ros.compiling import reported
+from quad_mpc_ros.ros.compiling import log_compilation
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import new_message
 from quad_mpc_ros.ros.spin import run, stop
@@ -36,27 +36,27 @@ from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant, Powered
 from quad_mpc_ros.simulation.sensors import OdometryStream, SentOdometry
 from quad_mpc_ros.simulation.surroundings import NOTHING_SENSED, configured_surroundings
 
-# s: in lockstep an odometry without an answer is sent again when nodes have been matched since,
-# otherwise much later: on a busy machine the answer may just be slow.
-_LOOK_PERIOD, _RESEND_PERIOD = 1.0, 5.0
-# s: longest wait for nodes that exist and do not publish yet; they may be compiling.
-_STARTING = 900.0
+# s: in lockstep an odometry without command is sent again after new matches, otherwise later:
+# on a busy machine the command may be slow.
+_RESEND_CHECK_PERIOD, _RESEND_PERIOD = 1.0, 5.0
+# s: longest wait for nodes without publishers, which may be compiling.
+_STARTUP_TIMEOUT = 900.0
 _LOG_PERIOD = 5.0
-# s: how long a wait for the subscribers lasts at least before it is logged, or a signal ends it.
+# s: a longer wait for subscribers is logged; a signal ends it after this time.
 _CONFIRMATION_PERIOD = 1.0
-_NEEDED = {"mpc": COMMAND, "reference": REFERENCE}
-# s: how often real time is polled when odometries are delayed and leave at irregular times
+_REQUIRED_TOPICS = {"mpc": COMMAND, "reference": REFERENCE}
+# s: polling period in real time if odometries leave at irregular times
 _POLL_PERIOD = 1e-3
 
 
 class RealTime:
-    """The plant follows the wall clock, whatever the controller does."""
+    """The plant follows the steady clock, whatever the controller does."""
 
     def __init__(self, node: SimulatorNode, plant: Plant) -> None:
         self._node, self._plant = node, plant
 
     def start(self) -> None:
-        """Start the wall clock of the flight; its stamps are those of the node's clock."""
+        """Start the flight; stamps are those of the node's clock."""
         config = self._node.config
         start_stamp_ns = int(self._node.get_clock().now().nanoseconds)
         self._started_ns = time.monotonic_ns()
@@ -68,7 +68,7 @@ class RealTime:
         self._tick()
 
     def receive_command(self, command: CommandSample) -> None:
-        """Fly up to now with the previous command, from now on with this one."""
+        """Simulate until now with the previous command, then apply this one."""
         self._fly_to(self._elapsed_ns())
         self._plant.apply(command)
 
@@ -87,7 +87,7 @@ class RealTime:
 
 
 class Lockstep:
-    """Simulated time, which waits for the command that answers the last odometry."""
+    """Simulated time that waits for the command with the stamp of the last odometry."""
 
     def __init__(self, node: SimulatorNode, plant: Plant) -> None:
         self._node, self._plant = node, plant
@@ -95,17 +95,17 @@ class Lockstep:
         self._clock = node.health.publisher(CLOCK)
         self._awaited: SentOdometry | None = None
         self._waiting_since = self._started = self._sent = 0.0
-        self._peers: list[tuple[str, str]] = []  # when it was sent
+        self._peers: list[tuple[str, str]] = []  # matched peers at that time
         self._unconfirmed = 0  # odometries, and measurements of the accelerometer in tens
 
     def start(self) -> None:
         """Send the first odometry."""
         self._started = time.monotonic()
-        create_steady_timer(self._node, _LOOK_PERIOD, self._resend)
+        create_steady_timer(self._node, _RESEND_CHECK_PERIOD, self._resend)
         self._step()
 
     def receive_command(self, command: CommandSample) -> None:
-        """Step if this is the awaited command, not if it is a repetition."""
+        """Step if this is the awaited command; ignore repetitions."""
         if self._awaited is not None and command.stamp_ns == self._awaited.odometry.stamp_ns:
             self._plant.apply(command)
             self._step()
@@ -125,14 +125,14 @@ class Lockstep:
         self._send(self._awaited)
 
     def _resend(self) -> None:
-        """Repeat what may have been lost, and fail after the timeout."""
+        """Repeat an odometry that may have been lost; fail after the timeout."""
         now = time.monotonic()
         waited = now - self._waiting_since
-        if self._awaited is None or waited < _LOOK_PERIOD:
+        if self._awaited is None or waited < _RESEND_CHECK_PERIOD:
             return
         starting = self._node.starting()
-        if starting and now - self._started < _STARTING:
-            self._waiting_since = now  # its time begins when they can answer
+        if starting and now - self._started < _STARTUP_TIMEOUT:
+            self._waiting_since = now  # the timeout starts when they can respond
             self._node.get_logger().info(
                 f"waiting for {starting}, which compiles at the first start after an installation",
                 throttle_duration_sec=_LOG_PERIOD,
@@ -148,7 +148,7 @@ class Lockstep:
             self._send(self._awaited)
 
     def _send(self, sent: SentOdometry) -> None:
-        """Publish the time of sending, the stamp and the delay, and the odometry.
+        """Publish the simulated time of sending and the odometry.
 
         A repetition is the same message: noise is drawn once.
         """
@@ -160,7 +160,7 @@ class Lockstep:
 
 
 class SimulatorNode(ReportingNode[SimulatorConfig]):
-    """Wires the plant to its topics, in real time or in lockstep."""
+    """Connects the plant to its topics, in real time or in lockstep."""
 
     def __init__(self) -> None:
         super().__init__("simulator", SimulatorConfig)
@@ -170,7 +170,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         self._fault: str | None = None
         self._running = False
 
-        with reported(self):
+        with log_compilation(self):
             compile_plant(self.config)
         pacing = Lockstep if self.config.lockstep else RealTime
         plant = make_plant(self.config)
@@ -193,16 +193,14 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         self.create_service(Trigger, "~/start", self._on_start)
 
     def begin(self) -> None:
-        """Start the clock, unless a service will."""
+        """Start the flight, unless the service ``~/start`` does."""
         if self.config.autostart:
             self._start()
 
     def publish(self, sent: SentOdometry) -> None:
-        """Publish an odometry, what is seen with it, and the battery's voltage if measured.
+        """Publish IMU samples until an odometry, the odometry, battery voltage and perception.
 
-        Before it what an accelerometer measured until then.
-
-        The flight ends where the vehicle has flown into something.
+        The flight ends at a collision.
         """
         if self._collided:
             return
@@ -214,23 +212,23 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         if sent.voltage is not None and self._battery is not None:
             stamp_ns = sent.odometry.stamp_ns
             self._battery.publish(cdr.written_battery(sent.voltage, stamp_ns=stamp_ns))
-        self._look(sent)
+        self._publish_perception(sent)
 
-    def _look(self, sent: SentOdometry) -> None:
-        """Publish what a sensor sees, and end the flight if it has flown into something."""
+    def _publish_perception(self, sent: SentOdometry) -> None:
+        """Publish the obstacle sensor's messages, and end the flight at a collision."""
         measured_ns = sent.time_ns - round(1e9 * self.config.odom_delay)
         if measured_ns <= self._newest_ns:  # sent again
             return
         self._newest_ns = measured_ns
-        seen, collision = NOTHING_SENSED, None
+        perception, collision = NOTHING_SENSED, None
         if self._surroundings is not None:
-            seen = self._surroundings.look(sent.truth, measured_ns)
+            perception = self._surroundings.look(sent.truth, measured_ns)
             collision = self._surroundings.collision(sent.truth, measured_ns)
-        if seen.cloud is not None and self._clouds is not None:
-            self._clouds.publish(written_point_cloud(seen.cloud))
-        if seen.markers and self._markers is not None:
+        if perception.cloud is not None and self._clouds is not None:
+            self._clouds.publish(written_point_cloud(perception.cloud))
+        if perception.markers and self._markers is not None:
             message = new_message(OBSTACLE_MARKERS.type_name)
-            message.markers = [filled_marker(each, new=new_message) for each in seen.markers]
+            message.markers = [filled_marker(each, new=new_message) for each in perception.markers]
             self._markers.publish(message)
         if collision is not None:
             self._collided = True
@@ -238,10 +236,10 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
             self.finish()
 
     def await_subscribers(self) -> bool:
-        """Wait until reliable subscribers, the recorder among them, have every odometry.
+        """Wait until all reliable subscribers, also the recorder, have every odometry.
 
-        They then also have what other nodes published before: shared memory has one queue of 512
-        messages for a process, which discards what exceeds them. Return false if the flight ends.
+        Then they also have the earlier messages of other nodes: shared memory has one queue of 512
+        messages per process, and drops further ones. Returns false if the flight ends.
         """
         timeout, started = self.config.lockstep_timeout, time.monotonic()
         period = Duration(seconds=min(_CONFIRMATION_PERIOD, timeout))
@@ -261,12 +259,12 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         return True
 
     def starting(self) -> str:
-        """Return which nodes of the vehicle exist and do not publish yet."""
+        """Return the nodes of the vehicle that exist but do not publish yet."""
         space = self.get_namespace()
         there = {name for name, other in self.get_node_names_and_namespaces() if other == space}
         return " and ".join(
             name
-            for name, topic in _NEEDED.items()
+            for name, topic in _REQUIRED_TOPICS.items()
             if name in there and not self.count_publishers(topic.name)
         )
 
@@ -299,7 +297,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
             self._pacing.receive_command(conversions.command_from_message(message))
 
     def report(self) -> Health:
-        """Return whether the flight runs, and what ended it."""
+        """Return the health: whether the flight runs, and its error."""
         text = self._fault or ("running" if self._running else "waiting for ~/start")
         return Health(
             level=ERROR if self._fault else OK,

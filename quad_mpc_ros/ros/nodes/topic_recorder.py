@@ -1,4 +1,4 @@
-"""Receiving one topic from all its publishers, whatever quality of service each offers."""
+"""Reception of one topic from all publishers, with any quality of service."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from rclpy.subscription import Subscription
 
 from quad_mpc_ros.messages.topics import LOCKSTEP_DEPTH
 from quad_mpc_ros.ros.messages import message_class
-from quad_mpc_ros.ros.nodes.bag_qos import adapted
+from quad_mpc_ros.ros.nodes.bag_qos import strictest_common_profile
 
-_HANDOVER_S = 1.0  # in which a new subscription and the publishers find each other
+_OVERLAP_S = 1.0  # for a new subscription to match the publishers
 
 Receiver = Callable[[bytes, dict[str, int]], None]
-"""Takes a serialized message and rclpy's information on it."""
+"""Called with a serialized message and rclpy's message info."""
 
 
 class TopicRecorder:
-    """A subscription with the strictest quality of service that every publisher serves.
+    """A subscription with the strictest quality of service that matches every publisher.
 
-    When the publishers change, another subscription takes over if they serve more or less. For a
-    while both receive, so that nothing is lost, and duplicates are dropped.
+    If the publishers change, a new subscription with the new common quality takes over. Both
+    receive for a while, so that nothing is lost; duplicates are dropped.
 
-    Publishers number their messages. Missing numbers are messages lost in transit, as buffers
-    overflow in a process that is starved of the processor. They are counted while there is one
-    publisher, as rclpy does not say who sent a message.
+    Publishers number their messages. Missing numbers are messages lost in transit, for example
+    on a busy processor. They are counted while there is one publisher, because rclpy does not
+    report the publisher of a message.
     """
 
     def __init__(
@@ -46,20 +46,20 @@ class TopicRecorder:
         self._receive = receive
         self._leaving: Subscription | None = None
         self._leaves_at_s = 0.0
-        self._seen: set[tuple[int, bytes]] = set()
-        self._newest_seen: deque[tuple[int, bytes]] = deque(maxlen=LOCKSTEP_DEPTH)
+        self._received_keys: set[tuple[int, bytes]] = set()
+        self._recent_keys: deque[tuple[int, bytes]] = deque(maxlen=LOCKSTEP_DEPTH)
         self._reported: set[str] = set()
         self._closed = False
         self._newest: int | None = None
         self.lost_count = 0
-        """How many messages were lost in transit."""
+        """Number of messages lost in transit."""
         self._profile = profile
         self._followed = 0
         self._subscription = self._subscribe()
 
     @property
     def publisher_count(self) -> int:
-        """Return the number of matched publishers, 0 until it has adapted to all of them."""
+        """Number of matched publishers, 0 until the subscription matches all of them."""
         return self._matched if self._matched <= self._followed else 0
 
     @property
@@ -67,7 +67,7 @@ class TopicRecorder:
         return int(self._subscription.get_publisher_count())
 
     def close(self) -> None:
-        """Receive no more, not even what the executor already holds."""
+        """Stop receiving, also messages that the executor already holds."""
         self._closed = True
         for subscription in (self._subscription, self._leaving):
             if subscription is not None:
@@ -75,13 +75,13 @@ class TopicRecorder:
         self._leaving = None
 
     def follow_publishers(self, now_s: float) -> None:
-        """Adapt to the publishers there are; ``now_s`` is of a monotonic clock [s]."""
+        """Adapt to the present publishers; ``now_s``: monotonic time [s]."""
         if self._leaving is not None:
             if now_s < self._leaves_at_s:
                 return
             self._node.destroy_subscription(self._leaving)
             self._leaving = None
-            self._seen.clear()
+            self._received_keys.clear()
         there, matched = self._node.count_publishers(self._topic), self._matched
         if there != self._followed or there > matched:
             self._adapt(now_s)
@@ -95,12 +95,12 @@ class TopicRecorder:
                 profiles.append(info.qos_profile)
             else:
                 self._report(info.topic_type)
-        served = adapted(profiles)
+        served = strictest_common_profile(profiles)
         if not profiles or served == self._profile:
             return
         self._profile = served
-        self._seen = set(self._newest_seen)  # a latched topic delivers them again
-        self._leaving, self._leaves_at_s = self._subscription, now_s + _HANDOVER_S
+        self._received_keys = set(self._recent_keys)  # latched topics deliver them again
+        self._leaving, self._leaves_at_s = self._subscription, now_s + _OVERLAP_S
         self._subscription = self._subscribe()
 
     def _report(self, type_name: str) -> None:
@@ -117,7 +117,7 @@ class TopicRecorder:
             self._topic,
             self._on_message,
             self._profile,
-            # Event handlers cost every wake-up, and incompatible publishers are noticed without.
+            # Event handlers cost time per wake-up; incompatible publishers are detected without.
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=True,
         )
@@ -127,15 +127,15 @@ class TopicRecorder:
             return
         key = (info["source_timestamp"], data)
         if self._leaving is not None:
-            if key in self._seen:
+            if key in self._received_keys:
                 return
-            self._seen.add(key)
-        self._newest_seen.append(key)
+            self._received_keys.add(key)
+        self._recent_keys.append(key)
         self._count_lost(info.get("publication_sequence_number"))
         self._receive(data, info)
 
     def _count_lost(self, number: int | None) -> None:
-        """Count the gap before a message, unless two subscriptions overlap."""
+        """Count missing numbers before a message, unless two subscriptions overlap."""
         newest, self._newest = self._newest, None if self._leaving is not None else number
         if newest is None or self._newest is None or self._newest <= newest + 1:
             return

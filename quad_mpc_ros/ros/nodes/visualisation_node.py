@@ -1,4 +1,4 @@
-"""The visualisation node: vehicle, trail, plan and thrust as markers, the pose as a transform."""
+"""The visualisation node: markers of vehicle, trail, plan and thrust; the pose on /tf."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from quad_mpc_ros.simulation.scene import Scene
 
 
 class VisualisationNode(ReportingNode[VisualisationConfig]):
-    """Publishes periodically the newest of what it has received since the last time."""
+    """Publishes markers of the newest received messages periodically."""
 
     def __init__(self) -> None:
         super().__init__("visualisation", VisualisationConfig)
@@ -44,7 +44,7 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         self._odometry: OdometrySample | None = None
         self._command: CommandSample | None = None
         self._plan: Any = None
-        self._heard = False
+        self._has_new_odometry = False
         self._corridor: HalfSpaces | None = None
         self._scene = _scene(self.config)
         course = _course(self.config)
@@ -73,7 +73,7 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         fault = odometry_fault(odometry, frame_id=odometry.frame_id)
         if fault is not None:
             return  # the controller warns about it
-        self._odometry, self._heard = odometry, True
+        self._odometry, self._has_new_odometry = odometry, True
         self._trail.add(odometry.stamp_ns, odometry.p_WB)
 
     def _on_command(self, message: Any) -> None:
@@ -83,13 +83,13 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         self._plan = message
 
     def _on_corridor(self, message: Any) -> None:
-        with contextlib.suppress(ValueError):  # the mpc writes no others
+        with contextlib.suppress(ValueError):  # of another sender
             self._corridor = corridor_from_message(message)
 
     def _show(self) -> None:
-        if self._odometry is None or not self._heard:
+        if self._odometry is None or not self._has_new_odometry:
             return
-        self._heard = False
+        self._has_new_odometry = False
         message = new_message(MARKERS.type_name)
         message.markers = self._drawn(self._odometry)
         self._markers.publish(message)
@@ -121,19 +121,19 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
                 drawn.append(markers.line_marker(markers.CORRIDOR, odometry, found, new=new))
         if self._scene is not None:
             drawn += _scene_markers(self._scene, odometry)
-        # Each is shown once: viewers drop what is not renewed.
+        # Each is published once: viewers drop expired markers.
         self._command = self._plan = self._corridor = None
         return drawn
 
     def report(self) -> Health:
-        """Return whether there is odometry to show."""
+        """Return the health: whether odometry was received."""
         if self._odometry is None:
             return Health(level=WARN, text="waiting for odometry")
         return Health(level=OK, text="showing")
 
 
 def _scene(config: VisualisationConfig) -> Scene | None:
-    """Return the obstacles of the configured file, None without one."""
+    """Return the obstacles in the configured file, or None."""
     if not config.obstacles_file:
         return None
     read = optional_part("read_scene", needed_by=f"{config.owner}.obstacles_file")
@@ -142,7 +142,7 @@ def _scene(config: VisualisationConfig) -> Scene | None:
 
 
 def _course(config: VisualisationConfig) -> Course | None:
-    """Return the course of the configured file, None without one."""
+    """Return the course in the configured file, or None."""
     if not config.gates:
         return None
     read = optional_part("read_course", needed_by=f"{config.owner}.gates")

@@ -1,5 +1,5 @@
-"""What can be found before a flight: findings, the checks that make them, and the facts they read.
+"""Preflight checks, their findings, and the facts that they read.
 
-The checks are functions without I/O. Nodes use those on their own parameters when they are
-configured, ``quad_mpc preflight`` uses all of them on what it gathers over DDS.
+The checks are functions without I/O. Nodes run the checks of their own parameters when they are
+configured; ``quad_mpc preflight`` runs all checks on facts that it collects over DDS.
 """

@@ -1,7 +1,7 @@
-"""Every check of a running vehicle before its flight, one function each, in one table.
+"""The table of all preflight checks, one function each.
 
-A check reads the facts and returns what it found: one finding that all is well, or what is to be
-mended or looked at, or nothing where there is nothing to judge.
+A check reads the facts and returns findings: one ok, or errors and warnings, or none if the check
+does not apply.
 """
 
 from __future__ import annotations
@@ -30,29 +30,29 @@ from quad_mpc_ros.ros.preflight.own import (
     lag_findings,
     throttle_findings,
 )
+from quad_mpc_ros.ros.preflight.reference import fence_findings, limits_findings, rates_findings
 from quad_mpc_ros.ros.preflight.thrust_map import thrust_map_findings
 from quad_mpc_ros.ros.preflight.vehicles import vehicle_findings
-from quad_mpc_ros.ros.preflight.way import fence_findings, limits_findings, rates_findings
 
-_ANY, _NONE = "", "none"
+_ANY_BRIDGE, _NO_BRIDGE = "", "none"
 
 
 def findings(facts: Facts) -> list[tuple[str, Finding]]:
-    """Return what every check finds, by its name, in the order of the table."""
+    """Return the findings of all checks with their names, in the order of the table."""
     return [(name, found) for name, check in CHECKS.items() for found in check(facts)]
 
 
 def nodes(facts: Facts) -> list[Finding]:
-    """Are the nodes there, once each, and active?"""
+    """Check that the nodes run, once each, and are active."""
     found = [
-        error(f"{node.count} nodes are called {name}", "end all but one, or give each a namespace")
+        error(f"{node.count} nodes are called {name}", "stop all but one, or use namespaces")
         for name, node in facts.nodes.items()
         if node.count > 1
     ]
     found += [
         error(
             f"{name}: {node.fault}",
-            "look at its log: it may still be compiling, or be of another release",
+            "read its log: it may be compiling, or be of another release",
         )
         for name, node in facts.nodes.items()
         if node.fault
@@ -60,7 +60,7 @@ def nodes(facts: Facts) -> list[Finding]:
     found += [*_missing(facts), *_inactive(facts)]
     found += [
         (error if node.level >= ERROR else warning)(
-            f"{name}: {node.health}", "docs/reference/diagnostics.md says what to do about it"
+            f"{name}: {node.health}", "look it up in docs/reference/diagnostics.md"
         )
         for name, node in facts.nodes.items()
         if name in (MPC_NODE, REFERENCE_NODE, SIMULATOR_NODE)
@@ -84,18 +84,18 @@ def _missing(facts: Facts) -> list[Finding]:
     if REFERENCE_NODE not in facts.nodes and not facts.peers(MPC_NODE, REFERENCE.name):
         found.append(error("no reference node", "start it, or publish reference yourself"))
     bridges = facts.bridges
-    if facts.bridge not in (_ANY, _NONE) and facts.bridge not in bridges:
+    if facts.bridge not in (_ANY_BRIDGE, _NO_BRIDGE) and facts.bridge not in bridges:
         there = f", there is {', '.join(bridges)}" if bridges else ""
-        found.append(error(f"{facts.bridge} does not run{there}", "start it, or name another"))
-    if facts.bridge == _NONE and bridges:
+        found.append(error(f"{facts.bridge} does not run{there}", "start it, or change --bridge"))
+    if facts.bridge == _NO_BRIDGE and bridges:
         found.append(
-            error(f"{', '.join(bridges)} runs, expected no bridge", "end it, or leave --bridge")
+            error(f"{', '.join(bridges)} runs, expected no bridge", "stop it, or omit --bridge")
         )
-    if facts.bridge == _ANY and not bridges and SIMULATOR_NODE not in facts.nodes:
+    if facts.bridge == _ANY_BRIDGE and not bridges and SIMULATOR_NODE not in facts.nodes:
         found.append(
             warning(
                 "neither a bridge nor a simulator runs",
-                "start one, or --bridge none if your own autopilot takes the commands",
+                "start one, or use --bridge none if your autopilot subscribes to the commands",
             )
         )
     return found
@@ -105,7 +105,7 @@ def _inactive(facts: Facts) -> list[Finding]:
     return [
         error(
             f"{name} is not active: {node.health or 'it has not reported its health'}",
-            "fix that; docs/reference/lifecycle.md explains manual activation",
+            "fix the reason; docs/reference/lifecycle.md explains manual activation",
         )
         for name, node in facts.nodes.items()
         if name in (MPC_NODE, REFERENCE_NODE) and node.state != "active"
@@ -113,7 +113,7 @@ def _inactive(facts: Facts) -> list[Finding]:
 
 
 def vehicles(facts: Facts) -> list[Finding]:
-    """Were the nodes given the same vehicle?"""
+    """Check that the nodes have the same vehicle."""
     given = {
         name: node.config.vehicle_values()
         for name, node in facts.nodes.items()
@@ -125,7 +125,7 @@ def vehicles(facts: Facts) -> list[Finding]:
 
 
 def file(facts: Facts) -> list[Finding]:
-    """Do the nodes have what the files of the command line state?"""
+    """Check that the nodes have the parameters of the files on the command line."""
     if not facts.stated:
         return []
     found, compared = [], []
@@ -148,12 +148,12 @@ def file(facts: Facts) -> list[Finding]:
                 )
             )
     if not compared:
-        return [unknown("no node runs whose parameters could be compared with the file")]
+        return [unknown("no running node has parameters of the file")]
     return found or [ok(f"{', '.join(compared)} as the file states")]
 
 
 def throttle(facts: Facts) -> list[Finding]:
-    """Does the throttle in hover leave room to both sides, for the MPC and the stack?"""
+    """Check that the hover throttle leaves a margin for the MPC and the stack."""
     mpc = facts.mpc
     if mpc is None:
         return [_NO_MPC]
@@ -166,7 +166,7 @@ def throttle(facts: Facts) -> list[Finding]:
 
 
 def topics(facts: Facts) -> list[Finding]:
-    """Do the nodes find each other on the topics of the flight, as they report it?"""
+    """Check that the nodes report matched peers on the topics of the flight."""
     wanted = {MPC_NODE: (ODOMETRY, REFERENCE, COMMAND), REFERENCE_NODE: (ODOMETRY,)}
     wanted |= dict.fromkeys((*facts.bridges, SIMULATOR_NODE), (COMMAND,))
     peers = {
@@ -211,7 +211,7 @@ def stack(facts: Facts) -> list[Finding]:
 
 
 def recorder(facts: Facts) -> list[Finding]:
-    """Is the flight recorded?"""
+    """Check that a recorder is active."""
     node = facts.nodes.get(RECORDER_NODE)
     if node is None:
         return [
@@ -223,7 +223,7 @@ def recorder(facts: Facts) -> list[Finding]:
 
 
 def lags(facts: Facts) -> list[Finding]:
-    """Does the model know that the vehicle lags?"""
+    """Check that the lags of the vehicle are modelled."""
     if facts.mpc is None or not facts.bridges:
         return []
     return lag_findings(facts.mpc) or [ok("modelled")]
@@ -247,7 +247,7 @@ CHECKS: dict[str, Check] = {
     "stack": stack,
     "recorder": recorder,
 }
-"""Every check by the name of its lines; docs/howto/preflight.md says what each means."""
+"""The checks by name; docs/howto/preflight.md explains them."""
 
 _NO_MPC = unknown("the parameters of mpc are unknown")
 

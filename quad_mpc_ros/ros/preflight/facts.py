@@ -1,4 +1,4 @@
-"""What is known of a running vehicle before its flight: what the checks read."""
+"""The facts about a running vehicle that the preflight checks read."""
 
 from __future__ import annotations
 
@@ -20,17 +20,16 @@ C = TypeVar("C", bound=Configuration)
 MPC_NODE, REFERENCE_NODE = "mpc", "reference"
 SIMULATOR_NODE, RECORDER_NODE = "simulator", "recorder"
 BRIDGE_SUFFIX = "_bridge"
-"""How the name of a bridge's node ends."""
+"""Suffix of the name of a bridge's node."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NodeFacts:
     """A node of the vehicle.
 
-    ``config`` is None where its parameters did not come or cannot be used; then ``fault`` says
-    why. ``state`` is that of its lifecycle, empty for a node without one. ``level`` and ``health``
-    are those of its newest diagnostics, empty before the first, and ``values`` are their values.
-    ``count`` is how many nodes have this name.
+    ``config`` is None if its parameters are missing or invalid; ``fault`` has the reason.
+    ``state`` is the lifecycle state, or empty. ``level``, ``health`` and ``values`` are those of
+    its newest diagnostics. ``count`` is the number of nodes with this name.
     """
 
     config: Configuration | None = None
@@ -45,15 +44,15 @@ class NodeFacts:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Arrival:
-    """An odometry and when it arrived, by the clock of the nodes [ns]."""
+    """An odometry and its time of arrival, by the clock of the nodes [ns]."""
 
     odometry: OdometrySample
     at_ns: int
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Course:
-    """What the reference leads along, as odometry of a vehicle on it, and the verdict on it."""
+class ReferenceSamples:
+    """Samples along the reference, as odometry, and the verdict of the reference check."""
 
     samples: tuple[OdometrySample, ...]
     verdict: Feasibility
@@ -61,44 +60,44 @@ class Course:
 
 @dataclass(frozen=True, kw_only=True)
 class Facts:
-    """All that was gathered.
+    """The collected facts.
 
     Attributes:
         nodes: By their names in the namespace.
-        bridge: The bridge asked for: the name of its node, ``none``, or empty for any.
+        bridge: The requested bridge: the name of its node, ``none``, or empty for any.
         has_clock: Whether a node publishes ``/clock``.
         arrivals: Odometries in order.
-        course: None where the reference's parameters give none here; then ``course_fault`` says
-            why.
-        stated: What files given on the command line state, by node and parameter.
+        reference_samples: None if they cannot be computed from the reference's parameters; then
+        ``reference_samples_error`` has the reason.
+        stated: Values in the files on the command line, by node and parameter.
     """
 
     nodes: Mapping[str, NodeFacts] = dataclasses.field(default_factory=dict)
     bridge: str = ""
     has_clock: bool = False
     arrivals: tuple[Arrival, ...] = ()
-    course: Course | None = None
-    course_fault: str = ""
+    reference_samples: ReferenceSamples | None = None
+    reference_samples_error: str = ""
     stated: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
 
     @property
     def mpc(self) -> MpcConfig | None:
-        """The parameters of the MPC, if they are known."""
+        """The parameters of the MPC, None if unknown."""
         return self._config(MPC_NODE, MpcConfig)
 
     @property
     def reference(self) -> ReferenceConfig | None:
-        """The parameters of the reference, if they are known."""
+        """The parameters of the reference, None if unknown."""
         return self._config(REFERENCE_NODE, ReferenceConfig)
 
     @property
     def bridges(self) -> dict[str, NodeFacts]:
-        """The bridges that run."""
+        """The running bridges."""
         return {name: node for name, node in self.nodes.items() if name.endswith(BRIDGE_SUFFIX)}
 
     @property
     def bridge_configs(self) -> dict[str, BridgeConfig]:
-        """The parameters of the bridges that run."""
+        """The parameters of the running bridges."""
         return {
             name: node.config
             for name, node in self.bridges.items()
@@ -106,7 +105,7 @@ class Facts:
         }
 
     def peers(self, name: str, topic: str) -> int | None:
-        """Return how many peers a node reports on a topic; None where it reports none."""
+        """Return the number of peers that a node reports on a topic; None without report."""
         node = self.nodes.get(name)
         count = None if node is None else node.values.get(f"{PEERS_KEY}{topic}")
         return None if count is None else int(count)

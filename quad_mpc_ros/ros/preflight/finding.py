@@ -1,4 +1,4 @@
-"""One thing that a check has found."""
+"""A finding of a preflight check."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from dataclasses import dataclass
 
 
 class Level(enum.IntEnum):
-    """How grave a finding is; its name is what people read."""
+    """Severity of a finding; its name is printed."""
 
     OK = 0
     UNKNOWN = 1
-    """Not judged: what it needs is missing."""
+    """Not checked: facts are missing."""
     WARNING = 2
-    """It may fly so."""
+    """The vehicle may fly."""
     ERROR = 3
-    """It must be mended first."""
+    """Must be fixed before the flight."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """What was found, and what to do about it; nothing where all is well."""
+    """A finding and its remedy, which is empty if none is needed."""
 
     level: Level
     sentence: str
@@ -33,20 +33,20 @@ class Finding:
 
 
 def ok(sentence: str) -> Finding:
-    """Return that all is well."""
+    """Return a finding without problem."""
     return Finding(level=Level.OK, sentence=sentence)
 
 
 def unknown(sentence: str) -> Finding:
-    """Return why something could not be judged."""
+    """Return a finding for a check with missing facts."""
     return Finding(level=Level.UNKNOWN, sentence=sentence)
 
 
 def warning(sentence: str, remedy: str) -> Finding:
-    """Return what may fly, and had better be looked at."""
+    """Return a warning."""
     return Finding(level=Level.WARNING, sentence=sentence, remedy=remedy)
 
 
 def error(sentence: str, remedy: str) -> Finding:
-    """Return what must be mended before a flight."""
+    """Return an error, which must be fixed before the flight."""
     return Finding(level=Level.ERROR, sentence=sentence, remedy=remedy)

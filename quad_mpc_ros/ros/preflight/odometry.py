@@ -1,4 +1,4 @@
-"""Checks of the odometry: its rate, clock, and its values at rest."""
+"""Checks of the odometry: rate, clock, and values at rest."""
 
 from __future__ import annotations
 
@@ -19,78 +19,78 @@ from quad_mpc_ros.ros.preflight.facts import SIMULATOR_NODE, Arrival, Facts
 from quad_mpc_ros.ros.preflight.finding import Finding, error, ok, unknown, warning
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
-_ENOUGH, _LONG_ENOUGH = 10, 1.0  # odometries, or seconds of them, to judge by
-_RATE_SHARE = 0.95  # of the control rate
-_JITTER_SHARE = 0.3  # of a period
-_CLOCK_OFF = 0.1  # s: a bridge passes no command that is older
-# At rest: positions within this [m], and then at most this speed [m/s], turn [rad/s], tilt [rad].
-_STILL, _SPEED, _TURN, _TILT = 0.05, 0.3, 0.2, 0.35
+_MIN_ODOMETRIES, _MIN_DURATION = 10, 1.0  # required odometries, or seconds
+_MIN_RATE_RATIO = 0.95  # of the control rate
+_MAX_JITTER_RATIO = 0.3  # of a period
+_MAX_CLOCK_OFFSET = 0.1  # s: bridges reject older commands
+# At rest: positions within [m]; then speed [m/s], body rate [rad/s] and tilt [rad] at most.
+_REST_RADIUS, _REST_SPEED, _REST_RATE, _REST_TILT = 0.05, 0.3, 0.2, 0.35
 _NO_ODOMETRY = unknown("no odometry came")
 
 
 def rate_findings(facts: Facts) -> list[Finding]:
-    """Does the odometry come often and regularly enough?"""
+    """Check rate and regularity of the odometry."""
     mpc, arrivals = facts.mpc, facts.arrivals
     if len(arrivals) < 2:
         return [
             error(
                 "no odometry came" if not arrivals else "one odometry came, and no more",
-                "start its source; the lines nodes and topics say what is missing",
+                "start its source; the checks nodes and topics show what is missing",
             )
         ]
     steps = [1e-9 * (b.odometry.stamp_ns - a.odometry.stamp_ns) for a, b in pairwise(arrivals)]
     duration = sum(steps)
     if duration <= 0.0:
         return [error(NOT_ADVANCING, "set header.stamp to the time of each measurement")]
-    if mpc is None or (len(arrivals) < _ENOUGH and duration < _LONG_ENOUGH):
+    if mpc is None or (len(arrivals) < _MIN_ODOMETRIES and duration < _MIN_DURATION):
         return [unknown(f"{len(arrivals)} odometries came, too few to judge their rate")]
     rate, found = len(steps) / duration, []
-    if rate < _RATE_SHARE * mpc.control_rate:
+    if rate < _MIN_RATE_RATIO * mpc.control_rate:
         found.append(
             warning(
-                f"odometry comes {rate:.1f} times a second, mpc.control_rate is "
-                f"{mpc.control_rate:g}: commands come no more often",
-                "raise the rate of its source, or lower control_rate",
+                f"odometry arrives at {rate:.1f} Hz, mpc.control_rate is {mpc.control_rate:g} Hz: "
+                "commands have the lower rate",
+                "increase the rate of the source, or reduce control_rate",
             )
         )
     if max(steps) > mpc.odom_timeout:
         found.append(
             warning(
-                f"{max(steps):.2f} s lie between two odometries, mpc.odom_timeout is "
-                f"{mpc.odom_timeout:g}",
-                "find out what holds its source up, or whether messages are lost on the way",
+                f"gap of {max(steps):.2f} s between two odometries, mpc.odom_timeout is "
+                f"{mpc.odom_timeout:g} s",
+                "check the source for delays and the link for lost messages",
             )
         )
     latencies = [1e-9 * (each.at_ns - each.odometry.stamp_ns) for each in arrivals]
     jitter = max(statistics.pstdev(steps), statistics.pstdev(latencies))
-    if jitter > _JITTER_SHARE * duration / len(steps):
+    if jitter > _MAX_JITTER_RATIO * duration / len(steps):
         found.append(
             warning(
-                f"odometry comes {rate:.1f} times a second with a jitter of {1e3 * jitter:.0f} ms",
-                "look at the load of the computer and at the link",
+                f"odometry arrives at {rate:.1f} Hz with a jitter of {1e3 * jitter:.0f} ms",
+                "check the load of the computer and the link",
             )
         )
-    return found or [ok(f"{rate:.1f} odometries a second, jitter {1e3 * jitter:.1f} ms")]
+    return found or [ok(f"{rate:.1f} Hz, jitter {1e3 * jitter:.1f} ms")]
 
 
 def clock_findings(facts: Facts) -> list[Finding]:
-    """Do all nodes use one clock, and are odometries stamped by it?"""
+    """Check that all nodes use one clock, and that the odometry is stamped with it."""
     found = _simulated_time(facts)
     if not facts.arrivals:
         return found or [_NO_ODOMETRY]
     ages = [1e-9 * (each.at_ns - each.odometry.stamp_ns) for each in facts.arrivals]
     least = min(ages, key=abs)
-    if abs(least) > _CLOCK_OFF:
+    if abs(least) > _MAX_CLOCK_OFFSET:
         side = "behind" if least > 0.0 else "ahead of"
         judged = error if facts.bridges else warning
         found.append(
             judged(
                 f"the odometry's stamps are {abs(least):.2f} s {side} the clock of this computer",
-                "set the clocks alike (chrony), or use_sim_time on all nodes: a bridge passes no "
-                "command whose stamp is off by more than 0.1 s",
+                "synchronise the clocks (chrony), or set use_sim_time on all nodes: a bridge "
+                "rejects commands with stamps off by more than 0.1 s",
             )
         )
-    return found or [ok(f"odometry is {1e3 * statistics.median(ages):.0f} ms old when it comes")]
+    return found or [ok(f"odometry is {1e3 * statistics.median(ages):.0f} ms old on arrival")]
 
 
 def _simulated_time(facts: Facts) -> list[Finding]:
@@ -104,7 +104,7 @@ def _simulated_time(facts: Facts) -> list[Finding]:
         return [
             error(
                 f"use_sim_time is on for {', '.join(on)}, off for {', '.join(off)}",
-                "set it alike on all nodes",
+                "set the same value on all nodes",
             )
         ]
     if on and not facts.has_clock:
@@ -113,15 +113,15 @@ def _simulated_time(facts: Facts) -> list[Finding]:
 
 
 def motion_findings(facts: Facts) -> list[Finding]:
-    """Would the MPC accept the odometry, and does it report rest while the vehicle rests?"""
+    """Check that the MPC accepts the odometry, and that its values are consistent."""
     mpc, arrivals = facts.mpc, facts.arrivals
-    if mpc is None or len(arrivals) < _ENOUGH:
+    if mpc is None or len(arrivals) < _MIN_ODOMETRIES:
         return [unknown("too few odometries came")]
     found = _refused(mpc, arrivals)
     if found:
         return found
     p_WB = np.array([each.odometry.p_WB for each in arrivals])
-    if float(np.abs(p_WB - p_WB.mean(axis=0)).max()) < _STILL:
+    if float(np.abs(p_WB - p_WB.mean(axis=0)).max()) < _REST_RADIUS:
         return _at_rest(mpc, arrivals) or [ok("at rest and level; twist agrees")]
     samples = [each.odometry for each in arrivals]
     turned = mpc.odometry.twist_frame == "world"
@@ -133,7 +133,7 @@ def motion_findings(facts: Facts) -> list[Finding]:
 
 
 def _refused(mpc: MpcConfig, arrivals: Sequence[Arrival]) -> list[Finding]:
-    """Return what the MPC would refuse."""
+    """Return the odometries that the MPC would reject."""
     gate = OdometryGate(mpc)
     reasons = Counter(
         reason for each in arrivals if (reason := gate.refusal(each.odometry, now_ns=each.at_ns))
@@ -144,14 +144,14 @@ def _refused(mpc: MpcConfig, arrivals: Sequence[Arrival]) -> list[Finding]:
     ((reason, _),) = reasons.most_common(1)
     return [
         judged(
-            f"the MPC would refuse {reasons.total()} of {len(arrivals)} odometries: {reason}",
+            f"the MPC would reject {reasons.total()} of {len(arrivals)} odometries: {reason}",
             "fix the source of the odometry",
         )
     ]
 
 
 def _at_rest(mpc: MpcConfig, arrivals: Sequence[Arrival]) -> list[Finding]:
-    """Return what does not fit a vehicle that stays where it is."""
+    """Return contradictions in the odometry of a vehicle at rest."""
     samples = [each.odometry for each in arrivals]
     v = np.array([each.v_WB_B for each in samples])
     if mpc.odometry.twist_frame == "child":
@@ -161,25 +161,25 @@ def _at_rest(mpc: MpcConfig, arrivals: Sequence[Arrival]) -> list[Finding]:
     turn = float(np.linalg.norm(np.mean([each.w_WB_B for each in samples], axis=0)))
     tilt = math.acos(min(max(statistics.fmean(each.up for each in samples), -1.0), 1.0))
     found = []
-    if speed > _SPEED:
+    if speed > _REST_SPEED:
         found.append(
             error(
                 f"the position does not change, but the twist reports {speed:.2f} m/s",
                 "fix the twist",
             )
         )
-    if turn > _TURN:
+    if turn > _REST_RATE:
         found.append(
             error(
                 f"the attitude does not change, but the twist reports {turn:.2f} rad/s",
                 "calibrate the gyroscope, or fix the twist",
             )
         )
-    if tilt > _TILT:
+    if tilt > _REST_TILT:
         found.append(
             warning(
-                f"the vehicle rests with a tilt of {tilt:.2f} rad, expected {_TILT:g} or less",
-                "put it level; if it is, its frames are not ENU and FLU",
+                f"the vehicle rests with a tilt of {tilt:.2f} rad, expected <= {_REST_TILT:g}",
+                "place it level; if it is level, the frames are not ENU and FLU",
             )
         )
     return found

@@ -1,6 +1,6 @@
-"""What a node finds in its own parameters: they can be used, and had better be looked at.
+"""Checks of a node's own parameters, for valid values that are probably not intended.
 
-What cannot be used at all is refused where it is declared (``Configuration.check``).
+Invalid values are rejected by ``Configuration.check``.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.ros.preflight.finding import Finding, warning
 
 STACK_FAULT_KEY, LANDED_KEY = "stack_fault", "landed"
-"""In a bridge's diagnostics: why its stack cannot be flown, and whether the vehicle has landed."""
+"""Keys in a bridge's diagnostics: error of the stack, and whether the vehicle has landed."""
 
-# Thrust over weight: below the first at full throttle wind and climbs saturate it, above the
-# second at the least throttle it hardly descends.
-_LEAST_LIFT, _MOST_IDLE = 1.4, 0.7
+# Thrust over weight: with less at full throttle, wind and climbs saturate the thrust; with more at
+# minimum throttle, the vehicle hardly descends.
+_MIN_LIFT, _MAX_IDLE = 1.4, 0.7
 # bytes: ten minutes at 50 Hz take about 30 MB.
-_SCARCE = 1_000_000_000
+_MIN_FREE_BYTES = 1_000_000_000
 
 
 def own_findings(config: Configuration) -> list[Finding]:
-    """Return what a node can judge by itself when it is configured."""
+    """Return the findings in a node's own parameters."""
     if isinstance(config, MpcConfig):
         lags = [] if config.lockstep else lag_findings(config)
         return [*lags, *throttle_findings(config), *limit_findings(config)]
@@ -36,29 +36,29 @@ def own_findings(config: Configuration) -> list[Finding]:
 
 
 def lag_findings(mpc: MpcConfig) -> list[Finding]:
-    """Return which lags are left out of the model."""
+    """Return a warning for lags that are not modelled."""
     if not mpc.unmodelled_lags:
         return []
     return [
         warning(
-            f"{', '.join(mpc.unmodelled_lags)} = 0: every real vehicle lags, and one that lags "
-            "more than modelled oscillates",
-            "set an estimate, and after a first flight what quad_mpc identify finds",
+            f"{', '.join(mpc.unmodelled_lags)} = 0: every real vehicle lags, and a vehicle that "
+            "lags more than modelled oscillates",
+            "set an estimate, and after a first flight the result of quad_mpc identify",
         )
     ]
 
 
 def throttle_findings(mpc: MpcConfig) -> list[Finding]:
-    """Return where the bounds on the throttle leave little room around hovering."""
+    """Return warnings for throttle bounds with little margin around hover."""
     weight = mpc.mass * mpc.gravity
     lift, idle = mpc.thrust(mpc.throttle_max) / weight, mpc.thrust(mpc.throttle_min) / weight
     tilt = mpc.limits.tilt_max
     found = []
-    if lift < _LEAST_LIFT:
+    if lift < _MIN_LIFT:
         found.append(
             warning(
                 f"at throttle_max {mpc.throttle_max:g} the motors lift {lift:.2f} times the "
-                f"weight, expected {_LEAST_LIFT:g} or more",
+                f"weight, expected {_MIN_LIFT:g} or more",
                 "check mass, motor_count and thrust_curve, or raise throttle_max",
             )
         )
@@ -66,28 +66,28 @@ def throttle_findings(mpc: MpcConfig) -> list[Finding]:
         found.append(
             warning(
                 f"at limits.tilt_max {tilt:g} rad and throttle_max {mpc.throttle_max:g} the "
-                f"motors lift {max(lift * math.cos(tilt), 0.0):.2f} times the weight: it would "
-                "sink",
+                f"motors lift {max(lift * math.cos(tilt), 0.0):.2f} times the weight: the vehicle "
+                "would sink",
                 f"set limits.tilt_max below {math.acos(1.0 / lift):.2f}",
             )
         )
-    if idle > _MOST_IDLE:
+    if idle > _MAX_IDLE:
         found.append(
             warning(
                 f"at throttle_min {mpc.throttle_min:g} the motors still lift {idle:.2f} times the "
-                f"weight, expected {_MOST_IDLE:g} or less: it hardly descends",
-                "lower throttle_min",
+                f"weight, expected {_MAX_IDLE:g} or less: the vehicle hardly descends",
+                "reduce throttle_min",
             )
         )
     return found
 
 
 def limit_findings(mpc: MpcConfig) -> list[Finding]:
-    """Return what the plan may do that the envelope does not allow."""
+    """Return warnings for limits of the plan beyond the envelope."""
     envelope, limits = mpc.envelope, mpc.limits
     planned = [("omega_max", max(mpc.omega_max), "envelope.rate_max", envelope.rate_max, "rad/s")]
     if mpc.on_manifold:
-        # No limit in the plan is one of any size; a tilt of pi and a speed of 100 m/s are any.
+        # A plan without limit is unlimited; so is a tilt of pi.
         tilt = limits.tilt_max or math.pi
         planned.append(("limits.tilt_max", tilt, "envelope.tilt_max", envelope.tilt_max, "rad"))
         if limits.speed_max:
@@ -97,8 +97,8 @@ def limit_findings(mpc: MpcConfig) -> list[Finding]:
             )
     return [
         warning(
-            f"{name} allows the plan {value:.3g} {unit}, {bound} is {most:.3g}, where the action "
-            f"is {envelope.action}",
+            f"{name} allows {value:.3g} {unit} in the plan, {bound} is {most:.3g} with action "
+            f"{envelope.action}",
             f"set {name} below {bound}",
         )
         for name, value, bound, most, unit in planned
@@ -107,13 +107,13 @@ def limit_findings(mpc: MpcConfig) -> list[Finding]:
 
 
 def bag_place(recorder: RecorderConfig) -> Path:
-    """Return the folder, which exists, below which the recorder writes its bag."""
+    """Return the existing folder below which the recorder writes its bag."""
     wanted = Path(recorder.directory).resolve().parent if recorder.directory else Path.cwd()
     return next(folder for folder in (wanted, *wanted.parents) if folder.exists())
 
 
 def free_bytes(place: Path) -> int:
-    """Return how much is free on the disk of a folder; 0 for one that cannot be looked at."""
+    """Return the free space on the disk of a folder [bytes]; 0 if unknown."""
     try:
         return shutil.disk_usage(place).free
     except OSError:
@@ -121,13 +121,13 @@ def free_bytes(place: Path) -> int:
 
 
 def disk_findings(place: Path, free: int) -> list[Finding]:
-    """Return whether the space on a disk is scarce, in bytes."""
-    if free >= _SCARCE:
+    """Return a warning if the free space [bytes] is low."""
+    if free >= _MIN_FREE_BYTES:
         return []
     return [
         warning(
-            f"{free / 1e6:.0f} MB are free where the bag is written ({place}), expected "
-            f"{_SCARCE / 1e6:.0f} MB",
-            "remove old bags, or set the recorder's directory to another disk",
+            f"{free / 1e6:.0f} MB free for the bag in {place}, expected "
+            f"{_MIN_FREE_BYTES / 1e6:.0f} MB",
+            "delete old bags, or set recorder.directory to another disk",
         )
     ]

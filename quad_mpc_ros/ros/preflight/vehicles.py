@@ -1,4 +1,4 @@
-"""Whether the nodes of a vehicle were given the same one."""
+"""Check that the nodes of a vehicle have the same vehicle parameters."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 from quad_mpc_ros.configuration.vehicle import LIFT_PARAMETERS, disagreements
 from quad_mpc_ros.ros.preflight.finding import Finding, error, warning
 
-# The simulator may fly another vehicle than its controller knows: to see what then happens.
+# The simulator may simulate another vehicle than the controller's, for tests.
 _SIMULATOR = "simulator"
 _REMEDY = "give every node the same vehicle file"
 
 
 def vehicle_findings(vehicles: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
-    """Return what differs between the vehicles of nodes: what must not, and what may."""
+    """Return errors and warnings for different vehicle parameters of nodes."""
     graver = carried_differently(vehicles)
     others = [
         text
@@ -30,9 +30,9 @@ def vehicle_findings(vehicles: Mapping[str, Mapping[str, Any]]) -> list[Finding]
 
 
 def carried_differently(vehicles: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
-    """Return an error where nodes that fly one vehicle differ in what carries it.
+    """Return an error if nodes of one vehicle differ in parameters of its lift.
 
-    The rest decides only how well it flies.
+    Other parameters affect only the tracking.
     """
     carried = {
         node: {name: values[name] for name in LIFT_PARAMETERS if name in values}

@@ -27,7 +27,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quad_mpc_ros.extras.bridges.betaflight import BetaflightBridge
-from quad_mpc_ros.extras.bridges.betaflight.rates import Curve, Stick
+from quad_mpc_ros.extras.bridges.betaflight.rates import RateCurve, Stick
 from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes
 
 MILLISECOND = 1_000_000
@@ -38,28 +38,28 @@ STEP = 10 * MILLISECOND
 @pytest.mark.parametrize(
     ("curve", "stick", "expected"),
     [
-        (Curve(kind="ACTUAL", rc_rate=7, super_rate=67, expo=0), 1.0, 670.0),
-        (Curve(kind="ACTUAL", rc_rate=7, super_rate=67, expo=54), 1.0, 670.0),
-        (Curve(kind="ACTUAL", rc_rate=20, super_rate=20, expo=0), 0.5, 100.0),
-        (Curve(kind="BETAFLIGHT", rc_rate=100, super_rate=70, expo=0), 1.0, 666.667),
-        (Curve(kind="BETAFLIGHT", rc_rate=100, super_rate=0, expo=0), 0.5, 100.0),
-        (Curve(kind="BETAFLIGHT", rc_rate=100, super_rate=0, expo=100), 0.5, 12.5),
-        (Curve(kind="QUICK", rc_rate=100, super_rate=67, expo=0), 1.0, 670.0),
-        (Curve(kind="QUICK", rc_rate=100, super_rate=20, expo=0), 0.5, 100.0),
-        (Curve(kind="ACTUAL", rc_rate=7, super_rate=250, expo=0, limit=1000.0), 1.0, 1000.0),
+        (RateCurve(kind="ACTUAL", rc_rate=7, super_rate=67, expo=0), 1.0, 670.0),
+        (RateCurve(kind="ACTUAL", rc_rate=7, super_rate=67, expo=54), 1.0, 670.0),
+        (RateCurve(kind="ACTUAL", rc_rate=20, super_rate=20, expo=0), 0.5, 100.0),
+        (RateCurve(kind="BETAFLIGHT", rc_rate=100, super_rate=70, expo=0), 1.0, 666.667),
+        (RateCurve(kind="BETAFLIGHT", rc_rate=100, super_rate=0, expo=0), 0.5, 100.0),
+        (RateCurve(kind="BETAFLIGHT", rc_rate=100, super_rate=0, expo=100), 0.5, 12.5),
+        (RateCurve(kind="QUICK", rc_rate=100, super_rate=67, expo=0), 1.0, 670.0),
+        (RateCurve(kind="QUICK", rc_rate=100, super_rate=20, expo=0), 0.5, 100.0),
+        (RateCurve(kind="ACTUAL", rc_rate=7, super_rate=250, expo=0, limit=1000.0), 1.0, 1000.0),
     ],
 )
-def test_curves_have_the_published_rates(curve: Curve, stick: float, expected: float) -> None:
+def test_curves_have_the_published_rates(curve: RateCurve, stick: float, expected: float) -> None:
     assert math.degrees(curve.rate(np.array([stick]))[0]) == pytest.approx(expected, rel=1e-4)
 
 
 def test_the_centre_of_actual_rates_has_their_sensitivity() -> None:
-    curve = Curve(kind="ACTUAL", rc_rate=7, super_rate=67, expo=50)
+    curve = RateCurve(kind="ACTUAL", rc_rate=7, super_rate=67, expo=50)
     assert math.degrees(curve.rate(np.array([1e-6]))[0]) == pytest.approx(70e-6, rel=1e-4)
 
 
 CURVES = st.builds(
-    Curve,
+    RateCurve,
     kind=st.sampled_from(("ACTUAL", "BETAFLIGHT", "QUICK")),
     rc_rate=st.integers(1, 200),
     super_rate=st.integers(1, 95),
@@ -68,8 +68,8 @@ CURVES = st.builds(
 
 
 @given(CURVES, st.floats(-1.0, 1.0))
-def test_the_pulse_that_asks_for_a_rate_makes_it(curve: Curve, share: float) -> None:
-    """The resolution is a microsecond of the stick; no pulse exceeds the range of the stick."""
+def test_the_pulse_that_asks_for_a_rate_makes_it(curve: RateCurve, share: float) -> None:
+    """To what a microsecond of the stick changes; no pulse goes beyond the stick."""
     stick = Stick(curve)
     rate = share * float(curve.rate(np.array([1.0]))[0])
     pulse = stick.pulse(rate)
@@ -81,7 +81,7 @@ def test_the_pulse_that_asks_for_a_rate_makes_it(curve: Curve, share: float) -> 
 
 
 def test_beyond_the_curve_the_stick_is_full() -> None:
-    stick = Stick(Curve(kind="ACTUAL", rc_rate=20, super_rate=20, expo=0))
+    stick = Stick(RateCurve(kind="ACTUAL", rc_rate=20, super_rate=20, expo=0))
     assert (stick.pulse(100.0), stick.pulse(-100.0)) == (2000.0, 1000.0)
 
 

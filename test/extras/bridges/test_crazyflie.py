@@ -207,8 +207,8 @@ def test_a_crazyflie_that_arms_itself_counts_as_disarmed_once_it_stands(new: New
         assert (None if found is None else found.accepted) is outcome
 
 
-def test_recorded_packets_of_a_firmware_prepare_a_session() -> None:
-    session, reader = Session(), crtp.Reader()
+def test_what_a_firmware_has_said_prepares_a_session_and_flies() -> None:
+    session, reader = Session(), crtp.PacketReader()
     infos = []
     list(session.requests(now_ns=T0))
     for packet in reader.read(SAID.read_bytes()):
@@ -254,7 +254,7 @@ def test_fuzzed_frames_change_nothing_that_they_should_not(new: New) -> None:
 @pytest.mark.parametrize("cuts", [1, 2, 3, 7])
 def test_a_stream_may_come_in_any_pieces(cuts: int) -> None:
     stream = SAID.read_bytes()
-    reader, whole = crtp.Reader(), list(crtp.Reader().read(stream))
+    reader, whole = crtp.PacketReader(), list(crtp.PacketReader().read(stream))
     pieces = [stream[place : place + cuts] for place in range(0, len(stream), cuts)]
     assert [packet for piece in pieces for packet in reader.read(piece)] == whole
 
@@ -336,7 +336,7 @@ def test_a_link_that_is_lost_while_it_is_opened_is_opened_again_and_late_errors_
     stack.CRTPPacket = object  # type: ignore[attr-defined]
     for name, module in (("cflib.crtp", cflib), ("cflib.crtp.crtpstack", stack)):
         monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.setattr("quad_mpc_ros.ros.bridges.line.AGAIN", 0.0)
+    monkeypatch.setattr("quad_mpc_ros.ros.bridges.line.RECONNECT_PERIOD", 0.0)
     line = CrazyflieLine(CrazyflieLink(uri="radio://0"))
     line.read()
     assert line.fault == "radio://0: too many packets lost"

@@ -14,7 +14,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.obstacles.moving import Movers
 from quad_mpc_ros.extras.obstacles.search import (
     Grid,
-    Workspace,
+    SearchBuffers,
     distance_at,
     fill,
     search,
@@ -34,7 +34,7 @@ def filled(points: Array, *, half: tuple[float, float] = (3.0, 1.0), cell: float
 def found(grid: Grid, start: Array, goal: Array, **given: Any) -> tuple[Array, bool]:
     """Search in a workspace of which another search has left its traces."""
     others: dict[str, Any] = {"keep": 0.4, "floor": -5.0, "speed": 1.0, "movers": NOTHING}
-    workspace = Workspace.of(grid.distances.size)
+    workspace = SearchBuffers.of(grid.distances.size)
     search(grid, goal, np.zeros(3), **others, workspace=workspace)
     return search(grid, start, goal, **{**others, **given}, workspace=workspace)
 

@@ -17,12 +17,12 @@ from quad_mpc_ros.control.config import ObstacleParameters
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.extras.obstacles import clouds, frames, markers, surroundings
+from quad_mpc_ros.extras.obstacles import clouds, frames, local_map_provider, markers
 from quad_mpc_ros.extras.obstacles import world as world_module
 from quad_mpc_ros.extras.obstacles.files import scene_of
-from quad_mpc_ros.extras.obstacles.surroundings import Surroundings
+from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider
 from quad_mpc_ros.extras.obstacles.voxels import VoxelMap
-from quad_mpc_ros.extras.obstacles.world import World
+from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 from quad_mpc_ros.messages.markers import filled_marker
 from quad_mpc_ros.messages.obstacle_messages import (
     ADD,
@@ -52,9 +52,9 @@ HERE = np.zeros(3)
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 
 
-def world(scene: Any = None, **parameters: Any) -> World:
+def world(scene: Any = None, **parameters: Any) -> ObstacleWorld:
     config = ObstacleParameters(**{"half_spaces": 8, **parameters})
-    return World(config, None if scene is None else scene_of(scene, "test"), radius=0.2)
+    return ObstacleWorld(config, None if scene is None else scene_of(scene, "test"), radius=0.2)
 
 
 def at(stamp_ns: int, p_WB: Any = (0.0, 0.0, 1.0), *, yaw: float = 0.0) -> OdometrySample:
@@ -82,7 +82,7 @@ def marker(number: int = 1, **fields: Any) -> Marker:
     return dataclasses.replace(base, **fields)
 
 
-def known(of: World, stamp_ns: int, *, near: Array = HERE, radius: float = 20.0) -> Array:
+def known(of: ObstacleWorld, stamp_ns: int, *, near: Array = HERE, radius: float = 20.0) -> Array:
     """Return what stands by the time of an odometry."""
     of.receive_odometry(at(stamp_ns))
     return of.points(stamp_ns, near=near, radius=radius)
@@ -159,7 +159,7 @@ class TestFrames:
             w.receive_cloud(cloud([[1, 2, 3]], SECOND, "a"))
 
     def test_unsound_transforms_are_refused(self) -> None:
-        with pytest.raises(ValueError, match="'b' that is none"):
+        with pytest.raises(ValueError, match="'b': not a rigid transform"):
             world().receive_transforms(
                 [Transform(stamp_ns=0, parent="a", child="b", p=HERE, q_xyzw=np.zeros(4))]
             )
@@ -185,7 +185,7 @@ class TestClouds:
         assert w.revision == before and not len(known(w, 5 * SECOND))
 
     def test_before_the_first_odometry_nothing_is_placed(self) -> None:
-        with pytest.raises(ValueError, match="no odometry yet"):
+        with pytest.raises(ValueError, match="without odometry"):
             world().receive_cloud(cloud([[1, 2, 3]], SECOND))
 
     def test_scans_are_forgotten_after_a_time_and_seen_points_stay(self) -> None:
@@ -291,7 +291,7 @@ def test_clouds_in_utm_coordinates_are_placed_to_a_millimetre(clouds: str, frame
     w.receive_cloud(PointCloud(stamp_ns=SECOND, frame_id=frame_id, p_SQ=wide, given=len(wide)))
     found = w.points(SECOND, near=UTM, radius=20.0)
     assert found == pytest.approx(ahead + UTM, abs=1e-3)
-    local = Surroundings(w).at(UTM, SECOND, radius=6.0, far=1.0)
+    local = LocalMapProvider(w).at(UTM, SECOND, radius=6.0, far=1.0)
     assert local.distances(ahead + UTM).max() < 1e-3
 
 
@@ -517,7 +517,7 @@ class TestNeighbours:
                 TimedPath(
                     stamp_ns=1, frame_id="odom", times_ns=np.zeros(2, np.int64), p=np.zeros((2, 3))
                 ),
-                "stamps do not rise",
+                "stamps do not increase",
             ),
             (
                 TimedPath(stamp_ns=1, frame_id="map", times_ns=np.arange(2), p=np.zeros((2, 3))),
@@ -601,19 +601,19 @@ def test_no_broken_bytes_are_fatal(seed: int) -> None:
     assert 100 < refused < 500
 
 
-Do = Callable[[World, Surroundings], object]
+Do = Callable[[ObstacleWorld, LocalMapProvider], object]
 AFTER_RESET = np.array([5.0, 0.0, 1.0])
 
 
 def between(
     call: Do, other: Do, before: Do = lambda w, around: None
-) -> Iterator[tuple[World, Surroundings]]:
+) -> Iterator[tuple[ObstacleWorld, LocalMapProvider]]:
     """Yield worlds and maps in which a call was interrupted by another, at each bytecode."""
-    made: list[tuple[World, Surroundings]] = []
+    made: list[tuple[ObstacleWorld, LocalMapProvider]] = []
 
     def prepare() -> tuple[Callable[[], object], Callable[[], object]]:
         w = world()
-        around = Surroundings(w)
+        around = LocalMapProvider(w)
         around.wake = lambda: None
         w.receive_odometry(at(SECOND))
         before(w, around)
@@ -621,24 +621,24 @@ def between(
         made.append((w, around))
         return lambda: call(w, around), lambda: other(w, around)
 
-    modules = world_module, clouds, frames, markers, surroundings
+    modules = world_module, clouds, frames, local_map_provider, markers
     for _ in interleaved(prepare, *modules, waits=lambda: made[-1][0]._lock.locked()):
         yield made[-1]
 
 
-def reset(w: World, around: Surroundings) -> None:
+def reset(w: ObstacleWorld, around: LocalMapProvider) -> None:
     step_W = AFTER_RESET - at(SECOND).p_WB
     w.reset_estimate(EstimateReset(stamp_ns=0, turn=0.0, step_W=step_W))
     around.forget()
     w.receive_odometry(at(SECOND, AFTER_RESET))
 
 
-def scan(w: World, around: Surroundings) -> None:
+def scan(w: ObstacleWorld, around: LocalMapProvider) -> None:
     with contextlib.suppress(ValueError):  # no odometry since the reset
         w.receive_cloud(cloud([[2, 0, 0]], SECOND, "base_link"))
 
 
-def give_map(w: World, around: Surroundings) -> None:
+def give_map(w: ObstacleWorld, around: LocalMapProvider) -> None:
     w.receive_cloud(cloud([[1, 2, 3]], SECOND))
 
 
@@ -656,9 +656,9 @@ class TestThreads:
             assert points.tolist() in ([], [[7.0, 0.0, 1.0]])
 
     def test_no_local_map_is_in_the_coordinates_before_a_reset(self) -> None:
-        def renew(w: World, around: Surroundings) -> None:
+        def update_map(w: ObstacleWorld, around: LocalMapProvider) -> None:
             give_map(w, around)
-            around.renew()
+            around.update_map()
 
-        for _, around in between(renew, reset, before=scan):
+        for _, around in between(update_map, reset, before=scan):
             assert len(around.at(HERE, SECOND, radius=6.0, far=1.0).points) < 2

@@ -14,7 +14,7 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.extras.racing.gate_passages import passages
 from quad_mpc_ros.extras.racing.gates import read_course
-from quad_mpc_ros.extras.racing.live_race import LiveRace, Way, smooth_part
+from quad_mpc_ros.extras.racing.live_race import GateTrajectory, LiveRace, smooth_part
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.references.course import Course
@@ -51,7 +51,7 @@ def led(begin: float, **moved: tuple[float, float, float]) -> tuple[LiveRace, An
     course, trajectory = raced()
     race = LiveRace(course, trajectory, planner=True)
     race.move(*poses(**moved))
-    return race, race.detour(trajectory, begin)
+    return race, race.replan_request(trajectory, begin)
 
 
 def missed(course: Course, trajectory: Trajectory) -> int:
@@ -64,7 +64,7 @@ def test_a_way_leaves_the_present_one_without_a_jump_and_passes_where_the_gates_
     course, trajectory = raced()
     there = course.moved(*poses(gate2=(0.0, 1.5, 0.3)))
     _, detour = led(0.5, gate2=(0.0, 1.5, 0.3))
-    way = detour.flown(smooth_part(detour, CONFIG), CONFIG)
+    way = detour.with_part(smooth_part(detour, CONFIG), CONFIG)
     assert missed(there, trajectory) == 1
     assert missed(there, way.trajectory) == 0
     leave_ns = round(1e9 * detour.leave_seconds)
@@ -97,18 +97,18 @@ def test_keeps_the_path_while_no_gate_moves(begin: float, moved: Any) -> None:
 
 def test_another_trajectory_is_left_alone() -> None:
     race, _ = led(0.5, gate2=(0.0, 1.5, 0.0))
-    assert race.detour(configured_trajectory(CONFIG), 0.5) is None
+    assert race.replan_request(configured_trajectory(CONFIG), 0.5) is None
 
 
 def test_reports_the_new_path_once() -> None:
     race, detour = led(0.5, gate2=(0.0, 1.5, 0.0))
-    way = detour.flown(smooth_part(detour, CONFIG), CONFIG)
+    way = detour.with_part(smooth_part(detour, CONFIG), CONFIG)
     assert race.take(detour, way).startswith("replanned: gate 2 moved 1.50 m, joins at 0.5")
-    assert race.detour(way.trajectory, 0.6) is None
+    assert race.replan_request(way.trajectory, 0.6) is None
     race.move(*poses(gate2=(0.0, 1.5, 0.0), gate3=(0.0, -1.0, 0.0)))
-    later = race.detour(way.trajectory, 1.5)
+    later = race.replan_request(way.trajectory, 1.5)
     assert later is not None and list(later.moved) == [3]
-    again = later.flown(smooth_part(later, CONFIG), CONFIG)
+    again = later.with_part(smooth_part(later, CONFIG), CONFIG)
     there = raced()[0].moved(*poses(gate2=(0.0, 1.5, 0.0), gate3=(0.0, -1.0, 0.0)))
     assert missed(there, again.trajectory) == 0
 
@@ -117,13 +117,13 @@ def test_what_the_vehicle_cannot_fly_is_refused() -> None:
     _, detour = led(0.5, gate2=(0.0, 1.5, 0.0))
     part = smooth_part(detour, CONFIG)
     with pytest.raises(UserError, match="beyond the limit"):
-        detour.flown(part, dataclasses.replace(CONFIG, limit_margin=0.99))
+        detour.with_part(part, dataclasses.replace(CONFIG, limit_margin=0.99))
 
 
 def test_a_trajectory_that_misses_a_gate_is_no_way() -> None:
     course, trajectory = raced()
     with pytest.raises(UserError, match="does not pass gate 2"):
-        Way.of(trajectory, course.moved(*poses(gate2=(0.0, 1.5, 0.0))))
+        GateTrajectory.of(trajectory, course.moved(*poses(gate2=(0.0, 1.5, 0.0))))
 
 
 def test_a_way_is_taken_only_for_what_is_flown_and_in_time() -> None:

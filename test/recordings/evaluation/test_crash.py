@@ -1,4 +1,4 @@
-"""Crashes of recorded flights, by their odometry: how :class:`Motion` judges is tested with
+"""Crashes of recorded flights, by their odometry: how :class:`TrackedMotion` judges is tested with
 campaigns.
 """
 
@@ -11,7 +11,7 @@ import pytest
 from fixtures.recorded_flights import reference_track
 from scipy.spatial.transform import Rotation
 
-from quad_mpc_ros.recordings.evaluation.crash import Motion, crash_of
+from quad_mpc_ros.recordings.evaluation.crash import TrackedMotion, crash_of
 from quad_mpc_ros.recordings.evaluation.metrics import summarise
 from quad_mpc_ros.recordings.flight import Flight
 
@@ -60,7 +60,7 @@ def test_a_swing_towards_a_jump_is_no_crash_where_odometry_is_missing(missing: i
     reference = np.tile([0.0, 0.0, 2.0], (len(flown), 1))
     reference[flown >= 50, 0] = 1.0
     swings = (flown >= 55) & (flown < 60)
-    motion = Motion(
+    motion = TrackedMotion(
         time=0.02 * flown,
         p_WB=np.tile([0.0, 0.0, 2.0], (len(flown), 1)),
         tilt=np.where(swings, 2.0, 0.0),

@@ -245,7 +245,7 @@ def test_refuses_handover_with_a_thrust_map_that_cannot_carry_the_vehicle(
         engaging = peer.engage.call_async(SetBool.Request(data=True))
         assert peer.fly(engaging.done)
         assert not engaging.result().success
-        assert "no throttle that carries the weight of 3.89 N" in engaging.result().message
+        assert "given hover throttle 1 for a weight of 3.89 N" in engaging.result().message
     finally:
         code = end(process)
     assert code == 0

@@ -17,7 +17,13 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.bridges.bridge import Bridge
 from quad_mpc_ros.ros.bridges.config import HandoverParameters
-from quad_mpc_ros.ros.bridges.handover import Ground, Handover, Stack, State, Surroundings
+from quad_mpc_ros.ros.bridges.handover import (
+    Ground,
+    Handover,
+    HandoverConditions,
+    HandoverState,
+    Stack,
+)
 
 New = Callable[[str], Any]
 
@@ -26,11 +32,11 @@ PERIOD = SECOND // 50
 PLACE = np.array([1.0, 2.0, 3.0])
 
 
-def advanced(handover: Handover, *stacks: Stack, obstacle: str = "") -> Handover:
+def advanced(handover: Handover, *stacks: Stack, blocker: str = "") -> Handover:
     """Let a stack speak, and commands come, one after the other."""
     for now_ns, stack in enumerate(stacks):
         handover.commanded(now_ns=now_ns)
-        handover.advance(stack, obstacle=obstacle, now_ns=now_ns)
+        handover.advance(stack, blocker=blocker, now_ns=now_ns)
     return handover
 
 
@@ -46,42 +52,42 @@ def engaged() -> Handover:
 
 def test_follows_the_documented_transitions() -> None:
     handover = offered()
-    assert handover.state is State.OFFERED
-    assert advanced(handover, Stack()).state is State.OFFERED
-    assert advanced(handover, Stack(takes_setpoints=True)).state is State.STANDBY
-    assert advanced(handover, READY).state is State.ENGAGED
+    assert handover.state is HandoverState.OFFERED
+    assert advanced(handover, Stack()).state is HandoverState.OFFERED
+    assert advanced(handover, Stack(takes_setpoints=True)).state is HandoverState.STANDBY
+    assert advanced(handover, READY).state is HandoverState.ENGAGED
     assert handover.reason == ""
     handover.release("released on request")
-    assert handover.state is State.RELEASED
+    assert handover.state is HandoverState.RELEASED
 
 
 @pytest.mark.parametrize(
     ("stack", "reason"),
     [
-        (Stack(armed=True, left="PX4 switched to hold"), "PX4 switched to hold"),
+        (Stack(armed=True, exit_reason="PX4 switched to hold"), "PX4 switched to hold"),
         (Stack(takes_setpoints=True), "disarming"),
         (Stack(fault="no status"), "no status"),
     ],
 )
 def test_takeover_releases_for_good(stack: Stack, reason: str) -> None:
     handover = advanced(engaged(), stack)
-    assert handover.state is State.RELEASED
+    assert handover.state is HandoverState.RELEASED
     assert reason in handover.reason
-    assert advanced(handover, *[READY] * 1000).state is State.RELEASED
+    assert advanced(handover, *[READY] * 1000).state is HandoverState.RELEASED
 
 
 def test_names_the_missing_commands_when_the_stack_leaves_the_mode_after_a_gap() -> None:
     handover = engaged()
-    stack = Stack(armed=True, left="PX4 switched to hold in a failsafe")
-    handover.advance(stack, obstacle="", now_ns=round(0.25 * SECOND))
+    stack = Stack(armed=True, exit_reason="PX4 switched to hold in a failsafe")
+    handover.advance(stack, blocker="", now_ns=round(0.25 * SECOND))
     assert "no fresh command came for 0.25 s, and PX4 switched to hold" in handover.reason
 
 
 @pytest.mark.parametrize("away", [0.6, -0.6, 100.0])
 def test_command_gap_releases(away: float) -> None:
     handover = engaged()
-    handover.advance(READY, obstacle="", now_ns=round(away * SECOND))
-    assert handover.state is State.RELEASED
+    handover.advance(READY, blocker="", now_ns=round(away * SECOND))
+    assert handover.state is HandoverState.RELEASED
     assert "without a fresh command" in handover.reason
 
 
@@ -100,16 +106,16 @@ actions = st.lists(
 @given(actions)
 def test_only_a_request_leaves_released(actions: list[Any]) -> None:
     handover, now_ns = offered(), 0
-    for fresh, stack, obstacle, elapsed_ns in actions:
+    for fresh, stack, blocker, elapsed_ns in actions:
         before, now_ns = handover.state, now_ns + elapsed_ns
-        handover.advance(stack, obstacle=obstacle, now_ns=now_ns)
+        handover.advance(stack, blocker=blocker, now_ns=now_ns)
         if fresh:
             handover.commanded(now_ns=now_ns)
-        if before is State.RELEASED:
-            assert handover.state is State.RELEASED
-        if handover.state is State.ENGAGED:
+        if before is HandoverState.RELEASED:
+            assert handover.state is HandoverState.RELEASED
+        if handover.state is HandoverState.ENGAGED:
             assert stack == READY
-        assert bool(handover.reason) is (handover.state is State.RELEASED)
+        assert bool(handover.reason) is (handover.state is HandoverState.RELEASED)
 
 
 def test_persistent_obstacle_ends_offer_and_brief_one_does_not() -> None:
@@ -117,11 +123,11 @@ def test_persistent_obstacle_ends_offer_and_brief_one_does_not() -> None:
     for now_ns in range(0, SECOND, PERIOD):
         handover.commanded(now_ns=now_ns)
         flickers = "too far" if (now_ns // PERIOD) % 10 else ""
-        handover.advance(Stack(takes_setpoints=True), obstacle=flickers, now_ns=now_ns)
-    assert handover.state is State.STANDBY
+        handover.advance(Stack(takes_setpoints=True), blocker=flickers, now_ns=now_ns)
+    assert handover.state is HandoverState.STANDBY
     for now_ns in range(SECOND, 2 * SECOND, PERIOD):
         handover.commanded(now_ns=now_ns)
-        handover.advance(Stack(takes_setpoints=True), obstacle="too far", now_ns=now_ns)
+        handover.advance(Stack(takes_setpoints=True), blocker="too far", now_ns=now_ns)
     assert "too far" in handover.reason
 
 
@@ -150,8 +156,8 @@ class Scene:
     landed: bool | None = False
     rises: float = 0.0
 
-    def obstacle(self) -> str:
-        surroundings = Surroundings(HandoverParameters())
+    def blocker(self) -> str:
+        surroundings = HandoverConditions(HandoverParameters())
         tilted = so3.quaternion_xyzw_from_rotation(so3.exp([self.tilt, 0.0, 0.0]))
         odometry = dataclasses.replace(
             OdometrySample.at_rest(PLACE, stamp_ns=T0), q_WB_xyzw=np.asarray(tilted)
@@ -163,7 +169,7 @@ class Scene:
         surroundings.reference.receive(window, T0)
         made = command(T0, w=self.w_WB_B)
         surroundings.command.receive((made, self.share), T0)
-        return surroundings.obstacle(landed=self.landed, now_ns=T0)
+        return surroundings.blocker(landed=self.landed, now_ns=T0)
 
 
 @pytest.mark.parametrize(
@@ -177,7 +183,7 @@ class Scene:
     ],
 )
 def test_holding_has_no_obstacle(scene: Scene) -> None:
-    assert scene.obstacle() == ""
+    assert scene.blocker() == ""
 
 
 @pytest.mark.parametrize(
@@ -196,7 +202,7 @@ def test_holding_has_no_obstacle(scene: Scene) -> None:
     ],
 )
 def test_refuses_handover_that_would_jump(scene: Scene, reason: str) -> None:
-    assert reason in scene.obstacle()
+    assert reason in scene.blocker()
 
 
 @pytest.mark.parametrize("kind", BRIDGES.values(), ids=BRIDGES)

@@ -39,7 +39,7 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes
 from quad_mpc_ros.ros.bridges.mavlink import MavlinkBridge
-from quad_mpc_ros.ros.bridges.mavlink.link import VehicleTime
+from quad_mpc_ros.ros.bridges.mavlink.link import VehicleClock
 
 MILLISECOND = 1_000_000
 STEP = 20 * MILLISECOND
@@ -314,7 +314,7 @@ def test_refuses_to_engage_with_unsafe_settings(known: dict[str, float], said: s
         (ARDUPILOT, {"ATC_RATE_R_MAX": 90.0}, "bound the body rates to 1.57, 0.00, 0.00 rad/s"),
         (ARDUPILOT, {"MOT_BAT_VOLT_MAX": 16.8}, "set thrust_map.battery_voltage to 0"),
         (PX4, {"COM_OF_LOSS_T": 2.0}, "COM_OF_LOSS_T is 2 s"),
-        (PX4, {"MPC_THR_HOVER": 0.6}, "MPC_THR_HOVER is 0.60, and the vehicle file says 0.29"),
+        (PX4, {"MPC_THR_HOVER": 0.6}, "MPC_THR_HOVER is 0.60, the vehicle file gives 0.29"),
     ],
 )
 def test_warns_of_odd_settings_once(autopilot: int, known: dict[str, float], said: str) -> None:
@@ -375,17 +375,17 @@ def test_stamps_are_right_to_half_of_the_round_trip(there: int, back: int) -> No
 @pytest.mark.parametrize("drift", [-0.04, 0.0, 0.015, 0.04])
 def test_stamps_follow_a_drifting_clock_by_answers_that_take_long(drift: float) -> None:
     """A simulation beside other work: its clock is slow, and one answer in twenty comes soon."""
-    dice, time = random.Random(5), VehicleTime()
+    dice, time = random.Random(5), VehicleClock()
     for k in range(600):  # a minute
         sent_ns = T0 + k * SECOND // 10
-        time.asked(now_ns=sent_ns)
+        time.note_request(now_ns=sent_ns)
         trip = 3 * MILLISECOND if k % 20 == 0 else dice.randrange(10, 60) * MILLISECOND
         read_ns = sent_ns + dice.randrange(trip)
         vehicle_ns = round((read_ns - T0) * (1.0 - drift))
-        time.answered(sent_ns=sent_ns, vehicle_ns=vehicle_ns, now_ns=sent_ns + trip)
-        assert abs(vehicle_ns + time.behind_ns - read_ns) <= trip
+        time.receive(sent_ns=sent_ns, vehicle_ns=vehicle_ns, now_ns=sent_ns + trip)
+        assert abs(vehicle_ns + time.offset_ns - read_ns) <= trip
         if k > 20:
-            assert abs(vehicle_ns + time.behind_ns - read_ns) < 70 * MILLISECOND
+            assert abs(vehicle_ns + time.offset_ns - read_ns) < 70 * MILLISECOND
 
 
 # Who flies.
@@ -659,7 +659,7 @@ def test_stands_in_for_a_ground_station_only_where_its_loss_has_no_consequences(
     onboard, station = (191, 18), (190, 6)
     assert types.count(onboard) == 2 and types.count(station) == 2 * announces
     if on_loss:
-        assert any("does not send its texts here" in each for each in bridge.take_warnings())
+        assert any("receives no texts of PX4" in each for each in bridge.take_warnings())
 
 
 # Landed state, battery and texts.

@@ -23,7 +23,7 @@ from quad_mpc_ros.ros.bridges.mavlink import MavlinkBridge
 
 @pytest.fixture(autouse=True)
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(line_module, "AGAIN", 0.02)
+    monkeypatch.setattr(line_module, "RECONNECT_PERIOD", 0.02)
 
 
 @contextlib.contextmanager
@@ -79,10 +79,10 @@ def test_answers_the_first_sender_until_it_is_silent(
         other.sendto(b"one", ("127.0.0.1", port))
         assert until(lambda: line.read() == b"one")
         third.sendto(b"stranger", ("127.0.0.1", port))
-        assert until(lambda: line.read() == b"" and "calls as well" in line.fault)
+        assert until(lambda: line.read() == b"" and "also sends" in line.fault)
         line.write(b"two")
         assert other.recv(100) == b"two"
-        monkeypatch.setattr(line_module, "_QUIET", 0.0)
+        monkeypatch.setattr(line_module, "_CALLER_TIMEOUT", 0.0)
         third.sendto(b"three", ("127.0.0.1", port))
         assert until(lambda: line.read() == b"three") and line.fault == ""
 
@@ -147,7 +147,7 @@ def test_a_read_ends_despite_continuous_input(other: socket.socket) -> None:
         line.read()
         for _ in range(200):
             other.sendto(bytes(2000), ("127.0.0.1", port))
-        assert until(lambda: 0 < len(line.read()) <= line_module._MOST + 2048)
+        assert until(lambda: 0 < len(line.read()) <= line_module._MAX_READ_BYTES + 2048)
 
 
 def test_a_node_flies_an_autopilot_at_the_other_end(other: socket.socket) -> None:

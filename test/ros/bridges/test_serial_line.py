@@ -89,7 +89,7 @@ def test_bytes_go_both_ways_as_they_are(terminal: Terminal) -> None:
 def test_reports_and_reopens_lost_port(
     terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(line_module, "AGAIN", 0.0)
+    monkeypatch.setattr(line_module, "RECONNECT_PERIOD", 0.0)
     line = SerialLine(Line(device=str(terminal.path), baud=115200))
     line.read()
     assert not line.fault

@@ -22,7 +22,7 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.messages import cdr, conversions
 from quad_mpc_ros.ros.clocks import SteadyTime
-from quad_mpc_ros.ros.commanders import Commanders
+from quad_mpc_ros.ros.command_ownership import CommandOwnership
 from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
 from quad_mpc_ros.ros.nodes.reference_node import ReferenceNode
 from quad_mpc_ros.ros.nodes.simulator_node import SimulatorNode
@@ -204,7 +204,7 @@ REQUESTS = (PoseStamped, MultiDOFJointTrajectory)
 def passing_time(monkeypatch: pytest.MonkeyPatch) -> Time:
     passing = Time()
     monkeypatch.setattr(SteadyTime, "now_ns", lambda _: passing.now_ns())
-    monkeypatch.setattr(Commanders, "discovers", False)  # no other node
+    monkeypatch.setattr(CommandOwnership, "is_discovering", False)  # no other node
     return passing
 
 

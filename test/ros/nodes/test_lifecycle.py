@@ -134,7 +134,7 @@ def test_warns_of_a_deactivation_in_flight(
     peer.deliver(*publishers)
     assert mpc.to("deactivate")
     assert mpc.reports("inactive")
-    warned = r"\[WARN\] .*inactive by request in flight: no more commands"
+    warned = r"\[WARN\] .*inactive on request in flight: no more commands"
     assert bool(re.search(warned, log.read_text())) is acts
 
 
@@ -483,7 +483,7 @@ def test_hundred_cycles_leak_nothing(
 @pytest.fixture
 def unfrozen(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Hide from the garbage collector what exists before the test, and nothing after that."""
-    monkeypatch.setattr("quad_mpc_ros.ros.lifecycle.settle_memory", lambda: None)
+    monkeypatch.setattr("quad_mpc_ros.ros.lifecycle.freeze_gc", lambda: None)
     gc.collect()
     gc.freeze()
     yield
@@ -498,7 +498,7 @@ def test_cleanup_releases_everything(
     """The test counts all objects of this process, so that not even a timer can leak."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(kind, "start", lambda _: None)
-    monkeypatch.setattr(kind, "obstacle", lambda _: None)
+    monkeypatch.setattr(kind, "activation_blocker", lambda _: None)
     node = kind()
     made = (Publisher, Subscription, Service, Client, Timer, EventHandler, BagWriter, Mpc)
 

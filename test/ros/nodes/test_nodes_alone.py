@@ -99,7 +99,7 @@ def test_warns_of_two_odometry_sources_and_zero_lags(
     assert peer.wait(lambda: not warned())
     log = (tmp_path / "mpc.log").read_text()
     assert log.count("input_delay = 0: every real vehicle lags") == 1
-    assert log.count("limits.tilt_max allows the plan 0.61 rad, envelope.tilt_max is 0.5") == 1
+    assert log.count("limits.tilt_max allows 0.61 rad in the plan, envelope.tilt_max is 0.5") == 1
 
 
 @pytest.mark.parametrize("node", NODES)

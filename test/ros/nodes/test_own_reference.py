@@ -26,7 +26,7 @@ def test_other_package_trajectory_declares_its_parameters() -> None:
         assert node.get_parameter("swing_width").value == 2.0
         assert "swing: angular frequency" in node.describe_parameter("swing_rate").description
         node.set_parameters([Parameter("swing_rate", value=1)])
-        config = parameters.settle()
+        config = parameters.finalize()
         assert config.flattened()["swing_rate"] == 1.0
     finally:
         node.destroy_node()

@@ -19,7 +19,7 @@ from rclpy.qos import qos_profile_sensor_data
 
 from quad_mpc_ros.messages import cdr
 from quad_mpc_ros.messages.diagnostics import OK
-from quad_mpc_ros.ros.commanders import DISCOVERING, Commanders
+from quad_mpc_ros.ros.command_ownership import DISCOVERING, CommandOwnership
 
 Start = Callable[..., Any]
 
@@ -70,7 +70,7 @@ def test_only_one_of_two_mpcs_sends_commands(
     def yields(name: str) -> bool:
         """Whether a node has logged that the other one is in command."""
         text = logs[name].read_text()
-        return "commands already" in text or "has commanded for longer" in text
+        return "already publishing" in text or "has commanded for longer" in text
 
     assert peer.wait(lambda: any(map(yields, names)))
     waits, flies = sorted(names, key=yields, reverse=True)
@@ -101,26 +101,27 @@ def health_of(name: str, values: list[tuple[str, str]]) -> bytes:
     return cdr.written_diagnostics(stamp_ns=0, level=OK, name=name, text="", values=values)
 
 
-def discovered(peer: Any, name: str) -> Commanders:
-    """Return the publishers of commands next to a new node, after discovery."""
+def discovered(peer: Any, name: str) -> CommandOwnership:
+    """Return what knows who commands beside a new node, after it has had time to find them."""
     node = peer.node
-    commanders = Commanders(node)
+    commanders = CommandOwnership(node)
     commanders.watch(node.create_publisher(TwistStamped, name, qos_profile_sensor_data))
-    assert commanders.discovers
-    commanders.hear()
-    assert peer.wait(lambda: not commanders.discovers)
+    assert commanders.is_discovering
+    commanders.note_message()
+    assert peer.wait(lambda: not commanders.is_discovering)
     return commanders
 
 
 def test_any_other_publisher_of_commands_is_named(peer: Any) -> None:
     commanders = discovered(peer, "vehicle/command")
-    assert commanders.obstacle() is None
+    assert commanders.activation_blocker() is None
     other = peer.node.create_publisher(TwistStamped, "vehicle/command", qos_profile_sensor_data)
-    assert peer.wait(lambda: commanders.obstacle() is not None)
-    assert "/test_peer can publish /vehicle/command as well" in str(commanders.obstacle())
+    assert peer.wait(lambda: commanders.activation_blocker() is not None)
+    blocker = str(commanders.activation_blocker())
+    assert "/test_peer can publish /vehicle/command as well" in blocker
     assert "2 publishers on /vehicle/command, expected one: also /test_peer" in commanders.fault()
     peer.node.destroy_publisher(other)
-    assert peer.wait(lambda: commanders.obstacle() is None)
+    assert peer.wait(lambda: commanders.activation_blocker() is None)
     assert commanders.fault() == ""
 
 
@@ -128,21 +129,22 @@ def test_ignores_mpcs_in_other_namespaces(peer: Any) -> None:
     ours, theirs = discovered(peer, "a/command"), discovered(peer, "b/command")
     theirs.begin()
     ours.receive(health_of("/b/mpc", theirs.values()))
-    assert ours.obstacle() is None
+    assert ours.activation_blocker() is None
     assert ours.fault() == ""
 
 
 def test_an_inactive_mpc_may_wait_next_to_an_active_one(peer: Any) -> None:
     ours, theirs = discovered(peer, "command"), discovered(peer, "command")
-    assert peer.wait(lambda: ours.obstacle() is not None)
+    assert peer.wait(lambda: ours.activation_blocker() is not None)
     ours.receive(health_of("/standby", theirs.values()))
-    assert ours.obstacle() is None
+    assert ours.activation_blocker() is None
     theirs.begin()
     ours.receive(health_of("/standby", theirs.values()))
-    assert "/standby" in str(ours.obstacle()) and "commands already" in str(ours.obstacle())
+    blocker = str(ours.activation_blocker())
+    assert "/standby" in blocker and "is already publishing commands" in blocker
     theirs.end()
     ours.receive(health_of("/standby", theirs.values()))
-    assert ours.obstacle() is None
+    assert ours.activation_blocker() is None
 
 
 def test_exactly_one_of_two_active_mpcs_stops(peer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,7 +165,7 @@ class Claimants:
     """Two MPCs that start by themselves, and what is on its way from each to the other."""
 
     def __init__(self, node: Node, publishers: Sequence[Publisher]) -> None:
-        self.both = Commanders(node), Commanders(node)
+        self.both = CommandOwnership(node), CommandOwnership(node)
         self.active = [False, False]
         self._sent: tuple[list[bytes], list[bytes]] = [], []
         for each, publisher in enumerate(publishers):
@@ -173,7 +175,7 @@ class Claimants:
             self.deliver(each)
 
     def claim(self, each: int) -> None:
-        if self.both[each].obstacle() is None and self.both[each].claim(True):
+        if self.both[each].activation_blocker() is None and self.both[each].claim(True):
             self._report(each)
 
     def deliver(self, sender: int) -> bool:
@@ -185,7 +187,8 @@ class Claimants:
         receiver.receive(self._sent[sender].pop(0))
         if receiver.values() != before:
             self._report(1 - sender)
-        if receiver.claims and receiver.obstacle() is None and receiver.agreed():
+        free = receiver.activation_blocker() is None
+        if receiver.is_claiming and free and receiver.claim_is_granted():
             receiver.begin()
             self.active[1 - sender] = True
             self._report(1 - sender)

@@ -23,7 +23,7 @@ from quad_mpc_ros.ros.preflight.facts import (
     NodeFacts,
 )
 from quad_mpc_ros.ros.preflight.finding import Level
-from quad_mpc_ros.ros.preflight.way import course_of
+from quad_mpc_ros.ros.preflight.reference import sample_reference
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 NOW_NS = 50_000_000_000
@@ -66,7 +66,7 @@ def fit() -> Facts:
             "rates_bridge": NodeFacts(config=RatesConfig(), values=GROUNDED),
         },
         arrivals=arrivals(),
-        course=course_of(reference, read_bag=no_bag),
+        reference_samples=sample_reference(reference, read_bag=no_bag),
     )
 
 
@@ -98,7 +98,7 @@ def configured(name: str, **values: Any) -> Change:
         wanted = config.updated({key.replace("__", "."): each for key, each in values.items()})
         changed = with_node(name, config=wanted)(facts)
         if isinstance(wanted, ReferenceConfig):
-            changed = changed.changed(course=course_of(wanted, read_bag=no_bag))
+            changed = changed.changed(reference_samples=sample_reference(wanted, read_bag=no_bag))
         return changed
 
     return change
@@ -226,7 +226,7 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         "file",
         lambda facts: facts.changed(stated={"mpc": HEAVY}, nodes={}),
         UNKNOWN,
-        "no node runs whose parameters could be compared with the file",
+        "no running node has parameters of the file",
     ),
     # throttle
     "lifts little": (
@@ -251,7 +251,7 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         "throttle",
         configured("rates_bridge", thrust_map__kind="linear", thrust_map__full_thrust=3.0),
         ERROR,
-        "no throttle that carries the weight of 3.89 N",
+        "for a weight of 3.89 N, expected 0 to 1",
     ),
     # lags
     "no lags": (
@@ -265,13 +265,13 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         "limits",
         configured("mpc", envelope__tilt_max=0.5),
         WARNING,
-        "limits.tilt_max allows the plan 0.61 rad, envelope.tilt_max is 0.5",
+        "limits.tilt_max allows 0.61 rad in the plan, envelope.tilt_max is 0.5",
     ),
     "plans any tilt within an envelope": (
         "limits",
         configured("mpc", limits__tilt_max=0.0, envelope__tilt_max=0.7),
         WARNING,
-        "limits.tilt_max allows the plan 3.14 rad",
+        "limits.tilt_max allows 3.14 rad in the plan",
     ),
     "a reference faster than the envelope": (
         "limits",
@@ -330,7 +330,9 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
     ),
     "a way that is not known here": (
         "fence",
-        lambda facts: facts.changed(course=None, course_fault="there.csv does not exist"),
+        lambda facts: facts.changed(
+            reference_samples=None, reference_samples_error="there.csv does not exist"
+        ),
         UNKNOWN,
         "there.csv does not exist",
     ),
@@ -384,7 +386,7 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
             arrivals=(*facts.arrivals[:20], *facts.arrivals[40:]),
         ),
         WARNING,
-        "0.42 s lie between two odometries",
+        "gap of 0.42 s between two odometries",
     ),
     "irregular arrivals": (
         "rate",
@@ -445,7 +447,7 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
             "rate",
             lambda facts, rate=rate: facts.changed(arrivals=arrivals(3 * rate, period=1 / rate)),
             WARNING,
-            f"odometry comes {rate}.0 times a second, mpc.control_rate is 50",
+            f"odometry arrives at {rate}.0 Hz, mpc.control_rate is 50",
         )
         for rate in (2, 4, 5, 10, 30)
     },

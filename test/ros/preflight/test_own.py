@@ -46,5 +46,5 @@ def test_the_disk_is_that_of_the_bag(
 def test_a_recorder_finds_its_disk_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(own, "free_bytes", lambda place: 20_000_000)
     (found,) = own_findings(RecorderConfig(directory=str(tmp_path / "bag")))
-    assert f"20 MB are free where the bag is written ({tmp_path})" in found.text
+    assert f"20 MB free for the bag in {tmp_path}" in found.text
     assert not disk_findings(tmp_path, 10**10)

@@ -17,10 +17,10 @@ from quad_mpc_ros.extras.bridges.betaflight.lines import (
     FAILSAFE,
     HORIZON,
     MSP_OVERRIDE,
+    BetaflightTelemetry,
     MspProtocol,
-    Telemetry,
 )
-from quad_mpc_ros.extras.bridges.betaflight.rates import Curve, Stick
+from quad_mpc_ros.extras.bridges.betaflight.rates import RateCurve, Stick
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
@@ -28,7 +28,7 @@ from quad_mpc_ros.ros.bridges.bridge import (
     OutgoingBytes,
     Response,
 )
-from quad_mpc_ros.ros.bridges.handover import Stack, State, is_old
+from quad_mpc_ros.ros.bridges.handover import HandoverState, Stack, is_old
 from quad_mpc_ros.ros.bridges.line import Line
 
 _SECOND = 1_000_000_000
@@ -54,16 +54,16 @@ class BetaflightBridge(Bridge):
     Config = BetaflightConfig
 
     def __init__(self, config: BetaflightConfig, new: NewMessage) -> None:
-        self.patient = config.receiver == "pilot"
+        self.pilot_switches_mode = config.receiver == "pilot"
         super().__init__(config, new)
         self.line = Line(device=config.device, baud=config.baud)
         self.publications = ()
         self.subscriptions = [
             self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)
         ]
-        self._telemetry = Telemetry()
+        self._telemetry = BetaflightTelemetry()
         self._protocol = MspProtocol(self._telemetry)
-        self._curves: tuple[Curve, ...] = ()
+        self._curves: tuple[RateCurve, ...] = ()
         self._sticks: tuple[Stick, ...] = ()
         self._arming_ns: int | None = None
         self._lost_ns: int | None = None
@@ -140,7 +140,7 @@ class BetaflightBridge(Bridge):
             why = ", ".join(self._telemetry.blocks) or "no reason given"
             self._refuse_arming(f"Betaflight has not armed: {why}")
             self._arming_ns = None
-        self._flies = self._flies or self._handover.state is State.ENGAGED
+        self._flies = self._flies or self._handover.state is HandoverState.ENGAGED
 
     def _frame(self, now_ns: int) -> bytes:
         """Return the frame of the sticks as they must be now."""
@@ -157,7 +157,7 @@ class BetaflightBridge(Bridge):
     def _wanted(self, now_ns: int) -> tuple[float | None, _Rates]:
         """Return the throttle of the MPC's model, or None, and body rates [rad/s]."""
         still = 0.0, 0.0, 0.0
-        if self._handover.state is State.ENGAGED and self._flown is not None:
+        if self._handover.state is HandoverState.ENGAGED and self._flown is not None:
             command, flown_ns = self._flown
             if abs(now_ns - flown_ns) <= round(self._config.lost.after * _SECOND):
                 self._lost_ns = None

@@ -10,7 +10,7 @@ from quad_mpc_ros.ros.bridges.config import EstimatorConfig
 
 
 @dataclass(frozen=True, kw_only=True)
-class LostParameters(Configuration):
+class BetaflightLossParameters(Configuration):
     """What a vehicle does that the MPC has flown and does not fly any more."""
 
     owner = "lost"
@@ -56,4 +56,4 @@ class BetaflightConfig(EstimatorConfig):
     min_check: int = parameter(
         1050, doc="min_check of the flight controller.", unit="us", minimum=1000, maximum=1400
     )
-    lost: LostParameters = dataclasses.field(default_factory=LostParameters)
+    lost: BetaflightLossParameters = dataclasses.field(default_factory=BetaflightLossParameters)

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from quad_mpc_ros.extras.bridges.betaflight.rates import Curve
+from quad_mpc_ros.extras.bridges.betaflight.rates import RateCurve
 from quad_mpc_ros.messages import msp
 
 T = TypeVar("T")
@@ -30,7 +30,7 @@ _REASONS = (
 
 
 @dataclass(kw_only=True)
-class Telemetry:
+class BetaflightTelemetry:
     """What the flight controller has reported, and when it reported state and attitude.
 
     ``roll`` and ``pitch`` [rad] are about body x and y (FLU); ``modes`` are the active ones;
@@ -44,7 +44,7 @@ class Telemetry:
     roll: float = 0.0
     pitch: float = 0.0
     voltage: float = 0.0
-    curves: tuple[Curve, ...] = ()
+    curves: tuple[RateCurve, ...] = ()
     faults: list[str] = field(default_factory=list)
 
 
@@ -53,9 +53,9 @@ class MspProtocol:
 
     _BOXIDS, _STATUS, _ATTITUDE, _ANALOG, _RC_TUNING = 119, 101, 108, 110, 111
 
-    def __init__(self, telemetry: Telemetry) -> None:
+    def __init__(self, telemetry: BetaflightTelemetry) -> None:
         self._telemetry = telemetry
-        self._reader = msp.Reader()
+        self._reader = msp.MspReader()
         self._boxes: bytes = b""
         self._asked_ns: dict[int, int] = {}
         self._answers = {
@@ -129,7 +129,7 @@ class MspProtocol:
         name = _KINDS[kind] if kind < len(_KINDS) else str(kind)
         rates, expos = (roll_rate, pitch_rate, yaw_rate), (roll_expo, pitch_expo, yaw_expo)
         self._telemetry.curves = tuple(
-            Curve(kind=name, rc_rate=rate, super_rate=super_rate, expo=expo, limit=limit)
+            RateCurve(kind=name, rc_rate=rate, super_rate=super_rate, expo=expo, limit=limit)
             for rate, super_rate, expo, limit in zip(
                 rates, super_rates, expos, limits, strict=True
             )

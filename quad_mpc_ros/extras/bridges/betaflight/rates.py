@@ -20,7 +20,7 @@ _LEAST_DIVISOR = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
-class Curve:
+class RateCurve:
     """The curve of one axis: ``kind`` ACTUAL, BETAFLIGHT or QUICK; ``limit`` in deg/s."""
 
     kind: str
@@ -66,7 +66,7 @@ class Curve:
 class Stick:
     """The way back, for an axis: which pulse asks for a rate."""
 
-    def __init__(self, curve: Curve) -> None:
+    def __init__(self, curve: RateCurve) -> None:
         """Tabulate a curve at every microsecond."""
         self._offsets = np.arange(SPAN + 1.0)
         self._rates = curve.rate(self._offsets / SPAN)

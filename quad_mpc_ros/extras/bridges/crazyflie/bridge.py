@@ -53,7 +53,7 @@ class CrazyflieBridge(Bridge):
         self.subscriptions = [
             self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)
         ]
-        self._reader = crtp.Reader()
+        self._reader = crtp.PacketReader()
         self._session = Session()
         self._unlocking = 0
         self._sent_ns: int | None = None
@@ -131,7 +131,7 @@ class CrazyflieBridge(Bridge):
         text = "asked to hold position by itself"
         return Response(accepted=True, text=text, messages=[_sent(each) for each in packets])
 
-    def _see_ground(self, odometry: OdometrySample, now_ns: int) -> None:
+    def _update_ground(self, odometry: OdometrySample, now_ns: int) -> None:
         """Remember the height of the ground; the supervisor reports whether it stands."""
         if self.landed(now_ns=now_ns):
             self._ground_height = float(odometry.p_WB[2])

@@ -10,7 +10,7 @@ from quad_mpc_ros.ros.bridges.config import EstimatorConfig
 
 
 @dataclass(frozen=True, kw_only=True)
-class LostParameters(Configuration):
+class CrazyflieLossParameters(Configuration):
     """What the firmware is asked to do when the commands of the MPC stop in flight."""
 
     owner = "lost"
@@ -45,4 +45,4 @@ class CrazyflieConfig(EstimatorConfig):
         choices=("pose", "position", "none"),
     )
     external_rate: float = parameter(50.0, doc="How often.", unit="Hz", minimum=1.0, maximum=200.0)
-    lost: LostParameters = dataclasses.field(default_factory=LostParameters)
+    lost: CrazyflieLossParameters = dataclasses.field(default_factory=CrazyflieLossParameters)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from quad_mpc_ros.extras.bridges import crtp
-from quad_mpc_ros.ros.bridges.line import ReopenedLine
+from quad_mpc_ros.ros.bridges.line import ReconnectingLine
 
 _MOST_WAITING = 64  # packets
 
@@ -29,7 +29,7 @@ class CrazyflieLink:
         return CrazyflieLine(self)
 
 
-class CrazyflieLine(ReopenedLine):
+class CrazyflieLine(ReconnectingLine):
     """Packets, each after its length."""
 
     def __init__(self, link: CrazyflieLink) -> None:
@@ -40,11 +40,11 @@ class CrazyflieLine(ReopenedLine):
         self._driver: Any = None
         self._errors: deque[str] = deque(maxlen=1)
         self._sender: _Sender | None = None
-        self._reader = crtp.Reader()
+        self._reader = crtp.PacketReader()
 
     def read(self) -> bytes:
         """Return what has come, each packet after its length."""
-        if self._driver is None and not self._is_reopened():
+        if self._driver is None and not self._reconnect():
             return b""
         found = b""
         while (received := self._driver.receive_packet(0)) is not None:

@@ -24,7 +24,7 @@ _SILENT_NS = 1_000_000_000  # then it has been restarted, or is out of reach
 
 
 @dataclass(kw_only=True)
-class Telemetry:
+class CrazyflieTelemetry:
     """What the firmware has reported; ``info`` are bits of the supervisor."""
 
     heard_ns: int | None = None
@@ -35,7 +35,7 @@ class Telemetry:
 
 
 @dataclass(kw_only=True)
-class _Progress:
+class _Preparation:
     """How far the preparation is: modes not set yet, variables found, those asked for and when."""
 
     unset: set[str] = field(default_factory=lambda: set(_RATE_MODES))
@@ -66,8 +66,8 @@ class Session:
     """Prepares a Crazyflie, and again after it has been silent."""
 
     def __init__(self) -> None:
-        self.telemetry = Telemetry()
-        self._progress = _Progress()
+        self.telemetry = CrazyflieTelemetry()
+        self._progress = _Preparation()
 
     def receive(self, packet: crtp.Packet, *, now_ns: int) -> None:
         """Take a packet from the firmware."""
@@ -111,7 +111,7 @@ class Session:
 
     def _begin(self) -> None:
         self.telemetry.takes_rates = False
-        self._progress = _Progress()
+        self._progress = _Preparation()
 
     def _begin_after_silence(self, now_ns: int) -> None:
         heard_ns = self.telemetry.heard_ns

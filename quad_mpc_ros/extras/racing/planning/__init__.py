@@ -1,4 +1,4 @@
-"""Plans of minimum time through gates, made ahead by an optimiser (CasADi, the extra ``plan``).
+"""Time-optimal plans through gates, computed before the flight (CasADi, the extra ``plan``).
 
 May import simulation (parameters of rotors), references, control (model, config), configuration.
 """

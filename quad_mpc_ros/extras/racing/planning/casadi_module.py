@@ -1,4 +1,4 @@
-"""CasADi, imported when a plan is made."""
+"""CasADi, imported for a plan."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 
 from quad_mpc_ros.configuration import UserError
 
-_WHOLE = "casadi==3.6.7"  # as acados' wheel has it, which replaces files of any other CasADi
+_WHEEL = "casadi==3.6.7"  # the version in acados' wheel, which replaces files of other versions
 
 
 def casadi() -> Any:
-    """Return the module; raises :class:`UserError` where it cannot plan."""
+    """Return the module. Raises :class:`UserError` if it cannot plan."""
     fault = casadi_fault()
     if fault is not None:
         raise UserError(f"plan: {fault}")
@@ -22,9 +22,9 @@ def casadi() -> Any:
 
 @functools.cache
 def casadi_fault() -> str | None:
-    """Return why no race can be planned here, None if one can.
+    """Return the reason why no race can be planned, or None.
 
-    The wheel of acados brings a CasADi without IPOPT, which replaces files of another one.
+    The wheel of acados replaces files of an installed CasADi by a version without IPOPT.
     """
     try:
         module = importlib.import_module("casadi")
@@ -40,5 +40,5 @@ def casadi_fault() -> str | None:
     replaced = "" if installed == version else f" in place of {installed}"
     return (
         f"given CasADi {version}{replaced}, of another package and without IPOPT (as acados' "
-        f"wheel brings it), expected a whole one: pip install --force-reinstall --no-deps {_WHOLE}"
+        f"wheel brings it), expected a whole one: pip install --force-reinstall --no-deps {_WHEEL}"
     )

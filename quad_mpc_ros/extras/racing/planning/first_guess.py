@@ -1,8 +1,8 @@
-"""Where the optimiser begins: the course flown by a point, and the attitudes that its thrust has.
+"""First guess of the optimiser: the course flown by a point mass, with attitudes of its thrust.
 
-A point that accelerates in any direction at once is solved for in a second from straight lines,
-and is near the plan of the whole vehicle. Its thrust is smoothed over the time in which a vehicle
-turns, and the body turns with it by the shortest way, never about it.
+A point mass that accelerates in any direction is solved for in a second, and is near the plan of
+the vehicle. Its thrust is smoothed over the time in which a vehicle turns. The body follows the
+thrust with the shortest rotations, without rotation about it.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
 from quad_mpc_ros.extras.racing.planning.legs import CourseLeg
 from quad_mpc_ros.extras.racing.planning.limits import PlannedVehicle
 from quad_mpc_ros.extras.racing.planning.transcription import (
-    SHORTEST,
+    MIN_LEG_DURATION,
     Dynamics,
     Nodes,
-    Progress,
+    ProgressCallback,
     solve,
 )
 from quad_mpc_ros.references.course import Course
 
-_STEPS = 12  # a leg
-_SHARE = 0.85  # of the thrust: what a vehicle that has to turn makes of it
-_CRUISE = 0.6  # of the speed reached over a leg at full thrust, of the very first guess
-_SMOOTHED = 0.06  # s
-_FINE = 0.004  # s
-FEWEST_STEPS = 6  # a leg
-_ITERATIONS = 400
+_STEPS_PER_LEG = 12  # a leg
+_THRUST_SHARE = 0.85  # of the thrust that a turning vehicle can use
+_CRUISE_SHARE = 0.6  # of the speed reached over a leg at full thrust, of the very first guess
+_SMOOTHING_TIME = 0.06  # s
+_FINE_STEP = 0.004  # s
+MIN_STEPS = 6  # a leg
+_MAX_ITERATIONS = 400
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -41,11 +41,11 @@ def flown_by_a_point(
     vehicle: PlannedVehicle,
     *,
     lowest: float,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Nodes:
-    """Return the course as a point flies it in the least time: states p, v; inputs a.
+    """Return the time-optimal motion of a point mass: states p, v; inputs a.
 
-    Where the optimiser finds none, straight lines at a speed that is safe.
+    If the optimiser fails, it returns straight lines at a safe speed.
     """
     ca = casadi()
     x, u, h = ca.SX.sym("x", 6), ca.SX.sym("u", 3), ca.SX.sym("h")
@@ -53,7 +53,7 @@ def flown_by_a_point(
     pull = u - drag * x[3:6]
     after = ca.vertcat(x[0:3] + h * x[3:6] + h**2 / 2 * pull, x[3:6] + h * pull)
     force = u + ca.DM(vehicle.gravity * _UP)
-    most = max(_SHARE * vehicle.greatest, 1.05 * vehicle.gravity)
+    most = max(_THRUST_SHARE * vehicle.greatest, 1.05 * vehicle.gravity)
     free = np.full(6, np.inf)
     low = -free
     low[2] = lowest
@@ -70,7 +70,7 @@ def flown_by_a_point(
     )
     guess = _straight(course.start, legs, acceleration=most - vehicle.gravity)
     solved = solve(
-        legs, dynamics, guess, name="point", most_iterations=_ITERATIONS, progress=progress
+        legs, dynamics, guess, name="point", most_iterations=_MAX_ITERATIONS, progress=progress
     )
     return solved.nodes if solved.optimal else guess
 
@@ -79,23 +79,23 @@ def _straight(start: Array, legs: Sequence[CourseLeg], *, acceleration: float) -
     places = np.array([start, *(leg.p_WB for leg in legs)])
     ways = np.diff(places, axis=0)
     lengths = np.linalg.norm(ways, axis=1)
-    speeds = np.maximum(_CRUISE * np.sqrt(2.0 * acceleration * lengths), 1.0)
-    durations = np.maximum(lengths / speeds, 2.0 * SHORTEST)
-    shares = np.arange(_STEPS) / _STEPS
+    speeds = np.maximum(_CRUISE_SHARE * np.sqrt(2.0 * acceleration * lengths), 1.0)
+    durations = np.maximum(lengths / speeds, 2.0 * MIN_LEG_DURATION)
+    shares = np.arange(_STEPS_PER_LEG) / _STEPS_PER_LEG
     p = (places[:-1, None] + shares[:, None] * ways[:, None]).reshape(-1, 3)
-    v = np.repeat(ways / durations[:, None], _STEPS, axis=0)
+    v = np.repeat(ways / durations[:, None], _STEPS_PER_LEG, axis=0)
     p, v = np.vstack((p, places[-1:])), np.vstack((v, np.zeros((1, 3))))
     return Nodes(
         states=np.column_stack((p, v)),
         inputs=np.zeros((len(p) - 1, 3)),
         durations=durations,
-        counts=(_STEPS,) * len(legs),
+        counts=(_STEPS_PER_LEG,) * len(legs),
     )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class PosedMotion:
-    """A motion of the whole vehicle at n nodes, as flatness gives it.
+    """A motion of the vehicle at n nodes, from flatness.
 
     ``p``, ``v``, ``w`` (n, 3), ``q_wxyz`` (n, 4), ``thrust`` (n,) over mass.
     """
@@ -112,8 +112,8 @@ class PosedMotion:
 def with_attitudes(
     point: Nodes, vehicle: PlannedVehicle, *, yaw: float, longest_step: float
 ) -> PosedMotion:
-    """Return the motion of a point as a vehicle flies it, at steps of ``longest_step`` [s]."""
-    counts = np.maximum(FEWEST_STEPS, np.ceil(point.durations / longest_step)).astype(int)
+    """Return the motion of a point mass with attitudes, at steps of ``longest_step`` [s]."""
+    counts = np.maximum(MIN_STEPS, np.ceil(point.durations / longest_step)).astype(int)
     steps = np.repeat(point.durations / counts, counts)
     times = np.append(0.0, np.cumsum(steps))
     p, v = (_sampled(times, point.times, point.states[:, part]) for part in _POSITION_VELOCITY)
@@ -147,12 +147,12 @@ def _sampled(times: Array, knots: Array, values: Array) -> Array:
 
 
 def _smoothed_force(point: Nodes, times: Array, vehicle: PlannedVehicle) -> Array:
-    """Return the force over mass (n, 3) at times, a running mean; hovering at both ends."""
-    count = max(int(point.times[-1] / _FINE), 2)
+    """Return the running mean of the force over mass (n, 3) at times; hover at both ends."""
+    count = max(int(point.times[-1] / _FINE_STEP), 2)
     fine = np.linspace(0.0, point.times[-1], count)
     held = np.clip(np.searchsorted(point.times, fine, side="right") - 1, 0, len(point.inputs) - 1)
     force = point.inputs[held] + vehicle.gravity * _UP
-    half = max(round(_SMOOTHED / _FINE), 1)
+    half = max(round(_SMOOTHING_TIME / _FINE_STEP), 1)
     padded = np.vstack((np.tile(vehicle.gravity * _UP, (half, 1)), force))
     padded = np.vstack((padded, np.tile(vehicle.gravity * _UP, (half, 1))))
     sums = np.vstack((np.zeros((1, 3)), np.cumsum(padded, axis=0)))

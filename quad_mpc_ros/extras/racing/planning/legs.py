@@ -1,4 +1,4 @@
-"""A course as legs: what holds at the end of each, for a point or a whole vehicle."""
+"""A course as legs with constraints at their ends."""
 
 from __future__ import annotations
 
@@ -12,19 +12,18 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
 from quad_mpc_ros.references.course import Course, Finish, Gate
 
-_INSIDE = 1e-4  # m: what is planned at an edge is not to be judged outside of it
-_THROUGH = 1.0  # m/s, least speed through the plane of a gate
-BESIDE = 0.03  # m: so far in front of a gate is the node before that in it, and behind it the next
+_EDGE_TOLERANCE = 1e-4  # m: a plan at the edge must not be evaluated as outside
+_MIN_GATE_SPEED = 1.0  # m/s, least speed through the plane of a gate
+GATE_NODE_GAP = 0.03  # m, at least, from a gate's plane to the nodes before and behind it
 _ROUTE_WEIGHT, _RUN_OUT_WEIGHT = 1.0, 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Goal:
-    """What holds at the end of a leg.
+    """The constraints at the end of a leg.
 
-    Expressions of position and velocity (3,) each lie between bounds: ``expressions(p, v)``
-    returns (n,), ``lower`` and ``upper`` are (n,). ``depth(p)`` is how far a position is behind
-    the plane of a gate [m]; None of a ball.
+    ``expressions(p, v)`` (n,) of position and velocity (3,) are between ``lower`` and ``upper``
+    (n,). ``depth(p)`` is the distance behind the plane of a gate [m]; None for a ball.
     """
 
     expressions: Any
@@ -35,9 +34,9 @@ class Goal:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CourseLeg:
-    """A leg to a place (3,) [m]: its goal, whether it ends at rest, what its time weighs.
+    """A leg to a position (3,) [m]: its goal, whether it ends at rest, the weight of its time.
 
-    A leg without a goal is the way to stop behind a course that is ended in flight.
+    A leg without a goal stops the vehicle behind a course that ends in flight.
     """
 
     p_WB: Array
@@ -49,28 +48,28 @@ class CourseLeg:
 def legs_of(course: Course, *, margin: float, radius: float) -> list[CourseLeg]:
     """Return the legs of a course.
 
-    ``margin`` [m] is kept from the edges of the gates, and where they have a frame the vehicle's
-    ``radius`` [m] more. Raises :class:`UserError` for an opening that these fill.
+    ``margin`` [m] is the distance to keep from the edges of gates, plus the vehicle's ``radius``
+    [m] for planar gates. Raises :class:`UserError` for an opening that is too small.
     """
     places = course.places()
     legs = []
     for i, gate in enumerate(course.gates):
-        kept = _INSIDE + (margin if gate.R_WG is None else margin + radius)
+        kept = _EDGE_TOLERANCE + (margin if gate.R_WG is None else margin + radius)
         half = min(gate.half_width, gate.half_height)
         if half <= kept:
             raise UserError(
                 f"{course.source}: gates[{course.numbers[i]}]: unreachable: half of its opening "
                 f"is {half:g} m, what is kept from its edge {kept:.3g} m; lower --gate-margin"
             )
-        goal = _gate_goal(gate, margin=kept, way=places[i + 1] - places[i])
+        goal = _gate_goal(gate, margin=kept, direction=places[i + 1] - places[i])
         legs.append(CourseLeg(p_WB=gate.p_WG, goal=goal, at_rest=False, weight=_ROUTE_WEIGHT))
     end = course.end
     if end is not None:
         goal = _end_goal(end)
         legs.append(CourseLeg(p_WB=end.p_WB, goal=goal, at_rest=end.at_rest, weight=_ROUTE_WEIGHT))
     if end is None or not end.at_rest:
-        way = places[-1] - places[-2]
-        beyond = places[-1] + 4.0 * way / np.linalg.norm(way)
+        direction = places[-1] - places[-2]
+        beyond = places[-1] + 4.0 * direction / np.linalg.norm(direction)
         legs.append(CourseLeg(p_WB=beyond, goal=None, at_rest=True, weight=_RUN_OUT_WEIGHT))
     return legs
 
@@ -92,13 +91,13 @@ def _ball(place: Array, radius: float) -> Goal:
     )
 
 
-def _gate_goal(gate: Gate, *, margin: float, way: Array) -> Goal:
-    """Return what holds where a gate is passed that is come to by a ``way`` (3,)."""
+def _gate_goal(gate: Gate, *, margin: float, direction: Array) -> Goal:
+    """Return the constraints of a gate that is approached in a ``direction`` (3,)."""
     if gate.R_WG is None:
         return _ball(gate.p_WG, gate.half_width - margin)
     ca = casadi()
     axes, place = ca.DM(gate.R_WG), gate.p_WG
-    backward = gate.both_ways and float(way @ gate.R_WG[:, 0]) < 0.0
+    backward = gate.both_ways and float(direction @ gate.R_WG[:, 0]) < 0.0
     through = -axes[:, 0] if backward else axes[:, 0]
     half_width, half_height = gate.half_width - margin, gate.half_height - margin
 
@@ -114,7 +113,7 @@ def _gate_goal(gate: Gate, *, margin: float, way: Array) -> Goal:
     low = [0.0] if gate.is_round else [-half_width, -half_height]
     return Goal(
         expressions=expressions,
-        lower=np.array([0.0, *low, _THROUGH]),
+        lower=np.array([0.0, *low, _MIN_GATE_SPEED]),
         upper=np.array([0.0, *across, np.inf]),
         depth=lambda p: ca.dot(through, p - place),
     )

@@ -1,4 +1,4 @@
-"""What the vehicle can do, as the planner takes it from the parameters of MPC and simulator."""
+"""Limits of the vehicle for the planner, from the parameters of MPC and simulator."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from quad_mpc_ros.simulation.rotors.mixer import allocation
 
 ROTORS_PLANT = "rotors"
 MODELS = ("rates", "rotors")
-_SMALLEST_THRUST = 0.02  # of the weight: without thrust there is no attitude
+_MIN_THRUST_RATIO = 0.02  # of the weight: without thrust the attitude is undefined
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RotorLimits:
-    """The rotors by themselves.
+    """Limits of the rotors.
 
-    ``allocation`` (4, n) is the thrust [N] and the torque about each axis [N m] that a thrust of
-    each makes, ``least`` and ``greatest`` [N] bound each, ``inertia`` (3, 3) [kg m^2].
+    ``allocation`` (4, n) maps the rotors' thrusts to thrust [N] and torques [N m]; ``least`` and
+    ``greatest`` [N] bound each rotor's thrust; ``inertia`` (3, 3) [kg m^2].
     """
 
     allocation: Array
@@ -34,11 +34,11 @@ class RotorLimits:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlannedVehicle:
-    """The vehicle that a plan is made for; limits are after the margin.
+    """The vehicle of a plan, with limits after the margin.
 
     ``drag`` and ``rotor_drag`` (3,) [1/s], ``translational_lift`` [1/m], lags [s] with
     ``rate_time_constant`` (3,), ``omega_max`` (3,) [rad/s]; ``least`` and ``greatest`` bound the
-    thrust over mass [m/s^2]. ``rotors`` is None where they are not known.
+    thrust over mass [m/s^2]. ``rotors`` is None if unknown.
     """
 
     mass: float
@@ -57,11 +57,10 @@ class PlannedVehicle:
 def planned_vehicle(
     mpc: MpcConfig, simulator: SimulatorConfig, limits: FeasibilityParameters
 ) -> PlannedVehicle:
-    """Return what the MPC can ask of the vehicle, within the margin of ``limits``.
+    """Return the vehicle with the limits of the MPC and ``limits``, less the margin.
 
-    Bounds are those of the MPC and those of ``limits``, whichever are tighter; where the simulator
-    has the plant ``rotors``, each rotor's, too. ``limit_margin`` is the share of the way from
-    hovering to each bound that is left free.
+    The tighter bounds of both apply, and those of each rotor if the simulator has the plant
+    ``rotors``. ``limit_margin`` is the unused share between hover and each bound.
     """
     vehicle, share = mpc.vehicle(), 1.0 - limits.limit_margin
     hover = vehicle.hover_throttle
@@ -89,7 +88,7 @@ def planned_vehicle(
         rate_time_constant=np.array(per_axis(mpc.rate_time_constant)),
         thrust_time_constant=mpc.thrust_time_constant,
         omega_max=np.asarray(omega_max),
-        least=max(least, _SMALLEST_THRUST * vehicle.gravity),
+        least=max(least, _MIN_THRUST_RATIO * vehicle.gravity),
         greatest=greatest,
         rotors=rotors,
     )

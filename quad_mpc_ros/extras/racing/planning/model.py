@@ -1,16 +1,15 @@
-"""The equations of motion that a plan obeys, in CasADi: one step, and what bounds it.
+"""The equations of motion of a plan, in CasADi: one step and its bounds.
 
-Two of them have the position, the velocity, the quaternion q_WB (w, x, y, z) and the body rates:
+Both models have the states position, velocity, quaternion q_WB (w, x, y, z) and body rates:
 
 - ``rotors``: the inputs are the thrusts of the rotors, which change at once, as in P. Foehn,
   A. Romero, D. Scaramuzza, "Time-optimal planning for quadrotor waypoint flight", Science Robotics
   2021;
-- ``rates``: the inputs are commanded body rates and thrust over mass, which the vehicle follows
-  with first-order lags as in the MPC's model. The thrust over mass is a state. Where rotors are
-  known, each one's thrust is bounded, too.
+- ``rates``: the inputs are commanded body rates and thrust over mass, with first-order lags as in
+  the MPC's model. The thrust over mass is a state. If the rotors are known, each rotor's thrust is
+  bounded, too.
 
-Inputs are held over a step. What lags is solved for exactly, the rest by Runge-Kutta steps of
-order 4.
+Inputs are held over a step. Lags are solved exactly, the rest with Runge-Kutta steps of order 4.
 """
 
 from __future__ import annotations
@@ -25,24 +24,24 @@ from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
 from quad_mpc_ros.extras.racing.planning.limits import PlannedVehicle, RotorLimits
 
 P, V, Q, W, F = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13), slice(13, 14)
-"""Where position, velocity, quaternion, body rates and thrust over mass stand in a state."""
+"""Slices of position, velocity, quaternion, body rates and thrust over mass in a state."""
 THRUST = slice(3, 4)
-"""Where the thrust over mass stands in the inputs of ``rates``, after the body rates."""
+"""Slice of the thrust over mass in the inputs of ``rates``."""
 
-_SHORTEST_LAG = 0.002  # s
-_PARTS = 2  # Runge-Kutta steps in one
-_ROUNDING = 1e-6  # below the root
-_LOOKED_AT = (0.0, 0.2, 0.5, 1.0)  # of a step, where the thrusts of the rotors are bounded
+_MIN_LAG = 0.002  # s
+_SUBSTEPS = 2  # Runge-Kutta steps in one
+_ROOT_OFFSET = 1e-6  # below the root
+_SAMPLED_SHARES = (0.0, 0.2, 0.5, 1.0)  # of a step, at which the rotors' thrusts are bounded
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Model:
     """Functions of a state (nx,), inputs (nu,) and a time [s], and bounds.
 
-    ``step(x, u, h)`` is the state after ``h``; ``acceleration(x, u)`` (3,) that of the world;
+    ``step(x, u, h)`` is the state after ``h``; ``acceleration(x, u)`` (3,) is in the world;
     ``path(x, u, h)`` (nc,) of a step is bounded by ``path_bounds``, as are the inputs by
     ``input_bounds`` and the states by ``state_bounds``, each (lower, upper). ``hover`` are the
-    inputs of hovering, ``scale`` natural sizes of the inputs.
+    inputs of hover, ``scale`` the natural sizes of the inputs.
     """
 
     step: Any
@@ -56,28 +55,28 @@ class Model:
 
     @property
     def nx(self) -> int:
-        """Size of a state."""
+        """Number of states."""
         return len(self.state_bounds[0])
 
     @property
     def nu(self) -> int:
-        """Size of the inputs."""
+        """Number of inputs."""
         return len(self.hover)
 
 
 def rates_model(vehicle: PlannedVehicle) -> Model:
-    """Return the model commanded by body rates and thrust, with their lags."""
+    """Return the model with body rates and thrust as inputs, with lags."""
     ca = casadi()
     x, u, h = ca.SX.sym("x", 14), ca.SX.sym("u", 4), ca.SX.sym("h")
-    lags = np.maximum([*vehicle.rate_time_constant, vehicle.thrust_time_constant], _SHORTEST_LAG)
+    lags = np.maximum([*vehicle.rate_time_constant, vehicle.thrust_time_constant], _MIN_LAG)
     lagging, wanted = x[10:14], u
 
     def after(time: Any) -> Any:
         return wanted + (lagging - wanted) * ca.exp(-time / lags)
 
     body = x[0:10]
-    for number in range(_PARTS):
-        begin, length = h * (number / _PARTS), h / _PARTS
+    for number in range(_SUBSTEPS):
+        begin, length = h * (number / _SUBSTEPS), h / _SUBSTEPS
         body = _runge_kutta(
             lambda y, time, begin=begin: _motion(y, after(begin + time), vehicle), body, length
         )
@@ -86,7 +85,7 @@ def rates_model(vehicle: PlannedVehicle) -> Model:
     if vehicle.rotors is not None:
         within = [
             _rotor_thrusts(after(share * h), wanted, lags, vehicle, vehicle.rotors)
-            for share in _LOOKED_AT
+            for share in _SAMPLED_SHARES
         ]
         path = ca.vertcat(*within)
         count = path.shape[0]
@@ -107,7 +106,7 @@ def rates_model(vehicle: PlannedVehicle) -> Model:
 
 
 def rotors_model(vehicle: PlannedVehicle, rotors: RotorLimits) -> Model:
-    """Return the model commanded by the thrusts of its rotors."""
+    """Return the model with the rotors' thrusts as inputs."""
     ca = casadi()
     count = rotors.allocation.shape[1]
     x, u, h = ca.SX.sym("x", 13), ca.SX.sym("u", count), ca.SX.sym("h")
@@ -121,8 +120,8 @@ def rotors_model(vehicle: PlannedVehicle, rotors: RotorLimits) -> Model:
         return ca.vertcat(_motion(y[0:10], ca.vertcat(y[W], thrust), vehicle), turn)
 
     end = x
-    for _ in range(_PARTS):
-        end = _runge_kutta(rate, end, h / _PARTS)
+    for _ in range(_SUBSTEPS):
+        end = _runge_kutta(rate, end, h / _SUBSTEPS)
     end = ca.vertcat(end[0:6], end[6:10] / ca.norm_2(end[6:10]), end[W])
     acceleration = _motion(x[0:10], ca.vertcat(x[W], thrust), vehicle)[3:6]
     bound = vehicle.omega_max
@@ -150,7 +149,7 @@ def rotation(q: Any) -> Any:
 
 
 def _motion(y: Any, turning: Any, vehicle: PlannedVehicle) -> Any:
-    """Return the rates of position, velocity and quaternion under body rates and thrust."""
+    """Return the derivatives of position, velocity and quaternion."""
     ca = casadi()
     v, q, w, thrust = y[V], y[Q], turning[0:3], turning[3]
     R, along = rotation(q), thrust
@@ -158,7 +157,7 @@ def _motion(y: Any, turning: Any, vehicle: PlannedVehicle) -> Any:
     drag = vehicle.drag
     if drag.any() or vehicle.rotor_drag.any() or vehicle.translational_lift:
         u = R.T @ v
-        speed = ca.sqrt(ca.fmax(thrust, _ROUNDING) / vehicle.gravity)
+        speed = ca.sqrt(ca.fmax(thrust, _ROOT_OFFSET) / vehicle.gravity)
         force = -(ca.DM(drag) + speed * ca.DM(vehicle.rotor_drag)) * u
         lift = vehicle.translational_lift * (u[0] ** 2 + u[1] ** 2)
         pull = pull + R @ (force + ca.vertcat(0, 0, lift))
@@ -169,7 +168,7 @@ def _motion(y: Any, turning: Any, vehicle: PlannedVehicle) -> Any:
 def _rotor_thrusts(
     lagging: Any, wanted: Any, lags: Array, vehicle: PlannedVehicle, rotors: RotorLimits
 ) -> Any:
-    """Return the rotors' thrusts that let rates and thrust over mass follow what is wanted."""
+    """Return the rotors' thrusts required for body rates and thrust over mass."""
     ca = casadi()
     inertia, w = ca.DM(rotors.inertia), lagging[0:3]
     turn = ((wanted - lagging) / lags)[0:3]

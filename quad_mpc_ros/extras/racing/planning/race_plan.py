@@ -1,4 +1,4 @@
-"""A plan of minimum time through the gates of a course, for a vehicle as it is configured."""
+"""A time-optimal plan through the gates of a course for the configured vehicle."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from quad_mpc_ros.extras.racing.planning.settings import PlanSettings
 from quad_mpc_ros.extras.racing.planning.transcription import (
     Dynamics,
     Nodes,
-    Progress,
+    ProgressCallback,
     Solved,
     solve,
 )
@@ -44,25 +44,25 @@ from quad_mpc_ros.references.course import Course
 from quad_mpc_ros.references.motion_table import MotionTable, PlannedMotion
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
-_ROWS = 0.01  # s, of the table
-_LOWEST = 0.5  # m: nothing is planned nearer to the ground that does not have to be
-_SMOOTHING = 2e-4  # s: what a change of an input by its whole size costs
-_ITERATIONS = 600
-_HALF_OF_LOWEST = 0.5
+_ROW_PERIOD = 0.01  # s, of the table
+_MIN_HEIGHT = 0.5  # m: lowest height of a plan, unless gates are lower
+_INPUT_CHANGE_COST = 2e-4  # s: cost of a change of an input by its natural size
+_MAX_ITERATIONS = 600
+_HEIGHT_RATIO = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RacePlan:
-    """A plan: its motion in rows, its nodes, and how it passes the course.
+    """A plan: its motion in rows, its nodes, and its gate passages.
 
     Attributes:
-        course: What it is a plan for.
-        table: Its motion, every 10 ms.
-        nodes: What the optimiser found; states and inputs are those of its model.
-        vehicle: The limits that it keeps.
-        race_time: From the start to the end, or to the last gate without an end [s].
-        lap: The passages of the gates, as a flight's are judged.
-        iterations: Those of the optimiser.
+        course: The course.
+        table: The motion, every 10 ms.
+        nodes: The solution of the optimiser, with states and inputs of its model.
+        vehicle: The limits of the vehicle.
+        race_time: Time from the start to the end, or to the last gate [s].
+        lap: The gate passages, evaluated as for a flight.
+        iterations: Iterations of the optimiser.
     """
 
     course: Course
@@ -78,7 +78,7 @@ class RacePlan:
         return PlannedMotion(self.table)
 
     def write(self, path: str | Path) -> None:
-        """Write it as a file that ``reference.file`` names. Raises ``OSError``."""
+        """Write it as a file for ``reference.file``. Raises ``OSError``."""
         Path(path).write_text(self.table.text(), encoding="utf-8")
 
 
@@ -92,27 +92,27 @@ def plan_race(
     gate_margin: float = 0.0,
     radius: float = 0.0,
     step: float = 0.05,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> RacePlan:
-    """Return the plan of minimum time through gates, by CasADi (the extra ``plan``).
+    """Return the time-optimal plan through gates, using CasADi (the extra ``plan``).
 
     Args:
-        gates: A file of gates, its text, or a course that was read.
-        mpc: The MPC that is to fly it: mass, thrust, drag, lags and bounds of the commands.
-        simulator: With the plant ``rotors``, the rotors that are bounded one by one.
-        reference: Further bounds, and the share of them that is left free (``limit_margin``).
+        gates: A course file, its text, or a course.
+        mpc: Parameters of the MPC: mass, thrust, drag, lags and bounds of the commands.
+        simulator: With the plant ``rotors``, bounds of each rotor.
+        reference: Further bounds, and their unused share (``limit_margin``).
         model: ``rates``: body rates and thrust are commanded and lag; ``rotors``: the thrusts of
             the rotors change at once, as in published plans.
-        gate_margin: What is kept from the edges of the gates [m].
-        radius: Of the vehicle; kept from the frames of gates that have one, too [m].
-        step: The longest step between nodes [s].
+        gate_margin: Distance to the edges of the gates [m].
+        radius: Radius of the vehicle, additional distance to the frames of planar gates [m].
+        step: Longest step between nodes [s].
         progress: Called with stage, iteration, time so far [s] and variables.
 
     Returns:
         The plan: its ``race_time``, its ``table``, its ``trajectory()``, and ``write(path)``.
 
     Raises:
-        UserError: The gates cannot be used, no plan was found, or CasADi is not installed.
+        UserError: The course is invalid, no plan was found, or CasADi is not installed.
         ArgumentError: An argument is of another type.
 
     Example:
@@ -148,7 +148,7 @@ def plan_race(
 
 
 def equations_of(settings: PlanSettings) -> Model:
-    """Return the equations of motion that a plan obeys."""
+    """Return the equations of motion of a plan."""
     vehicle = settings.vehicle
     if settings.model == "rotors":
         assert vehicle.rotors is not None
@@ -163,7 +163,7 @@ def _solved(
     model: Model,
     *,
     step: float,
-    progress: Progress | None,
+    progress: ProgressCallback | None,
 ) -> Solved:
     lowest = lowest_of(course)
     point = flown_by_a_point(course, legs, vehicle, lowest=lowest, progress=progress)
@@ -177,26 +177,26 @@ def _solved(
             dynamics,
             guess,
             name="vehicle",
-            most_iterations=_ITERATIONS,
+            most_iterations=_MAX_ITERATIONS,
             progress=progress,
         )
         if solved.optimal:
             return solved
         failed = f"{solved.status} after {solved.iterations} iterations"
     raise UserError(
-        f"{course.source}: no plan found ({failed}): are the gates reachable one after the other, "
-        "the openings larger than the margin, and the limits those of the vehicle?"
+        f"{course.source}: no plan found ({failed}): check that the gates are reachable in order, "
+        "the openings larger than the margin, and the limits those of the vehicle"
     )
 
 
 def lowest_of(course: Course) -> float:
-    """Return the height that a plan keeps above [m]."""
+    """Return the lowest height of a plan [m]."""
     heights = [place[2] for place in course.places()]
-    return float(min(_LOWEST, course.start[2], *(_HALF_OF_LOWEST * each for each in heights)))
+    return float(min(_MIN_HEIGHT, course.start[2], *(_HEIGHT_RATIO * each for each in heights)))
 
 
 def dynamics_of(model: Model, *, first: Array, lowest: float) -> Dynamics:
-    """Return what moves, from a first state (nx,) to rest, level, above ``lowest`` [m]."""
+    """Return the dynamics from a first state (nx,) to level rest, above ``lowest`` [m]."""
     low, high = (np.array(bounds) for bounds in model.state_bounds)
     low[P][2] = lowest
     last = np.full(model.nx, np.nan)
@@ -212,7 +212,7 @@ def dynamics_of(model: Model, *, first: Array, lowest: float) -> Dynamics:
         first=first,
         last=last,
         scale=model.scale,
-        smoothing=_SMOOTHING,
+        smoothing=_INPUT_CHANGE_COST,
     )
 
 
@@ -227,7 +227,7 @@ def _at_rest(course: Course, vehicle: PlannedVehicle, model: Model) -> Array:
 
 
 def guess_of(posed: PosedMotion, model: Model, vehicle: PlannedVehicle) -> Nodes:
-    """Return a motion in the states and inputs of a model."""
+    """Return a motion as states and inputs of a model."""
     states = np.column_stack((posed.p, posed.v, posed.q_wxyz, posed.w))
     thrust = posed.thrust[:, None]
     if model.nx > F.start:
@@ -263,8 +263,8 @@ def table_of(
     source: str,
     rests: tuple[bool, bool] = (True, True),
 ) -> MotionTable:
-    """Return the motion between the nodes in rows, by the equations that it was planned with."""
-    counts = np.ceil(nodes.steps / _ROWS - 1e-9).astype(int)
+    """Return the motion between the nodes in rows, using the model of the plan."""
+    counts = np.ceil(nodes.steps / _ROW_PERIOD - 1e-9).astype(int)
     owner = np.repeat(np.arange(len(counts)), counts)
     place = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
     since = place * (nodes.steps / counts)[owner]

@@ -1,4 +1,4 @@
-"""The settings of a plan as a text in its file: enough to replan the rest of the race."""
+"""The settings of a plan as text in its file, to replan the rest of the race."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from quad_mpc_ros.extras.racing.planning.limits import MODELS, PlannedVehicle, R
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlanSettings:
-    """The vehicle of a plan, its model, and what is kept from the edges; as :func:`.plan_race`."""
+    """The vehicle, model and margins of a plan, see :func:`.plan_race`."""
 
     vehicle: PlannedVehicle
     model: str
@@ -24,12 +24,12 @@ class PlanSettings:
     step: float
 
     def text(self) -> str:
-        """Return it as a line."""
+        """Return the settings as a line of text."""
         return json.dumps(dataclasses.asdict(self), default=lambda numbers: numbers.tolist())
 
     @staticmethod
     def of(text: str) -> PlanSettings:
-        """Return what a line says. Raises :class:`UserError` for one that does not."""
+        """Return the settings in a line of text. Raises :class:`UserError` if invalid."""
         try:
             given = json.loads(text)
             vehicle = _arrays(given["vehicle"])

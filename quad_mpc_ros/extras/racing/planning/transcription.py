@@ -1,9 +1,8 @@
-"""A course as a nonlinear programme by direct multiple shooting, solved by IPOPT.
+"""A course as a nonlinear program by direct multiple shooting, solved with IPOPT.
 
-Between two gates there is a fixed number of steps, all equally long; how long is free for each
-leg. That replaces the complementarity by which Foehn et al. (2021) let the optimiser choose the
-step at which a gate is passed. The length of a leg is carried along as a state of every node, so
-that every row and column touches its neighbours alone.
+Each leg has a fixed number of steps of equal, free duration. This replaces the complementarity
+constraints of Foehn et al. (2021), with which the optimiser chooses the step of a gate. The
+duration of a leg is a state of every node, so that the constraints couple only neighbours.
 """
 
 from __future__ import annotations
@@ -16,19 +15,19 @@ import numpy as np
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
-from quad_mpc_ros.extras.racing.planning.legs import BESIDE, CourseLeg, Goal
+from quad_mpc_ros.extras.racing.planning.legs import GATE_NODE_GAP, CourseLeg, Goal
 
-_STOPPED = "User_Requested_Stop"
-SHORTEST, LONGEST = 0.02, 60.0  # s, of a leg
-Progress = Callable[[str, int, float, Array], None]
-"""Takes what is solved, the iteration, the time planned so far [s] and the variables."""
+_INTERRUPTED = "User_Requested_Stop"
+MIN_LEG_DURATION, MAX_LEG_DURATION = 0.02, 60.0  # s, of a leg
+ProgressCallback = Callable[[str, int, float, Array], None]
+"""Called with stage, iteration, planned time [s] and variables."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Nodes:
     """A motion at nodes: states (K + 1, nx), inputs (K, nu) held between them.
 
-    ``durations`` (legs,) [s] and ``counts`` (legs,), the steps of each leg.
+    ``durations`` (legs,) [s] and numbers of steps ``counts`` (legs,) of the legs.
     """
 
     states: Array
@@ -54,12 +53,12 @@ class Nodes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Dynamics:
-    """What moves, as the transcription needs it.
+    """Dynamics and bounds for the transcription.
 
-    ``step(x, u, h)`` and ``path(x, u, h)`` are CasADi functions; bounds (lower, upper) are of
-    states, inputs and path; ``first`` and ``last`` fix the first state and one at rest where
-    they are finite. ``scale`` (nu,) are natural sizes of the inputs, ``smoothing`` [s] what a
-    change of an input by its size costs, squared.
+    ``step(x, u, h)`` and ``path(x, u, h)`` are CasADi functions; states, inputs and path have
+    bounds (lower, upper). Finite values of ``first`` and ``last`` fix the first state and states
+    at rest. ``scale`` (nu,) are natural sizes of the inputs, ``smoothing`` [s] is the cost of a
+    squared change of an input by its size.
     """
 
     step: Any
@@ -75,7 +74,7 @@ class Dynamics:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solved:
-    """What IPOPT returned: the nodes, whether they are optimal, its words, its iterations."""
+    """Result of IPOPT: the nodes, whether they are optimal, status and iterations."""
 
     nodes: Nodes
     optimal: bool
@@ -90,11 +89,11 @@ def solve(
     *,
     name: str,
     most_iterations: int,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Solved:
-    """Return the motion of least weighted time along the legs, from a first guess.
+    """Return the motion with the least weighted time along the legs, from a first guess.
 
-    What ``progress`` raises ends the search and is raised here.
+    An exception of ``progress`` ends the search and is raised.
     """
     ca = casadi()
     nx, nu = len(dynamics.first), len(dynamics.scale)
@@ -103,7 +102,7 @@ def solve(
     final = ca.MX.sym("final", nx + 1)
     states = ca.horzcat(stage[: nx + 1, :], final)
     inputs = stage[nx + 1 :, :]
-    rows = _Rows()
+    rows = _Constraints()
     _add_motion(rows, dynamics, states, inputs, counts=guess.counts)
     for leg, end in zip(legs, ends.tolist(), strict=True):
         if leg.goal is not None:
@@ -126,7 +125,7 @@ def solve(
     variables = ca.vertcat(ca.vec(stage), final)
     watch = None
     if progress is not None:
-        # Kept here: CasADi does not keep it.
+        # CasADi does not keep a reference to it.
         watch = _watch(name, progress, sizes=(variables.shape[0], rows.count), nodes=guess, nx=nx)
         options["iteration_callback"] = watch
     problem = {"x": variables, "f": cost + dynamics.smoothing * ca.sumsqr(change), "g": rows.all()}
@@ -135,7 +134,7 @@ def solve(
     stats = solver.stats()
     if watch is not None and watch.raised is not None:
         raise watch.raised
-    if stats["return_status"] == _STOPPED:  # CasADi asked Python for signals, and there was one
+    if stats["return_status"] == _INTERRUPTED:  # CasADi checks for Python's signals
         raise KeyboardInterrupt
     return Solved(
         nodes=unpacked(np.array(found["x"]).ravel(), guess),
@@ -146,7 +145,7 @@ def solve(
 
 
 def unpacked(variables: Array, like: Nodes) -> Nodes:
-    """Return nodes of the variables of the programme, in the shape of others."""
+    """Return the nodes in the variables of the program, with the shape of ``like``."""
     steps, nx = len(like.inputs), like.states.shape[1]
     rows = variables[: -(nx + 1)].reshape(steps, -1)
     states = np.vstack((rows[:, : nx + 1], variables[-(nx + 1) :]))
@@ -164,8 +163,8 @@ def _packed(nodes: Nodes) -> Array:
     return np.concatenate((rows.ravel(), nodes.states[-1], durations[-1:]))
 
 
-class _Rows:
-    """Constraints one after the other, and their bounds."""
+class _Constraints:
+    """A list of constraints with bounds."""
 
     def __init__(self) -> None:
         self._rows: list[Any] = []
@@ -188,9 +187,9 @@ class _Rows:
 
 
 def _add_motion(
-    rows: _Rows, dynamics: Dynamics, states: Any, inputs: Any, *, counts: tuple[int, ...]
+    rows: _Constraints, dynamics: Dynamics, states: Any, inputs: Any, *, counts: tuple[int, ...]
 ) -> None:
-    """Add that each node follows from the one before, and what bounds states and inputs."""
+    """Add the dynamics between nodes and the path constraints."""
     ca = casadi()
     nx, steps = len(dynamics.first), sum(counts)
     x, duration, share = ca.SX.sym("x", nx), ca.SX.sym("T"), ca.SX.sym("s")
@@ -199,7 +198,7 @@ def _add_motion(
     move = ca.Function("move", [ca.vertcat(x, duration), u, share], [after]).map(steps)
     shares = np.concatenate([np.full(count, 1.0 / count) for count in counts])
     gaps = move(states[:, :-1], inputs, ca.DM(shares).T) - states[:, 1:]
-    # Stage by stage, so that the factorisation stays narrow. A leg does not hand on its length.
+    # Stage by stage, for a narrow factorisation. The duration is not continuous between legs.
     legs_end = set(np.cumsum(counts)[:-1].tolist())
     lower, upper = dynamics.path_bounds
     bounded = None
@@ -213,20 +212,20 @@ def _add_motion(
             rows.add(bounded[:, k], lower, upper)
 
 
-def _add_goal(rows: _Rows, goal: Goal, states: Any, end: int) -> None:
-    """Add what holds at the end of a leg; a gate is passed from its front, not just touched."""
+def _add_goal(rows: _Constraints, goal: Goal, states: Any, end: int) -> None:
+    """Add the constraints at the end of a leg; a gate is passed from its front."""
     rows.add(goal.expressions(states[0:3, end], states[3:6, end]), goal.lower, goal.upper)
     if goal.depth is None:
         return
-    rows.add(goal.depth(states[0:3, end - 1]), np.array([-np.inf]), np.array([-BESIDE]))
+    rows.add(goal.depth(states[0:3, end - 1]), np.array([-np.inf]), np.array([-GATE_NODE_GAP]))
     if end + 1 < states.shape[1]:
-        rows.add(goal.depth(states[0:3, end + 1]), np.array([BESIDE]), np.array([np.inf]))
+        rows.add(goal.depth(states[0:3, end + 1]), np.array([GATE_NODE_GAP]), np.array([np.inf]))
 
 
 def _bounds(legs: Sequence[CourseLeg], dynamics: Dynamics, guess: Nodes) -> tuple[Array, Array]:
     steps, sides = len(guess.inputs), []
     nx = len(dynamics.first)
-    for side, length in enumerate((SHORTEST, LONGEST)):
+    for side, length in enumerate((MIN_LEG_DURATION, MAX_LEG_DURATION)):
         state = np.tile(np.append(dynamics.state_bounds[side], length), (steps + 1, 1))
         _fix(state, 0, dynamics.first)
         for leg, end in zip(legs, guess.ends.tolist(), strict=True):
@@ -243,13 +242,15 @@ def _fix(states: Array, node: int, values: Array) -> None:
     states[node, : len(values)][given] = values[given]
 
 
-def _watch(name: str, progress: Progress, *, sizes: tuple[int, int], nodes: Nodes, nx: int) -> Any:
-    """Return what IPOPT calls after every iteration."""
+def _watch(
+    name: str, progress: ProgressCallback, *, sizes: tuple[int, int], nodes: Nodes, nx: int
+) -> Any:
+    """Return the callback of IPOPT after every iteration."""
     ca = casadi()
     variables, rows = sizes
 
     class Watch(ca.Callback):  # type: ignore[misc, name-defined]
-        """Tells how far it is."""
+        """Reports the progress."""
 
         def __init__(self) -> None:
             super().__init__()
@@ -272,7 +273,7 @@ def _watch(name: str, progress: Progress, *, sizes: tuple[int, int], nodes: Node
             planned = float(unpacked(found, nodes).durations.sum())
             try:
                 progress(name, self._iteration, planned, found)
-            except BaseException as error:  # what leaves here CasADi would swallow
+            except BaseException as error:  # CasADi would swallow it
                 self.raised = error
             self._iteration += 1
             return [int(self.raised is not None)]

@@ -1,4 +1,4 @@
-"""PX4 and ArduPilot by MAVLink itself, over a serial port, UDP or TCP."""
+"""Bridge to PX4 and ArduPilot with MAVLink, over a serial port, UDP or TCP."""
 
 from quad_mpc_ros.ros.bridges.mavlink.bridge import MavlinkBridge
 

@@ -1,6 +1,6 @@
-"""What PX4 and ArduPilot do not share: modes, reported state, and settings.
+"""Differences between PX4 and ArduPilot: modes, state messages and parameters.
 
-Numbers of modes after PX4 (``px4_custom_mode.h``) and ArduPilot (``ArduCopter/mode.h``).
+Mode numbers: ``px4_custom_mode.h`` of PX4, ``ArduCopter/mode.h`` of ArduPilot.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ ARDUPILOT_MODES = {
 _PX4_MODES = {1: "MANUAL", 2: "ALTCTL", 3: "POSCTL", 4: "AUTO", 5: "ACRO", 6: "OFFBOARD"}
 _PX4_MODES |= {7: "STABILIZED", 10: "TERMINATION"}
 _PX4_AUTO_MODES = {1: "READY", 2: "TAKEOFF", 3: "LOITER", 4: "MISSION", 5: "RTL", 6: "LAND"}
-_LONGEST_HELD = 1.0  # s: of the last rates and thrust, before a warning
-_MANY_TIMES = 1.3  # between two throttles at hover, which then are not of the same vehicle
+_MAX_SETPOINT_HOLD = 1.0  # s: warn if the autopilot holds the last setpoint longer
+_MAX_HOVER_RATIO = 1.3  # between two hover throttles of one vehicle
 
 Mode = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Echo:
-    """What an ``ATTITUDE_TARGET`` gives back of a setpoint, which is as it was sent."""
+class SetpointEcho:
+    """The part of a setpoint that ``ATTITUDE_TARGET`` reports unchanged."""
 
     value: tuple[float, ...]
 
-    def is_of(self, other: Echo) -> bool:
-        """Whether both are of one setpoint, to what single precision keeps."""
+    def matches(self, other: SetpointEcho) -> bool:
+        """Return whether both are equal in single precision."""
         return all(
             math.isclose(a, b, rel_tol=1e-5, abs_tol=1e-5)
             for a, b in zip(self.value, other.value, strict=True)
@@ -48,18 +48,18 @@ class Echo:
 
 
 class Autopilot(ABC):
-    """What a bridge must know of the autopilot at the other end."""
+    """Properties of an autopilot."""
 
     name: ClassVar[str]
     streams: ClassVar[bool]
-    """Whether setpoints must run before the switch to them."""
+    """Whether setpoints must be sent before the switch to them."""
     warm_up: ClassVar[float]
     by_bytes: ClassVar[bool]
-    """Whether integer parameters travel as the bytes of a float."""
+    """Whether integer parameters are encoded as the bytes of a float."""
     state: ClassVar[tuple[int, ...]]
-    """The messages of its state."""
+    """The messages with its state."""
     landed_mode: ClassVar[Mode | None] = None
-    """The mode that notices a landing, where the one for setpoints does not."""
+    """The mode that detects a landing, if the mode for setpoints does not."""
 
     def __init__(self, config: MavlinkConfig) -> None:
         self._config = config
@@ -67,16 +67,16 @@ class Autopilot(ABC):
     @property
     @abstractmethod
     def setpoint_mode(self) -> Mode:
-        """The parameters of DO_SET_MODE for the mode that takes setpoints."""
+        """The parameters of DO_SET_MODE for the setpoint mode."""
 
     @property
     @abstractmethod
     def release_mode(self) -> tuple[str, Mode]:
-        """Name and parameters of the mode in which it flies by itself."""
+        """Name and DO_SET_MODE parameters of the mode after a release."""
 
     @abstractmethod
     def takes_setpoints(self, custom_mode: int) -> bool:
-        """Whether it flies setpoints in a mode."""
+        """Return whether the mode executes setpoints."""
 
     @abstractmethod
     def mode_name(self, custom_mode: int) -> str:
@@ -85,31 +85,31 @@ class Autopilot(ABC):
     @property
     @abstractmethod
     def settings(self) -> tuple[str, ...]:
-        """The parameters of the vehicle that matter."""
+        """The names of the required autopilot parameters."""
 
     def needs_ground_station(self, settings: Mapping[str, float]) -> bool:
-        """Whether it sends texts only where a ground station announces itself."""
+        """Return whether it sends texts only to a ground station."""
         return False
 
     @abstractmethod
     def fault(self, settings: Mapping[str, float]) -> str:
-        """Return why it must not be flown with these settings, or nothing."""
+        """Return the reason why it must not be flown with these parameters, or an empty string."""
 
     @abstractmethod
     def advice(self, settings: Mapping[str, float], *, hover: float) -> list[str]:
-        """Return what its settings give reason to say; ``hover`` is our throttle there."""
+        """Return warnings about its parameters; ``hover`` is the configured hover throttle."""
 
     def throttle(self, level: float, settings: Mapping[str, float], *, up: float) -> float:
-        """Return the throttle that makes the motors' level in [0, 1]; ``up`` is cos(tilt)."""
+        """Return the throttle for a motor level in [0, 1]; ``up`` is cos(tilt)."""
         return level
 
     @abstractmethod
-    def echo(self, message: Any) -> Echo:
-        """Return what an ``ATTITUDE_TARGET`` or ``SET_ATTITUDE_TARGET`` says of a setpoint."""
+    def echo(self, message: Any) -> SetpointEcho:
+        """Return the echo in an ``ATTITUDE_TARGET`` or ``SET_ATTITUDE_TARGET``."""
 
 
 class Px4(Autopilot):
-    """PX4, which flies setpoints in offboard mode, while they run."""
+    """PX4: executes setpoints in offboard mode, as long as they are sent."""
 
     name = "PX4"
     streams, warm_up = True, 1.1  # for more than a second
@@ -129,7 +129,7 @@ class Px4(Autopilot):
         return "AUTO.LOITER", (1.0, float(self._AUTO), float(self._LOITER))
 
     def takes_setpoints(self, custom_mode: int) -> bool:
-        """In offboard mode."""
+        """Return whether the mode is offboard."""
         return custom_mode >> 16 & 0xFF == self._OFFBOARD
 
     def mode_name(self, custom_mode: int) -> str:
@@ -140,119 +140,119 @@ class Px4(Autopilot):
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """Hover throttle, time without setpoints, and what the loss of a ground station does."""
+        """Hover throttle, setpoint timeout, and reaction to the loss of a ground station."""
         return "MPC_THR_HOVER", "COM_OF_LOSS_T", "NAV_DLL_ACT"
 
     def needs_ground_station(self, settings: Mapping[str, float]) -> bool:
-        """Unless PX4 acts on the loss of one: a bridge must not stand in for it."""
+        """Return False if PX4 reacts to its loss: a bridge must not replace a ground station."""
         return settings.get("NAV_DLL_ACT") == 0.0
 
     def fault(self, settings: Mapping[str, float]) -> str:
-        """Return nothing: offboard rates and throttle are taken as they are."""
+        """Return an empty string: offboard rates and throttle need no parameters."""
         return ""
 
     def advice(self, settings: Mapping[str, float], *, hover: float) -> list[str]:
-        """Return what is odd about hover throttle and timeout."""
-        said = []
-        theirs = settings.get("MPC_THR_HOVER", hover)
-        if not 1.0 / _MANY_TIMES < theirs / max(hover, 1e-3) < _MANY_TIMES:
-            said.append(
-                f"MPC_THR_HOVER is {theirs:.2f}, and the vehicle file says {hover:.2f}: one of "
-                "them is of another vehicle"
+        """Return warnings about hover throttle, setpoint timeout and ground station."""
+        notes = []
+        value = settings.get("MPC_THR_HOVER", hover)
+        if not 1.0 / _MAX_HOVER_RATIO < value / max(hover, 1e-3) < _MAX_HOVER_RATIO:
+            notes.append(
+                f"MPC_THR_HOVER is {value:.2f}, the vehicle file gives {hover:.2f}: check "
+                "mass and thrust curve"
             )
         held = settings.get("COM_OF_LOSS_T", 0.0)
-        if held > _LONGEST_HELD:
-            said.append(_held_for("COM_OF_LOSS_T", held))
+        if held > _MAX_SETPOINT_HOLD:
+            notes.append(_hold_warning("COM_OF_LOSS_T", held))
         if settings.get("NAV_DLL_ACT", 0.0) != 0.0:
-            said.append(
+            notes.append(
                 f"NAV_DLL_ACT is {settings['NAV_DLL_ACT']:g}, so this bridge does not announce "
-                "itself as a ground station, and PX4 does not send its texts here: see there for "
-                "the reason if PX4 refuses to arm"
+                "itself as a ground station and receives no texts of PX4: if PX4 refuses to arm, "
+                "read the reason in the ground station"
             )
-        return said
+        return notes
 
-    def echo(self, message: Any) -> Echo:
-        """Return the body rates; the thrust is that of another setpoint."""
-        return Echo(value=(message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate))
+    def echo(self, message: Any) -> SetpointEcho:
+        """Return the body rates; the reported thrust belongs to another setpoint."""
+        p, q, r = message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate
+        return SetpointEcho(value=(p, q, r))
 
 
 class ArduPilot(Autopilot):
-    """ArduPilot Copter, which flies setpoints in a guided mode, and holds the last ones a while.
+    """ArduPilot Copter: executes setpoints in a guided mode and holds the last one for a while.
 
-    Its throttle is a share of thrust: it takes the motors' level from it by MOT_THST_EXPO,
-    MOT_SPIN_MIN and MOT_SPIN_MAX (``AP_Motors_Thrust_Linearization.cpp``), after it has divided
-    it by the cosine of the vehicle's tilt, unless ATC_ANGLE_BOOST is 0
-    (``AC_AttitudeControl_Multi.cpp``).
+    Its throttle is a share of thrust. It is divided by cos(tilt) unless ATC_ANGLE_BOOST is 0
+    (AC_AttitudeControl_Multi.cpp). MOT_THST_EXPO, MOT_SPIN_MIN and MOT_SPIN_MAX define the motor
+    level (AP_Motors_Thrust_Linearization.cpp).
     """
 
     name = "ArduPilot"
     streams, warm_up = False, 0.0
     by_bytes = False
     state = codec.ATTITUDE_QUATERNION, codec.LOCAL_POSITION_NED
-    # Its detector wants a descent that is asked for (Copter::update_throttle_mix).
+    # Its detector needs a commanded descent (Copter::update_throttle_mix).
     landed_mode = 1.0, float(ARDUPILOT_MODES["LAND"]), 0.0
 
     _RATES = ("ATC_RATE_R_MAX", "ATC_RATE_P_MAX", "ATC_RATE_Y_MAX")
 
     @property
     def setpoint_mode(self) -> Mode:
-        """The guided mode of the configuration."""
+        """The configured guided mode."""
         return 1.0, float(ARDUPILOT_MODES[self._config.guided_mode]), 0.0
 
     @property
     def release_mode(self) -> tuple[str, Mode]:
-        """The mode of the configuration."""
+        """The configured release mode."""
         name = self._config.release_mode
         return name, (1.0, float(ARDUPILOT_MODES[name]), 0.0)
 
     def takes_setpoints(self, custom_mode: int) -> bool:
-        """In either guided mode."""
+        """Return whether the mode is a guided mode."""
         return custom_mode in (ARDUPILOT_MODES["GUIDED"], ARDUPILOT_MODES["GUIDED_NOGPS"])
 
     def mode_name(self, custom_mode: int) -> str:
-        """Return the name, of a mode that is used here, or the number."""
+        """Return the name of a known mode, or the number."""
         names = {number: name for name, number in ARDUPILOT_MODES.items()}
         return names.get(custom_mode, f"mode {custom_mode}")
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """What the throttle means, what is held how long, and what bounds the rates."""
+        """Interpretation of the throttle, setpoint timeout, voltage and bounds of the rates."""
         return (
             *("GUID_OPTIONS", "ATC_ANGLE_BOOST", "MOT_THST_EXPO", "MOT_SPIN_MIN", "MOT_SPIN_MAX"),
             *("GUID_TIMEOUT", "MOT_BAT_VOLT_MAX", *self._RATES),
         )
 
     def fault(self, settings: Mapping[str, float]) -> str:
-        """Return whether thrust would mean a climb rate, or is unknown."""
+        """Return an error if thrust would be a climb rate, or a parameter is missing."""
         for name in self.settings[:5]:
             if name not in settings:
                 return f"ArduPilot does not report its parameter {name}"
         return thrust_fault(int(settings["GUID_OPTIONS"]))
 
     def advice(self, settings: Mapping[str, float], *, hover: float) -> list[str]:
-        """Return what is odd about timeout, rates and voltage."""
-        said = []
+        """Return warnings about setpoint timeout, bounds of the rates and voltage."""
+        notes = []
         held = settings.get("GUID_TIMEOUT", 0.0)
-        if held > _LONGEST_HELD:
-            said.append(_held_for("GUID_TIMEOUT", held))
+        if held > _MAX_SETPOINT_HOLD:
+            notes.append(_hold_warning("GUID_TIMEOUT", held))
         bounds = {name: settings.get(name, 0.0) for name in self._RATES}
         if any(bounds.values()):
             rates = ", ".join(f"{math.radians(each):.2f}" for each in bounds.values())
-            said.append(
+            notes.append(
                 f"ATC_RATE_R_MAX, _P_MAX and _Y_MAX bound the body rates to {rates} rad/s (0: "
                 "not): keep mpc.omega_max within"
             )
         if settings.get("MOT_BAT_VOLT_MAX", 0.0) > 0.0 and (
             self._config.thrust_map.battery_voltage > 0.0
         ):
-            said.append(
+            notes.append(
                 "MOT_BAT_VOLT_MAX compensates the voltage already: set "
                 "thrust_map.battery_voltage to 0"
             )
-        return said
+        return notes
 
     def throttle(self, level: float, settings: Mapping[str, float], *, up: float) -> float:
-        """Return the share of thrust for the motors' level, with the boost taken out."""
+        """Return the share of thrust for a motor level, with the angle boost removed."""
         least, most = settings["MOT_SPIN_MIN"], settings["MOT_SPIN_MAX"]
         expo = min(max(settings["MOT_THST_EXPO"], -1.0), 1.0)
         rise = min(max((level - least) / max(most - least, 1e-3), 0.0), 1.0)
@@ -261,17 +261,17 @@ class ArduPilot(Autopilot):
             share = without_boost(share, up=up)
         return min(max(share, 0.0), 1.0)
 
-    def echo(self, message: Any) -> Echo:
-        """Return the thrust; the rates are shaped."""
-        return Echo(value=(message.thrust,))
+    def echo(self, message: Any) -> SetpointEcho:
+        """Return the thrust; ArduPilot shapes the rates."""
+        return SetpointEcho(value=(message.thrust,))
 
 
 AUTOPILOTS: dict[int, type[Autopilot]] = {3: ArduPilot, 12: Px4}
 """By MAV_AUTOPILOT."""
 
 
-def _held_for(name: str, held: float) -> str:
+def _hold_warning(name: str, held: float) -> str:
     return (
-        f"{name} is {held:g} s: for so long the last body rates are flown on when the MPC stops; "
-        "0.5 s is enough"
+        f"{name} is {held:g} s: the last body rates continue for so long if the MPC stops; set "
+        "0.5 s"
     )

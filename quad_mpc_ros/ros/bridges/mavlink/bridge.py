@@ -1,10 +1,9 @@
-"""The rules: what is asked of the autopilot, when it may be flown, and what it gets.
+"""Rules of the MAVLink bridge: requests to the autopilot, engagement and setpoints.
 
-Over the line go, engaged or not, a heartbeat as an onboard computer, questions for the vehicle's
-time and parameters, and requests for the messages that are needed. Setpoints go only in answer to
-commands.
+Engaged or not, the bridge sends a heartbeat as an onboard computer and requests the vehicle's
+time, parameters and messages. It sends setpoints only in response to commands.
 
-How old each value of the autopilot can be is measured in ``docs/howto/stacks/mavlink.md``.
+``docs/measurements/flight_stacks.md`` has the measured ages of the autopilot's messages.
 """
 
 from __future__ import annotations
@@ -25,30 +24,34 @@ from quad_mpc_ros.ros.bridges.bridge import (
     Response,
     command_result,
 )
-from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack, State, is_old
+from quad_mpc_ros.ros.bridges.handover import HandoverState, LatestStatus, Stack, is_old
 from quad_mpc_ros.ros.bridges.line import Line
 from quad_mpc_ros.ros.bridges.mavlink import codec
 from quad_mpc_ros.ros.bridges.mavlink.autopilots import AUTOPILOTS, Autopilot
 from quad_mpc_ros.ros.bridges.mavlink.codec import Codec
 from quad_mpc_ros.ros.bridges.mavlink.config import MavlinkConfig
-from quad_mpc_ros.ros.bridges.mavlink.link import OtherCommanders, Settings, VehicleTime
+from quad_mpc_ros.ros.bridges.mavlink.link import (
+    AutopilotParameters,
+    OtherSetpointSources,
+    VehicleClock,
+)
 
 _SECOND = 1_000_000_000
-_LINE_PERIOD = 0.002  # s: what comes waits for half of it
+_LINE_PERIOD = 0.002  # s: messages wait for half of it on average
 _HEARTBEAT_NS, _TIME_NS = _SECOND, _SECOND // 10
-_STATE_NS = _SECOND // 2  # without state for so long it is asked for again
-# PX4 takes no interval for HEARTBEAT, so each is requested. CURRENT_MODE comes with each change.
+_STATE_NS = _SECOND // 2  # without state for this time it is requested again
+# PX4 has no interval for HEARTBEAT: request each one. CURRENT_MODE comes with each change.
 _REQUEST_NS = _SECOND // 10
 _HEARTBEAT_TIMEOUT, _LAND_TIMEOUT, _ODOMETRY_TIMEOUT = 1.5, 2.5, 1.0  # s
-_RATES = {codec.EXTENDED_SYS_STATE: 5.0, codec.SYS_STATUS: 2.0, codec.ATTITUDE_TARGET: 20.0}
-_RATES[codec.CURRENT_MODE] = 50.0
+_MESSAGE_RATES = {codec.EXTENDED_SYS_STATE: 5.0, codec.SYS_STATUS: 2.0}  # Hz
+_MESSAGE_RATES |= {codec.ATTITUDE_TARGET: 20.0, codec.CURRENT_MODE: 50.0}
 _ARMED = 128  # of base_mode
 _FAILING = (5, 6, 8)  # MAV_STATE: critical, emergency, terminating
 _ON_GROUND, _IN_AIR = 1, 2
 _ACCEPTED, _IN_PROGRESS = 0, 5
-_WORTH_TELLING = 4  # the least severe text that is: a warning
-_LONGEST_TEXT, _LONGEST_WARNING = 50, 300  # characters of one message, and of all of a text
-_COMMANDS = {codec.DO_SET_MODE: "the mode", codec.COMPONENT_ARM_DISARM: "arming"}
+_WARNING_SEVERITY = 4  # MAV_SEVERITY: less severe texts are not logged
+_TEXT_CHUNK_LENGTH, _MAX_WARNING_LENGTH = 50, 300  # characters
+_COMMAND_NAMES = {codec.DO_SET_MODE: "the mode", codec.COMPONENT_ARM_DISARM: "arming"}
 _SETPOINTS = (
     "SET_ATTITUDE_TARGET",
     "SET_POSITION_TARGET_LOCAL_NED",
@@ -57,7 +60,7 @@ _SETPOINTS = (
 
 
 class MavlinkBridge(Bridge):
-    """Attitude targets with body rates out, state, modes and settings in."""
+    """Bridge with attitude targets (body rates) out; state, modes and parameters in."""
 
     name = "mavlink_bridge"
     speaks = "PX4 or ArduPilot: MAVLink over a serial port, UDP or TCP"
@@ -76,9 +79,9 @@ class MavlinkBridge(Bridge):
             ]
         self._codec: Codec | None = None
         self._autopilot: Autopilot | None = None
-        self._settings = Settings(())
+        self._settings = AutopilotParameters(())
         self._component = codec.AUTOPILOT_COMPONENT
-        self._time, self._others = VehicleTime(), OtherCommanders()
+        self._time, self._others = VehicleClock(), OtherSetpointSources()
         self._heartbeat = LatestStatus(timeout=_HEARTBEAT_TIMEOUT)
         self._mode = self._intended_mode = 0
         self._land = LatestStatus(timeout=_LAND_TIMEOUT)
@@ -88,9 +91,9 @@ class MavlinkBridge(Bridge):
         self._resets: int | None = None
         self._system, self._was_failing = config.target_system, False
         self._text, self._flown = "", False
-        self._stands_ns: int | None = None
+        self._landed_since_ns: int | None = None
         self._done_ns: dict[str, int] = {}
-        self._answers: dict[str, Callable[[Any, int], None]] = {
+        self._handlers: dict[str, Callable[[Any, int], None]] = {
             "HEARTBEAT": self._on_heartbeat,
             "CURRENT_MODE": self._on_current_mode,
             "ODOMETRY": self._on_odometry,
@@ -106,7 +109,7 @@ class MavlinkBridge(Bridge):
         }
 
     def exchange(self, received: bytes, *, now_ns: int) -> bytes:
-        """Receive the vehicle's messages, and return the requests that are due."""
+        """Receive the vehicle's messages and return the due requests."""
         if self._codec is None:
             self._codec = Codec(system=self._system or 1)
         for message in self._codec.read(received):
@@ -116,12 +119,12 @@ class MavlinkBridge(Bridge):
         return b"".join(map(self._codec.packed, due))
 
     def take_odometries(self) -> list[tuple[OdometrySample, EstimateReset | None]]:
-        """Return the odometry that has come since the last call, each with an announced reset."""
+        """Return the odometries since the last call, each with its announced reset or None."""
         odometries, self._odometries = self._odometries, []
         return odometries
 
     def landed(self, *, now_ns: int) -> bool | None:
-        """Return what the land detector reports, or without it what follows from arming."""
+        """Return the state of the land detector, or, without it, one derived from arming."""
         land = self._land.value(now_ns=now_ns)
         if land is None or land.landed_state == 0:
             return super().landed(now_ns=now_ns)
@@ -136,7 +139,7 @@ class MavlinkBridge(Bridge):
             )
             return Stack(fault=fault)
         fault = f"{autopilot.name} has not sent its parameters yet"
-        if self._settings.are_settled:
+        if self._settings.are_complete:
             fault = autopilot.fault(self._settings.values) or self._others.fault(now_ns=now_ns)
         in_failsafe = heartbeat.system_status in _FAILING or autopilot.takes_setpoints(
             self._intended_mode
@@ -146,19 +149,19 @@ class MavlinkBridge(Bridge):
             fault=fault,
             takes_setpoints=autopilot.takes_setpoints(self._mode),
             armed=bool(heartbeat.base_mode & _ARMED),
-            left=f"{autopilot.name} switched to {autopilot.mode_name(self._mode)} {cause}",
+            exit_reason=f"{autopilot.name} switched to {autopilot.mode_name(self._mode)} {cause}",
         )
 
-    def _obstacle(self, now_ns: int) -> str:
+    def _engage_blocker(self, now_ns: int) -> str:
         heartbeat = self._heartbeat.value(now_ns=now_ns)
         if heartbeat is not None and heartbeat.system_status in _FAILING:
             return "the autopilot reports a failsafe"
-        return super()._obstacle(now_ns)
+        return super()._engage_blocker(now_ns)
 
     def _arm(self, wanted: bool) -> Response:
         if wanted:
-            return self._asked("arming", codec.COMPONENT_ARM_DISARM, 1.0)
-        return self._asked("disarming", codec.COMPONENT_ARM_DISARM, 0.0, FORCED)
+            return self._requested("arming", codec.COMPONENT_ARM_DISARM, 1.0)
+        return self._requested("disarming", codec.COMPONENT_ARM_DISARM, 0.0, FORCED)
 
     def _switch(self) -> list[Outgoing]:
         if self._autopilot is None:
@@ -170,7 +173,7 @@ class MavlinkBridge(Bridge):
         if self._autopilot is None:
             return Response(accepted=True, text="released")
         name, mode = self._autopilot.release_mode
-        return self._asked(f"mode {name}", codec.DO_SET_MODE, *mode)
+        return self._requested(f"mode {name}", codec.DO_SET_MODE, *mode)
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[Outgoing]:
         assert self._autopilot is not None
@@ -186,19 +189,19 @@ class MavlinkBridge(Bridge):
             system=self._system,
             component=self._component,
         )
-        self._others.sent(self._autopilot.echo(target), now_ns=now_ns)
+        self._others.note_setpoint(self._autopilot.echo(target), now_ns=now_ns)
         return [self._packed(target)]
 
     def _receive(self, message: Any, now_ns: int) -> None:
         kind, system = message.get_type(), message.get_srcSystem()
         if kind in _SETPOINTS and message.target_system == self._system:
             sender = f"{kind} of system {system}, component {message.get_srcComponent()}"
-            self._others.found(sender, now_ns=now_ns)
+            self._others.note_sender(sender, now_ns=now_ns)
             return
         if kind == "HEARTBEAT" or (
             system == self._system and message.get_srcComponent() == self._component
         ):
-            take = self._answers.get(kind)
+            take = self._handlers.get(kind)
             if take is not None:
                 take(message, now_ns)
 
@@ -214,25 +217,25 @@ class MavlinkBridge(Bridge):
             return
         if not isinstance(self._autopilot, kind):
             self._autopilot = kind(self._config)
-            self._settings = Settings(self._autopilot.settings)
+            self._settings = AutopilotParameters(self._autopilot.settings)
             self.streams, self.warm_up = self._autopilot.streams, self._autopilot.warm_up
         self._heartbeat.receive(message, now_ns)
-        self._see_mode(int(message.custom_mode), now_ns)
+        self._set_mode(int(message.custom_mode), now_ns)
         failing = message.system_status in _FAILING
         if failing and not self._was_failing:
             self._warnings.append(f"{self._autopilot.name} reports a failsafe")
         self._was_failing = failing
 
     def _on_current_mode(self, message: Any, now_ns: int) -> None:
-        """Take the mode, which changed or whose vehicle armed: the heartbeat says which."""
+        """Receive a changed mode or arming; request a heartbeat, which has both."""
         self._intended_mode = int(message.intended_custom_mode)
-        self._see_mode(int(message.custom_mode), now_ns)
+        self._set_mode(int(message.custom_mode), now_ns)
         self._done_ns.pop("request", None)
 
-    def _see_mode(self, mode: int, now_ns: int) -> None:
+    def _set_mode(self, mode: int, now_ns: int) -> None:
         assert self._autopilot is not None
         self._mode = mode
-        self._others.judge(takes_setpoints=self._autopilot.takes_setpoints(mode), now_ns=now_ns)
+        self._others.resolve(takes_setpoints=self._autopilot.takes_setpoints(mode), now_ns=now_ns)
 
     def _on_odometry(self, message: Any, now_ns: int) -> None:
         if self._config.odometry_topic:
@@ -257,9 +260,9 @@ class MavlinkBridge(Bridge):
         self._take(odometry, now_ns, None)
 
     def _take(self, odometry: OdometrySample | None, now_ns: int, cause: str | None) -> None:
-        """Pass an odometry on, by our clock."""
+        """Publish an odometry, stamped with the node's clock."""
         if odometry is not None:
-            stamp_ns = odometry.stamp_ns + self._time.behind_ns
+            stamp_ns = odometry.stamp_ns + self._time.offset_ns
             odometry = dataclasses.replace(odometry, stamp_ns=stamp_ns)
         passed = self._passed_on(odometry, now_ns=now_ns, cause=cause)
         if passed is not None:
@@ -273,29 +276,29 @@ class MavlinkBridge(Bridge):
         autopilot = self._autopilot
         if autopilot is None:
             return
-        settled = self._settings.are_settled
+        was_complete = self._settings.are_complete
         name, value = codec.parameter_of(message, by_bytes=autopilot.by_bytes)
-        if self._settings.receive(name, value) and (settled or self._settings.are_settled):
+        if self._settings.receive(name, value) and (was_complete or self._settings.are_complete):
             hover = self.thrust.stack_throttle(self._config.vehicle().hover_throttle)
             self._warnings += autopilot.advice(self._settings.values, hover=hover)
 
     def _on_target(self, message: Any, now_ns: int) -> None:
         land = self._land.value(now_ns=now_ns)
         flies = land is not None and land.landed_state == _IN_AIR
-        if self._autopilot is not None and flies and self._handover.state is State.ENGAGED:
-            self._others.target(self._autopilot.echo(message), now_ns=now_ns)
+        if self._autopilot is not None and flies and self._handover.state is HandoverState.ENGAGED:
+            self._others.receive_target(self._autopilot.echo(message), now_ns=now_ns)
             if self._others.suspected:
                 self._done_ns.pop("request", None)
 
     def _on_time(self, message: Any, now_ns: int) -> None:
         if message.tc1 > 0:
-            self._time.answered(
+            self._time.receive(
                 sent_ns=int(message.ts1), vehicle_ns=int(message.tc1), now_ns=now_ns
             )
 
     def _on_ack(self, message: Any, now_ns: int) -> None:
         number = int(message.command)
-        what = _COMMANDS.get(number)
+        what = _COMMAND_NAMES.get(number)
         if what is None or message.result in (_ACCEPTED, _IN_PROGRESS):
             return
         result = command_result(int(message.result))
@@ -306,14 +309,14 @@ class MavlinkBridge(Bridge):
             self._warnings.append(f"the autopilot refuses {what}: {result}")
 
     def _on_text(self, message: Any, now_ns: int) -> None:
-        """Tell a text; a long one comes in pieces, under a number that is not 0."""
+        """Log a text; a long text comes in chunks with an id other than 0."""
         if message.chunk_seq == 0:
             self._text = ""
         text = codec.text_of(message.text)
         self._text += text
-        goes_on = message.id != 0 and len(text) == _LONGEST_TEXT
-        if message.severity <= _WORTH_TELLING and not goes_on:
-            whole = self._text[:_LONGEST_WARNING].strip()  # PX4 ends those of its events in a tab
+        goes_on = message.id != 0 and len(text) == _TEXT_CHUNK_LENGTH
+        if message.severity <= _WARNING_SEVERITY and not goes_on:
+            whole = self._text[:_MAX_WARNING_LENGTH].strip()  # PX4's event texts end in a tab
             self._warnings.append(f"the autopilot says: {whole}")
             if self._arming is not None and self.arming_outcome(now_ns=now_ns) is None:
                 self._reasons.append(whole)
@@ -331,16 +334,16 @@ class MavlinkBridge(Bridge):
         if self._is_due("request", _REQUEST_NS, now_ns):
             due.append(self._command(codec.REQUEST_MESSAGE, float(codec.HEARTBEAT)))
         if self._is_due("time", _TIME_NS, now_ns):
-            self._time.asked(now_ns=now_ns)
+            self._time.note_request(now_ns=now_ns)
             due.append(codec.timesync(sent_ns=now_ns))
         due += [
             codec.parameter_request(name, system=self._system, component=self._component)
             for name in self._settings.due(now_ns=now_ns)
         ]
-        # At first in any case: what comes by itself comes at a rate of the autopilot's.
+        # First in any case: unrequested messages have a rate chosen by the autopilot.
         lacks = "rates" not in self._done_ns or self._lacks_messages(now_ns)
         if lacks and self._is_due("rates", _SECOND, now_ns):
-            rates = _RATES
+            rates = _MESSAGE_RATES
             if not self._config.odometry_topic:
                 rates = rates | dict.fromkeys(self._autopilot.state, self._config.state_rate)
             due += [
@@ -350,25 +353,25 @@ class MavlinkBridge(Bridge):
         return due
 
     def _due_landed(self, now_ns: int) -> list[Any]:
-        """Return what lets the autopilot notice that the MPC has landed, if it needs that."""
-        if self._handover.state is not State.ENGAGED or not self._mpc_ground.is_on_ground:
-            self._flown = self._handover.state is State.ENGAGED and (
+        """Return the request for the landing mode after a landing, if the autopilot needs it."""
+        if self._handover.state is not HandoverState.ENGAGED or not self._mpc_ground.is_on_ground:
+            self._flown = self._handover.state is HandoverState.ENGAGED and (
                 self._flown or self._mpc_ground.is_flying
             )
-            self._stands_ns = None
+            self._landed_since_ns = None
             return []
         wait, autopilot = self._config.land_mode_after, self._autopilot
         if autopilot is None or autopilot.landed_mode is None or not self._flown or wait == 0.0:
             return []
-        if self._stands_ns is None:
-            self._stands_ns = now_ns
-        if now_ns - self._stands_ns < round(wait * _SECOND):
+        if self._landed_since_ns is None:
+            self._landed_since_ns = now_ns
+        if now_ns - self._landed_since_ns < round(wait * _SECOND):
             return []
         self._handover.release("released after landing, to LAND, in which ArduPilot disarms")
         return [self._command(codec.DO_SET_MODE, *autopilot.landed_mode)]
 
     def _is_due(self, what: str, period_ns: int, now_ns: int) -> bool:
-        """Whether something is to be done now that is done once in a period."""
+        """Return whether a periodic action is due, and note it as done."""
         before_ns = self._done_ns.get(what)
         if before_ns is not None and abs(now_ns - before_ns) < period_ns:
             return False
@@ -376,7 +379,7 @@ class MavlinkBridge(Bridge):
         return True
 
     def _lacks_messages(self, now_ns: int) -> bool:
-        """Whether the land detector is not heard, or no state though it is to come from here."""
+        """Return whether the land detector or the required state is missing."""
         if self._land.value(now_ns=now_ns) is None:
             return True
         late = is_old(self._done_ns.get("state"), now_ns, _STATE_NS)
@@ -391,8 +394,8 @@ class MavlinkBridge(Bridge):
         assert self._codec is not None
         return OutgoingBytes(data=self._codec.packed(message))
 
-    def _asked(self, what: str, command: int, *parameters: float) -> Response:
-        """Return the response to a request that the autopilot is asked to fulfil."""
+    def _requested(self, what: str, command: int, *parameters: float) -> Response:
+        """Return the response with a command for the autopilot."""
         if self._autopilot is None:
             return Response(accepted=False, text="no heartbeat of PX4 or ArduPilot yet")
         message = self._packed(self._command(command, *parameters))

@@ -1,6 +1,6 @@
-"""Bytes of MAVLink to values and back, in ENU and FLU. No I/O, no clock, no rules.
+"""Conversion of MAVLink bytes to values in ENU and FLU, and back. No I/O, clock or rules.
 
-Messages after https://mavlink.io/en/messages/common.html; frames of bytes are those of pymavlink.
+Messages: https://mavlink.io/en/messages/common.html. pymavlink packs and parses them.
 """
 
 from __future__ import annotations
@@ -29,43 +29,43 @@ SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 511, 512
 
 _LOCAL_NED, _LOCAL_FRD, _BODY_FRD = 1, 20, 12
 _BODY_FRAMES = (8, _BODY_FRD)  # 8 is the deprecated BODY_NED
-_LONGEST_APART_NS = 50_000_000  # of a position and an attitude that are one state
+_LONGEST_APART_NS = 50_000_000  # between position and attitude of one state
 _MICROSECOND, _MILLISECOND = 1_000, 1_000_000
 _REAL_32 = 9
 
 
 @functools.cache
 def dialect() -> Any:
-    """Return pymavlink's module of common messages with those in development (CURRENT_MODE)."""
+    """Return pymavlink's module of common and development messages (CURRENT_MODE)."""
     return importlib.import_module("pymavlink.dialects.v20.development")
 
 
 class Codec:
-    """One end of a connection: finds messages in bytes, and numbers those that it sends."""
+    """One end of a connection: parses messages and numbers sent ones."""
 
     def __init__(self, *, system: int) -> None:
-        """Take the system that an onboard computer belongs to."""
+        """Initialise for the system that the onboard computer belongs to."""
         self.system = system
         self._mavlink = dialect().MAVLink(None, system, ONBOARD_COMPUTER)
         self._mavlink.robust_parsing = True
 
     def read(self, data: bytes) -> list[Any]:
-        """Return the whole messages in what came; bytes that are none are dropped."""
+        """Return the complete messages in received bytes; drop other bytes."""
         found = self._mavlink.parse_buffer(data) if data else None
         known = dialect().mavlink_map
         return [message for message in found or () if message.get_msgId() in known]
 
     def packed(self, message: Any) -> bytes:
-        """Return the bytes of a message; a ground station's heartbeat has its own component."""
+        """Return the bytes of a message; a ground station's heartbeat has another component."""
         is_station = getattr(message, "type", None) == dialect().MAV_TYPE_GCS
         self._mavlink.srcComponent = GROUND_STATION if is_station else ONBOARD_COMPUTER
         return bytes(message.pack(self._mavlink))
 
 
 def odometry_from_odometry(message: Any) -> OdometrySample:
-    """Return the values of an ``ODOMETRY``, by the vehicle's clock.
+    """Return the odometry in an ``ODOMETRY``, stamped with the vehicle's clock.
 
-    Raises ``ValueError`` for a frame that is unknown and for what is no attitude.
+    Raises ``ValueError`` for an unknown frame or an invalid attitude.
     """
     if message.frame_id not in (_LOCAL_NED, _LOCAL_FRD):
         raise ValueError(f"frame_id {message.frame_id}, expected 1 (NED) or 20 (FRD)")
@@ -92,10 +92,10 @@ def odometry_from_odometry(message: Any) -> OdometrySample:
 
 
 def odometry_from_position_and_attitude(position: Any, attitude: Any) -> OdometrySample | None:
-    """Return a ``LOCAL_POSITION_NED`` with an ``ATTITUDE_QUATERNION``, by the vehicle's clock.
+    """Return the odometry of a ``LOCAL_POSITION_NED`` and an ``ATTITUDE_QUATERNION``.
 
-    The attitude is turned to the time of the position by its body rates. None where they are
-    further apart than 50 ms. Raises ``ValueError`` for what is no attitude.
+    The stamp is that of the position [vehicle's clock]; body rates predict the attitude to it.
+    Returns None if they differ by more than 50 ms. Raises ``ValueError`` for an invalid attitude.
     """
     stamp_ns = _MILLISECOND * int(position.time_boot_ms)
     apart_ns = stamp_ns - _MILLISECOND * int(attitude.time_boot_ms)
@@ -117,9 +117,9 @@ def odometry_from_position_and_attitude(position: Any, attitude: Any) -> Odometr
 
 
 def parameter_of(message: Any, *, by_bytes: bool) -> tuple[str, float]:
-    """Return name and value in a ``PARAM_VALUE``.
+    """Return name and value of a ``PARAM_VALUE``.
 
-    An integer travels as a number (ArduPilot), or ``by_bytes`` in those of a float (PX4).
+    An integer is encoded as a number (ArduPilot), or ``by_bytes`` as the bytes of a float (PX4).
     """
     name, value = text_of(message.param_id), float(message.param_value)
     if by_bytes and int(message.param_type) != _REAL_32:
@@ -128,7 +128,7 @@ def parameter_of(message: Any, *, by_bytes: bool) -> tuple[str, float]:
 
 
 def text_of(text: str | bytes) -> str:
-    """Return a text of a message, whose end may be padded."""
+    """Return a text field without padding."""
     if isinstance(text, bytes):
         text = text.decode("ascii", errors="replace")
     return text.split("\0")[0]
@@ -137,7 +137,7 @@ def text_of(text: str | bytes) -> str:
 def attitude_target(
     command: CommandSample, *, throttle: float, now_ns: int, system: int, component: int
 ) -> Any:
-    """Return a ``SET_ATTITUDE_TARGET`` of body rates [rad/s, FRD] and throttle [0, 1] alone."""
+    """Return a ``SET_ATTITUDE_TARGET`` with body rates [rad/s, FRD] and throttle [0, 1] only."""
     return dialect().MAVLink_set_attitude_target_message(
         now_ns // _MILLISECOND % 2**32,
         system,
@@ -169,10 +169,10 @@ def heartbeat(*, ground_station: bool = False) -> Any:
 
 
 def timesync(*, sent_ns: int) -> Any:
-    """Return the question for the vehicle's time."""
+    """Return a request for the vehicle's time."""
     return dialect().MAVLink_timesync_message(0, sent_ns)
 
 
 def parameter_request(name: str, *, system: int, component: int) -> Any:
-    """Return the question for a parameter."""
+    """Return a request for a parameter."""
     return dialect().MAVLink_param_request_read_message(system, component, name.encode(), -1)

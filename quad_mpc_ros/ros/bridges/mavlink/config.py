@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from quad_mpc_ros.configuration import ConfigurationError, parameter
 from quad_mpc_ros.ros.bridges.config import EstimatorConfig
-from quad_mpc_ros.ros.bridges.line import NETWORK, address_of
+from quad_mpc_ros.ros.bridges.line import NETWORK_PREFIXES, address_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,9 +61,9 @@ class MavlinkConfig(EstimatorConfig):
     )
 
     def check(self) -> None:
-        """Refuse an address that is none."""
+        """Reject an invalid address."""
         super().check()
-        if self.device.startswith(NETWORK) and address_of(self.device) is None:
+        if self.device.startswith(NETWORK_PREFIXES) and address_of(self.device) is None:
             raise ConfigurationError(
                 f"{self.owner}.device", self.device, "like udpin:127.0.0.1:14540"
             )

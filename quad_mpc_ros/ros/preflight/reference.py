@@ -1,4 +1,4 @@
-"""Whether the way of the reference stays within the limits of those who fly it."""
+"""Checks of the reference against the limits of MPC, envelope and fence."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import judged_trajectory
 from quad_mpc_ros.references.feasibility import rates_beyond
 from quad_mpc_ros.references.point_table import BagReader
-from quad_mpc_ros.ros.preflight.facts import Course, Facts
+from quad_mpc_ros.ros.preflight.facts import Facts, ReferenceSamples
 from quad_mpc_ros.ros.preflight.finding import Finding, error, ok, unknown, warning
 from quad_mpc_ros.ros.preflight.own import limit_findings
 
-_MOST_SAMPLES = 500
+_MAX_SAMPLES = 500
 _UNKNOWN = unknown("the parameters of mpc or reference are unknown")
 
 
-def course_of(config: ReferenceConfig, *, read_bag: BagReader) -> Course:
-    """Return what a configured reference leads along.
+def sample_reference(config: ReferenceConfig, *, read_bag: BagReader) -> ReferenceSamples:
+    """Return samples of a configured reference and its feasibility verdict.
 
-    Raises :class:`UserError` where that cannot be found out here: of a file on another computer.
+    Raises :class:`UserError` if it cannot be computed here, as for a file on another computer.
     """
     trajectory, verdict = judged_trajectory(config, read_bag=read_bag)
     seconds = verdict.over_time.seconds
-    chosen = seconds[:: max(len(seconds) // _MOST_SAMPLES, 1)]
+    chosen = seconds[:: max(len(seconds) // _MAX_SAMPLES, 1)]
     samples = trajectory.at([round(1e9 * second) for second in chosen])
     R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
     v_WB_B = np.einsum("nji,nj->ni", R_WB, samples.v_WB_W)
     w_WB_B = np.einsum("nji,nj->ni", R_WB, samples.w_WB_W)
-    return Course(
+    return ReferenceSamples(
         samples=tuple(
             OdometrySample(
                 stamp_ns=0,
@@ -52,7 +52,7 @@ def course_of(config: ReferenceConfig, *, read_bag: BagReader) -> Course:
 
 
 def limits_findings(facts: Facts) -> list[Finding]:
-    """Do the limits nest: the reference's within the plan's, those within the envelope's?"""
+    """Check that the reference's limits are within the plan's, these within the envelope's."""
     mpc, reference = facts.mpc, facts.reference
     if mpc is None:
         return [_UNKNOWN]
@@ -64,8 +64,8 @@ def limits_findings(facts: Facts) -> list[Finding]:
             found.append(
                 judged(
                     f"reference.max_speed is {speed:g} m/s, mpc.envelope.speed_max "
-                    f"{envelope.speed_max:g}, where the action is {envelope.action}",
-                    "lower max_speed, or raise envelope.speed_max",
+                    f"{envelope.speed_max:g} with action {envelope.action}",
+                    "reduce max_speed, or increase envelope.speed_max",
                 )
             )
         elif 0.0 < mpc.limits.speed_max < speed:
@@ -73,32 +73,32 @@ def limits_findings(facts: Facts) -> list[Finding]:
                 warning(
                     f"reference.max_speed is {speed:g} m/s, mpc.limits.speed_max "
                     f"{mpc.limits.speed_max:g}: the MPC falls behind",
-                    "lower max_speed, or raise limits.speed_max",
+                    "reduce max_speed, or increase limits.speed_max",
                 )
             )
     return found or [ok("of reference, plan and envelope nest")]
 
 
 def rates_findings(facts: Facts) -> list[Finding]:
-    """Can the MPC turn as fast as the reference needs?"""
+    """Check that the body rates of the reference are within mpc.omega_max."""
     mpc = facts.mpc
     if mpc is None:
         return [_UNKNOWN]
     found = []
-    if facts.course is not None:
+    if facts.reference_samples is not None:
         found += [
             warning(
                 f"the reference needs a {need.name} of {need.worst:.3g} rad/s, mpc.omega_max is "
                 f"{bound:.3g}",
                 "slow it down: reference.time_scaling: auto",
             )
-            for need, bound in rates_beyond(facts.course.verdict, mpc.omega_max)
+            for need, bound in rates_beyond(facts.reference_samples.verdict, mpc.omega_max)
         ]
     return found or [ok(f"omega_max {[round(rate, 2) for rate in mpc.omega_max]} rad/s")]
 
 
 def fence_findings(facts: Facts) -> list[Finding]:
-    """Do fence and envelope hold the vehicle, its take-off and the reference?"""
+    """Check that the vehicle, its take-off and the reference are within fence and envelope."""
     mpc = facts.mpc
     if mpc is None:
         return [_UNKNOWN]
@@ -108,18 +108,18 @@ def fence_findings(facts: Facts) -> list[Finding]:
         return [ok("none is set")]
     found = []
     limits = FlightLimits(mpc)
-    for name, samples, remedy in _places(facts):
-        breach = _gravest(limits, samples)
+    for name, samples, remedy in _checked_samples(facts):
+        breach = _worst_breach(limits, samples)
         if breach is not None:
             judged = warning if breach.action is Action.WARN else error
             found.append(judged(f"{name} would break a limit: {breach.reason}", remedy))
-    if facts.course_fault:
-        found.append(unknown(f"the way of the reference: {facts.course_fault}"))
+    if facts.reference_samples_error:
+        found.append(unknown(f"path of the reference: {facts.reference_samples_error}"))
     return found or [ok("vehicle, take-off and reference are inside")]
 
 
-def _places(facts: Facts) -> list[tuple[str, Sequence[OdometrySample], str]]:
-    """Return what has to be inside: its name, where it leads, and what to do if it is not."""
+def _checked_samples(facts: Facts) -> list[tuple[str, Sequence[OdometrySample], str]]:
+    """Return the samples that must be inside, each with name and remedy."""
     places: list[tuple[str, Sequence[OdometrySample], str]] = []
     here: Array = np.zeros(3)
     if facts.arrivals:
@@ -137,9 +137,13 @@ def _places(facts: Facts) -> list[tuple[str, Sequence[OdometrySample], str]]:
                 "lower reference.takeoff_height, or raise fence.maximum",
             )
         )
-    if facts.course is not None:
+    if facts.reference_samples is not None:
         places.append(
-            ("the reference", facts.course.samples, "change it, or widen fence.* or envelope.*")
+            (
+                "the reference",
+                facts.reference_samples.samples,
+                "change it, or widen fence.* or envelope.*",
+            )
         )
     return places
 
@@ -148,6 +152,6 @@ def _resting(p_WB: Array) -> OdometrySample:
     return OdometrySample.at_rest(p_WB)
 
 
-def _gravest(limits: FlightLimits, samples: Sequence[OdometrySample]) -> Breach | None:
+def _worst_breach(limits: FlightLimits, samples: Sequence[OdometrySample]) -> Breach | None:
     found = [each for sample in samples if (each := limits.predicted_breach(sample)) is not None]
     return max(found, key=lambda breach: breach.action, default=None)

@@ -11,7 +11,7 @@ from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.extras.obstacles.avoidance import ObstacleAvoidance
-from quad_mpc_ros.extras.obstacles.detour import Ahead, Detour, detour
+from quad_mpc_ros.extras.obstacles.bypass import Bypass, Preview, find_bypass
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.path import PathSamples
 from quad_mpc_ros.simulation.closed_loop import fly
@@ -41,25 +41,25 @@ class Circle:
         )
 
 
-def circle_ahead() -> Ahead:
-    return Ahead.of(ReferenceWindow.through(TIMES, Circle().at(TIMES).p_WB), 0)
+def circle_ahead() -> Preview:
+    return Preview.of(ReferenceWindow.through(TIMES, Circle().at(TIMES).p_WB), 0)
 
 
-def straight_ahead() -> Ahead:
+def straight_ahead() -> Preview:
     places = np.outer(TIMES, [2.0, 0.0, 0.0]) + np.array([0.0, 0.0, HEIGHT])
-    return Ahead.of(ReferenceWindow.through(TIMES, places), 0)
+    return Preview.of(ReferenceWindow.through(TIMES, places), 0)
 
 
-def chosen(ahead: Ahead, blocked: slice, *, astray: bool = False) -> Detour:
+def chosen(ahead: Preview, blocked: slice, *, astray: bool = False) -> Bypass:
     clear = np.ones(len(ahead.times), dtype=bool)
     clear[blocked] = False
-    around = detour(ahead, clear, np.ones_like(clear), speed_max=4.0, astray=astray)
+    around = find_bypass(ahead, clear, np.ones_like(clear), speed_max=4.0, astray=astray)
     assert around is not None
     return around
 
 
 def test_straight_reference_is_left_at_once_and_rejoined_where_it_ends() -> None:
-    assert chosen(straight_ahead(), slice(15, 20)) == Detour(leave=0, rejoin=len(TIMES) - 1)
+    assert chosen(straight_ahead(), slice(15, 20)) == Bypass(leave=0, rejoin=len(TIMES) - 1)
 
 
 @pytest.mark.parametrize("first", [5, 12, 20, 26])
@@ -80,14 +80,14 @@ def test_vehicle_that_is_astray_leaves_at_once_and_rejoins_where_it_can_be_in_ti
 
 def test_reference_that_is_blocked_to_its_end_is_flown_to_the_last_clear_place() -> None:
     ahead = straight_ahead()
-    assert chosen(ahead, slice(15, None)) == Detour(leave=0, rejoin=14)
+    assert chosen(ahead, slice(15, None)) == Bypass(leave=0, rejoin=14)
     blocked = np.zeros(len(ahead.times), dtype=bool)
-    assert detour(ahead, blocked, ~blocked, speed_max=4.0, astray=False) is None
+    assert find_bypass(ahead, blocked, ~blocked, speed_max=4.0, astray=False) is None
 
 
 def test_ahead_begins_where_the_reference_is_now() -> None:
     window = ReferenceWindow.through(TIMES, Circle().at(TIMES).p_WB, stamp_ns=10**9)
-    ahead = Ahead.of(window, 10**9 + 330_000_000)
+    ahead = Preview.of(window, 10**9 + 330_000_000)
     assert ahead.times[0] == 0.0
     np.testing.assert_allclose(ahead.p_W[0], Circle().at(np.array([0.33])).p_WB[0], atol=1e-3)
     np.testing.assert_allclose(ahead.times[1], 0.02, atol=1e-9)

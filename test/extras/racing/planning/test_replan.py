@@ -15,9 +15,9 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.extras.racing.gate_passages import passages
 from quad_mpc_ros.extras.racing.gates import course_from
-from quad_mpc_ros.extras.racing.live_race import Detour, LiveRace
-from quad_mpc_ros.extras.racing.planning.detour import planned_part
+from quad_mpc_ros.extras.racing.live_race import LiveRace, ReplanRequest
 from quad_mpc_ros.extras.racing.planning.race_plan import RacePlan, plan_race
+from quad_mpc_ros.extras.racing.planning.replan import planned_part
 from quad_mpc_ros.extras.racing.planning.settings import PlanSettings
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
 from quad_mpc_ros.references.course import Course
@@ -68,11 +68,11 @@ def flown(model: str) -> PlannedMotion:
 
 
 @functools.cache
-def asked(model: str, number: int = MOVED) -> Detour:
-    """Return the detour for a gate that moved, received in time."""
+def asked(model: str, number: int = MOVED) -> ReplanRequest:
+    """Return what is asked for where a gate has moved, received in time."""
     race = LiveRace(planned(model).course, flown(model), planner=True)
     race.move(*moved(number))
-    found = race.detour(flown(model), 0.2)
+    found = race.replan_request(flown(model), 0.2)
     assert found is not None and found.planned
     return found
 
@@ -112,7 +112,7 @@ def test_it_passes_where_the_gate_is_and_the_present_plan_does_not(
     model: str, number: int
 ) -> None:
     there = planned(model).course.moved(*moved(number))
-    way = asked(model, number).flown(part(model, number), vehicle().reference)
+    way = asked(model, number).with_part(part(model, number), vehicle().reference)
     assert isinstance(way.trajectory, PlannedMotion)
     assert missed(there, flown(model)) == 1
     assert missed(there, way.trajectory) == 0

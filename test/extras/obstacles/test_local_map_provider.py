@@ -7,19 +7,19 @@ import pytest
 from fixtures.obstacles import Standing
 
 from quad_mpc_ros.extras.obstacles.local_map import LocalMap
-from quad_mpc_ros.extras.obstacles.surroundings import Surroundings
+from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider
 
 START = np.zeros(3)
 POINTS = np.array([[2.0, 0.0, 0.0], [0.0, 3.0, 0.0]])
 
 
-def map_at(surroundings: Surroundings, x: float) -> LocalMap:
+def map_at(surroundings: LocalMapProvider, x: float) -> LocalMap:
     return surroundings.at(np.array([x, 0.0, 0.0]), 10**9, radius=6.0, far=1.0)
 
 
 def test_a_map_serves_until_what_is_known_changes_or_a_metre_is_flown() -> None:
     standing = Standing(POINTS)
-    surroundings = Surroundings(standing)
+    surroundings = LocalMapProvider(standing)
     first = map_at(surroundings, 0.0)
     assert map_at(surroundings, 0.9) is first
     assert map_at(surroundings, 1.1) is not first
@@ -30,16 +30,16 @@ def test_a_map_serves_until_what_is_known_changes_or_a_metre_is_flown() -> None:
 
 def test_ticks_go_on_with_the_map_of_before_until_it_is_renewed() -> None:
     standing, calls = Standing(POINTS), []
-    surroundings = Surroundings(standing)
+    surroundings = LocalMapProvider(standing)
     surroundings.wake = lambda: calls.append(True)
     first = map_at(surroundings, 0.0)  # there is none of before
     assert calls == []
-    surroundings.renew()
+    surroundings.update_map()
     assert map_at(surroundings, 0.0) is first
     standing.revision += 1
     assert map_at(surroundings, 0.0) is first
     assert calls == [True]
-    surroundings.renew()
+    surroundings.update_map()
     renewed = map_at(surroundings, 0.0)
     assert renewed is not first
     assert renewed.revision == standing.revision
@@ -47,16 +47,16 @@ def test_ticks_go_on_with_the_map_of_before_until_it_is_renewed() -> None:
 
 
 def test_the_next_map_is_about_where_the_vehicle_was_last() -> None:
-    surroundings = Surroundings(Standing(POINTS))
+    surroundings = LocalMapProvider(Standing(POINTS))
     surroundings.wake = lambda: None
     map_at(surroundings, 0.0)
     map_at(surroundings, 1.5)
-    surroundings.renew()
+    surroundings.update_map()
     assert map_at(surroundings, 1.5).centre == pytest.approx([1.5, 0.0, 0.0])
 
 
 def test_discards_a_map_of_another_place() -> None:
-    surroundings = Surroundings(Standing(POINTS))
+    surroundings = LocalMapProvider(Standing(POINTS))
     surroundings.wake = lambda: None
     first = map_at(surroundings, 0.0)
     assert map_at(surroundings, 2.5) is not first
@@ -68,12 +68,12 @@ def test_discards_a_map_of_another_place() -> None:
 
 def test_the_grid_is_made_beforehand_only_where_ways_are_searched() -> None:
     standing = Standing(POINTS)
-    surroundings = Surroundings(standing)
+    surroundings = LocalMapProvider(standing)
     surroundings.wake = lambda: None
 
     def renewed() -> LocalMap:
         standing.revision += 1
-        surroundings.renew()
+        surroundings.update_map()
         return map_at(surroundings, 0.0)
 
     map_at(surroundings, 0.0)

@@ -1,6 +1,6 @@
-"""The rest of a race replanned in flight, from a state of the present plan.
+"""Replanning of a part of a race in flight, from a state of the present plan.
 
-The optimiser begins from the present plan, that leads by where the gates were.
+The first guess is the present plan through the former gates.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import numpy as np
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.extras.racing.live_race import Detour
-from quad_mpc_ros.extras.racing.planning.first_guess import FEWEST_STEPS, PosedMotion
+from quad_mpc_ros.extras.racing.live_race import ReplanRequest
+from quad_mpc_ros.extras.racing.planning.first_guess import MIN_STEPS, PosedMotion
 from quad_mpc_ros.extras.racing.planning.legs import legs_of
 from quad_mpc_ros.extras.racing.planning.model import F, Model, P, Q, V, W
 from quad_mpc_ros.extras.racing.planning.race_plan import (
@@ -23,44 +23,44 @@ from quad_mpc_ros.extras.racing.planning.race_plan import (
     table_of,
 )
 from quad_mpc_ros.extras.racing.planning.settings import PlanSettings
-from quad_mpc_ros.extras.racing.planning.transcription import SHORTEST, solve
+from quad_mpc_ros.extras.racing.planning.transcription import MIN_LEG_DURATION, solve
 from quad_mpc_ros.references.motion_table import MotionTable, PlannedMotion
 
-_ITERATIONS = 150
-_ROUNDS = 8  # of the search for the thrust: drag of the rotors depends on it, a little
+_MAX_ITERATIONS = 150
+_THRUST_ITERATIONS = 8  # for the thrust, on which the drag of the rotors depends slightly
 
 
-def planned_part(detour: Detour) -> MotionTable:
-    """Return the plan of least time for the part of a race that is to be flown another way.
+def planned_part(request: ReplanRequest) -> MotionTable:
+    """Return the time-optimal plan for a part of a race.
 
-    Position, velocity, attitude, body rates and, where the thrust lags, it too are those of the
-    present plan where it begins and, unless that is the end of the race, where it ends. Raises
-    :class:`UserError` where no plan is found.
+    Position, velocity, attitude, body rates and a lagging thrust are those of the present plan at
+    the start and, unless the race ends there, at the end. Raises :class:`UserError` if no plan is
+    found.
     """
-    settings = PlanSettings.of(detour.motion.planned_with)
-    legs = legs_of(detour.part, margin=settings.gate_margin, radius=settings.radius)
+    settings = PlanSettings.of(request.motion.planned_with)
+    legs = legs_of(request.part, margin=settings.gate_margin, radius=settings.radius)
     model = equations_of(settings)
-    guess = guess_of(_posed(detour, model, settings), model, settings.vehicle)
-    dynamics = dynamics_of(model, first=guess.states[0], lowest=lowest_of(detour.part))
-    if detour.rejoin is not None:
+    guess = guess_of(_posed(request, model, settings), model, settings.vehicle)
+    dynamics = dynamics_of(model, first=guess.states[0], lowest=lowest_of(request.part))
+    if request.rejoin is not None:
         last = guess.states[-1].copy()
-        last[P] = np.nan  # as the last leg has it
+        last[P] = np.nan  # defined by the last leg
         last[Q.start + int(np.abs(last[Q]).argmax())] = np.nan  # the length is 1 as it is
         dynamics = dataclasses.replace(dynamics, last=last)
-    solved = solve(legs, dynamics, guess, name="detour", most_iterations=_ITERATIONS)
+    solved = solve(legs, dynamics, guess, name="replan", most_iterations=_MAX_ITERATIONS)
     if not solved.optimal:
         raise UserError(f"no plan found ({solved.status} after {solved.iterations} iterations)")
-    rests = False, detour.rejoin is None
+    rests = False, request.rejoin is None
     return table_of(model, solved.nodes, settings, source="the new plan", rests=rests)
 
 
-def _posed(detour: Detour, model: Model, settings: PlanSettings) -> PosedMotion:
-    """Return the present way at the nodes of the part."""
-    motion, begin = detour.motion, detour.leave_seconds
-    durations = np.maximum(np.diff(detour.ends, prepend=begin), 2.0 * SHORTEST)
-    counts = np.maximum(FEWEST_STEPS, np.ceil(durations / settings.step)).astype(int)
+def _posed(request: ReplanRequest, model: Model, settings: PlanSettings) -> PosedMotion:
+    """Return the present motion at the nodes of the part."""
+    motion, begin = request.motion, request.leave_seconds
+    durations = np.maximum(np.diff(request.ends, prepend=begin), 2.0 * MIN_LEG_DURATION)
+    counts = np.maximum(MIN_STEPS, np.ceil(durations / settings.step)).astype(int)
     times = begin + np.append(0.0, np.cumsum(np.repeat(durations / counts, counts)))
-    times[-1] = detour.ends[-1]
+    times[-1] = request.ends[-1]
     samples = PlannedMotion(motion).at(np.round(1e9 * times).astype(np.int64).tolist())
     seconds = motion.seconds - motion.seconds[0]
     w = [np.interp(times, seconds, column) for column in motion.w_WB_B.T]
@@ -80,14 +80,14 @@ def _posed(detour: Detour, model: Model, settings: PlanSettings) -> PosedMotion:
 
 
 def _thrust(model: Model, states: Array, a_WB_W: Array, gravity: float) -> Array:
-    """Return the thrusts over mass (n,) [m/s^2] under which states (n, 13) accelerate as given."""
+    """Return the thrusts over mass (n,) [m/s^2] for the accelerations of states (n, 13)."""
     w, x, y, z = states[:, Q].T
     up = np.column_stack((2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)))
     thrust = np.einsum("ni,ni->n", up, a_WB_W) + gravity * up[:, 2]
-    if model.nx > F.start:  # drag of the air, and of the rotors, which depends on the thrust
+    if model.nx > F.start:  # drag of body and rotors depends on the thrust
         acceleration = model.acceleration.map(len(states))
         inputs = np.tile(model.hover, (len(states), 1)).T
-        for _ in range(_ROUNDS):
+        for _ in range(_THRUST_ITERATIONS):
             found = acceleration(np.column_stack((states, thrust)).T, inputs)
             thrust += np.einsum("ni,ni->n", up, a_WB_W - np.array(found).T)
     return np.asarray(thrust)

@@ -1,8 +1,8 @@
-"""Where the reference is left and rejoined, when something stands on it.
+"""Selection of the points where the reference is left and rejoined around an obstacle.
 
-A straight reference is left at once and rejoined as far ahead as it is known. Where it bends, that
-would cut off the bend: it is left where a nearly straight piece begins that leads past what is in
-the way, and rejoined at the end of that piece, or, if the vehicle cannot be there in time, later.
+A straight reference is left at once and rejoined at the end of the known part. At a bend, that
+would cut the corner: it is left where a nearly straight segment past the obstacle begins, and
+rejoined at the end of that segment, or later if the vehicle cannot be there in time.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from numpy.typing import NDArray
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 
-_SPACING = 0.1  # m, between places beyond the window's end
-_BEYOND = 2.0  # m, that a reference is followed on to find where it comes out
-AT_REST = 0.1
-"""Slower than this a reference is at rest [m/s]."""
-# A piece of the reference is nearly straight if its ends are apart by this share of its length.
-_STRAIGHT = 0.9
+_SPACING = 0.1  # m, between points beyond the end of the window
+_EXTRAPOLATED = 2.0  # m, length of the straight extrapolation
+REST_SPEED = 0.1
+"""A slower reference is at rest [m/s]."""
+# Distance of the ends of a nearly straight segment, over its length.
+_MIN_STRAIGHTNESS = 0.9
 
 
-class Ahead(NamedTuple):
-    """The reference from now on, and straight on beyond the end of its window.
+class Preview(NamedTuple):
+    """The reference from now on, extrapolated straight beyond the end of its window.
 
-    Places ``p_W`` (n, 3) [m], velocities ``v_W`` (n, 3) [m/s] and from now on the ``times`` (n,)
-    [s]; ``known`` of them are of the window. ``acceleration`` [m/s^2] is its largest.
+    Positions ``p_W`` (n, 3) [m], velocities ``v_W`` (n, 3) [m/s] and ``times`` (n,) [s] from now;
+    the first ``known`` are in the window. ``acceleration`` [m/s^2] is the largest.
     """
 
     p_W: Array
@@ -37,8 +37,8 @@ class Ahead(NamedTuple):
     acceleration: float
 
     @staticmethod
-    def of(window: ReferenceWindow, start_ns: int) -> Ahead:
-        """Return what a window says from a time on; at its end it stays if it is at rest."""
+    def of(window: ReferenceWindow, start_ns: int) -> Preview:
+        """Return the preview of a window from a time on, extrapolated unless it ends at rest."""
         times = np.asarray(1e-9 * (window.offset_ns + (window.stamp_ns - start_ns)), float)
         first = min(max(int(np.searchsorted(times, 0.0, side="right")) - 1, 0), len(times) - 1)
         p_W, v_W = window.p_WB[first:].copy(), window.v_WB_W[first:].copy()
@@ -47,62 +47,63 @@ class Ahead(NamedTuple):
         v_W[0] = interpolated(now, times, window.v_WB_W)[0]
         times = np.maximum(times[first:], 0.0)
         known, v, speed = len(times), v_W[-1], float(np.linalg.norm(v_W[-1]))
-        if speed > AT_REST and len(window.p_WB) > 2:
-            further = np.linspace(_SPACING, _BEYOND, round(_BEYOND / _SPACING)) / speed
+        if speed > REST_SPEED and len(window.p_WB) > 2:
+            further = np.linspace(_SPACING, _EXTRAPOLATED, round(_EXTRAPOLATED / _SPACING)) / speed
             p_W = np.vstack([p_W, p_W[-1] + further[:, None] * v])
             v_W = np.vstack([v_W, np.tile(v, (len(further), 1))])
             times = np.concatenate((times, times[-1] + further))
         hardest = float(np.linalg.norm(window.a_WB_W[first:], axis=1).max(initial=0.0))
-        return Ahead(p_W, v_W, times, known, hardest)
+        return Preview(p_W, v_W, times, known, hardest)
 
     @property
     def speeds(self) -> Array:
-        """How fast it is (n,) [m/s]."""
+        """Speeds (n,) [m/s]."""
         return np.asarray(np.linalg.norm(self.v_W, axis=1))
 
-    def part(self, begin: int, end: int) -> Ahead:
-        """Return some of its samples."""
+    def part(self, begin: int, end: int) -> Preview:
+        """Return the samples in a range."""
         piece = slice(begin, end)
         known = max(min(self.known, end) - begin, 0)
-        return Ahead(self.p_W[piece], self.v_W[piece], self.times[piece], known, self.acceleration)
+        p_W, v_W, times = self.p_W[piece], self.v_W[piece], self.times[piece]
+        return Preview(p_W, v_W, times, known, self.acceleration)
 
     def at(self, times: Array) -> tuple[Array, Array]:
-        """Return places and velocities (k, 3) at times (k,) [s]."""
+        """Return positions and velocities (k, 3) at times (k,) [s]."""
         return (
             interpolated(times, self.times, self.p_W),
             interpolated(times, self.times, self.v_W),
         )
 
 
-class Detour(NamedTuple):
-    """The samples of the reference where it is left, 0 for at once, and where it is rejoined."""
+class Bypass(NamedTuple):
+    """Indices of the samples where the reference is left (0: at once) and rejoined."""
 
     leave: int
     rejoin: int
 
 
-def detour(
-    ahead: Ahead,
+def find_bypass(
+    ahead: Preview,
     clear: NDArray[np.bool_],
     near: NDArray[np.bool_],
     *,
     speed_max: float,
     astray: bool,
-) -> Detour | None:
-    """Return where to leave the reference and where to rejoin it; None where it nowhere can be.
+) -> Bypass | None:
+    """Return where to leave and rejoin the reference; None if it cannot be rejoined.
 
     Args:
         ahead: The reference.
-        clear: Which of its places (n,) nothing stands at.
-        near: Which of them (n,) are within what is regarded.
-        speed_max: How fast ways are flown [m/s], unless the reference is faster where they end.
-        astray: Whether the vehicle is away from the reference, so that it has been left.
+        clear: Which of its positions (n,) are free of obstacles.
+        near: Which of its positions (n,) are within range.
+        speed_max: Speed limit of paths [m/s], unless the reference is faster at their end.
+        astray: Whether the vehicle has already left the reference.
     """
     good, blocked = np.flatnonzero(clear & near), np.flatnonzero(~clear)
     first = int(blocked[0]) if len(blocked) else -1
     after = good[good > first]
-    if len(after) == 0:  # in front of it, until it is known where the reference comes out
-        return Detour(0, int(good[-1])) if len(good) else None
+    if len(after) == 0:  # stop before the obstacle until the reference behind it is known
+        return Bypass(0, int(good[-1])) if len(good) else None
     beyond = after[after >= ahead.known - 1]
     after = after[: len(after) - len(beyond) + 1]
     steps = np.linalg.norm(np.diff(ahead.p_W, axis=0), axis=1)
@@ -117,23 +118,23 @@ def detour(
     apart = np.linalg.norm(ahead.p_W[wanted] - ahead.p_W[leave], axis=1)
     fastest = np.maximum(ahead.speeds[wanted], speed_max)
     in_time = wanted[apart <= fastest * (ahead.times[wanted] - ahead.times[leave])]
-    return Detour(leave, int(in_time[0] if len(in_time) else after[-1]))
+    return Bypass(leave, int(in_time[0] if len(in_time) else after[-1]))
 
 
 def interpolated(times: Array, at: NDArray[Any], places: Array) -> Array:
-    """Return places (n, 3) at times (n,), given those at others in order."""
+    """Return positions (n, 3) at times (n,), interpolated between given positions."""
     return np.column_stack([np.interp(times, at, places[:, k]) for k in range(3)])
 
 
 def is_nearly_straight(p_W: Array) -> bool:
-    """Return whether places (n, 3) lead nearly straight from the first to the last."""
+    """Return whether positions (n, 3) are nearly on a straight line."""
     length = np.linalg.norm(np.diff(p_W, axis=0), axis=1).sum()
-    return bool(np.linalg.norm(p_W[-1] - p_W[0]) >= _STRAIGHT * length - 1e-9)
+    return bool(np.linalg.norm(p_W[-1] - p_W[0]) >= _MIN_STRAIGHTNESS * length - 1e-9)
 
 
 def _nearly_straight(
     p_W: Array, along: Array, starts: NDArray[np.intp], ends: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
-    """Return which pieces between places, one start or one end for all, are nearly straight."""
+    """Return which segments between points (one start or one end) are nearly straight."""
     apart = np.linalg.norm(p_W[ends] - p_W[starts], axis=1)
-    return np.asarray(apart >= _STRAIGHT * (along[ends] - along[starts]) - 1e-9)
+    return np.asarray(apart >= _MIN_STRAIGHTNESS * (along[ends] - along[starts]) - 1e-9)
