@@ -64,7 +64,7 @@ class Flown:
     lost: float
     """Of the vehicles of which it knows the mass, on the lemniscate and in hover."""
     rmse: float
-    """Of those on the lemniscate that were not lost, 95 % of them."""
+    """95th percentile over the flights on the lemniscate without a crash."""
     lost_configured: float
     rmse_configured: float
     square: float

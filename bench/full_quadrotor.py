@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """What of a plan is not as it says.
+    """Largest deviations of a plan from the states that its inputs lead to.
 
     ``position`` [m], ``velocity`` [m/s], ``attitude`` [rad], ``rates`` [rad/s]: the largest
     difference of the states at its nodes. ``rotor`` and ``throttle`` by how much the thrust of a

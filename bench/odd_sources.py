@@ -305,6 +305,8 @@ def sources() -> Iterator[Source]:
     for campaign in ("hover", "lemniscate"):
         for name, changes in (
             ("velocity noise 0.3 m/s", {"simulator.velocity_noise": 0.3}),
+            ("position noise 0.1 m", {"simulator.position_noise": 0.1}),
+            ("attitude noise 0.03 rad", {"simulator.attitude_noise": 0.03}),
             ("thrust x 0.5", {"simulator.thrust_scale": 0.5}),
             ("thrust x 1.6", {"simulator.thrust_scale": 1.6}),
             ("drag 1.0 1/s", {"simulator.drag": 1.0}),

@@ -268,8 +268,8 @@ class ObstacleParameters(WorldParameters):
 
     half_spaces: int = parameter(
         0,
-        doc="manifold: half-spaces on the position that a stage of the plan has room for; 0 is to "
-        "know of no obstacles, 8 is enough for most.",
+        doc="manifold, contouring: maximum number of half-spaces for the position in each stage of "
+        "the plan; 0 disables obstacle avoidance, 8 is enough for most scenes.",
         minimum=0,
         maximum=32,
     )

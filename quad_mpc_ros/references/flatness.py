@@ -158,7 +158,7 @@ class _Motion:
     def thrust_rate(self, inputs: FlatInputs, drag: Array, drag_rate: Array) -> Array:
         """Return the time derivative of the thrust over mass (n,) [m/s^3].
 
-        That of z'(a + g e_3) + mu_z u_z, with u = R' v.
+        Derivative of z'(a + g e_3) + mu_z u_z, with u = R' v.
         """
         R, w = inputs.R_WB, inputs.w_WB_B
         u, a, j = (np.einsum("nji,nj->ni", R, vector) for vector in (self.v, self.a, self.j))
@@ -218,7 +218,7 @@ class _AnisotropicDrag:
     def axis_rate(self, z: Array, turn: Array, yaw_rate: ArrayLike) -> Array:
         """Return the time derivative (n, 3) of the thrust's direction.
 
-        That of x'(force + mu_x v) = 0 and y'(force + mu_y v) = 0, in which the body turns by
+        Derivative of x'(force + mu_x v) = 0 and y'(force + mu_y v) = 0, in which the body turns by
         (w_x, w_y) about its x and y axes and, by what the tilt and the yaw have along z, about it.
         """
         tilt, _ = _shortest_tilt(z, np.zeros_like(z))

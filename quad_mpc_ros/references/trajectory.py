@@ -65,21 +65,23 @@ class TrajectoryParameters(VehicleParameters):
 
     origin: tuple[float, ...] = parameter(
         (0.0, 0.0),
-        doc="Where the origin of the trajectory lies, east and north.",
+        doc="Where the origin of the trajectory lies, east and north; not used by gates.",
         unit="m",
         length=2,
     )
     height: float = parameter(
         2.0,
-        doc="Height of the trajectory above the ground, of its lowest point where it is not "
-        "level; not for those that have heights of their own (waypoints, minimum_snap, csv, bag).",
+        doc="Height of the trajectory above the ground: of the lowest point of vertical_loop, flip "
+        "and split_s, of the centre of an ellipse. Not used by trajectories with heights of their "
+        "own (waypoints, minimum_snap, gates, csv, bag).",
         unit="m",
         minimum=0.0,
     )
     yaw: float = parameter(
         0.0,
-        doc="Where the nose points while level, from east to north; vertical_loop, flip and "
-        "split_s are flown that way. Added to the yaw of a csv.",
+        doc="Heading while level, from east to north; vertical_loop, flip and split_s are flown in "
+        "this direction. Added to the heading of an ellipse and to the yaw of a csv without "
+        "attitudes.",
         unit="rad",
         minimum=-math.tau,
         maximum=math.tau,

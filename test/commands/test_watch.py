@@ -1,4 +1,4 @@
-"""What the table of ``quad_mpc watch`` says: of what came, what is missing, and what is old."""
+"""The table of ``quad_mpc watch`` with received, missing and old values."""
 
 from __future__ import annotations
 

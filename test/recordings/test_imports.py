@@ -14,7 +14,7 @@ HEAVY = ("numba", "scipy", "rosbags", "osqp", "matplotlib")
     ("modules", "absent"),
     [
         (("recordings.qos_profile", "recordings.config"), (*HEAVY, "mcap", "zstandard")),
-        # Those of the recorder, the player, and quad_mpc bag.
+        # The modules of the recorder, the player and quad_mpc bag.
         (
             ("recordings.writer", "recordings.parameters", "recordings.reader"),
             HEAVY,

@@ -107,6 +107,7 @@ _MOST_DRAG = 3.0  # 1/s
 # Largest difference of the two sides within a sample: angle, distance, speed, rate.
 _ANGLE_STEP, _POSITION_STEP, _SPEED_STEP, _RATE_STEP = 0.08, 0.15, 2.0, 20.0
 _NOISE_FORGETTING = 0.15  # over the forgetting of a stage of the low-pass
+_NOISE_DEVIATIONS = 3.0  # of the noise, that lift may be below its bound
 # Body rates above this are wrong if the attitude turns at less than this share of them.
 _MAX_RATE, _MIN_TURN_SHARE = 15.0, 0.25  # rad/s
 
@@ -697,6 +698,7 @@ def _contradicted(state: ConsistencyState, gravity: float, is_flying: bool) -> i
         found |= _OFF_FORCE
     # In a fast climb, drag takes part of the lift.
     thrust, lift = state.force.x[2], state.force.y[2] + _MOST_DRAG * max(state.v_WB_W[2], 0.0)
+    lift += _NOISE_DEVIATIONS * math.sqrt(state.force.noise)
     falls = lift < _LEAST_LIFT * thrust and lift < _FALLING * gravity
     if falls and thrust > _SOME_THRUST * gravity:
         found |= _OFF_LIFT

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -35,7 +36,7 @@ def gates_path(config: GateParameters) -> Path | PlannedMotion:
             f"{config.owner}.gates", config.gates, "the file of a course of gates to fly"
         )
     if config.file:
-        plan = csv_path(config)
+        plan = csv_path(dataclasses.replace(config, origin=(0.0, 0.0)))  # in the course's frame
         _check_passes(plan, course, config)
         return plan
     return smooth_path(

@@ -152,7 +152,7 @@ def test_commands_without_corridor_are_the_same_bits() -> None:
 
 
 def test_half_spaces_hold_at_their_times() -> None:
-    """Those of a corridor that began earlier are taken so much later, the last one held."""
+    """An older corridor is read at a later time, and its last half-spaces are held."""
     limits = Limits.zeros(ProblemSettings.zeros()[()], 4, half_spaces=3)
     normals = np.zeros((5, 1, 3))
     normals[..., 0] = 1.0

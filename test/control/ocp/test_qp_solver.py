@@ -1,4 +1,4 @@
-"""What the solver says when it succeeds, fails, or is given nonsense."""
+"""Status of the solver after success, failure and invalid problems."""
 
 from __future__ import annotations
 

@@ -263,7 +263,7 @@ def test_outside_a_limit_it_hovers_until_inside(ladder: ModuleType) -> None:
     assert flight.decide(0, breach=out) == (HOVER, "out")
     assert flight.decide(20, breach=out, fault=FAILED) == (HOVER, "out")  # not the plan
     assert flight.decide(40) == (MPC, "")
-    # What was broken when it was last seen says nothing once it is not seen.
+    # A limit exceeded by the last odometry does not count once odometry is lost.
     assert flight.decide(141, breach=out, odometry=40)[0] == PLAN
     assert flight.decide(241, breach=out, odometry=40)[0] == BLIND
 

@@ -52,7 +52,7 @@ class Flight:
 
     @property
     def states(self) -> list[str]:
-        """Those of avoidance, each once, in order."""
+        """States of the avoidance in order, without repetitions."""
         seen: list[str] = []
         for step in self.steps:
             assert step.tick is not None

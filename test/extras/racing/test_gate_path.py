@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,7 @@ def flown(course: Course, **changes: Any) -> Lap:
 
 @pytest.mark.parametrize("gates", ["split_s", "seven_gates", str(ROUND)])
 def test_smooth_path_passes_every_gate_in_its_middle(gates: str) -> None:
-    """Of a gate that it comes by twice the first passage counts, which may be off the middle."""
+    """At a gate that the path passes twice, the first passage counts and may be off the middle."""
     lap = flown(read_course(gates), gates=gates)
     assert lap.missed == 0
     misses = np.sort([passage.miss or 0.0 for passage in lap.passages])
@@ -71,3 +72,14 @@ def test_plan_of_another_course_is_refused(tmp_path: Path) -> None:
     config = ReferenceConfig(trajectory="gates", gates=str(ROUND), file=str(file))
     with pytest.raises(ConfigurationError, match=r"it does not pass gates\[1\]; plan it again"):
         configured_trajectory(config)
+
+
+def test_origin_moves_neither_the_course_nor_a_plan_through_it(tmp_path: Path) -> None:
+    file, config = tmp_path / "plan.csv", ReferenceConfig(trajectory="gates", gates=str(ROUND))
+    path = configured_trajectory(config)
+    times = list(range(0, path.period_ns, 20_000_000))
+    samples = path.at(times)
+    rows = [f"{1e-9 * t}, {x}, {y}, {z}" for t, (x, y, z) in zip(times, samples.p_WB, strict=True)]
+    file.write_text("\n".join(("time [s], x [m], y [m], z [m]", *rows)))
+    plan = configured_trajectory(dataclasses.replace(config, file=str(file), origin=(3.0, -2.0)))
+    assert np.abs(plan.at([0]).p_WB - samples.p_WB[0]).max() < 0.01

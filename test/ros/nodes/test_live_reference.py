@@ -95,7 +95,7 @@ class Pilot:
         """The stamp of the newest window [s]; 0 before the first."""
         if not self._raw:
             return 0.0
-        # Of a little-endian CDR only its beginning, as this is looked at all the time.
+        # Only the beginning of the little-endian CDR, because the flight reads it continuously.
         seconds, nanoseconds = struct.unpack_from("<iI", self._raw[-1], 4)
         return float(seconds + 1e-9 * nanoseconds)
 
