@@ -242,7 +242,7 @@ class Craft:
                 w_WB_B=self._state["w"],
                 throttle=self._throttle,
                 rates=self._rates,
-                stands=False,
+                on_ground=False,
                 loop=self._loop[()],
                 mix=self._mix,
                 out=self._speeds,

@@ -1,4 +1,4 @@
-"""Fly from the ground and back to it where MuJoCo says what the ground does.
+"""Take off and land in MuJoCo, which simulates the contact with the ground.
 
 python bench/contacts.py --out runs/contacts
 
@@ -78,7 +78,7 @@ NOISE = (
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A flight: what is set, what is asked for when [s], how long it takes [s]."""
+    """A flight: parameters, requests with their times [s], and duration [s]."""
 
     assignments: tuple[str, ...] = ()
     start: float = math.inf
@@ -158,7 +158,7 @@ CASES = _cases()
 
 @dataclass
 class Outcome:
-    """What became of a flight; lengths in m, angles in degrees, times in s, speeds in m/s."""
+    """Results of a flight; lengths in m, angles in degrees, times in s, speeds in m/s."""
 
     crashed: str = "no"
     errors: list[float] = field(default_factory=list)
@@ -169,7 +169,7 @@ class Outcome:
     met_ground: float = math.nan
     met_at: float = math.nan
     idle_after: float = math.nan
-    told_after: float = math.nan
+    noticed_after: float = math.nan
     bounced: float = 0.0
     moved: float = math.nan
     idles: bool = False
@@ -186,7 +186,7 @@ class Outcome:
             "at end": f"{self.tilt_at_end:.1f}",
             "met at [m/s]": _shown(self.met_ground),
             "idle after [s]": _shown(self.idle_after) if self.idles else "never",
-            "noticed after [s]": _shown(self.told_after),
+            "noticed after [s]": _shown(self.noticed_after),
             "bounced [cm]": f"{100.0 * self.bounced:.1f}",
             "slid [cm]": _shown(100.0 * self.moved),
         }
@@ -242,7 +242,7 @@ class Flight:
             assert window is not None
             self.controller.receive_reference(window, now_ns=now_ns)
             tick = self.controller.receive_odometry(sent.odometry, now_ns=now_ns)
-            self.reference.tell_ground(self.controller.ground_state)
+            self.reference.set_ground_state(self.controller.ground_state)
             throttle = 0.0
             if tick is not None and tick.command is not None:
                 self.plant.apply(tick.command)
@@ -252,7 +252,7 @@ class Flight:
         return self.outcome
 
     def _judge(self, seconds: float, wanted: np.ndarray, *, mode: str, throttle: float) -> None:
-        """Take note of where the vehicle truly is, and of what it touches."""
+        """Record the true state of the vehicle and its contacts."""
         out, state, touching = self.outcome, self.plant.state, self.plant.scene.touched()
         broken = sorted(part for part in touching if not part.startswith("foot"))
         if broken and out.crashed == "no":
@@ -285,8 +285,8 @@ class Flight:
         out.idles = throttle <= IDLE
         if not out.idles:
             out.idle_after = seconds + PERIOD - out.met_at
-        if mode == GROUND and math.isnan(out.told_after):
-            out.told_after = seconds - out.met_at
+        if mode == GROUND and math.isnan(out.noticed_after):
+            out.noticed_after = seconds - out.met_at
 
 
 def flown(name: str, *, assignments: Sequence[str] = ()) -> Outcome:

@@ -1,9 +1,9 @@
-"""Race the Split-S of CPC on vehicles other than planned for: contouring beside plain tracking.
+"""Race the Split-S of CPC with deviating vehicles: contouring compared with plain tracking.
 
     python bench/contouring.py --flights 50
 
 Each flight has a mass within 10 % of the planned one, wind of 3 m/s from anywhere, 10 ms more
-delay than modelled, and drag that nobody told of: 0.15 kg/s, half of what such a vehicle has.
+delay than modelled, and unmodelled drag of 0.15 kg/s, half of what such a vehicle has.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def flown(formulation: str, trajectory: Any, assignments: list[str]) -> dict[str
     return summarise(simulate(*config, trajectory=trajectory, on_reference=True))
 
 
-def told(name: str, flights: list[dict[str, Any]]) -> None:
-    """Print a line of what flights have in common."""
+def print_row(name: str, flights: list[dict[str, Any]]) -> None:
+    """Print a line with the statistics of some flights."""
     gates = [sum(gate["passed"] for gate in flight["gates"]) for flight in flights]
     laps = [flight["lap_time_s"] for flight in flights if flight["lap_time_s"] is not None]
     misses = [
@@ -85,14 +85,14 @@ def main() -> None:
     print(f"planned {plan.race_time:.2f} s")
     seeds = range(options.first, options.first + options.flights)
     for formulation in ("manifold", "contouring"):
-        told(formulation, [flown(formulation, plan.trajectory(), [])])
+        print_row(formulation, [flown(formulation, plan.trajectory(), [])])
     flights: dict[str, list[dict[str, Any]]] = {"manifold": [], "contouring": []}
     for seed in seeds:  # by turns, so that their times compare
         for formulation, done in flights.items():
             done.append(flown(formulation, plan.trajectory(), changes(seed)))
     for formulation, done in flights.items():
         if done:
-            told(formulation, done)
+            print_row(formulation, done)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
-"""A forest of pillars, seen within 6 m only: how many starts reach their goals without contact.
+"""Fly through a forest of pillars, sensed within 6 m: count the goals reached without contact.
 
     python -P bench/forest.py [--speed 5] [--flights 100] [--unknown]
 
 40 m by 40 m by 5 m, 200 pillars 0.2 to 0.3 m wide and 1.5 to 4 m high at random; starts and
 goals 35 m apart, 1.2 m high; default weights and lags. A flight arrives if it comes within 0.5 m
 of the goal, and touches if a pillar's surface comes nearer to the centre than the radius.
-``--unknown`` flies vehicles with lags, delay and thrust at random that the controller is not told.
+``--unknown`` flies vehicles with random lags, delay and thrust that are not configured.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _SPACING = 0.1
 
 
 class Forest:
-    """Pillars, of which a sensor shows what is within 6 m, at 10 Hz; what was seen stays."""
+    """Pillars; a sensor reports points within 6 m at 10 Hz, and reported points stay."""
 
     spacing = _SPACING
 
@@ -134,7 +134,7 @@ class Crossing:
 
 @dataclass(frozen=True, kw_only=True)
 class Flight:
-    """What came of a flight."""
+    """Result of a flight."""
 
     seed: int
     speed: float

@@ -30,7 +30,7 @@ from quad_mpc_ros import load_config, simulate
 from quad_mpc_ros.analysis.identification.fit import fit
 from quad_mpc_ros.analysis.identification.measurements import measurements_of
 from quad_mpc_ros.analysis.identification.report import parameter_file
-from quad_mpc_ros.analysis.identification.result import Estimate, Identification
+from quad_mpc_ros.analysis.identification.result import Identification, ParameterEstimate
 from quad_mpc_ros.configuration import ConfigurationError, per_axis
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
@@ -109,7 +109,7 @@ def identified(config: FlightConfig) -> Identification:
     return fit(data, given=mpc)
 
 
-def estimates(found: Identification) -> Iterator[tuple[str, Estimate]]:
+def estimates(found: Identification) -> Iterator[tuple[str, ParameterEstimate]]:
     """Yield everything that is found, by name; the drag is that in hover."""
     rates = found.rate_time_constant
     yield from ((f"rates' lag {axis}", one) for axis, one in zip("xyz", rates, strict=True))
@@ -130,7 +130,7 @@ def estimates(found: Identification) -> Iterator[tuple[str, Estimate]]:
     yield "lift", found.translational_lift
 
 
-def both(one: Estimate, other: Estimate) -> Estimate:
+def both(one: ParameterEstimate, other: ParameterEstimate) -> ParameterEstimate:
     """Return the sum of two."""
     return dataclasses.replace(
         one,

@@ -3,11 +3,12 @@
 python bench/identified_unknown.py lemniscate --seed 5 --flights 21
 
 Each vehicle is flown as the campaign says, in the same wind, gusts and noise: as unknown, then
-with what ``identify`` finds in that first flight, then told the truth, which is the floor; with
-the weights of the default and of ``agile``. For each a line: RMSE of the true position [cm] over
-the flight and from the campaign's ``settle_time`` on, ``lost`` where it crashed; with ``--found``
-what was found over the truth. Last, how many are within 2 cm. ``--without`` leaves gusts or wind
-out of the flights with what was found and with the truth. docs/measurements/robustness.md.
+with what ``identify`` finds in that first flight, then with the true parameters, which is the
+floor; with the weights of the default and of ``agile``. For each a line: RMSE of the true
+position [cm] over the flight and from the campaign's ``settle_time`` on, ``lost`` if it crashed;
+with ``--found`` also the identified and the true parameters. The last lines count the flights
+within 2 cm. ``--without`` leaves gusts or wind out of the flights with identified and with true
+parameters. docs/measurements/robustness.md.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ CALM: Mapping[str, Any] = {"gusts": ("gust_intensity", 0.0), "wind": ("wind", (0
 FLIGHTS = ("unknown", "found", "truth", "agile, found", "agile, truth")
 _WEIGHTS = ("horizon_steps", "horizon_step", "Q", "R", "terminal_weight", "limits.tilt_max")
 
-Told = Mapping[str, Mapping[str, Any]]
-"""What mpc and reference are told of a vehicle."""
+VehicleParameters = Mapping[str, Mapping[str, Any]]
+"""Parameters of the vehicle by node, mpc and reference."""
 
 
 def rmse(config: FlightConfig, *, settle_time: float) -> tuple[float, float]:
@@ -58,8 +59,8 @@ def rmse(config: FlightConfig, *, settle_time: float) -> tuple[float, float]:
     return whole, settled
 
 
-def truth_of(simulator: SimulatorConfig) -> Told:
-    """Return what a vehicle file of the plant ``internal`` would say without an error."""
+def truth_of(simulator: SimulatorConfig) -> VehicleParameters:
+    """Return the true parameters of the plant ``internal``, as in a vehicle file."""
     air = {name: getattr(simulator, name) for name in ("drag", "rotor_drag", "translational_lift")}
     vehicle = simulator.vehicle()
     known = {
@@ -74,8 +75,8 @@ def truth_of(simulator: SimulatorConfig) -> Told:
     return {"mpc": known, "reference": {**air, "thrust_curve": vehicle.thrust_curve}}
 
 
-def told_by(found: Identification, config: FlightConfig) -> Told:
-    """Return what the vehicle file says that ``identify`` writes."""
+def identified_parameters(found: Identification, config: FlightConfig) -> VehicleParameters:
+    """Return the parameters in the vehicle file that ``identify`` writes."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "found.yaml"
         file.write_text(parameter_file(found, config.mpc, bag=Path("flight"), keep="mass"))
@@ -87,26 +88,31 @@ def told_by(found: Identification, config: FlightConfig) -> Told:
     }
 
 
-def telling(config: FlightConfig, told: Told, *, agile: bool) -> FlightConfig:
-    """Return a flight whose mpc and reference are told of its vehicle."""
+def configured(
+    config: FlightConfig, parameters: VehicleParameters, *, agile: bool
+) -> FlightConfig:
+    """Return a flight with these parameters of the vehicle in mpc and reference."""
     given = load_config("agile").mpc.flattened() if agile else {}
     weights = {name: given[name] for name in _WEIGHTS if name in given}
     return config._replace(
-        mpc=config.mpc.updated({**weights, **told["mpc"]}),
-        reference=config.reference.updated(told["reference"]),
+        mpc=config.mpc.updated({**weights, **parameters["mpc"]}),
+        reference=config.reference.updated(parameters["reference"]),
     )
 
 
-def flights(config: FlightConfig, calmed: Mapping[str, Any]) -> tuple[list[FlightConfig], Told]:
+def flights(
+    config: FlightConfig, calmed: Mapping[str, Any]
+) -> tuple[list[FlightConfig], VehicleParameters]:
     """Return all :data:`FLIGHTS` of a vehicle, and what was found in the first."""
     begun = config._replace(mpc=dataclasses.replace(config.mpc, lockstep=True))
-    found, true = told_by(identified(begun), config), truth_of(config.simulator)
+    found, true = identified_parameters(identified(begun), config), truth_of(config.simulator)
     calm = config._replace(simulator=config.simulator.updated(calmed))
     weights = itertools.product((False, True), (found, true))
-    return [config, *(telling(calm, told, agile=agile) for agile, told in weights)], found
+    others = (configured(calm, parameters, agile=agile) for agile, parameters in weights)
+    return [config, *others], found
 
 
-def compared(found: Told, simulator: SimulatorConfig) -> Iterator[str]:
+def compared(found: VehicleParameters, simulator: SimulatorConfig) -> Iterator[str]:
     """Yield what was found over the truth: lags and delay [ms], thrust, drag [1/s]."""
     one, true = found["mpc"], truth_of(simulator)["mpc"]
     for name, unit in (

@@ -1,4 +1,4 @@
-"""Play a recorded flight over and over into one long bag, to see how a tool bears an hour.
+"""Play a recorded flight over and over into one long bag, to test tools with an hour of data.
 
 python bench/long_bag.py runs/…/bag long_bag --hours 1
 quad_mpc report long_bag; quad_mpc identify long_bag
@@ -100,7 +100,7 @@ def _later_stats(message: RecordedMessage, later_ns: int) -> bytes:
 
 
 def main() -> int:
-    """Write the bag and say what is in it."""
+    """Write the bag and print its contents."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("bag", type=Path, help="bag, or the folder of a run")
     parser.add_argument("out", type=Path, help="folder of the long bag, which must not exist")

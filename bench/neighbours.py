@@ -1,4 +1,4 @@
-"""Vehicles that share their plans: a circle whose vehicles change places, and Luis' random goals.
+"""Fly vehicles that share their plans: antipodal goals on a circle, and Luis' random goals.
 
     python -P bench/neighbours.py circle [--trials 100]
     python -P bench/neighbours.py box --vehicles 10 [--trials 50]
@@ -49,7 +49,7 @@ class Radio:
         if self.rng.random() >= self.lost:
             self.sent[number].append((now_ns + self.late_ns, plan))
 
-    def heard(self, number: int, now_ns: int) -> Plan | None:
+    def received(self, number: int, now_ns: int) -> Plan | None:
         """Return the newest plan of a vehicle that has come by now."""
         come = [plan for at_ns, plan in self.sent[number][-8:] if at_ns <= now_ns]
         return come[-1] if come else None
@@ -87,7 +87,7 @@ def vehicle(
     def law(odometry: OdometrySample, window: ReferenceWindow) -> CommandSample | None:
         world.receive_odometry(odometry)
         for other, name in names.items():
-            plan = radio.heard(other, odometry.stamp_ns)
+            plan = radio.received(other, odometry.stamp_ns)
             if plan is not None:
                 world.receive_neighbour(name, path_of(plan))
         held = reference(start, goal, acceleration=acceleration, stamp_ns=odometry.stamp_ns)

@@ -1,13 +1,13 @@
-"""Vehicles and odometries beyond what the shipped campaigns vary.
+"""Fly vehicles and odometries beyond the variations of the shipped campaigns.
 
-python -P bench/odd_sources.py                             # all, 60 flights each
-python -P bench/odd_sources.py --only told --flights 20    # those whose name has the word
+python -P bench/odd_sources.py                                   # all, 60 flights each
+python -P bench/odd_sources.py --only configured --flights 20    # those with this text in the name
 
 Each source is flown on vehicles of the campaign ``hover`` or ``lemniscate``, with one thing odd
-about all of them; the load on a cable on the plant ``mujoco``. The vehicles of which mpc is told
-a wrong mass and thrust curve are those of the plant ``rotors``, in wind of 4.5 m/s and gusts of
-1.5 m/s. Late odometries are on their way for the magnitude of a draw from N(0, 30 ms), in order,
-and one of twenty is lost.
+about all of them; the load on a cable on the plant ``mujoco``. The vehicles with a wrong
+mass and thrust curve in the parameters of mpc fly with the plant ``rotors``, in wind of 4.5 m/s
+and gusts of 1.5 m/s. Late odometries are delayed by the magnitude of a draw from N(0, 30 ms), in
+order, and one of twenty is lost.
 
 For each source a line: flights, crashed, and of the others, by the true state once settled, the
 mean error in p50, p95 and at most, the largest error [cm], the largest tilt of all flights from
@@ -60,7 +60,7 @@ _OWN = ("rate_time_constant", "thrust_time_constant", "drag")  # of a plant of r
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """What is odd.
+    """A deviation of vehicles or odometry.
 
     Attributes:
         name: Its name.
@@ -134,8 +134,8 @@ class Late:
     """An MPC whose odometries come late, in order, and not all of them.
 
     It is shown the vehicle ``_LOOKS`` times a second and measures it ``rate`` times. Of what
-    arrives at once it sees the newest. An odometry bears the time of its arrival, so that it
-    looks fresh, or that of its measurement.
+    arrives at once it sees the newest. An odometry is stamped with the time of its
+    arrival, so that it looks fresh, or with the time of its measurement.
     """
 
     def __init__(
@@ -151,7 +151,7 @@ class Late:
         self._tick: Tick | None = None
 
     def take(self) -> Tick | None:
-        """Return what the controller did since the last call."""
+        """Return the controller's tick since the last call."""
         tick, self._tick = self._tick, None
         return tick
 
@@ -222,7 +222,7 @@ def _campaign(name: str) -> Campaign:
 
 
 class Figures(NamedTuple):
-    """Of one flight: mean and largest error once settled [m], largest tilt [rad]."""
+    """Figures of a flight: mean and largest settled error [m], largest tilt [rad]."""
 
     mean: float
     largest: float
@@ -249,7 +249,7 @@ def flown(name: str, number: int) -> Figures:
 def line(name: str, flights: Sequence[Figures]) -> str:
     """Return the line of a source."""
     held = [flight for flight in flights if not flight.crashed]
-    begin = f"{name:44} {len(flights):4d} {len(flights) - len(held):4d}"
+    begin = f"{name:48} {len(flights):4d} {len(flights) - len(held):4d}"
     if not held:
         return begin
     means = 100.0 * np.array([flight.mean for flight in held])
@@ -260,11 +260,11 @@ def line(name: str, flights: Sequence[Figures]) -> str:
     return f"{begin} {cells} {largest:7.1f} {tilt:6.0f} {left:5d}"
 
 
-def told(vehicle: str, *, mass: float, thrust: float) -> Source:
-    """Return a vehicle of rotors whose mpc is told so many times its mass and its thrust."""
+def configured(vehicle: str, *, mass: float, thrust: float) -> Source:
+    """Return a vehicle of rotors with mass and thrust of mpc scaled by these factors."""
     own = load_config(f"vehicles/{vehicle}").mpc
     return Source(
-        name=f"{vehicle} told mass x {mass}, thrust x {thrust}",
+        name=f"{vehicle} configured mass x {mass}, thrust x {thrust}",
         campaign="lemniscate",
         config=("default", f"vehicles/{vehicle}"),
         changes={
@@ -318,9 +318,9 @@ def sources() -> Iterator[Source]:
             yield Source(name=f"{campaign}, {name}", campaign=campaign, way=way)
         yield loaded(campaign)
     for vehicle in ("racer", "hummingbird", "crazyflie"):
-        yield told(vehicle, mass=1.0, thrust=1.0)
-        yield told(vehicle, mass=1.2, thrust=0.8)
-        yield told(vehicle, mass=0.8, thrust=1.2)
+        yield configured(vehicle, mass=1.0, thrust=1.0)
+        yield configured(vehicle, mass=1.2, thrust=0.8)
+        yield configured(vehicle, mass=0.8, thrust=1.2)
 
 
 SOURCES = {source.name: source for source in sources()}
@@ -333,7 +333,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--flights", type=int, default=60, help="of each source")
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args(arguments)
-    print(f"{'source':44}  all lost     p50     p95     max largest   tilt  left")
+    print(f"{'source':48}  all lost     p50     p95     max largest   tilt  left")
     with ProcessPoolExecutor(options.workers) as pool:
         for name in (each for each in SOURCES if options.only in each):
             numbers, flights = range(options.flights), []

@@ -1,4 +1,4 @@
-"""Odometry in wrong conventions, and vehicles that do not do what is commanded.
+"""Fly with odometry in wrong conventions, and with vehicles that do not follow commands.
 
 python -P bench/wrong_odometry.py                          # all, in the air and from the ground
 python -P bench/wrong_odometry.py --only heading --plant internal
@@ -201,7 +201,7 @@ class Moment(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What came of a flight; distances [m] from the start, horizontally and upwards."""
+    """Results of a flight; distances [m] from the start, horizontally and upwards."""
 
     found_after: float | None
     found_at: tuple[float, float] | None
@@ -264,7 +264,7 @@ def _requested() -> Callable[..., ReferenceWindow]:
         nonlocal requested
         now_ns = odometry.stamp_ns
         live.observe(odometry)
-        live.tell_ground(ground)
+        live.set_ground_state(ground)
         if not requested and now_ns - SIMULATION_START_NS >= 1e9 * TAKE_OFF_AT:
             requested = True
             live.take_off(now_ns)

@@ -23,8 +23,8 @@ found = identify(Recording(bag))
 for name in ("rate_time_constant", "thrust_time_constant", "input_delay", "thrust_scale", "drag"):
     estimates = getattr(found, name)
     for estimate in estimates if isinstance(estimates, tuple) else (estimates,):
-        told = "" if estimate.observable else "  not told"
-        print(f"{name:22}{estimate.value:8.4f} +- {estimate.half_width:.4f}{told}")
+        note = "" if estimate.observable else "  not observable"
+        print(f"{name:22}{estimate.value:8.4f} +- {estimate.half_width:.4f}{note}")
 
 # The controller that knows them; yaw, which did not turn, lags as roll does as far as we know.
 roll, pitch, yaw = found.rate_time_constant

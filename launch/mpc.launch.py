@@ -1,4 +1,4 @@
-"""The controller alone, to be put into a drone stack: mpc, and the reference unless told not to.
+"""The controller for a drone stack: mpc, and the reference unless ``with_reference`` is false.
 
 ros2 launch quad_mpc_ros mpc.launch.py config:=my_vehicle.yaml odom:=/uav1/odometry/filtered
 """

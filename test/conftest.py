@@ -1,4 +1,4 @@
-"""What every test needs: a ROS domain of its own on the loopback, and the house's tools."""
+"""Give every test a ROS domain of its own on the loopback, and shared fixtures."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ["PYTHONSAFEPATH"] = "1"
 
 # Before anything imports rclpy. A free domain per run, so that two runs on one machine do not
-# hear each other.
+# discover each other.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 
 def _is_empty(domain: int) -> bool:
-    """Whether nobody is in a domain: each participant has a port, which numbers it."""
+    """Whether a domain has no participants: each participant has a port by its number."""
     for participant in range(12):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
@@ -68,19 +68,19 @@ class _Domains:
     """The domains of this process, each of which may have to rest before it is taken again.
 
     Another one after each test: of what a test leaves in its process, as long as anything refers
-    to it, the participant lives on, and counts as a node without endpoints. Of a process that was
-    killed others hear for 20 s.
+    to it, the participant lives on, and counts as a node without endpoints. Discovery
+    reports a killed process for 20 s.
     """
 
     most = 20
     _rest = 25.0  # s
-    _longest = 60.0  # s, of waiting for one in which nobody is
+    _longest = 60.0  # s, of waiting for an empty one
 
     def __init__(self, numbers: Iterable[int]) -> None:
         self._ready_at = dict.fromkeys(numbers, 0.0)  # longest not taken first; in monotonic s
 
     def take(self) -> int:
-        """Return the next that has rested and in which nobody is, after waiting for one."""
+        """Return the next domain that has rested and is empty, after waiting for one."""
         give_up = time.monotonic() + self._longest
         while True:
             now = time.monotonic()

@@ -55,7 +55,7 @@ COLUMNS = (
 
 @dataclass
 class Phase:
-    """One part of a flight: what asks for it, how long it lasts [s], and what is judged of it."""
+    """A part of a flight: its request, its duration [s], and its criteria."""
 
     name: str
     ask: Callable[[Pilot], Reply | Response | None]
@@ -95,7 +95,7 @@ class Pilot:
         self.now_ns, self.engaged, self.home = 0, False, np.zeros(3)
         self._last_ns, self._landed = 0, None
         self._waiting: list[OdometrySample] = []
-        self._tell_engaged(False)
+        self._set_engaged(False)
 
     def _receiver(self, subscription: Any) -> Callable[[Any], None]:
         def receive(message: Any) -> None:
@@ -140,7 +140,7 @@ class Pilot:
             tick = self._controller.receive_odometry(odometry, now_ns=self.now_ns)
             for warning in self._controller.take_warnings() + self._bridge.take_warnings():
                 print(f"  {warning}", flush=True)
-            self._live.tell_ground(self._controller.ground_state)
+            self._live.set_ground_state(self._controller.ground_state)
             self._bridge.receive_ground(self._controller.ground_state)
             if tick is None:
                 continue
@@ -151,14 +151,14 @@ class Pilot:
     def _follow(self) -> None:
         engaged = self._bridge.engaged(now_ns=self.now_ns)
         if engaged is not self.engaged:
-            self._tell_engaged(engaged)
+            self._set_engaged(engaged)
         landed = self._bridge.landed(now_ns=self.now_ns)
         if landed is not None and landed is not self._landed:
             self._landed = landed
             self._controller.landed(landed)
             self._live.landed(landed)
 
-    def _tell_engaged(self, engaged: bool) -> None:
+    def _set_engaged(self, engaged: bool) -> None:
         self.engaged = engaged
         self._controller.engage(engaged)
         self._live.engage(engaged)

@@ -166,7 +166,7 @@ pip_install() (
   rm "$state/installing"
 )
 
-# An installation that ended while unpacking leaves its mark: nobody knows what is there.
+# An installation that ended while unpacking leaves its mark, because the environment may be incomplete.
 pip_install_ended() {
   rm -rf "$copy"
   grep -q '^Installing collected packages' "$log" || rm -f "$state/installing"

@@ -50,7 +50,7 @@ CUSTOM, ARMED = 1, 128  # bits of MAV_MODE_FLAG
 
 
 class Handover(NamedTuple):
-    """What is done, and who has to fly from then on, for how long [s]."""
+    """An action, and the expected source of commands afterwards, for a time [s]."""
 
     name: str
     act: Callable[[Rig], None]
@@ -59,7 +59,7 @@ class Handover(NamedTuple):
 
 
 class Station:
-    """A ground station: what it sees of PX4, and the commands of a pilot."""
+    """A ground station: the state of PX4, and the commands of a pilot."""
 
     def __init__(self, device: str) -> None:
         self._line = Line(device=device, baud=0).open()
@@ -68,7 +68,7 @@ class Station:
         self.system, self.mode, self.armed = 0, (0, 0), False
 
     def poll(self) -> None:
-        """Take what has come, and request a heartbeat: PX4 takes no interval for it."""
+        """Read messages, and request a heartbeat: PX4 accepts no interval for it."""
         for message in self._codec.read(self._line.read()):
             autopilot = message.get_srcComponent() == codec.AUTOPILOT_COMPONENT
             if autopilot and message.get_msgId() == codec.HEARTBEAT:
@@ -110,7 +110,7 @@ class Rig:
 
     @property
     def nodes(self) -> dict[str, str]:
-        """What runs each node."""
+        """The code that runs each node."""
         return {
             "mpc": "from quad_mpc_ros.ros.nodes.mpc_node import main",
             "reference": "from quad_mpc_ros.ros.nodes.reference_node import main",
@@ -130,7 +130,7 @@ class Rig:
         odometry = odometry_in(data)
         self.height = float(odometry.p_WB[2])
         tilt = tilt_of(so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw))
-        if self.engaged:  # else nobody flies the reference, which waits where the vehicle is
+        if self.engaged:  # else the reference is not tracked and waits at the vehicle
             tilt -= tilt_of(sample(self._window, odometry.stamp_ns).R_WB)
         if tilt > self.tilt:
             self.tilt, self.where = tilt, "armed" if self.station.armed else "disarmed"
@@ -141,7 +141,7 @@ class Rig:
 
     @property
     def is_offboard(self) -> bool:
-        """Whether PX4 flies by what the MPC commands."""
+        """Whether PX4 follows the commands of the MPC."""
         return self.station.mode == OFFBOARD
 
     def start(self, name: str) -> None:
@@ -300,7 +300,7 @@ def main() -> int:
     wrong = 0
     with running(rig):
         try:
-            rig.wait(lambda: station.system > 0, f"heard on {options.station}")
+            rig.wait(lambda: station.system > 0, f"a vehicle on {options.station}")
         except TimeoutError as error:
             print(f"PX4: {error} within {PATIENCE:.0f} s", flush=True)
             return 1

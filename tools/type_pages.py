@@ -1,4 +1,4 @@
-"""Type what the pages tell a user to type, in an environment with nothing but the package.
+"""Run the commands of the pages in an environment with nothing but the package.
 
     python tools/type_pages.py [--environment FOLDER] [--patience S] [PAGE...]
 
@@ -93,7 +93,7 @@ ELSEWHERE = {
 
 @dataclass(frozen=True)
 class Typed:
-    """A command of a page, the line on which it begins, and what the page says it answers."""
+    """A command of a page, its line, and the output on the page."""
 
     page: Path
     line: int
@@ -117,7 +117,7 @@ class Block:
 
 
 def blocks(page: Path) -> Iterator[Block]:
-    """Yield what is to be typed on a page and the files that it gives, in order."""
+    """Yield the commands and the files of a page, in order."""
     content = page.read_text(encoding="utf-8")
     for found in FENCE.finditer(content):
         language, file, text = found.groups()
@@ -163,7 +163,7 @@ def _dialogue(page: Path, line: int, text: str) -> Iterator[Typed]:
 
 
 class Reader:
-    """Somebody who types the commands of a page, in a folder, one after another."""
+    """A simulated user who types the commands of a page in a folder, one after another."""
 
     def __init__(self, page: Path, folder: Path, *, options: argparse.Namespace) -> None:
         self.page = page
@@ -209,7 +209,7 @@ class Reader:
         """Type a command, unless there is a reason why it cannot be typed here; return that."""
         reason = reason or self.not_here(typed.command)
         if reason:
-            self._tell("not typed", typed, reason)
+            self._report("not typed", typed, reason)
             return reason
         self.provide(typed)
         if RUNS_ON.search(typed.command) or typed.command.startswith(LEARNING):
@@ -225,7 +225,7 @@ class Reader:
         if interrupted:
             self.unfinished += re.findall(r"--out (\S+)", typed.command)
         result = "failed" if problem else "interrupted" if interrupted else "ok"
-        self._tell(result, typed, problem)
+        self._report(result, typed, problem)
         return ""
 
     def not_here(self, command: str) -> str:
@@ -244,7 +244,7 @@ class Reader:
         return ""
 
     def provide(self, typed: Typed) -> None:
-        """Make what the reader of the page has already, if the command names it."""
+        """Create files that the reader of the page has already, if the command names them."""
         for name, make in THE_READERS_OWN.items():
             missing = not Path(self._folder(typed.command), name).exists()
             if missing and re.search(rf"(?<![\w/]){re.escape(name)}(?![\w.])", typed.command):
@@ -263,7 +263,7 @@ class Reader:
             _interrupt(process)
             said = log.read_text(errors="replace")
             problem = _problem(typed, process.returncode, said, interrupted=not by_itself)
-            self._tell("failed" if problem else "ran on", typed, problem)
+            self._report("failed" if problem else "ran on", typed, problem)
         self.running.clear()
 
     def hang_up(self) -> None:
@@ -273,9 +273,9 @@ class Reader:
         self.terminals.clear()
 
     def start(self, command: str, *, like: str = "") -> tuple[subprocess.Popen[bytes], Path]:
-        """Start a command in a group of its own, with a log; what it exports is kept."""
+        """Start a command in its own process group, with a log; keep exported variables."""
         log = self.folder / f".typed-{time.monotonic_ns()}"
-        # A terminal of its own, as a user has; nobody types into it while the command runs.
+        # A terminal of its own, as a user has, without input while the command runs.
         keyboard, terminal = os.openpty()
         self.terminals += keyboard, terminal
         tty = shlex.quote(os.ttyname(terminal))
@@ -311,7 +311,7 @@ class Reader:
             return True
         return False
 
-    def _tell(self, outcome: str, typed: Typed, detail: str) -> None:
+    def _report(self, outcome: str, typed: Typed, detail: str) -> None:
         self.outcomes.append((outcome, typed, detail))
         first, *more = typed.command.splitlines()
         print(f"{outcome:<12}{typed.place:<28}{first}{' …' if more else ''}", flush=True)
@@ -357,7 +357,7 @@ def _interrupt(process: subprocess.Popen[bytes]) -> None:
 
 
 def _problem(typed: Typed, code: int, said: str, *, interrupted: bool) -> str:
-    """Return what is wrong with how a command ended, empty if nothing."""
+    """Return the error of a command that ended, empty if there is none."""
     end = f": …{said[-1500:]}"
     script = interrupted and typed.command.startswith("python ")  # where Python says so itself
     if "Traceback (most recent call last)" in said and not script:
@@ -425,7 +425,7 @@ def main() -> int:
         "--patience", type=float, default=120.0, help="s a command is given (default: 120)"
     )
     options = parser.parse_args()
-    # What is typed hears Ctrl-C, also where this was started in the background, which ignores it.
+    # Commands receive Ctrl-C even if this was started in the background, which ignores it.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     pages = tuple(page.resolve() for page in options.pages) or PAGES + STACKS
     with tempfile.TemporaryDirectory(prefix="typed-") as folder:

@@ -88,7 +88,7 @@ def as_yaml(node: str, specs: Sequence[ParameterSpec]) -> str:
             initial_indent=f"{indent}# ",
             subsequent_indent=f"{indent}# ",
         )
-        # rclpy cannot tell the type of an empty list in a file.
+        # rclpy cannot infer the type of an empty list in a file.
         comment = "# " if spec.default == () else ""
         lines.append(f"{indent}{comment}{name}: {value_text(spec.default)}")
     return "\n".join(lines) + "\n"

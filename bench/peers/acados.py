@@ -46,8 +46,8 @@ REFERENCE_SIZE = 3 + 3 + 9 + INPUT_SIZE
 _RUNGE_KUTTA_STEPS = 1
 SOFT = ("tilt_max", "speed_max")
 """The limits that are stated as soft constraints, the tilt in two rows, the speed in one."""
-# Of breaking one, per rad and per m/s. The manifold formulation finds them anew for each problem;
-# these are what it finds in all but one of twenty steps of the square.
+# Of breaking one, per rad and per m/s. The manifold formulation computes them for each problem;
+# these are its values in all but one of twenty steps of the square.
 _PRICES = np.array([100.0, 60.0])
 _SQUARES = _PRICES * np.array([1.0, 1.0 / 6.0])
 _SOLVED = 0  # acados' status
@@ -282,7 +282,7 @@ def _dynamics(casadi: Any, x: Any, u: Any, vehicle: Vehicle) -> Any:
     gravity = casadi.vertcat(0.0, 0.0, -vehicle.gravity)
     R, drag = _rotation(casadi, q), casadi.vertcat(*per_axis(vehicle.drag))
     push, air = thrust / vehicle.mass, drag * v
-    if not vehicle.drags_alike:
+    if not vehicle.has_isotropic_drag:
         v_B, rotors = R.T @ v, casadi.vertcat(*per_axis(vehicle.rotor_drag))
         drag = drag + rotors * casadi.sqrt(casadi.fmax(push, _SOFT) / vehicle.gravity)
         push += vehicle.translational_lift * (v_B[0] ** 2 + v_B[1] ** 2)

@@ -17,7 +17,7 @@ from quad_mpc_ros.recordings.recording import flown_points
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import judged_trajectory
 from quad_mpc_ros.references.course import Course
-from quad_mpc_ros.references.feasibility import Verdict, rates_beyond
+from quad_mpc_ros.references.feasibility import Feasibility, rates_beyond
 
 _FIGURE_NAME = "reference.png"
 
@@ -76,7 +76,7 @@ def _within_the_mpc(reference: ReferenceConfig, mpc: MpcConfig) -> ReferenceConf
     )
 
 
-def _beyond_the_controller(verdict: Verdict, mpc: MpcConfig) -> list[str]:
+def _beyond_the_controller(verdict: Feasibility, mpc: MpcConfig) -> list[str]:
     """Return a remark for each rate that the reference may have and the MPC may not command."""
     return [
         f"note: {need.name} {need.worst:.4g} rad/s is beyond mpc.omega_max, {bound:.4g}: the MPC "
@@ -85,7 +85,7 @@ def _beyond_the_controller(verdict: Verdict, mpc: MpcConfig) -> list[str]:
     ]
 
 
-def _verdict_table(verdict: Verdict) -> str:
+def _verdict_table(verdict: Feasibility) -> str:
     """Return the verdict as lines of plain ASCII text, at most 80 columns wide."""
     over_time = verdict.over_time
     facts = [

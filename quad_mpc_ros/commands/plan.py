@@ -24,7 +24,7 @@ from quad_mpc_ros.extras.racing.planning.limits import MODELS
 from quad_mpc_ros.extras.racing.planning.race_plan import RacePlan, plan_race
 from quad_mpc_ros.extras.racing.verdict import VEHICLE_RADIUS
 from quad_mpc_ros.recordings.evaluation.simulated import load_config
-from quad_mpc_ros.references.feasibility import Verdict, judged
+from quad_mpc_ros.references.feasibility import Feasibility, judged
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -159,7 +159,7 @@ def _shown_by(
     return show
 
 
-def _table(plan: RacePlan, verdict: Verdict, *, seconds: float) -> str:
+def _table(plan: RacePlan, verdict: Feasibility, *, seconds: float) -> str:
     facts = [
         ("lap", f"{plan.lap.time or 0.0:.3f} s, at rest after {plan.nodes.times[-1]:.3f} s"),
         ("planned in", f"{seconds:.1f} s, {plan.iterations} iterations"),

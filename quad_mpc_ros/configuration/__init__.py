@@ -1,4 +1,4 @@
-"""What all stand on: parameters declared once as frozen dataclasses, files, compilation.
+"""Parameters as frozen dataclasses, parameter files, and compilation.
 
 Imports nothing else of the package.
 """

@@ -1,8 +1,8 @@
-"""What a caller of the library gives, looked at where it comes in.
+"""Validation of arguments of the public API.
 
-Each function returns what was given in the type that the library computes with, or raises
-:class:`ArgumentError` with the argument's name, what was given and what was expected. What has
-that type already is returned itself, so that a check costs a fraction of a microsecond.
+Each function returns the argument in the type that the library uses, or raises
+:class:`ArgumentError` with the argument's name, the given and the expected value. An argument of
+that type is returned unchanged, so that a check costs less than a microsecond.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def number(
 
 
 def instance(given: object, name: str, *kinds: type[T]) -> T:
-    """Return what is of one of the kinds."""
+    """Return an instance of one of the types."""
     if isinstance(given, kinds):
         return given
     words = " or ".join("None" if kind is type(None) else kind.__name__ for kind in kinds)
@@ -108,7 +108,7 @@ def instance(given: object, name: str, *kinds: type[T]) -> T:
 
 
 def _fits(found: NDArray[Any], shape: tuple[int | EllipsisType, ...]) -> bool:
-    """Whether an array has a shape, of which a leading ``...`` stands for any axes."""
+    """Whether an array has a shape, with a leading ``...`` for any axes."""
     if shape[:1] != (...,):
         return found.shape == shape
     last = shape[1:]
@@ -116,15 +116,15 @@ def _fits(found: NDArray[Any], shape: tuple[int | EllipsisType, ...]) -> bool:
 
 
 def _as_array(given: object) -> NDArray[Any] | None:
-    """Return what NumPy makes of it, None where it makes nothing."""
+    """Return the argument as an array, None if NumPy cannot convert it."""
     try:
         return np.asarray(given)
-    except Exception:  # whatever the object's own conversion raises
+    except Exception:  # of the object's own conversion
         return None
 
 
 def _described(shape: tuple[int | EllipsisType, ...]) -> str:
-    """Return a shape in words."""
+    """Return a shape as text."""
     if len(shape) == 1 and shape[0] is not ...:
         return f"{shape[0]} numbers"
     sizes = ", ".join("..." if size is ... else str(size) for size in shape)

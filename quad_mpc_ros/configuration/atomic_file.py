@@ -1,4 +1,4 @@
-"""Writing a file in one piece: readers find the whole new file, or the one before."""
+"""Atomic writing of files: readers find the new file or the previous one."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from pathlib import Path
 
 
 def write_atomically(path: Path, text: str, *, overwrite: bool = True) -> None:
-    """Write a text file as UTF-8; when this returns, the disk has it.
+    """Write a text file as UTF-8, and flush it to the disk.
 
-    Raises ``FileExistsError`` for one that exists, unless ``overwrite`` is set, and ``OSError``
-    for everything else that the disk refuses. Then ``path`` is as it was.
+    Raises ``FileExistsError`` for an existing file, unless ``overwrite`` is set, and ``OSError``
+    for other failures; ``path`` is then unchanged.
     """
     with placed(path, overwrite=overwrite) as draft, draft.open("w", encoding="utf-8") as file:
         file.write(text)
@@ -24,10 +24,7 @@ def write_atomically(path: Path, text: str, *, overwrite: bool = True) -> None:
 
 @contextmanager
 def placed(path: Path, *, overwrite: bool) -> Iterator[Path]:
-    """Yield a name to write to, of what becomes ``path`` at the end.
-
-    Raises as :func:`write_atomically`.
-    """
+    """Yield a temporary name whose file becomes ``path``; raises as :func:`write_atomically`."""
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
         draft = Path(folder) / path.name
         yield draft
@@ -38,9 +35,9 @@ def placed(path: Path, *, overwrite: bool) -> Iterator[Path]:
 
 
 def _put(draft: Path, path: Path) -> None:
-    """Give a file another name that nothing has yet."""
+    """Move a file to a name that does not exist."""
     try:
-        path.hardlink_to(draft)  # looking first would leave a moment for another to write it
+        path.hardlink_to(draft)  # atomic, unlike a check before
     except FileExistsError:
         raise
     except OSError:  # a file system without links, as of memory cards

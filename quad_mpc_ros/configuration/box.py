@@ -1,4 +1,4 @@
-"""A box in the world, as parameters of nodes that keep a vehicle in it or show it."""
+"""Parameters of a box in the world, such as a fence."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from quad_mpc_ros.configuration.errors import ConfigurationError
 from quad_mpc_ros.configuration.fields import Configuration, parameter
 
 FARTHEST = 1e7
-"""m: how far from the origin a coordinate may be; those of UTM are nearer."""
+"""Largest coordinate [m]; those of UTM are smaller."""
 
 NO_WALL = (-FARTHEST,) * 3, (FARTHEST,) * 3
 

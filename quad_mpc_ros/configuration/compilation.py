@@ -51,8 +51,8 @@ def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
     return _compiled(function, nogil=False)
 
 
-def compiled_beside_others(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Compile as :func:`compiled`; while it runs, Python's other threads run as well."""
+def compiled_without_gil(function: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Compile as :func:`compiled`, without holding the GIL."""
     return _compiled(function, nogil=True)
 
 
@@ -71,7 +71,7 @@ def _compiled(function: Callable[_P, _T], *, nogil: bool) -> Callable[_P, _T]:
     return cast(Callable[_P, _T], dispatcher)
 
 
-def compiled_here() -> int:
+def functions_compiled() -> int:
     """Return how many functions this process has compiled because the cache did not have them."""
     return sum(sum(function.stats.cache_misses.values()) for function in FUNCTIONS)
 

@@ -1,68 +1,67 @@
-"""What is reported to a person in one line instead of a traceback."""
+"""Errors that are reported in one line instead of a traceback."""
 
 from __future__ import annotations
 
-_LONGEST = 300  # characters that are shown of a value
+_MAX_LENGTH = 300  # characters of a value
 
 
 class UserError(Exception):
-    """Something the user gave cannot be used; commands end with exit code 2 on it.
+    """Unusable input of the user; commands exit with code 2.
 
     The message is one line: what was given, what was expected, what to do.
     """
 
 
 class ArgumentError(UserError, ValueError):
-    """An argument that cannot be used, with its name, what was given and what was expected."""
+    """An unusable argument, with its name, the given value and the expected one."""
 
     def __init__(self, name: str, given: object, expected: str) -> None:
-        super().__init__(f"{name}: given {shown(given)}, expected {expected}")
+        super().__init__(f"{name}: given {text_of(given)}, expected {expected}")
         self.name = name
         self.given = given
         self.expected = expected
 
     def located(self, where: str) -> ConfigurationError:
-        """Return the same error, its message beginning with where the value is from."""
-        return self._saying(f"{where}: {self}")
+        """Return the same error with the origin of the value before the message."""
+        return self._with_message(f"{where}: {self}")
 
     def of_option(self, option: str) -> ConfigurationError:
-        """Return the same error, by the name of the option that gave the value."""
-        return self._saying(str(self).replace(self.name, option, 1))
+        """Return the same error with the name of the option instead of the parameter."""
+        return self._with_message(str(self).replace(self.name, option, 1))
 
-    def _saying(self, message: str) -> ConfigurationError:
+    def _with_message(self, message: str) -> ConfigurationError:
         other = ConfigurationError(self.name, self.given, self.expected)
         other.args = (message,)
         return other
 
 
 class ConfigurationError(ArgumentError):
-    """A parameter that cannot be used, with its name, the value given and what is allowed."""
+    """An unusable parameter, with its name, the given value and the allowed values."""
 
 
 class BagError(UserError):
     """A bag, a schema or a message that cannot be written or read.
 
-    The message is one line: it names the file or type and the reason and, where there is
-    something to be done about it, what.
+    The message is one line with the file or type, the reason and, if possible, what to do.
     """
 
 
 def os_reason(error: OSError) -> str:
-    """Return what the operating system said, without its number and path."""
+    """Return the message of the operating system, without its number and path."""
     return error.strerror or str(error) or type(error).__name__
 
 
-def shown(value: object) -> str:
-    """Return a value as a person would write it, in one line; of an array type and shape."""
+def text_of(value: object) -> str:
+    """Return a value as readable text in one line; type and shape of an array."""
     if isinstance(value, list | tuple):
-        return _shortened(f"[{', '.join(shown(element) for element in value[:_LONGEST])}]")
+        return _shortened(f"[{', '.join(text_of(element) for element in value[:_MAX_LENGTH])}]")
     if hasattr(value, "shape") and hasattr(value, "dtype"):
         return f"an array {value.shape} of {value.dtype}" if value.shape else str(value)
     try:
         return _shortened(" ".join(repr(value).split()))
-    except Exception:  # an object's own doing, or an integer too long for Python to write
+    except Exception:  # by the object's repr, or an integer with too many digits
         return f"a {type(value).__name__}"
 
 
 def _shortened(text: str) -> str:
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
+    return text if len(text) <= _MAX_LENGTH else f"{text[: _MAX_LENGTH - 3]}..."

@@ -1,7 +1,7 @@
-"""Parameters of what other packages add: a trajectory or a plant of one's own.
+"""Parameters of trajectories and plants of other packages.
 
-A package adds one by an entry point ``name = module:OBJECT`` in a group of this package. It is
-looked for when a name is asked for that this package does not know.
+A package registers one by an entry point ``name = module:OBJECT`` in a group of this package. The
+entry point is looked up if a name is not one of this package.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from quad_mpc_ros.configuration.errors import ConfigurationError, UserError
 from quad_mpc_ros.configuration.fields import Configuration, parameter
 
 BRIDGES = "quad_mpc_ros.bridges"
-"""The group of the entry points of bridges to flight stacks."""
+"""Group of the entry points of bridges to flight stacks."""
 EXTRAS = "quad_mpc_ros.extras"
-"""The group of the entry points by which this package finds its own optional parts."""
+"""Group of the entry points of this package's optional parts."""
 
 
 def registered_names(group: str) -> set[str]:
-    """Return the names that installed packages have registered in a group. Nothing is loaded."""
+    """Return the names registered in a group, without loading anything."""
     from importlib.metadata import entry_points
 
     return set(entry_points(group=group).names)
@@ -29,11 +29,11 @@ def registered_names(group: str) -> set[str]:
 
 @functools.cache
 def registered(group: str, name: str) -> Any:
-    """Return what an installed package has registered under a name, or None.
+    """Return the object registered under a name, or None.
 
-    Raises :class:`UserError` when it cannot be loaded.
+    Raises :class:`UserError` if it cannot be loaded.
     """
-    from importlib.metadata import entry_points  # which takes long to import
+    from importlib.metadata import entry_points  # slow to import
 
     for entry in entry_points(group=group, name=name):
         try:
@@ -46,9 +46,9 @@ def registered(group: str, name: str) -> Any:
 
 
 def optional_part(name: str, *, needed_by: str) -> Any:
-    """Return what is registered in setup.py under a name of the group :data:`EXTRAS`.
+    """Return the object registered under a name in the group :data:`EXTRAS`.
 
-    Raises :class:`UserError` that begins with ``needed_by``, a parameter, if it is not installed.
+    If it is not installed, raises :class:`UserError` with the parameter ``needed_by``.
     """
     try:
         found, cause = registered(EXTRAS, name), f"{EXTRAS} has no entry point of this name"
@@ -61,10 +61,9 @@ def optional_part(name: str, *, needed_by: str) -> Any:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ExtensibleConfiguration(Configuration):
-    """A parameter set in which one parameter names something that other packages may add to.
+    """A parameter set with one parameter whose choices other packages can extend.
 
-    :meth:`build` knows the parameters of what is chosen: the class that its entry point says is a
-    further base of what is returned.
+    :meth:`build` adds the parameters of the chosen entry as a further base class.
     """
 
     choice: ClassVar[str]
@@ -92,7 +91,7 @@ class ExtensibleConfiguration(Configuration):
 
 @functools.cache
 def _extended(kind: type[ExtensibleConfiguration], name: str) -> type[ExtensibleConfiguration]:
-    """Return the class with the parameters of what is registered under a name, if that is any."""
+    """Return the class with the parameters of the entry registered under a name, if any."""
     (spec,) = (spec for spec in kind.specs() if spec.name == kind.choice)
     choices = spec.choices or ()
     if name in choices:

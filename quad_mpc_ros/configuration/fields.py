@@ -1,9 +1,8 @@
 """Declaring a parameter: name, type, default, unit, range and meaning in one place.
 
 A node's parameters are the fields of a frozen dataclass derived from :class:`Configuration`.
-YAML files, rclpy declarations and the documentation are all derived from those fields, so there
-is nothing to keep in step by hand. Validation happens on construction and repairs nothing: an
-integer given for a real number is the only conversion made.
+YAML files, rclpy declarations and the documentation are derived from those fields. Validation
+happens on construction; the only conversion is from integers to real numbers.
 """
 
 from __future__ import annotations
@@ -36,14 +35,14 @@ def per_axis(value: PerAxis) -> tuple[float, float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterSpec:
-    """What is known of one parameter.
+    """Specification of a parameter.
 
     ``above`` and ``below`` are exclusive bounds, ``minimum`` and ``maximum`` inclusive ones;
     for arrays they hold for every element. ``length`` is the required number of elements.
-    ``per_axis`` says that a number may as well be three, one for each body axis.
-    ``live`` states whether the value may change in flight; with ``switch`` not from zero or to
-    it, which changes the structure of what uses it. The name of an ``advanced`` parameter,
-    which users do not need to set, begins with ``advanced.``. ``path`` leads to its field.
+    ``per_axis`` also allows three numbers, one for each body axis. ``live`` allows a change in
+    flight, with ``switch`` not from or to zero, which changes the structure of the problem. The
+    name of an ``advanced`` parameter, which users do not need to set, begins with ``advanced.``.
+    ``path`` is the path of the field.
     """
 
     path: str = ""
@@ -68,7 +67,7 @@ class ParameterSpec:
         return f"{_ADVANCED}{self.path}" if self.advanced else self.path
 
     def may_change(self, before: Any, after: Any) -> bool:
-        """Whether the value may change so in flight; both are validated."""
+        """Whether the value may change in flight from one to another, both validated."""
         if not self.live:
             return bool(before == after)
         return not self.switch or (before == 0) == (after == 0)
@@ -125,7 +124,7 @@ class ParameterSpec:
         return float(value) if kind == "double" else value
 
     def _bounds(self) -> list[tuple[str, float]]:
-        """Return the bounds that there are, each with its symbol."""
+        """Return the bounds with their symbols."""
         bounds = (self.minimum, self.above, self.maximum, self.below)
         return [
             (symbol, bound)
@@ -155,7 +154,7 @@ class Configuration:
 
     owner: ClassVar[str] = ""
     pins: ClassVar[str] = ""
-    """Parameter with which a file states its whole share for this node by name."""
+    """Parameter by which a section also sets the node's share of the vehicle file."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -220,9 +219,9 @@ class Configuration:
 
     @classmethod
     def share(cls, common: Mapping[str, object], own: Mapping[str, object]) -> dict[str, object]:
-        """Return what of parameters stated for every node is of use to this one, by its names.
+        """Return the parameters for every node that this node has, by its names.
 
-        ``own`` are those stated for this one.
+        ``own`` are the parameters for this node.
         """
         known = {spec.name for spec in cls.specs()}
         return {name: value for name, value in common.items() if name in known}
@@ -232,7 +231,7 @@ class Configuration:
         return {spec.name: operator.attrgetter(spec.path)(self) for spec in self.specs()}
 
     def vehicle_values(self) -> dict[str, Any]:
-        """Return what this node was given of the vehicle, by the names of a vehicle file."""
+        """Return the node's vehicle parameters, by the names of a vehicle file."""
         return {name: value for name, value in self.flattened().items() if name in VEHICLE}
 
     def updated(self, changes: Mapping[str, object]) -> Self:
@@ -312,7 +311,7 @@ def _own_specs_of(cls: type[Configuration]) -> dict[str, ParameterSpec]:
     }
 
 
-# What follows from a class alone is worked out once: it takes milliseconds, too long in flight.
+# Cached for each class, as the computation takes milliseconds.
 _type_hints: Callable[[Any], dict[str, Any]] = functools.cache(get_type_hints)
 _specs: Callable[[Any], tuple[ParameterSpec, ...]] = functools.cache(_specs_of)
 _own_specs: Callable[[Any], dict[str, ParameterSpec]] = functools.cache(_own_specs_of)

@@ -18,26 +18,26 @@ from typing import Any
 import yaml
 
 from quad_mpc_ros.configuration import ros_yaml
-from quad_mpc_ros.configuration.errors import ConfigurationError, UserError, shown
+from quad_mpc_ros.configuration.errors import ConfigurationError, UserError, text_of
 from quad_mpc_ros.configuration.extension import ExtensibleConfiguration
 from quad_mpc_ros.configuration.fields import Configuration
 from quad_mpc_ros.configuration.spelling import did_you_mean, nearest
 from quad_mpc_ros.configuration.vehicle import VEHICLE, describes_vehicle
 
 Schema = Mapping[str, type[Configuration]]
-"""The nodes that a file may speak of, and what each of them knows."""
+"""The nodes of a file and their parameters."""
 
 _EVERY_NODE = "/**"
 _PARAMETERS = "ros__parameters"
 # Set by ROS or by the launch file, not part of the configuration.
 _OF_ROS = ("use_sim_time", "start_type_description_service")
 _GROUP_OF_ROS = "qos_overrides."
-# ROS compares names with its key as far as that is long.
+# ROS does not accept a key that begins with the key of parameters.
 _NODE_PART = rf"(?:\*\*?|(?!{_PARAMETERS})[A-Za-z_]\w{{0,99}})"
 _NODE = re.compile(rf"/?{_NODE_PART}(?:/{_NODE_PART}){{0,2}}", re.ASCII)
 _NODE_WORDS = "up to three names of letters, digits and _, or * or **, with one / between them"
-# Nodes of a vehicle that a schema may leave out: one file for all of them may speak of these.
-_BESIDE, _BRIDGE = ("player", "visualisation"), "_bridge"
+# Nodes that are valid in a file for all nodes, but not in the schema.
+_OTHER_NODES, _BRIDGE_SUFFIX = ("player", "visualisation"), "_bridge"
 
 
 def load(
@@ -50,9 +50,8 @@ def load(
     """Return the configuration of every node of the schema, later sources over earlier ones.
 
     ``base`` are parameters by node that come before the first source. ``sources`` are paths or
-    names of presets, ``assignments`` are ``node.parameter=value`` and win. Raises
-    :class:`UserError` for a file that cannot be read and :class:`ConfigurationError` for what it
-    says.
+    names of presets, ``assignments`` are ``node.parameter=value`` and have precedence. Raises
+    :class:`UserError` for an unreadable file and :class:`ConfigurationError` for its content.
     """
     values, origins = _collected(sources, assignments, schema=schema, base=base)
     built = {}
@@ -72,11 +71,11 @@ def collected(
     schema: Schema,
     base: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> dict[str, dict[str, Any]]:
-    """Return what is said of the parameters of every node of the schema, not yet validated.
+    """Return the parameters of every node of the schema, not yet validated.
 
-    The arguments are those of :func:`load`. Of what is stated for every node (``/**``) each gets
-    its share; what is stated for a node by name wins over it, whichever comes last. Raises
-    :class:`UserError` for a file that cannot be read, or with an unknown parameter.
+    The arguments are those of :func:`load`. Each node gets its share of the parameters for every
+    node (``/**``); parameters of a node by name have precedence in any order. Raises
+    :class:`UserError` for an unreadable file or an unknown parameter.
     """
     return _collected(sources, assignments, schema=schema, base=base)[0]
 
@@ -88,7 +87,7 @@ def _collected(
     schema: Schema,
     base: Mapping[str, Mapping[str, Any]] | None,
 ) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, str]]]:
-    """Return parameters by node, and the file that each is from, if it is from one."""
+    """Return parameters by node, and the file of each parameter, if any."""
     common: dict[str, Any] = {}
     values: dict[str, dict[str, Any]] = {node: {} for node in schema}
     origins: dict[str, dict[str, str]] = {node: {} for node in schema}
@@ -98,8 +97,8 @@ def _collected(
         of_all = found.pop(_EVERY_NODE, {})
         common.update(of_all)
         for node in schema:
-            given = (*of_all, *found.get(node, {}))
-            origins[node].update(dict.fromkeys(given, str(path)))
+            stated = (*of_all, *found.get(node, {}))
+            origins[node].update(dict.fromkeys(stated, str(path)))
         for node, parameters in found.items():
             if schema[node].pins in parameters:
                 values[node].update(schema[node].share(of_all, parameters))
@@ -113,7 +112,7 @@ def _collected(
         for node, kind in schema.items()
     }
     for node, kind in schema.items():
-        if not issubclass(kind, ExtensibleConfiguration):  # of which the choice may still come
+        if not issubclass(kind, ExtensibleConfiguration):  # its choice may follow
             _refuse_unknown_of(kind, merged[node], origins[node])
     return merged, origins
 
@@ -121,7 +120,7 @@ def _collected(
 def _refuse_unknown_of(
     kind: type[Configuration], values: Mapping[str, Any], origins: Mapping[str, str]
 ) -> None:
-    """Refuse what a file says of a node that the node does not know, with the file's name."""
+    """Refuse unknown parameters of a node, with the name of the file."""
     known = {spec.name for spec in kind.specs()}
     for name in origins.keys() & values.keys() - known:
         try:
@@ -149,7 +148,7 @@ def is_of_ros(name: str) -> bool:
 
 
 def value_text(value: Any) -> str:
-    """Return a value as YAML reads it back exactly, which it does not with every ``repr``."""
+    """Return a value as text that YAML reads back exactly."""
     listed = list(value) if isinstance(value, tuple) else value
     return ros_yaml.written([listed], default_flow_style=True, width=math.inf).strip()[1:-1]
 
@@ -193,7 +192,7 @@ def expanded(given: str) -> Path:
 
 
 def is_file(path: Path) -> bool:
-    """Return whether a file is there; of an impossible path, as one that is too long, False."""
+    """Return whether a file exists; False for an invalid path."""
     try:
         return path.is_file()
     except OSError:
@@ -203,7 +202,7 @@ def is_file(path: Path) -> bool:
 def parameter_file(option: str, given: str) -> Path:
     """Return the path of a parameter file; raise :class:`UserError` unless it exists.
 
-    ``option`` is how it was given. The nearest name of what is there is suggested.
+    ``option`` is the name of the option. The error suggests the nearest existing name.
     """
     path = Path(given)
     if is_file(path):
@@ -216,7 +215,7 @@ def parameter_file(option: str, given: str) -> Path:
 
 
 def _nearest_file(path: Path) -> str:
-    """Return which file may be meant: one of the same folder, or a preset."""
+    """Return the nearest file of the same folder or preset, as a hint."""
     try:
         beside = {file.stem: file for file in path.parent.glob("*.y*ml") if file.is_file()}
     except OSError:
@@ -240,8 +239,8 @@ def _located(source: str) -> Path:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Section:
-    """What a parameter file states under one key, by dotted names."""
+class ParameterSection:
+    """Parameters of a file under one key, by dotted names."""
 
     key: str
     values: Mapping[str, Any]
@@ -253,21 +252,20 @@ class Section:
 
     @property
     def of_any_node(self) -> bool:
-        """Whether it is for nodes of any name, as ``/**``."""
+        """Whether the key matches nodes of any name, as ``/**``."""
         return self.node in ("*", "**")
 
     def is_read_by(self, full_name: str) -> bool:
-        """Whether ROS reads it for a node of this name with its namespace: ``/uav1/mpc``."""
+        """Whether ROS reads it for a node with this full name: ``/uav1/mpc``."""
         words = {"**": r"(/\w+)*", "*": r"/\w+"}
         parts = (words.get(word, f"/{re.escape(word)}") for word in self.key.split("/") if word)
         return re.fullmatch("".join(parts), full_name) is not None
 
 
-def sections(path: Path) -> list[Section]:
-    """Return what a parameter file states; raise :class:`UserError` for one that states nothing.
+def sections(path: Path) -> list[ParameterSection]:
+    """Return the sections of a parameter file; raise :class:`UserError` for invalid content.
 
-    Namespaces may be nested or joined by ``/``. What ROS does not take, or takes for something
-    else, is refused.
+    Namespaces may be nested or joined by ``/``. Content that ROS rejects or misreads is refused.
     """
     content = ros_yaml.read_file(path)
     if content is None:
@@ -283,14 +281,14 @@ def refuse_what_ros_misreads(where: str, value: Any) -> None:
         return
     kinds = {type(element) for element in value}
     if kinds & {list, dict, NoneType}:
-        raise UserError(f"{where}: given {shown(value)}, expected one value or a plain list")
+        raise UserError(f"{where}: given {text_of(value)}, expected one value or a plain list")
     if len(kinds) > 1:
         numbers = kinds == {int, float}
-        hint = f"; write {shown([float(element) for element in value])}" if numbers else ""
-        raise UserError(f"{where}: given {shown(value)}, expected elements of one type{hint}")
+        hint = f"; write {text_of([float(element) for element in value])}" if numbers else ""
+        raise UserError(f"{where}: given {text_of(value)}, expected elements of one type{hint}")
 
 
-def _sections(content: Mapping[Any, Any], within: str, path: Path) -> Iterator[Section]:
+def _sections(content: Mapping[Any, Any], within: str, path: Path) -> Iterator[ParameterSection]:
     for name, inner in content.items():
         key = f"{within}/{name}" if within else str(name)
         if name == _PARAMETERS:
@@ -306,7 +304,7 @@ def _sections(content: Mapping[Any, Any], within: str, path: Path) -> Iterator[S
                     f"{path}: {within}: given {other}, expected parameters alone; write the node "
                     "at the left margin, like '/**/mpc:'"
                 )
-            yield Section(key=within, values=_parameters(inner, f"{path}: {within}"))
+            yield ParameterSection(key=within, values=_parameters(inner, f"{path}: {within}"))
         elif isinstance(inner, dict) and inner:
             yield from _sections(inner, key, path)
         else:
@@ -314,7 +312,7 @@ def _sections(content: Mapping[Any, Any], within: str, path: Path) -> Iterator[S
 
 
 def _parameters(content: Mapping[Any, Any], where: str) -> dict[str, Any]:
-    """Return parameters by dotted names; refuse those that ROS does not take."""
+    """Return parameters by dotted names; refuse those that ROS rejects."""
     values: dict[str, Any] = {}
     for name, value in flattened(content):
         if value is None or value == {}:
@@ -339,7 +337,7 @@ def _read(path: Path, schema: Schema) -> dict[str, dict[str, Any]]:
 
 
 def _refuse_unknown(values: Mapping[str, Any], schema: Schema, path: Path) -> None:
-    """Refuse what no node knows."""
+    """Refuse parameters that no node has."""
     known = {spec.name for kind in schema.values() for spec in kind.specs()}
     for name, value in values.items():
         if name in known or describes_vehicle(name):
@@ -351,12 +349,12 @@ def _refuse_unknown(values: Mapping[str, Any], schema: Schema, path: Path) -> No
         )
 
 
-def _node_meant(section: Section, schema: Schema, path: Path) -> str:
-    """Return the node that a section is for; empty for one that is beside the schema."""
+def _node_meant(section: ParameterSection, schema: Schema, path: Path) -> str:
+    """Return the node of a section; empty for a node outside the schema."""
     node = section.node
     if node in schema:
         return node
-    if node in _BESIDE or node.endswith(_BRIDGE):
+    if node in _OTHER_NODES or node.endswith(_BRIDGE_SUFFIX):
         return ""
     raise UserError(
         f"{path}: given node {section.key!r}, expected one of {', '.join(schema)}"

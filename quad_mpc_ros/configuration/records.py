@@ -1,8 +1,8 @@
-"""Records: numbers with names, the same in Python and in compiled code.
+"""Records: named numbers for Python and compiled code.
 
-A class that derives from :class:`Record` declares fields, once; NumPy makes a structured type of
-them, which Numba knows. So packing, size and access follow from the declaration on both sides of
-the compiled boundary, and no place in a buffer is ever counted by hand::
+A class that derives from :class:`Record` declares fields. NumPy makes a structured type of them,
+which Numba supports, so that packing, size and access follow from the declaration on both sides of
+the compiled boundary::
 
     class Wheel(Record):
         radius: float  # m
@@ -13,8 +13,8 @@ the compiled boundary, and no place in a buffer is ever counted by hand::
     wheels = Wheel.zeros(4)  # as many of them
     wheels["radius"]  # (4,), a view; wheels[2].axle_W is one as well
 
-Compiled functions are called with such arrays, whose dispatch costs a fifth of a microsecond, and
-take ``wheel[()]`` from them; what they call inside takes that.
+Compiled functions that Python calls take such arrays, whose dispatch costs 0.2 µs, and use
+``wheel[()]``; functions that they call take the record.
 """
 
 from __future__ import annotations

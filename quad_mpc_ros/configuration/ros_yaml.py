@@ -37,19 +37,19 @@ _HEXADECIMAL = re.compile(
 _INFINITE = re.compile(r"([+-]?)(?:\.(?:inf|Inf|INF)|(?i:inf|infinity))")
 _NOT_A_NUMBER = re.compile(r"\.(?:nan|NaN|NAN)|[+-]?(?i:nan)(?:\([0-9a-zA-Z_]*\))?")
 
-_LONGEST = 100  # digits; Python refuses to count thousands of them
+_MAX_DIGITS = 100  # Python refuses to convert thousands of digits
 
-_PLAIN = "!plain"
-_TEXT = "tag:yaml.org,2002:str"
-_TOML = "this is a TOML file, expected YAML"
+_PLAIN_TAG = "!plain"
+_TEXT_TAG = "tag:yaml.org,2002:str"
+_TOML_ERROR = "this is a TOML file, expected YAML"
 
 
 def scalar(word: str) -> bool | int | float | str:
-    """Return the value of a word that is not in quotes."""
+    """Return the value of a word without quotes."""
     if word in _BOOLS:
         return _BOOLS[word]
     for base, form in _INTEGERS.items():
-        if form.fullmatch(word) and len(word) <= _LONGEST:
+        if form.fullmatch(word) and len(word) <= _MAX_DIGITS:
             value = int(word, base)
             if -(2**63) <= value < 2**63:
                 return value
@@ -58,7 +58,7 @@ def scalar(word: str) -> bool | int | float | str:
 
 
 def _real(word: str) -> float | None:
-    """Return what ``strtod`` makes of a word; None if it takes only a part, or finds no double."""
+    """Return the result of ``strtod`` for a word; None if it does not parse the whole word."""
     if infinite := _INFINITE.fullmatch(word):
         return -math.inf if infinite[1] == "-" else math.inf
     if _NOT_A_NUMBER.fullmatch(word):
@@ -79,7 +79,7 @@ def _real(word: str) -> float | None:
 
 
 class _Loader(yaml.SafeLoader):
-    """Makes nothing but mappings with text as names, lists, texts, numbers and bools."""
+    """Loads only mappings with text as names, lists, texts, numbers and bools."""
 
     yaml_implicit_resolvers = {}  # noqa: RUF012, as PyYAML declares it
     yaml_constructors = {}  # noqa: RUF012
@@ -94,11 +94,11 @@ class _Loader(yaml.SafeLoader):
 
 
 class _Dumper(yaml.SafeDumper):
-    """Puts text into quotes that ROS would take for something else."""
+    """Quotes text that ROS would read as another type."""
 
 
 def _value(loader: yaml.SafeLoader, node: yaml.Node) -> Any:
-    """Return the value of a node; of tags only that of text counts."""
+    """Return the value of a node, ignoring all tags but that of text."""
     if isinstance(node, yaml.MappingNode):
         return _mapping(loader, node)
     if isinstance(node, yaml.SequenceNode):
@@ -107,11 +107,11 @@ def _value(loader: yaml.SafeLoader, node: yaml.Node) -> Any:
         return node.value
     if not node.value:
         return None
-    return node.value if node.tag == _TEXT else scalar(node.value)
+    return node.value if node.tag == _TEXT_TAG else scalar(node.value)
 
 
 def _mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[str, Any]:
-    """Return a mapping whose names are text, whatever they look like."""
+    """Return a mapping with text as names."""
     made: dict[str, Any] = {}
     for key, value in node.value:
         problem = ""
@@ -127,16 +127,16 @@ def _mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[str, Any]:
 
 def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
     style = None if isinstance(scalar(text), str) else "'"
-    return dumper.represent_scalar(_TEXT, text, style=style)
+    return dumper.represent_scalar(_TEXT_TAG, text, style=style)
 
 
-_Loader.add_implicit_resolver(_PLAIN, re.compile(""), None)
+_Loader.add_implicit_resolver(_PLAIN_TAG, re.compile(""), None)
 _Loader.add_constructor(None, _value)
 _Dumper.add_representer(str, _text)
 
 
 def read(text: str) -> Any:
-    """Return the content of a text, nothing at all as None; raise :class:`yaml.YAMLError`."""
+    """Return the content of a text, None for an empty text; raise :class:`yaml.YAMLError`."""
     try:
         return yaml.load(text, Loader=_Loader)
     except RecursionError:
@@ -149,10 +149,10 @@ def read_text(text: str, where: str) -> Any:
         content = read(text)
     except yaml.YAMLError as error:
         if _is_toml(text):
-            raise UserError(f"{where}: {_TOML}") from error
+            raise UserError(f"{where}: {_TOML_ERROR}") from error
         raise UserError(f"{where}: not YAML: {_reason(error)}") from error
     if isinstance(content, str | list) and _is_toml(text):
-        raise UserError(f"{where}: {_TOML}")
+        raise UserError(f"{where}: {_TOML_ERROR}")
     return content
 
 

@@ -1,11 +1,11 @@
-"""Names that were probably meant, and those that surely were."""
+"""Suggestions for misspelt names."""
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
 
-_LONG = 7  # letters; shorter names of different things may differ in one letter: mode, node
+_LONG_NAME = 7  # letters; shorter names may differ in one letter: mode, node
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
@@ -20,17 +20,17 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def meant_instead_of(name: str, known: Iterable[str]) -> str | None:
-    """Return the known name of which a name surely is a misspelling, None if there is none.
+    """Return the known name of which a name is certainly a misspelling, else None.
 
-    That is one which differs by upper case, ``-`` or ``_``, by two neighbouring letters exchanged,
-    by one of two equal letters left out or a letter doubled, or, if it is long, by any one letter.
-    Digits count things and are not misspelt: ``mpc2`` may stand beside ``mpc``.
+    A misspelling differs by upper case, ``-`` or ``_``, by two exchanged neighbours, by a doubled
+    or missing double letter, or, in a long name, by any one letter. Digits are not misspelt:
+    ``mpc2`` may exist besides ``mpc``.
     """
     return next((other for other in known if other != name and _is_slip(name, other)), None)
 
 
-def _is_slip(given: str, meant: str) -> bool:
-    a, b = (text.lower().replace("-", "").replace("_", "") for text in (given, meant))
+def _is_slip(name: str, meant: str) -> bool:
+    a, b = (text.lower().replace("-", "").replace("_", "") for text in (name, meant))
     if [c for c in a if c.isdigit()] != [c for c in b if c.isdigit()]:
         return False
     if a == b:
@@ -41,10 +41,10 @@ def _is_slip(given: str, meant: str) -> bool:
     if len(a) == len(b):
         exchanged = a[:first] + a[first : first + 2][::-1] + a[first + 2 :]
         changed = a[first + 1 :] == b[first + 1 :]
-        return exchanged == b or (changed and len(meant) >= _LONG)
+        return exchanged == b or (changed and len(meant) >= _LONG_NAME)
     longer, shorter = (a, b) if len(a) > len(b) else (b, a)
     if longer[:first] + longer[first + 1 :] != shorter:
         return False
     # Of equal letters the last differs first.
     doubled = first > 0 and longer[first] == longer[first - 1]
-    return doubled or len(meant) >= _LONG
+    return doubled or len(meant) >= _LONG_NAME

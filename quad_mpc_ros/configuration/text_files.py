@@ -22,7 +22,7 @@ class CsvRow(NamedTuple):
 
 
 class CsvTable(NamedTuple):
-    """The rows of a file, the header included, and its comments, lines that begin with ``#``."""
+    """The rows of a file with the header, and its comments (lines that begin with ``#``)."""
 
     rows: list[CsvRow]
     comments: list[str]

@@ -1,7 +1,7 @@
-"""What a vehicle file may state: parameters that mean the same to every node.
+"""Parameters of a vehicle file, which have the same meaning for every node.
 
-It is a ROS parameter file with these below ``/**``. Each node reads its share and leaves the rest;
-what a file states for a node by name wins over it.
+It is a ROS parameter file with these below ``/**``. Each node reads its share; parameters for a
+node by name have precedence.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from quad_mpc_ros.configuration.errors import shown
+from quad_mpc_ros.configuration.errors import text_of
 
 VEHICLE = (
     "mass",
@@ -29,8 +29,8 @@ VEHICLE = (
     "throttle_max",
     "radius",
 )
-CARRIES = ("mass", "gravity", "motor_count", "thrust_curve")
-"""What carries the vehicle: to nodes that differ in it one throttle is another acceleration."""
+LIFT_PARAMETERS = ("mass", "gravity", "motor_count", "thrust_curve")
+"""Parameters that determine the acceleration at a throttle, and must not differ between nodes."""
 _THRUST_MAP = "thrust_map."
 
 
@@ -40,10 +40,10 @@ def describes_vehicle(name: str) -> bool:
 
 
 def disagreements(vehicles: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
-    """Return the parameters in which the vehicles of nodes differ, each with who has which value.
+    """Return the parameters in which the vehicles of nodes differ, with the values of each node.
 
-    The values read like ``mass 0.9 of mpc, 0.5 of reference and px4_bridge``. Only what several
-    nodes know is compared; one number for all body axes is three alike.
+    The values read like ``mass 0.9 of mpc, 0.5 of reference and px4_bridge``. Only parameters of
+    several nodes are compared; one number for all body axes equals three equal numbers.
     """
     found: dict[str, str] = {}
     for name in dict.fromkeys(name for values in vehicles.values() for name in values):
@@ -51,13 +51,13 @@ def disagreements(vehicles: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
         for node, values in vehicles.items():
             if name not in values:
                 continue
-            alike = next((who for value, who in groups if _alike(value, values[name])), None)
+            alike = next((nodes for value, nodes in groups if _alike(value, values[name])), None)
             if alike is None:
                 groups.append((values[name], [node]))
             else:
                 alike.append(node)
         if len(groups) > 1:
-            groups_text = (f"{shown(value)} of {' and '.join(who)}" for value, who in groups)
+            groups_text = (f"{text_of(value)} of {' and '.join(nodes)}" for value, nodes in groups)
             found[name] = f"{name} {', '.join(groups_text)}"
     return found
 

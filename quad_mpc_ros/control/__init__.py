@@ -1,3 +1,3 @@
-"""What flies: the control cycle (:mod:`.controller`, :mod:`.mpc`), and below it safety,
-estimation, ocp, model and lie. No I/O; time comes in as numbers. May import configuration only.
+"""The controller: the control step (:mod:`.controller`, :mod:`.mpc`), safety, estimation, ocp,
+model and lie. No I/O; times are arguments. Imports configuration only.
 """

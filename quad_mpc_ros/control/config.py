@@ -38,7 +38,7 @@ class OdometryParameters(Configuration):
 
 @dataclass(frozen=True, kw_only=True)
 class SolverParameters(Configuration):
-    """How hard OSQP works. Tolerances are on the scaled problem, whose variables are about 1."""
+    """Effort of OSQP; tolerances are those of the scaled problem, with variables of about 1."""
 
     owner = "mpc.solver"
 
@@ -56,7 +56,7 @@ _ACTIONS = ("warn", "hover", "stop")
 
 @dataclass(frozen=True, kw_only=True)
 class FenceParameters(BoxParameters):
-    """A box in the world that the vehicle is not to leave; by default it has no walls."""
+    """A box in the world that the vehicle must not leave; by default it has no walls."""
 
     owner = "mpc.fence"
 
@@ -76,7 +76,7 @@ class FenceParameters(BoxParameters):
 
 @dataclass(frozen=True, kw_only=True)
 class EnvelopeParameters(Configuration):
-    """How far the vehicle may tilt, and how fast turn and fly; by default as it likes."""
+    """Limits of tilt, body rates and speed; by default none."""
 
     owner = "mpc.envelope"
 
@@ -94,7 +94,7 @@ class EnvelopeParameters(Configuration):
 
 @dataclass(frozen=True, kw_only=True)
 class OscillationParameters(Configuration):
-    """What counts as a limit cycle: thrust that tilts to one side and the other repeatedly."""
+    """Detection of a limit cycle: the thrust axis swings from side to side repeatedly."""
 
     owner = "mpc.oscillation"
 
@@ -118,7 +118,7 @@ class OscillationParameters(Configuration):
 
 @dataclass(frozen=True, kw_only=True)
 class ConsistencyParameters(Configuration):
-    """What to do when the odometry contradicts itself or the commands."""
+    """Action if the odometry contradicts itself or the commands."""
 
     owner = "mpc.consistency"
 
@@ -151,7 +151,7 @@ _advanced_limit = functools.partial(_limit, advanced=True)
 
 
 @dataclass(frozen=True, kw_only=True)
-class LimitParameters(Configuration):
+class PlanLimitParameters(Configuration):
     """Soft limits inside the plan of ``manifold``; those at 0 are not in its problem at all.
 
     They bound what the controller adds to the reference, which may ask for more by itself.
@@ -187,14 +187,14 @@ class LimitParameters(Configuration):
 
     @property
     def in_use(self) -> list[str]:
-        """The names of the limits that are in the problem."""
+        """The names of the active limits."""
         names = ("tilt_max", "speed_max", "throttle_margin", "rate_slew")
         return [name for name in names if getattr(self, name) > 0.0]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContouringParameters(Configuration):
-    """How ``contouring`` gives way: it slows down on the reference's way before it leaves it."""
+    """Progress of ``contouring``, which slows down along the path before it leaves the path."""
 
     owner = "mpc.contouring"
 
@@ -233,7 +233,7 @@ GATE_HALF_SPACES = 8
 
 @dataclass(frozen=True, kw_only=True)
 class WorldParameters(Configuration):
-    """How to come to know of obstacles."""
+    """Sources of obstacles."""
 
     file: str = parameter(
         "", doc="File of boxes, cylinders and spheres that stand, and of the volume of flight."
@@ -262,7 +262,7 @@ class WorldParameters(Configuration):
 
 @dataclass(frozen=True, kw_only=True)
 class ObstacleParameters(WorldParameters):
-    """How to keep clear of obstacles; without half-spaces nothing of it is in the problem."""
+    """Obstacle avoidance; without half-spaces the problem is unchanged."""
 
     owner = "mpc.obstacles"
 
@@ -310,7 +310,7 @@ class ObstacleParameters(WorldParameters):
 
 @dataclass(frozen=True, kw_only=True)
 class RealtimeParameters(Configuration):
-    """What to ask of the operating system and of Python, so that no tick is late."""
+    """Settings of operating system and Python for real time."""
 
     owner = "mpc.realtime"
 
@@ -466,7 +466,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     oscillation: OscillationParameters = dataclasses.field(default_factory=OscillationParameters)
     consistency: ConsistencyParameters = dataclasses.field(default_factory=ConsistencyParameters)
     slew: SlewParameters = dataclasses.field(default_factory=SlewParameters)
-    limits: LimitParameters = dataclasses.field(default_factory=LimitParameters)
+    limits: PlanLimitParameters = dataclasses.field(default_factory=PlanLimitParameters)
     contouring: ContouringParameters = dataclasses.field(default_factory=ContouringParameters)
     gates: str = parameter(
         "",
@@ -478,7 +478,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
 
     @property
     def on_manifold(self) -> bool:
-        """Whether the horizon has lags, estimates and limits, as all but the paper's has."""
+        """Whether the horizon has lags, estimates and limits: all formulations but ``paper``."""
         return self.formulation != "paper"
 
     @property
@@ -493,19 +493,19 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
 
     @property
     def guided_by(self) -> str:
-        """The parameter that asks for a guide, empty where none does."""
+        """The parameter that requires a guide, else empty."""
         if self.obstacles.half_spaces > 0:
             return f"{self.owner}.obstacles.half_spaces"
         return f"{self.owner}.gates" if self.holds_gates else ""
 
     @property
     def half_spaces(self) -> int:
-        """Half-spaces on the position that a stage of the plan has room for."""
+        """Number of half-spaces on the position in each stage of the plan."""
         return max(self.obstacles.half_spaces, GATE_HALF_SPACES if self.holds_gates else 0)
 
     @property
     def unmodelled_lags(self) -> list[str]:
-        """The names of the lags that are zero, as they are of no real vehicle."""
+        """The names of the lags that are zero, unlike those of any real vehicle."""
         if not self.on_manifold:
             return []
         names = ("rate_time_constant", "thrust_time_constant", "input_delay")
@@ -513,7 +513,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
 
     @property
     def deadline_seconds(self) -> float:
-        """Time within which a plan has to be ready [s]; infinite where time waits for it."""
+        """Time within which a plan has to be ready [s]; infinite in lockstep."""
         return math.inf if self.lockstep else self.deadline / self.control_rate
 
     def check(self) -> None:

@@ -1,8 +1,7 @@
-"""The controller as the node and the simulation use it: inputs in, at most one command out.
+"""The controller of the node and the simulation: inputs in, at most one command out.
 
-What comes in is validated. An odometry that is due triggers the control step, each line a stage:
-estimate, guide, plan, decide, limit, record. It reads no ROS and no wall clock: ``now_ns`` is
-given.
+An odometry that is due triggers the control step: validate, estimate, guide, plan, decide, limit,
+record. The controller uses neither ROS nor a wall clock; ``now_ns`` is an argument.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from quad_mpc_ros.control.model.samples import (
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.plan_stage import Planned, PlanStage
 from quad_mpc_ros.control.safety.decide_stage import Decided, DecideStage
-from quad_mpc_ros.control.safety.fallbacks import Learned
+from quad_mpc_ros.control.safety.fallbacks import DisturbanceEstimate
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
 from quad_mpc_ros.control.safety.limit_stage import LimitStage
 from quad_mpc_ros.control.stage import Due, Failure, Stage
@@ -38,9 +37,8 @@ from quad_mpc_ros.control.stage_log import StageLog
 from quad_mpc_ros.control.tick import Tick, figures_of
 
 _SECOND = 1_000_000_000
-_NO_MOTION = Failure("estimate", "not run without odometry")
-# An odometry so many periods away from when it is due means that the clock was set.
-_PERIODS_AWAY = 3
+_NO_ESTIMATE = Failure("estimate", "not run without odometry")
+_CLOCK_SET_PERIODS = 3  # an odometry so many periods from its due time means a clock was set
 
 
 class Controller:
@@ -51,22 +49,22 @@ class Controller:
 
         sum_i x_i' Q x_i + u_i' R u_i,
 
-    where x_i and u_i are the errors to the reference on the manifold R^6 x SO(3), and gives the
-    first input. It remembers what was sent; only when something else acted, call
+    where x_i and u_i are the errors to the reference on the manifold R^6 x SO(3), and returns the
+    first input. Sent commands are recorded; if another command acted, call
     :meth:`replace_last_command`.
 
-    In lockstep an odometry waits for the reference of its own stamp
-    and a repeated odometry gets the same answer again, so that lost messages can be sent again.
+    In lockstep an odometry waits for the reference of its stamp, and a repeated odometry gets the
+    same answer, so that lost messages can be sent again.
 
     Args:
-        config: What to fly and how. Live parameters may change by :meth:`reconfigure`.
-        deadline: How long the MPC may take for a plan that is flown [s].
-        guide: What leads around obstacles, if anything does.
+        config: Parameters; :meth:`reconfigure` changes live ones.
+        deadline: Longest time for a plan [s]; later plans are dropped.
+        guide: Guide for obstacles or gates, None without a guide.
 
     The constructor, :meth:`step` and :meth:`replace_last_command` raise :class:`.ArgumentError`, a
-    ``ValueError``, for an argument of another type; other methods check no types. Odometry and
-    references that cannot be flown are not an error: :meth:`take_warnings` says why, and the last
-    good ones are kept.
+    ``ValueError``, for an argument of another type; other methods check no types. Unusable
+    odometry and references are ignored: :meth:`take_warnings` returns why, and the last valid ones
+    stay in use.
 
     Example:
         >>> controller = Controller(MpcConfig())
@@ -101,20 +99,20 @@ class Controller:
         self._period_ns = round(_SECOND / config.control_rate)
         self._decimation = Decimation(self._period_ns)
         self._last_tick: Tick | None = None
-        self._sent_ns = 0  # when the last command was, on the clock of the odometries
+        self._sent_ns = 0  # of the last command, by the clock of the odometry
 
     @property
     def config(self) -> MpcConfig:
-        """The configuration in force."""
+        """The active configuration."""
         return self._config
 
     @property
     def ground_state(self) -> GroundState:
-        """Whether the vehicle stands or flies, by the last odometry."""
+        """Whether the vehicle is on the ground or flies, at the last odometry."""
         return self._estimation.ground.state
 
-    def renewed(self) -> Controller:
-        """Return a controller like this one that has seen nothing yet."""
+    def fresh_copy(self) -> Controller:
+        """Return a new controller with the same configuration, deadline and guide."""
         return Controller(self._config, deadline=self._deadline, guide=self._guidance.guide)
 
     @property
@@ -131,31 +129,31 @@ class Controller:
         return tuple(stage for owner in owners for stage in owner.stages)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over changed live parameters between two ticks; the warm start stays."""
+        """Apply changed live parameters between two ticks; the warm start stays."""
         self._config = config
         self._to_all(lambda stage: stage.reconfigure(config))
 
     def engage(self, engaged: bool) -> None:
-        """Set whether commands act on the vehicle: armed, and in the mode that takes them."""
+        """Set whether commands act on the vehicle: armed, and in the offboard mode."""
         if engaged == self._engaged:
             return
         self._engaged = engaged
         self._to_all(lambda stage: stage.engage(engaged))
 
     def landed(self, landed: bool | None) -> None:
-        """Set whether the flight stack reports the vehicle landed; None where it does not say."""
-        self._estimation.ground.tell_landed(landed)
+        """Set whether the flight stack reports the vehicle landed; None without a report."""
+        self._estimation.ground.set_landed(landed)
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Take an announced step of the estimate: the vehicle stays, its coordinates change.
+        """Apply an announced step of the estimate: the vehicle stays, its coordinates change.
 
-        What is held and the reference move along at once, the reference for as long as no other
-        comes. Call it before the first odometry in the new coordinates.
+        Held positions and the present reference are transformed. Call this before the first
+        odometry in the new coordinates.
         """
         self._to_all(lambda stage: stage.reset_estimate(reset))
 
     def _to_all(self, event: Callable[[Stage], None]) -> None:
-        """Hand an event to every stage; one that raises does not keep it from the others."""
+        """Pass an event to every stage, even if one of them raises."""
         for stage in self.stages:
             try:
                 event(stage)
@@ -169,16 +167,16 @@ class Controller:
         return self._log.take_warnings()
 
     def step(self, odometry: OdometrySample, reference: ReferenceWindow) -> Tick | None:
-        """Answer an odometry, as if it and the reference arrived at the odometry's stamp.
+        """Run a control step, as if odometry and reference arrived at the odometry's stamp.
 
         Args:
-            odometry: The vehicle, in ENU and FLU.
-            reference: Where it shall be from now on; it has to cover the stamp.
+            odometry: State of the vehicle, in ENU and FLU.
+            reference: Reference window; it has to cover the stamp.
 
         Returns:
-            What came of it. ``command`` is None when the safety ladder says to send nothing.
-            Without a tick, None: the odometry is unfit (:meth:`take_warnings` says why), or came
-            before it was due at ``control_rate``.
+            The tick; its ``command`` is None if the safety ladder sends nothing. None without a
+            tick: the odometry is unusable (:meth:`take_warnings` returns why), or not yet due at
+            ``control_rate``.
         """
         instance(reference, "reference", ReferenceWindow)
         now_ns = instance(odometry, "odometry", OdometrySample).stamp_ns
@@ -186,7 +184,7 @@ class Controller:
         return self.receive_odometry(odometry, now_ns=now_ns) or answered
 
     def check_stamps(self, wanted: bool) -> None:
-        """Compare stamps with arrivals, or not, as of a recorded odometry known to be accepted."""
+        """Set whether stamps are compared with arrivals; not for a recorded, accepted odometry."""
         self._inputs.gate.checks_stamps = wanted
 
     def receive_odometry(self, odometry: OdometrySample, *, now_ns: int) -> Tick | None:
@@ -194,17 +192,17 @@ class Controller:
 
         Args:
             odometry: The state of the vehicle.
-            now_ns: When it arrived [ns], by any clock that runs evenly; not read in lockstep.
+            now_ns: Time of arrival [ns], by any steady clock; ignored in lockstep.
 
         Returns:
-            The tick, with the command to send; None if the odometry is refused or none is due.
+            The tick with the command to send; None if the odometry is rejected or not due.
         """
         now_ns = odometry.stamp_ns if self._config.lockstep else now_ns
         accepted = self._inputs.accept_odometry(odometry, now_ns=now_ns)
         if accepted is None:
             return None
         for reset in self._inputs.jumps.take_resets():
-            self._estimation.move_learned(reset)
+            self._estimation.transform_estimate(reset)
         if self._config.lockstep:
             return self._last_tick if self._is_answered() else self._answer_in_lockstep()
         if not self._decimation.is_due(accepted.stamp_ns):
@@ -212,11 +210,11 @@ class Controller:
         return self._answer(accepted, held_ns=self._period_ns, now_ns=now_ns)
 
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> Tick | None:
-        """Take a reference window, the samples of the reference from now on.
+        """Take a reference window.
 
         Args:
-            window: The samples; they must cover the stamps of the odometries to come.
-            now_ns: When it arrived [ns], by the clock of :meth:`receive_odometry`.
+            window: Samples that cover the stamps of the next odometries.
+            now_ns: Time of arrival [ns], by the clock of :meth:`receive_odometry`.
 
         Returns:
             In lockstep the tick of the odometry that waited for this window, otherwise None.
@@ -229,15 +227,13 @@ class Controller:
         return None
 
     def receive_imu(self, sample: ImuSample) -> Tick | None:
-        """Take what an accelerometer measured, for the next odometry.
-
-        Without ``accelerometer_noise`` nothing comes of it.
+        """Take an accelerometer sample for the next odometry; ignored without a noise.
 
         Args:
             sample: The specific force, stamped by the clock of the odometry.
 
         Returns:
-            In lockstep the tick of the odometry that waited for it, otherwise None.
+            In lockstep the tick of the odometry that waited for the sample, otherwise None.
         """
         if not self._config.uses_accelerometer or not self._inputs.accept_imu(sample):
             return None
@@ -247,28 +243,28 @@ class Controller:
         return None
 
     def watch(self, *, now_ns: int) -> Tick | None:
-        """Act when no odometry comes: to be called every control period by a timer.
+        """Run a control step if odometry is lost; call this every control period.
 
-        It may pause for :meth:`seconds_until_unseen`.
+        The timer may pause for :meth:`seconds_until_odometry_lost`.
 
         Args:
             now_ns: The time [ns], by the clock of :meth:`receive_odometry`.
 
         Returns:
-            A tick when the odometry is older than its timeout, otherwise None.
+            A tick if the odometry is older than its timeout, otherwise None.
         """
-        unseen = self._limiting.acting is not None and self._inputs.is_unseen(now_ns=now_ns)
-        if self._config.lockstep or not unseen:
+        lost = self._limiting.acting is not None and self._inputs.is_odometry_lost(now_ns=now_ns)
+        if self._config.lockstep or not lost:
             return None
         sent_ns = self._estimation.elapsed_ns(now_ns=now_ns)
         return self._control(Due(None, now_ns, sent_ns, now_ns, self._period_ns * 1e-9))
 
-    def seconds_until_unseen(self, *, now_ns: int) -> float:
-        """Return how long :meth:`watch` will have nothing to do, whatever comes; 0 if it acts."""
-        return self._inputs.seconds_until_unseen(now_ns=now_ns)
+    def seconds_until_odometry_lost(self, *, now_ns: int) -> float:
+        """Return how long :meth:`watch` will do nothing in any case [s]."""
+        return self._inputs.seconds_until_odometry_lost(now_ns=now_ns)
 
     def replace_last_command(self, command: CommandSample, *, now_ns: int) -> None:
-        """Take note that this command was sent in place of that of the last tick."""
+        """Record that this command was sent instead of that of the last tick."""
         command = instance(command, "command", CommandSample).checked()
         if not (math.isfinite(command.throttle) and np.isfinite(command.w_WB_B).all()):
             raise ArgumentError("command", command, "a command of finite numbers")
@@ -284,22 +280,19 @@ class Controller:
         return odometry is not None and tick is not None and tick.stamp_ns == odometry.stamp_ns
 
     def _answer_in_lockstep(self) -> Tick | None:
-        """Answer the newest odometry if the reference of its stamp is there."""
+        """Run the control step of the newest odometry if the reference of its stamp is there."""
         odometry, window = self._inputs.odometry, self._inputs.reference
         if odometry is None or window is None or window.stamp_ns != odometry.stamp_ns:
             return None
         if self._awaits_imu(odometry.stamp_ns):
             return None
         held_ns = self._period_ns
-        if self._last_tick is not None:  # each odometry is answered, at whatever rate they come
+        if self._last_tick is not None:  # each odometry is answered, at any rate
             held_ns = min(odometry.stamp_ns - self._last_tick.stamp_ns, held_ns)
         return self._answer(odometry, held_ns=held_ns, now_ns=odometry.stamp_ns)
 
     def _awaits_imu(self, stamp_ns: int) -> bool:
-        """Whether an odometry in lockstep has to wait for the IMU sample of its stamp.
-
-        Not the first one: there is no time before it.
-        """
+        """Whether an odometry in lockstep, but the first, waits for an IMU sample of its stamp."""
         if not self._config.uses_accelerometer or self._last_tick is None:
             return False
         imu_ns = self._inputs.imu_stamp_ns
@@ -311,15 +304,14 @@ class Controller:
         return self._control(Due(odometry, odometry.stamp_ns, sent_ns, now_ns, held_ns * 1e-9))
 
     def _control(self, due: Due) -> Tick:
-        """Run a control step on validated inputs.
-
-        Whether the reference covers the time of the step is checked here.
-        """
+        """Run a control step on validated inputs, and check that the reference covers it."""
         inputs, acting = self._inputs, self._limiting.acting
         reference = inputs.reference_at(due.sent_ns, now_ns=due.now_ns)
 
-        estimate: Estimate | Failure = _NO_MOTION
-        if due.odometry is not None or self._deciding.may_foresee(now_ns=due.now_ns):
+        estimate: Estimate | Failure = _NO_ESTIMATE
+        if due.odometry is not None or self._deciding.may_predict_without_odometry(
+            now_ns=due.now_ns
+        ):
             estimate = self._estimation.step(
                 due, acting=acting, reference=inputs.reference, idle_wanted=inputs.idle_wanted
             )
@@ -331,13 +323,15 @@ class Controller:
         )
         return self._record(due, planned, decided, command)
 
-    def _learned(self) -> Learned:
-        """Return what has been learned of the vehicle that a fallback can use."""
+    def _learned(self) -> DisturbanceEstimate:
+        """Return the estimate for the fallbacks."""
         model = self._estimation.parameters()
-        return Learned(thrust_scale=float(model.thrust_scale), a_W=tuple(model.a_W.tolist()))
+        return DisturbanceEstimate(
+            thrust_scale=float(model.thrust_scale), a_W=tuple(model.a_W.tolist())
+        )
 
     def _record(self, due: Due, planned: Planned, decided: Decided, u: Input | None) -> Tick:
-        """Hand what is sent to the stages that go on from it, and return the tick."""
+        """Pass command and plan to the stages that record them, and return the tick."""
         command = None
         if u is not None:
             self._sent_ns = due.sent_ns
@@ -371,24 +365,24 @@ class Controller:
 
 
 class Decimation:
-    """Which odometries are due: of those around each tick of the control rate the nearest.
+    """Selects the odometry nearest to each tick of the control rate.
 
-    Half the distance between odometries is forgiven, so jitter costs no tick when they come at the
-    control rate, and faster ones are still distinguished.
+    An odometry may be early by half the distance between odometries, so that jitter at the control
+    rate costs no tick.
     """
 
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
         self._due_ns: int | None = None
-        self._mean_ns = period_ns  # smoothed distance between odometries, never above the period
+        self._mean_ns = period_ns  # mean distance between odometries, at most the period
         self._previous_ns: int | None = None
 
     def is_due(self, stamp_ns: int) -> bool:
-        """Take the stamp of the next odometry and return whether it triggers a tick."""
+        """Take the stamp of an odometry; return whether the odometry triggers a tick."""
         self._measure(stamp_ns)
-        away_ns = _PERIODS_AWAY * self._period_ns
+        away_ns = _CLOCK_SET_PERIODS * self._period_ns
         if self._due_ns is None or not -away_ns <= stamp_ns - self._due_ns <= away_ns:
-            self._due_ns = stamp_ns  # the first, or the first of a clock that was set
+            self._due_ns = stamp_ns  # the first odometry, or a clock was set
         if stamp_ns < self._due_ns - self._mean_ns // 2:
             return False
         overdue = stamp_ns > self._due_ns + self._period_ns

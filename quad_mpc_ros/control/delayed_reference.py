@@ -1,8 +1,8 @@
-"""How far the vehicle is behind the reference's clock, and the reference as late as that.
+"""The delay of the vehicle behind the reference's clock, and the reference delayed by it.
 
-Who publishes the reference knows nothing of it: windows begin now, whatever the vehicle can
-follow. What they said is kept for as long as it is ahead of the vehicle, so that it flies all of
-the way, later. A new reference joins the way where it begins, the present.
+The publisher of the reference does not know the delay: windows begin at the present. Their samples
+are kept until the vehicle has passed them, so that it flies the whole path, later. A jump of the
+reference ends the delay.
 """
 
 from __future__ import annotations
@@ -18,18 +18,15 @@ from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.stage import Stage
 
-# m: a reference further than this from where it was to be by now has jumped.
-_JUMP = 0.2
-# m: at rest and as near as this it is where the vehicle is to be.
-_THERE = 0.01
-# s: how far ahead of the clock, which the windows have to reach beyond.
-_AHEAD_MAX = 0.2
+_JUMP_DISTANCE = 0.2  # m, between successive windows at the same time: a jump of the reference
+_ARRIVAL_DISTANCE = 0.01  # m, to a reference at rest that ends the delay
+_MAX_AHEAD = 0.2  # s, lead over the reference's clock
 
 _SAMPLES = ("p_WB", "q_WB_xyzw", "v_WB_W", "a_WB_W", "w_WB_W")
 
 
 class _Flown(NamedTuple):
-    """A plan, the stamp of the odometry that it answers, and until when it has been counted."""
+    """A plan, the stamp of its odometry, and the time until which its delay was counted."""
 
     plan: Plan
     stamp_ns: int
@@ -37,7 +34,7 @@ class _Flown(NamedTuple):
 
 
 class DelayedReference(Stage):
-    """The reference as it was ``behind`` seconds ago, and what follows on it."""
+    """The reference delayed by ``behind`` seconds."""
 
     def __init__(self, config: MpcConfig) -> None:
         self._engaged = True
@@ -46,75 +43,75 @@ class DelayedReference(Stage):
 
     def _reset(self) -> None:
         self.behind = 0.0
-        self._way: ReferenceWindow | None = None
+        self._reference: ReferenceWindow | None = None
         self._flown: _Flown | None = None
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Apply a changed ``behind_max``, the most that it may be behind [s]."""
+        """Apply a changed ``behind_max``, the largest delay [s]."""
         self._config = config
         self._behind_max = config.contouring.behind_max
 
-    def renewed(self) -> DelayedReference:
-        """Return one like this that knows the engagement and nothing else."""
+    def fresh_copy(self) -> DelayedReference:
+        """Return a new instance with the same engagement."""
         fresh = DelayedReference(self._config)
         fresh.engage(self._engaged)
         return fresh
 
     def engage(self, engaged: bool) -> None:
-        """Begin at the reference's clock: only a vehicle that acts on commands is behind it."""
+        """Reset the delay; only an engaged vehicle is behind."""
         self._engaged = engaged
         self._reset()
 
     def take(self, plan: Plan, *, stamp_ns: int) -> None:
-        """Take the plan that answers the odometry of a stamp: by its speeds time is given up."""
+        """Take the plan for the odometry of a stamp; its speeds determine the delay."""
         if self._engaged and plan.speeds.size > 0:
             self._flown = _Flown(plan, stamp_ns, stamp_ns)
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Take an announced step of the estimate: the way moves along."""
-        if self._way is not None:
-            self._way = reset.window(self._way)
+        """Transform the kept reference by an announced step of the estimate."""
+        if self._reference is not None:
+            self._reference = reset.window(self._reference)
 
     def at(self, window: ReferenceWindow, stamp_ns: int) -> ReferenceWindow:
-        """Return what to follow from the stamp of an odometry on, given the newest window."""
+        """Return the delayed reference from a stamp on; ``window`` is the newest window."""
         if self._flown is None:
-            self._way = window
+            self._reference = window
             return window
         self._count(stamp_ns)
-        way = self._extended(window)
-        if self.behind == 0.0 or _is_over(way, window, self.behind):
+        reference = self._extended(window)
+        if self.behind == 0.0 or _is_over(reference, window, self.behind):
             self.behind = 0.0
-            self._way = window
+            self._reference = window
             return window
         behind_ns = round(1e9 * self.behind)
-        ahead = int(way.offset_ns.searchsorted(min(-behind_ns, 0), side="right"))
+        ahead = int(reference.offset_ns.searchsorted(min(-behind_ns, 0), side="right"))
         first = max(ahead - 1, 0)
-        self._way = way = _from(way, first)
-        return dataclasses.replace(way, offset_ns=way.offset_ns + behind_ns)
+        self._reference = reference = _from(reference, first)
+        return dataclasses.replace(reference, offset_ns=reference.offset_ns + behind_ns)
 
     def _count(self, stamp_ns: int) -> None:
-        """Add what has been given up since the last time."""
+        """Update the delay by the plan's speeds since the last call."""
         assert self._flown is not None
         plan, began_ns, counted_ns = self._flown
         since, until = 1e-9 * (counted_ns - began_ns), 1e-9 * (stamp_ns - began_ns)
         behind = self.behind + plan.given_up(since, until)
-        self.behind = min(max(behind, -_AHEAD_MAX), self._behind_max)
+        self.behind = min(max(behind, -_MAX_AHEAD), self._behind_max)
         self._flown = self._flown._replace(counted_ns=stamp_ns)
 
     def _extended(self, window: ReferenceWindow) -> ReferenceWindow:
-        """Return what was ahead before the window begins, and the window."""
-        way = self._way
-        if way is None or way is window:
+        """Return the kept samples before the window, followed by the window."""
+        reference = self._reference
+        if reference is None or reference is window:
             return window
         begins_ns = int(window.offset_ns[0])
-        offsets_ns = way.offset_ns + (way.stamp_ns - window.stamp_ns)
-        is_elsewhere = way.frame_id != window.frame_id or offsets_ns[-1] < begins_ns
-        if is_elsewhere or _has_jumped(way, window):
+        offsets_ns = reference.offset_ns + (reference.stamp_ns - window.stamp_ns)
+        is_unrelated = reference.frame_id != window.frame_id or offsets_ns[-1] < begins_ns
+        if is_unrelated or _has_jumped(reference, window):
             self.behind = 0.0
             return window
         kept = int(offsets_ns.searchsorted(begins_ns, side="left"))
         joined: dict[str, Any] = {
-            name: np.concatenate((getattr(way, name)[:kept], getattr(window, name)))
+            name: np.concatenate((getattr(reference, name)[:kept], getattr(window, name)))
             for name in _SAMPLES
         }
         return dataclasses.replace(
@@ -123,21 +120,21 @@ class DelayedReference(Stage):
 
 
 def _from(window: ReferenceWindow, first: int) -> ReferenceWindow:
-    """Return a window without the samples before one."""
+    """Return a window from a sample on."""
     kept: dict[str, Any] = {name: getattr(window, name)[first:] for name in _SAMPLES}
     return dataclasses.replace(window, offset_ns=window.offset_ns[first:], **kept)
 
 
-def _has_jumped(way: ReferenceWindow, window: ReferenceWindow) -> bool:
-    """Whether a window begins elsewhere than the way before was to be by then."""
-    both_ns = max(each.stamp_ns + int(each.offset_ns[0]) for each in (way, window))
-    (p_before, _), (p_after, _) = way.pose_at(both_ns), window.pose_at(both_ns)
-    return float(np.linalg.norm(p_after - p_before)) > _JUMP
+def _has_jumped(reference: ReferenceWindow, window: ReferenceWindow) -> bool:
+    """Whether a window differs from the previous reference at the same time."""
+    both_ns = max(each.stamp_ns + int(each.offset_ns[0]) for each in (reference, window))
+    (p_before, _), (p_after, _) = reference.pose_at(both_ns), window.pose_at(both_ns)
+    return float(np.linalg.norm(p_after - p_before)) > _JUMP_DISTANCE
 
 
-def _is_over(way: ReferenceWindow, window: ReferenceWindow, behind: float) -> bool:
-    """Whether the reference rests where it was ``behind`` seconds ago: nothing is ahead."""
+def _is_over(reference: ReferenceWindow, window: ReferenceWindow, behind: float) -> bool:
+    """Whether the reference has been at rest at the same place for ``behind`` seconds."""
     if window.v_WB_W[0].any() or window.a_WB_W[0].any():
         return False
-    p_W, _ = way.pose_at(window.stamp_ns - round(1e9 * behind))
-    return float(np.linalg.norm(window.p_WB[0] - p_W)) < _THERE
+    p_W, _ = reference.pose_at(window.stamp_ns - round(1e9 * behind))
+    return float(np.linalg.norm(window.p_WB[0] - p_W)) < _ARRIVAL_DISTANCE

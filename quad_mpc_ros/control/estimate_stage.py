@@ -1,4 +1,4 @@
-"""The stage that estimates: whether the vehicle stands, and in which state a command will act."""
+"""The estimate stage: the ground state, and the state in which a command will act."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _RESET = (
 
 
 class Estimate(NamedTuple):
-    """The state in which a command sent now will act, and when its estimation began [s].
+    """The state in which a command sent now will act, and the start of its estimation [s].
 
     ``started`` is by :func:`time.perf_counter`.
     """
@@ -35,10 +35,10 @@ class Estimate(NamedTuple):
 
 
 class EstimateStage(Stage):
-    """Owns all that is estimated of the vehicle.
+    """Owns the estimators.
 
     Attributes:
-        ground: Whether the vehicle stands or flies.
+        ground: The ground detector.
     """
 
     def __init__(self, config: MpcConfig, log: StageLog) -> None:
@@ -50,7 +50,7 @@ class EstimateStage(Stage):
         self.ground = GroundDetector(config.gravity)
         self._estimator = DelayCompensation(config, ground=self.ground)
         self._has_failed = False
-        # When the last odometry was answered, by the clock of the stamps and that of arrivals.
+        # Answer of the last odometry, by the clock of the stamps and that of the arrivals.
         self._answered_ns: tuple[int, int] | None = None
         self._resets_reported = 0
 
@@ -65,22 +65,22 @@ class EstimateStage(Stage):
         return self._estimator.status
 
     def parameters(self) -> ModelParameters:
-        """Return the parameters of the vehicle as estimated by now."""
+        """Return the estimated parameters of the vehicle."""
         return self._estimator.estimated()
 
     def answer_ns(self, stamp_ns: int, *, now_ns: int) -> int:
-        """Take the arrival of an odometry and return when its answer is sent, by its clock."""
+        """Take the arrival of an odometry; return when its answer is sent, by its clock."""
         sent_ns = stamp_ns + self._lateness.of(stamp_ns, now_ns=now_ns)
         self._answered_ns = sent_ns, now_ns
         return sent_ns
 
     def elapsed_ns(self, *, now_ns: int) -> int:
-        """Return the time on the clock of the odometry's stamps."""
+        """Return the time by the clock of the odometry's stamps."""
         sent_ns, then_ns = self._answered_ns or (now_ns, now_ns)
         return sent_ns + now_ns - then_ns
 
     def take_imu(self, sample: ImuSample) -> None:
-        """Take what an accelerometer measured, for the next odometry."""
+        """Buffer an accelerometer sample for the next odometry."""
         self._estimator.add_imu(sample)
 
     def step(
@@ -91,17 +91,17 @@ class EstimateStage(Stage):
         reference: ReferenceWindow | None,
         idle_wanted: bool,
     ) -> Estimate | Failure:
-        """Follow the vehicle to an odometry, and predict the state in which a command will act.
+        """Update the estimators by an odometry, and predict the state in which a command acts.
 
         Args:
-            due: What is answered. Without odometry nothing is learned.
-            acting: The command in force, None before the first.
+            due: The control step. Without odometry nothing is learned.
+            acting: The active command, None before the first.
             reference: The newest reference, None without one.
-            idle_wanted: Whether the reference asks for idle motors.
+            idle_wanted: Whether the reference requests idle motors.
         """
         odometry = due.odometry
         if odometry is not None:
-            self._judge_ground(odometry, acting, reference, idle_wanted)
+            self._update_ground(odometry, acting, reference, idle_wanted)
             if not self._in_lockstep:
                 odometry = self._arrival_stamps.corrected(odometry, now_ns=due.now_ns)
         started = time.perf_counter()
@@ -115,19 +115,19 @@ class EstimateStage(Stage):
 
     def _predicted(self, odometry: OdometrySample | None, sent_ns: int) -> PredictedState | None:
         if odometry is None:
-            return self._estimator.foresee(sent_ns)
+            return self._estimator.predict_without_odometry(sent_ns)
         state = self._estimator.predict(odometry, late_ns=sent_ns - odometry.stamp_ns)
         self._has_failed = False
         return state
 
     def _fail(self, error: Exception) -> Failure:
-        """Replace an estimator that fails twice in a row: the error may be in its estimate."""
+        """Replace an estimator that fails twice in a row, as its estimate may be the cause."""
         if self._has_failed:
-            self._estimator = self._estimator.renewed()
+            self._estimator = self._estimator.fresh_copy()
         self._has_failed = not self._has_failed
         return self._log.stage_error("estimator", error)
 
-    def _judge_ground(
+    def _update_ground(
         self,
         odometry: OdometrySample,
         acting: Input | None,
@@ -136,7 +136,7 @@ class EstimateStage(Stage):
     ) -> None:
         try:
             self.ground.idle_wanted = idle_wanted
-            if acting is None:  # others may keep it in the air
+            if acting is None:  # another controller may fly the vehicle
                 return
             weight = self._vehicle.mass * self._vehicle.gravity
             thrust = self._vehicle.thrust(acting.throttle) / weight
@@ -145,11 +145,11 @@ class EstimateStage(Stage):
             self._log.stage_error("ground detector", error)
 
     def record(self, command: Input, *, stamp_ns: int) -> None:
-        """Take a command that is sent, by the clock of the odometry's stamps."""
+        """Record a command and when it is sent, by the clock of the odometry's stamps."""
         self._estimator.record(command, stamp_ns=stamp_ns)
 
-    def move_learned(self, reset: EstimateReset) -> None:
-        """Move what is estimated to the coordinates after a jump that was not announced."""
+    def transform_estimate(self, reset: EstimateReset) -> None:
+        """Transform the estimate after an accepted jump of the odometry."""
         self._estimator.reset_estimate(reset)
 
     def report(self) -> None:

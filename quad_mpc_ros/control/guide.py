@@ -1,7 +1,4 @@
-"""What leads the controller around obstacles, as the controller sees it.
-
-It is no part of the controller, which knows nothing of obstacles: it is asked in each tick.
-"""
+"""The interface of guides, which change the reference for obstacles or gates in each tick."""
 
 from __future__ import annotations
 
@@ -18,11 +15,11 @@ FAILED = "failed"
 
 
 class Avoidance(NamedTuple):
-    """What is flown in place of the reference, and why.
+    """State of the avoidance and its reason.
 
-    ``state`` is free (the reference), around, or stopped; failed if the guide raised an error, off
-    without a guide. ``clearance`` [m] is from the vehicle's surface to the nearest known
-    obstacle's, infinity where none is near.
+    ``state`` is free (the reference is flown), around, or stopped; failed if the guide raised an
+    error, off without a guide. ``clearance`` [m] is between the surfaces of the vehicle and the
+    nearest known obstacle, infinity if none is near.
     """
 
     state: str = "off"
@@ -31,7 +28,7 @@ class Avoidance(NamedTuple):
 
 
 class Guided(NamedTuple):
-    """The window to be flown and where the vehicle may be, None for anywhere."""
+    """The window to fly, and the free region, None for no constraint."""
 
     window: ReferenceWindow
     corridor: Corridor | None = None
@@ -39,15 +36,15 @@ class Guided(NamedTuple):
 
 
 class Guide(Stage, ABC):
-    """Leads around what is in the way.
+    """Changes the reference to avoid obstacles.
 
-    Where the reference keeps clear the window is the one that was given, without a corridor: the
-    commands are then the same as without a guide. A guide may raise: in that step the reference is
-    flown, without a corridor. It is asked again in the next one, with its state as it left it.
+    If the reference is free, the guide returns the same window without a corridor, so that the
+    commands are those without a guide. If a guide raises, the reference is flown without a
+    corridor in that step; the next step calls the guide again.
     """
 
     @abstractmethod
     def guide(
         self, odometry: OdometrySample, window: ReferenceWindow, plan: Plan | None
     ) -> Guided:
-        """Return what to fly from an odometry on, given the last plan."""
+        """Return the window and corridor to fly from an odometry on; ``plan`` is the last plan."""

@@ -1,4 +1,4 @@
-"""The stage that guides: which window is flown in place of the reference, and within what."""
+"""The guide stage: the window and the corridor to fly."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from quad_mpc_ros.control.stage_log import StageLog
 
 
 class GuideStage(Stage):
-    """The reference as late as the vehicle is, led around obstacles.
+    """The delayed and guided reference.
 
     Attributes:
-        guide: What leads around obstacles, None for nothing.
-        guided: Its last answer, None before the first and without a guide.
-        window: What is flown in place of the reference, None if that is flown itself.
-        corridor: Where the vehicle may be, None for anywhere.
+        guide: The guide, None without a guide.
+        guided: Last result of the guide, None before the first and without a guide.
+        window: Window flown instead of the reference, None for the reference itself.
+        corridor: The free region, None for no constraint.
     """
 
     def __init__(self, config: MpcConfig, guide: Guide | None, log: StageLog) -> None:
@@ -41,11 +41,11 @@ class GuideStage(Stage):
 
     @property
     def behind(self) -> float:
-        """How far the vehicle is behind the reference's clock [s]."""
+        """Delay of the vehicle behind the reference's clock [s]."""
         return self._delayed.behind
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Move plan, windows and corridors."""
+        """Transform plan, windows and corridors by an announced step of the estimate."""
         if self._plan is not None:
             axes = reset.vectors(self._plan.R_WB.swapaxes(1, 2)).swapaxes(1, 2)
             self._plan = self._plan._replace(p_WB=reset.points(self._plan.p_WB), R_WB=axes)
@@ -59,29 +59,29 @@ class GuideStage(Stage):
     def step(
         self, due: Due, estimate: Estimate | Failure, reference: ReferenceWindow | Failure
     ) -> Guided | Failure:
-        """Return what to fly from an estimate on.
+        """Return the window and corridor to fly.
 
-        Without odometry it is what was flown last. A reference that cannot be delayed, or that
-        the guide fails to lead around obstacles, is flown as it is.
+        Without odometry the last result is used. If the delay or the guide fails, the reference is
+        flown unchanged.
         """
         if isinstance(reference, Failure):
             return reference
         if isinstance(estimate, Failure):
             return estimate
-        guided = self._led(due.odometry, self._late(reference, due.sent_ns))
+        guided = self._guided_window(due.odometry, self._delayed_window(reference, due.sent_ns))
         self.window = None if guided.window is reference else guided.window
         self.corridor = guided.corridor
         return guided
 
-    def _late(self, reference: ReferenceWindow, sent_ns: int) -> ReferenceWindow:
+    def _delayed_window(self, reference: ReferenceWindow, sent_ns: int) -> ReferenceWindow:
         try:
             return self._delayed.at(reference, sent_ns)
         except Exception as error:
             self._log.stage_error("delayed reference", error)
-            self._delayed = self._delayed.renewed()
+            self._delayed = self._delayed.fresh_copy()
             return reference
 
-    def _led(self, odometry: OdometrySample | None, window: ReferenceWindow) -> Guided:
+    def _guided_window(self, odometry: OdometrySample | None, window: ReferenceWindow) -> Guided:
         if odometry is None:
             last = self.guided
             return Guided(window) if last is None or last.avoidance.state == FAILED else last
@@ -95,7 +95,7 @@ class GuideStage(Stage):
         return self.guided
 
     def record(self, plan: Plan | None, *, sent_ns: int) -> None:
-        """Take the plan that is flown, None if there is none."""
+        """Take the plan that is flown, None without a plan."""
         self._plan = plan
         if plan is not None:
             self._delayed.take(plan, stamp_ns=sent_ns)

@@ -1,4 +1,4 @@
-"""The control cycle: linearise, update, solve, line search, plan."""
+"""The SQP loop of a control step: linearise, update, solve, line search."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ FORMULATIONS: dict[str, Callable[[MpcConfig], ManifoldProblem | PaperProblem]] =
 
 
 class MpcStep(NamedTuple):
-    """Outcome of one cycle; ``plan`` is None when the solver failed. ``step_time`` in seconds.
+    """Result of one step; ``plan`` is None if the solver failed. ``step_time`` is in seconds.
 
-    ``state`` is the initial state; ``solution`` is the last solve's, ``iterations`` and
-    ``solve_time`` [s] are summed over all.
+    ``state`` is the initial state, ``solution`` that of the last solve, ``iterations`` and
+    ``solve_time`` [s] are sums over all solves.
     """
 
     plan: Plan | None
@@ -49,16 +49,16 @@ class Mpc(Stage):
 
     def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
         self._config, self._deadline = config, deadline
-        # Iterations beyond the first have to leave time for one more.
-        self._enough = 0.5 * deadline
+        # After this time there is no further iteration, which may take as long again.
+        self._iteration_limit = 0.5 * deadline
         self.restart()
 
     def restart(self) -> None:
-        """Begin with a new problem and new solvers, as after an error in one of them."""
+        """Replace problem and solvers, for example after an error in one of them."""
         config = self._config
         self._problem = FORMULATIONS[config.formulation](config)
         self._unconstrained = self._prepared(constrained=False)
-        # A solver of its own, so that the commands without a corridor do not depend on it.
+        # A separate solver, so that commands without a corridor do not depend on the corridor.
         has_corridor = config.half_spaces > 0
         self._constrained = self._prepared(constrained=True) if has_corridor else None
 
@@ -102,7 +102,7 @@ class Mpc(Stage):
             if not solution.solved:
                 break
             plan, converged = problem.line_search(solution.inputs, solution.states)
-            if converged or time.perf_counter() - started > self._enough:
+            if converged or time.perf_counter() - started > self._iteration_limit:
                 break
 
         return MpcStep(
@@ -115,9 +115,9 @@ class Mpc(Stage):
         )
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over new weights and bounds; pattern, plan and warm start stay.
+        """Apply new weights and bounds; pattern, plan and warm start stay.
 
-        A reset of the estimate needs nothing: plans are deviations from the reference's inputs.
+        A reset of the estimate requires no change: plans are deviations from reference inputs.
         """
         self._config = config
         self._problem.reconfigure(config)

@@ -1,4 +1,4 @@
-"""The stage that plans: the MPC, and which of its plans can be flown."""
+"""The plan stage: the MPC, and the check of its plans."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from quad_mpc_ros.control.stage_log import StageLog
 
 
 class Planned(NamedTuple):
-    """What the MPC made of an estimate; ``step`` is None if it did not run.
+    """Result of the stage.
 
     Attributes:
-        step: The step of the MPC, also of a plan that cannot be flown.
+        step: The step of the MPC, also if its plan cannot be flown; None if it did not run.
         failure: Why there is no plan to fly, None if there is one.
     """
 
@@ -34,10 +34,10 @@ class Planned(NamedTuple):
 
 
 class PlanStage(Stage):
-    """Plans from an estimate along what is guided."""
+    """Plans from the estimate along the guided window."""
 
     def __init__(self, config: MpcConfig, *, deadline: float, log: StageLog) -> None:
-        """``deadline`` [s] is how long a step may take for a plan that is flown."""
+        """``deadline`` [s] is the longest step time; later plans are dropped."""
         self._log, self._deadline = log, deadline
         self._mpc = Mpc(config, deadline=deadline)
 
@@ -55,7 +55,7 @@ class PlanStage(Stage):
         used = time.perf_counter() - estimate.started
         try:
             step = self._mpc.solve(estimate.state, guided.window, guided.corridor, used=used)
-        except Exception as error:  # whatever it is, something has to fly the vehicle
+        except Exception as error:  # the fallbacks have to fly the vehicle in any case
             self._mpc.restart()
             return Planned(None, self._log.solver_failure(f"error in the MPC: {error!r}"))
         return Planned(step, self._failure_of(step))
@@ -64,7 +64,7 @@ class PlanStage(Stage):
         """Return why the plan of a step cannot be flown, None if it can."""
         if step.plan is None:
             return self._log.solver_failure(f"solver: {step.solution.status}")
-        if not infinity_norm(step.plan.inputs.ravel()) < math.inf:  # NaN compares with nothing
+        if not infinity_norm(step.plan.inputs.ravel()) < math.inf:  # also true for NaN
             return self._log.solver_failure("the plan is not finite")
         if step.step_time > self._deadline:
             return self._log.deadline_miss(f"late: the plan took {1e3 * step.step_time:.1f} ms")

@@ -1,4 +1,4 @@
-"""Stages of the control step, and the events that the controller hands to all of them.
+"""Stages of the control step, and the events that the controller passes to all of them.
 
 The control step is validate, estimate, guide, plan, decide, limit, record: one stage each. Stages
 own the flight state, partly through others that they list in :attr:`Stage.stages`.
@@ -14,14 +14,14 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 
 
 class Due(NamedTuple):
-    """A control step that is due, and what it answers.
+    """A control step that is due.
 
     Attributes:
-        odometry: The vehicle, twist in the body frame; None in a step without odometry.
+        odometry: The odometry, twist in the body frame; None in a step without odometry.
         stamp_ns: Stamp of the command.
-        sent_ns: When the command is sent, on the clock of the odometry's stamps.
-        now_ns: The same, on the clock of the arrivals.
-        duration: How long the command is expected to act [s].
+        sent_ns: When the command is sent, by the clock of the odometry's stamps.
+        now_ns: When the command is sent, by the clock of the arrivals.
+        duration: Expected duration of the command [s].
     """
 
     odometry: OdometrySample | None
@@ -32,7 +32,7 @@ class Due(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """Why a stage gave no result."""
+    """The stage that gave no result, and the reason."""
 
     stage: str
     reason: str
@@ -54,7 +54,7 @@ class Stage:
         """Apply changed live parameters; the flight state stays."""
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Move the flight state to the coordinates after a reset of the odometry's estimator."""
+        """Transform the flight state by an announced step of the odometry's frame."""
 
     def engage(self, engaged: bool) -> None:
-        """Take that commands act on the vehicle from now on, or that they no longer do."""
+        """Set whether commands act on the vehicle."""

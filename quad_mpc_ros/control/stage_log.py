@@ -1,4 +1,4 @@
-"""What all stages count and report, in one place."""
+"""Counts and warnings of all stages."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from quad_mpc_ros.control.stage import Failure
 
 
 class Counts(NamedTuple):
-    """What has been counted so far; ``TickStats`` says of each what it is."""
+    """Counts of a flight, explained in ``TickStats``."""
 
     commands: int = 0
     fallbacks: int = 0
@@ -26,7 +26,7 @@ class StageLog:
         self._warnings: list[str] = []
 
     def warn(self, *warnings: str) -> None:
-        """Keep warnings until they are taken."""
+        """Add warnings."""
         self._warnings.extend(warnings)
 
     def take_warnings(self) -> list[str]:
@@ -40,7 +40,7 @@ class StageLog:
         self.counts = Counts(commands + 1, fallbacks + by_fallback, *others)
 
     def reject(self, reason: str) -> None:
-        """Count an input that cannot be used, and warn of it."""
+        """Count an unusable input, and warn of it."""
         self._count("rejected_inputs")
         self.warn(reason)
 
@@ -52,12 +52,12 @@ class StageLog:
         return failure
 
     def solver_failure(self, reason: str) -> Failure:
-        """Count a solve that gave no plan."""
+        """Count a solve without plan."""
         self._count("solver_failures")
         return Failure("plan", reason)
 
     def deadline_miss(self, reason: str) -> Failure:
-        """Count a plan that came too late."""
+        """Count a plan that was too late."""
         self._count("deadline_misses")
         return Failure("plan", reason)
 

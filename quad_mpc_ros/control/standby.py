@@ -1,4 +1,4 @@
-"""The newest inputs of a controller that does not command yet, and whether it may begin."""
+"""The newest inputs of an inactive controller, and whether it can be activated."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ class _Received(NamedTuple, Generic[M]):
 
 
 class Standby:
-    """Keeps the newest odometry and reference; times are those the controller would be given."""
+    """Keeps the newest odometry and reference; times are those of the controller."""
 
     def __init__(self, config: MpcConfig) -> None:
         self._gate = OdometryGate(config)
         self._refusal: str | None = "no odometry yet"  # of the newest odometry
-        self._came = False
+        self._has_odometry = False  # valid or not
         self._odometry: _Received[OdometrySample] | None = None
-        self._advances = config.lockstep  # whose simulator waits after each odometry
+        self._advances = config.lockstep  # in lockstep the simulator waits after each odometry
         self._reference: _Received[ReferenceWindow] | None = None
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Use changed timeouts."""
+        """Apply changed timeouts."""
         self._gate.reconfigure(config)
 
     def receive_odometry(self, odometry: OdometrySample, *, now_ns: int) -> None:
-        """Take an odometry that a controller would use."""
-        self._came = True
+        """Take an odometry."""
+        self._has_odometry = True
         self._refusal = self._gate.refusal(odometry, now_ns=now_ns)
         if self._refusal is None:
             self._advances |= self._odometry is not None
@@ -51,7 +51,7 @@ class Standby:
         self._reference = _Received(window, now_ns)
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Take an announced step of the estimate: what was received before moves along."""
+        """Transform the inputs by an announced step of the estimate."""
         if self._odometry is not None and self._odometry.message.stamp_ns < reset.stamp_ns:
             moved = reset.odometry(self._odometry.message)
             self._odometry = self._odometry._replace(message=moved)
@@ -61,18 +61,18 @@ class Standby:
 
     @property
     def missing(self) -> str | None:
-        """Which has never come: odometry, reference, second odometry, or None."""
-        if not self._came:
+        """The first missing input: odometry, reference, second odometry, or None."""
+        if not self._has_odometry:
             return "odometry"
         if self._reference is None:
             return "reference"
         return None if self._advances else "second odometry"
 
-    def obstacle(self, config: MpcConfig, *, now_ns: int) -> str | None:
-        """Return why a controller cannot begin with what has come, or None.
+    def activation_blocker(self, config: MpcConfig, *, now_ns: int) -> str | None:
+        """Return why the controller cannot be activated, or None.
 
-        Two odometries have to show that stamps advance. In lockstep nothing grows old, but the
-        reference must be that of the odometry.
+        Two odometries with advancing stamps are required. In lockstep inputs do not expire, but
+        the reference must have the odometry's stamp.
         """
         if self._reference is not None and self._refusal is not None:
             return self._refusal
@@ -91,12 +91,12 @@ class Standby:
             ("odometry", "odom_timeout", now_ns - odometry_ns, config.odom_timeout),
             ("reference", "reference_timeout", now_ns - window_ns, config.reference_timeout),
         ):
-            if abs(age_ns) > timeout * _SECOND:  # the future, too: a clock that was set back
+            if abs(age_ns) > timeout * _SECOND:  # in the future if a clock was set back
                 return f"{name} is {age_ns / _SECOND:.2f} s old, {parameter} is {timeout:g} s"
         return None
 
     def begin(self, controller: Controller) -> Tick | None:
-        """Hand what has come to a new controller, and return its first tick."""
+        """Pass the inputs to a new controller, and return its first tick."""
         if self._odometry is None or self._reference is None:
             return None
         controller.receive_reference(self._reference.message, now_ns=self._reference.now_ns)

@@ -1,4 +1,4 @@
-"""What came of one tick of the controller: a command, who gave it and why, and figures."""
+"""Result of one tick of the controller: command, decision and figures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from quad_mpc_ros.control.model.samples import CommandSample
 
-if TYPE_CHECKING:  # who reads the figures of a recording needs no solver
+if TYPE_CHECKING:  # reading the figures of a recording requires no solver
     from quad_mpc_ros.control.estimation.delay_compensation import EstimateStatus
     from quad_mpc_ros.control.estimation.ground_state import GroundState
     from quad_mpc_ros.control.guide import Avoidance, Guided
@@ -22,9 +22,9 @@ if TYPE_CHECKING:  # who reads the figures of a recording needs no solver
 
 
 class Tick:
-    """Outcome of one tick; ``command`` is None when the ladder says to publish nothing.
+    """Result of one tick; ``command`` is None if the ladder publishes nothing.
 
-    Its figures are worked out when they are asked for, which is after the command has gone out.
+    The figures are computed on first access, which is after the command is sent.
     """
 
     def __init__(
@@ -42,8 +42,8 @@ class Tick:
         self.decision = decision
         self.stamp_ns = stamp_ns
         self.plan = plan
-        self.guided = guided  # what was flown in place of the reference, where something guides
-        self.behind = behind  # of the reference's clock, with formulation contouring [s]
+        self.guided = guided  # result of the guide, if there is one
+        self.behind = behind  # delay behind the reference's clock, formulation contouring [s]
         self._figures = figures
 
     @functools.cached_property
@@ -54,11 +54,11 @@ class Tick:
 
 @dataclass(kw_only=True, slots=True)
 class TickStats:
-    """Figures of one tick, published as ``mpc/stats``; each is explained by its comment."""
+    """Figures of one tick, published as ``mpc/stats``."""
 
     stamp_ns: int  # stamp of the odometry answered, or the time of a tick without one [ns]
-    source: str  # rung of the safety ladder that commanded: mpc, plan, hover, idle, blind, silent
-    reason: str  # why that rung, empty when all is well
+    source: str  # failsafe level: mpc, plan, hover, idle, blind, silent
+    reason: str  # of the failsafe level, empty in normal operation
     solver_status: str  # as OSQP names it, or "not run"
     iterations: int  # of OSQP
     primal_residual: float  # of the scaled problem
@@ -69,36 +69,36 @@ class TickStats:
     avoidance: str = "off"  # of obstacles: off, free (the reference), around, stopped, failed
     avoidance_reason: str = ""  # why not free
     clearance_m: float = math.inf  # from the vehicle's surface to the nearest known obstacle [m]
-    behind_s: float = 0.0  # of the reference's clock, with formulation contouring [s]
-    disturbance_x: float = 0.0  # estimated acceleration of the disturbance, world [m/s^2]
-    disturbance_y: float = 0.0  # the same
-    disturbance_z: float = 0.0  # the same
-    thrust_scale: float = 1.0  # estimated true thrust over the modelled
-    rate_time_constant_ms: float = 0.0  # in the model by now, roll and pitch's mean [ms]
-    yaw_time_constant_ms: float = 0.0  # the same of yaw
-    thrust_time_constant_ms: float = 0.0  # the same of the throttle
-    drag: float = 0.0  # in the model by now, mean over the axes [1/s]
-    rate_offset_x: float = 0.0  # what roll rate has beyond its command by now [rad/s]
-    rate_offset_y: float = 0.0  # the same of pitch rate
+    behind_s: float = 0.0  # delay behind the reference's clock, formulation contouring [s]
+    disturbance_x: float = 0.0  # estimated disturbance acceleration, world [m/s^2]
+    disturbance_y: float = 0.0  # as disturbance_x
+    disturbance_z: float = 0.0  # as disturbance_x
+    thrust_scale: float = 1.0  # estimated true over modelled thrust
+    rate_time_constant_ms: float = 0.0  # estimated, mean of roll and pitch [ms]
+    yaw_time_constant_ms: float = 0.0  # estimated, of yaw [ms]
+    thrust_time_constant_ms: float = 0.0  # estimated, of the throttle [ms]
+    drag: float = 0.0  # estimated, mean over the axes [1/s]
+    rate_offset_x: float = 0.0  # estimated offset of the roll rate from its command [rad/s]
+    rate_offset_y: float = 0.0  # estimated offset of the pitch rate from its command [rad/s]
     # Status of the estimate: hold, velocity only, learn, reject, at bounds, reset.
     estimate: str = "hold"
-    estimate_resets: int = 0  # how often it was reset so far
+    estimate_resets: int = 0  # resets of the estimate so far
     # Use of the accelerometer since the last odometry: off, missing, paused, used or refused.
     accelerometer: str = "off"
-    odom_age_ms: float  # age of the odometry by its stamp when the tick began [ms]
-    reference_age_ms: float  # age of the reference since it arrived [ms]
-    reference_stamp_ns: int = 0  # its stamp [ns], 0 without one
-    imu_stamp_ns: int = 0  # stamp of the newest measurement of the accelerometer [ns], 0 without
+    odom_age_ms: float  # age of the odometry by its stamp at the start of the tick [ms]
+    reference_age_ms: float  # age of the reference since its arrival [ms]
+    reference_stamp_ns: int = 0  # stamp of the reference [ns], 0 without a reference
+    imu_stamp_ns: int = 0  # stamp of the newest accelerometer sample [ns], 0 without a sample
     commands: int  # commands sent so far
-    fallbacks: int  # of those, not from the MPC
-    solver_failures: int  # solves so far that gave no plan
-    deadline_misses: int = 0  # plans so far that came too late and were dropped
-    rejected_inputs: int  # odometry, reference and imu messages ignored so far as unusable
-    # Errors so far in ground detector, estimator, delayed reference or guide: each fails alone.
+    fallbacks: int  # commands sent so far by other sources than the MPC
+    solver_failures: int  # solves so far without plan
+    deadline_misses: int = 0  # late plans dropped so far
+    rejected_inputs: int  # unusable odometry, reference and imu messages so far
+    # Errors so far in ground detector, estimator, delayed reference or guide.
     stage_errors: int = 0
 
     def items(self) -> list[tuple[str, str]]:
-        """Return the figures as text, numbers with every digit."""
+        """Return the figures as text, numbers with all digits."""
         return [(field.name, str(getattr(self, field.name))) for field in dataclasses.fields(self)]
 
 
@@ -115,9 +115,9 @@ def figures_of(
     avoidance: Avoidance,
     behind: float,
 ) -> TickStats:
-    """Return the figures of a tick; ``step`` is None when the MPC did not run.
+    """Return the figures of a tick; ``step`` is None if the MPC did not run.
 
-    ``ages_ns`` are those of odometry and reference.
+    ``ages_ns`` are the ages of odometry and reference.
     """
     odom_age_ns, reference_age_ns = ages_ns
     return TickStats(
@@ -141,7 +141,7 @@ def _solver_figures(step: MpcStep | None, estimate: EstimateStatus) -> dict[str,
     if step is None:
         none = ("primal_residual", "dual_residual", "solve_time_us", "step_time_us")
         return {"solver_status": "not run", "iterations": 0, **dict.fromkeys(none, 0.0)}
-    # As fields of an array: attributes of a record take NumPy ten times as long.
+    # Fields of an array, because attributes of a record are ten times slower.
     model = step.state.parameters
     disturbance = model["a_W"].tolist()
     roll_lag, pitch_lag, yaw_lag = model["rate_time_constants"].tolist()

@@ -1,4 +1,4 @@
-"""Letting everything compile before the first tick, which in the air has no time for it."""
+"""Compilation of all code before the first tick."""
 
 from __future__ import annotations
 
@@ -19,11 +19,9 @@ from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.mpc import Mpc
 
-# No further apart than odometries that something is learned between, and longer than any delay
-# of the input: learning compiles as well.
+# Close enough for the estimator to learn between them, and longer than any input delay.
 _TICKS_NS = (1_000_000_000, 1_300_000_000, 1_600_000_000, 1_620_000_000)
-# Longer after the last of them than any timeout below.
-_BLIND_NS = 5_000_000_000
+_BLIND_NS = 5_000_000_000  # later than any timeout below
 _HOVERING_NS = (5_100_000_000, 6_000_000_000)
 
 _SPEED = 0.3  # m/s
@@ -32,11 +30,11 @@ _SPEED = 0.3  # m/s
 def warmed_up(
     config: MpcConfig, *, deadline: float = math.inf, guide: Guide | None = None
 ) -> Controller:
-    """Return a new controller, none of whose code is left to compile."""
+    """Return a new controller with all code compiled."""
     _compile(
         dataclasses.replace(
             config,
-            # Whatever they are, the code is the same; with these it takes iterations to turn back.
+            # With these weights the turn takes several iterations.
             Q=(1e-3,) * 6 + (1.0,) * 3,
             R=(1e-3,) * 4,
             terminal_weight=1.0,
@@ -52,7 +50,7 @@ def warmed_up(
 
 
 def compile_problem(config: MpcConfig) -> None:
-    """Compile what is solved in a tick, without the estimation before it."""
+    """Compile the optimal control problem, without the estimation."""
     mpc = Mpc(config)
     state = PredictedState.at_rest(
         parameters_of(
@@ -67,7 +65,7 @@ def compile_problem(config: MpcConfig) -> None:
 
 
 def compile_estimation(config: MpcConfig) -> None:
-    """Compile what is estimated in a tick, without the problem that is solved then."""
+    """Compile the estimation, without the optimal control problem."""
     compensation = DelayCompensation(config)
     for stamp_ns in _TICKS_NS:
         compensation.predict(_moving_at(stamp_ns, config))
@@ -83,7 +81,7 @@ def _compile(config: MpcConfig) -> None:
         controller.receive_reference(held, now_ns=stamp_ns)
         controller.receive_odometry(_moving_at(stamp_ns, config), now_ns=stamp_ns)
         controller.take_warnings()
-    # Then without odometry, and last without reference: who flies then must not compile either.
+    # Then without odometry, and last without reference, so that the fallbacks compile as well.
     controller.watch(now_ns=_BLIND_NS)
     for stamp_ns in _HOVERING_NS:
         controller.receive_odometry(_moving_at(stamp_ns, config), now_ns=stamp_ns)
@@ -91,10 +89,7 @@ def _compile(config: MpcConfig) -> None:
 
 
 def _moving_at(stamp_ns: int, config: MpcConfig) -> OdometrySample:
-    """Return an odometry in flight, slow enough for a throttle within its bounds: one learns.
-
-    It has turned away from the reference.
-    """
+    """Return an odometry in slow flight, so that the estimator learns, with another heading."""
     yaw = 2.0
     resting = OdometrySample.at_rest(
         _position(stamp_ns), yaw=yaw, stamp_ns=stamp_ns, frame_id=config.odometry.frame_id

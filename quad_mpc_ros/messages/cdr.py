@@ -24,7 +24,7 @@ from quad_mpc_ros.control.model.samples import (
     ImuSample,
     OdometrySample,
     ReferenceWindow,
-    given_variance,
+    reported_variance,
 )
 
 _SECOND = 1_000_000_000
@@ -90,7 +90,7 @@ def read_odometry(data: bytes) -> OdometrySample | None:
         q_WB_xyzw=numbers[3:7],
         v_WB_B=numbers[_TWIST_START : _TWIST_START + 3],
         w_WB_B=numbers[_TWIST_START + 3 : _TWIST_START + 6],
-        v_variance=given_variance([float(numbers[place]) for place in _VARIANCES]),
+        v_variance=reported_variance([float(numbers[place]) for place in _VARIANCES]),
     )
 
 

@@ -24,7 +24,7 @@ from quad_mpc_ros.control.model.samples import (
     ImuSample,
     OdometrySample,
     ReferenceWindow,
-    given_variance,
+    reported_variance,
 )
 from quad_mpc_ros.control.safety.validation import is_frame
 from quad_mpc_ros.messages import cdr
@@ -61,7 +61,7 @@ def odometry_from_message(message: Any) -> OdometrySample:
         placed, message.twist, child_frame_id=message.child_frame_id
     )
     covariance = message.twist.covariance
-    variance = given_variance([covariance[place] for place in _VELOCITY_VARIANCES])
+    variance = reported_variance([covariance[place] for place in _VELOCITY_VARIANCES])
     return odometry if variance == 0.0 else replace(odometry, v_variance=variance)
 
 

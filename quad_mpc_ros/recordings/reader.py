@@ -14,7 +14,7 @@ import yaml
 from mcap.records import Metadata
 
 from quad_mpc_ros.configuration import ros_yaml
-from quad_mpc_ros.configuration.errors import BagError, UserError, shown
+from quad_mpc_ros.configuration.errors import BagError, UserError, text_of
 from quad_mpc_ros.messages.schemas import MSG_ENCODING
 from quad_mpc_ros.recordings.bag_metadata import (
     METADATA_FILE,
@@ -201,7 +201,7 @@ def encoding_error(encoding: str) -> str:
     hint = "; record them with a ROS 2 recorder"
     if encoding == "ros1":
         hint = f"; convert the ROS 1 bag: {CONVERT.format('FILE.bag', 'DIR')}"
-    return f"its messages are encoded as {shown(encoding)}, expected {CDR!r} (ROS 2){hint}"
+    return f"its messages are encoded as {text_of(encoding)}, expected {CDR!r} (ROS 2){hint}"
 
 
 def topics_in(files: Iterable[McapFile]) -> dict[str, TopicInfo]:
@@ -278,12 +278,12 @@ def _listed_files(directory: Path, information: Mapping[str, Any]) -> list[Path]
     if not storage:
         raise _unusable(metadata_path, "storage_identifier is empty, expected 'mcap'")
     if storage != "mcap":
-        reason = conversion(f"storage is {shown(storage)}", directory)
+        reason = conversion(f"storage is {text_of(storage)}", directory)
         raise BagError(f"{metadata_path}: {reason}")
     mode, method = information.get("compression_mode"), information.get("compression_format")
     if mode and (str(mode).upper() not in _COMPRESSION_MODES or method != "zstd"):
         raise BagError(
-            f"{metadata_path}: compression {shown(method)} of mode {shown(mode)} is not "
+            f"{metadata_path}: compression {text_of(method)} of mode {text_of(mode)} is not "
             "supported, expected zstd of FILE or MESSAGE; convert the bag with `ros2 bag convert`"
         )
     if not isinstance(names, list) or not names:

@@ -18,7 +18,7 @@ from quad_mpc_ros.configuration.arguments import instance
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import with_body_twist
-from quad_mpc_ros.control.safety.odometry_gate import STANDS
+from quad_mpc_ros.control.safety.odometry_gate import NOT_ADVANCING
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import (
@@ -326,7 +326,7 @@ class Recording:
         """Refuse odometries of which most have the stamp of another; in lockstep few repeat."""
         if 2 * len(stamp_ns) < count:
             raise BagError(
-                f"{self.path}: {STANDS}: given {count} odometries with "
+                f"{self.path}: {NOT_ADVANCING}: given {count} odometries with "
                 f"{len(stamp_ns)} different stamps, the first {1e-9 * int(stamp_ns[0]):.3f} s; "
                 "set header.stamp to the time of each measurement"
             )

@@ -1,4 +1,4 @@
-"""What is to be flown: trajectories, their feasibility, and the windows cut out of them.
+"""Trajectories, their feasibility, and the windows cut from them.
 
 The director decides which comes when. May import control (model, safety) and configuration.
 """

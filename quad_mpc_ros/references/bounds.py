@@ -1,4 +1,4 @@
-"""Where requests to the reference may lead: the fence, and the limits of commanded velocities."""
+"""Limits of requests to the reference: the fence, and limits of commanded velocities."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ if TYPE_CHECKING:
     from quad_mpc_ros.references.config import ReferenceConfig
 
 YAW_SHARE = 0.5
-"""Of the limit of the yaw rate, what is asked for."""
+"""Share of the limit of the yaw rate that transitions use."""
 
-_FROM_WALLS = 0.3  # m: a vehicle that flies beside its reference stays inside the fence
-_CLEARANCE = 0.3  # m above the ground: lower only by a landing
-_THRUST_SHARE = 0.9  # of what hovering leaves free
-_YAW_RISE = 0.5  # s, to the highest yaw rate
+_WALL_DISTANCE = 0.3  # m, so that a vehicle with a tracking error stays inside the fence
+_MIN_HEIGHT = 0.3  # m above the ground, except for a landing
+_THRUST_SHARE = 0.9  # of the thrust range about hovering
+_YAW_RISE_TIME = 0.5  # s, to the highest yaw rate
 
 
 @dataclass(frozen=True, kw_only=True)
-class FenceParameters(BoxParameters):
-    """What a take-off, a goal, a trajectory received or a velocity may not lead out of.
+class ReferenceFenceParameters(BoxParameters):
+    """Fence for take-offs, goals, received trajectories and velocities.
 
-    A velocity ends a little in front of the walls.
+    Velocities end in front of the walls.
     """
 
     owner = "reference.fence"
@@ -47,10 +47,10 @@ class FenceParameters(BoxParameters):
 def velocity_limits(config: ReferenceConfig, *, ground: float, home: Array) -> VelocityLimits:
     """Return the limits of commanded velocities.
 
-    ``ground`` [m] is its height, ``home`` (3,) [m] where the vehicle stood at first: no farther
-    away than ``reach`` along each axis. Speed and acceleration are those of the parameters, or
-    lower where thrust, drag and body rates set lower ones: with an acceleration a the jerk is at
-    most 2 a over a step, and the body turns at most by the jerk over g - a.
+    ``ground`` [m] is the height of the ground, ``home`` (3,) [m] the first position, within
+    ``reach`` of which velocities stay along each axis. Speed and acceleration are those of the
+    parameters, or lower limits from thrust, drag and body rates: with an acceleration a the jerk
+    is at most 2 a over a step, and the body rate at most the jerk over g - a.
     """
     vehicle = config.vehicle()
     g, share = vehicle.gravity, 1.0 - config.limit_margin
@@ -63,15 +63,15 @@ def velocity_limits(config: ReferenceConfig, *, ground: float, home: Array) -> V
     acceleration = min(config.max_acceleration, free - drag * speed, turn * g / (2.0 + turn))
     yaw_rate = YAW_SHARE * config.rate_limits[2]
     low, high = map(np.array, config.fence.walls)
-    inset = np.minimum(_FROM_WALLS, 0.5 * (high - low))
+    inset = np.minimum(_WALL_DISTANCE, 0.5 * (high - low))
     low = np.maximum(low + inset, home - config.reach)
-    low[2] = max(low[2], ground + _CLEARANCE)
+    low[2] = max(low[2], ground + _MIN_HEIGHT)
     high = np.minimum(high - inset, home + config.reach)
     return VelocityLimits(
         speed=speed,
         acceleration=acceleration,
         yaw_rate=yaw_rate,
-        yaw_acceleration=yaw_rate / _YAW_RISE,
+        yaw_acceleration=yaw_rate / _YAW_RISE_TIME,
         lowest=low.tolist(),
         highest=np.maximum(high, low).tolist(),
     )

@@ -19,11 +19,11 @@ from quad_mpc_ros.configuration import (
     registered,
 )
 from quad_mpc_ros.control.model.vehicle import VehicleParameters
-from quad_mpc_ros.references.bounds import FenceParameters
+from quad_mpc_ros.references.bounds import ReferenceFenceParameters
 from quad_mpc_ros.references.circle import Circle, CircleParameters
 from quad_mpc_ros.references.ellipse import Ellipse, EllipseParameters
 from quad_mpc_ros.references.excitation import ExcitationParameters, excitation
-from quad_mpc_ros.references.feasibility import LimitParameters
+from quad_mpc_ros.references.feasibility import FeasibilityParameters
 from quad_mpc_ros.references.flip import FlipParameters, flip
 from quad_mpc_ros.references.gate_parameters import GateParameters, gates_path
 from quad_mpc_ros.references.lemniscate import Lemniscate, LemniscateParameters
@@ -46,14 +46,14 @@ P_contra = TypeVar("P_contra", contravariant=True)
 
 @dataclass(frozen=True, kw_only=True)
 class TrajectoryEntry(Generic[P_contra]):
-    """How a trajectory is made of the parameters.
+    """Registration of a trajectory.
 
-    Other packages add theirs by an entry point of the group ``quad_mpc_ros.trajectories`` that
-    leads to one of these; ``parameters`` is then the class of those that it has of its own.
+    Other packages register one by an entry point of the group ``quad_mpc_ros.trajectories``;
+    ``parameters`` is the class of its own parameters.
 
-    ``make`` returns a path, which is flown by differential flatness, or what is none. ``joined``
-    returns the same without jumps, where ``make`` returns one that jumps. ``scalable`` is false
-    for what slowed down would no longer be what it is: gravity does not slow down with it.
+    ``make`` returns a path, which is flown by differential flatness, or a trajectory. ``joined``
+    returns the same without jumps, if ``make`` returns one with jumps. ``scalable`` is false for
+    manoeuvres that depend on gravity and cannot be slowed down.
     """
 
     make: Callable[[P_contra], Path | Trajectory]
@@ -81,8 +81,8 @@ TRAJECTORIES: dict[str, TrajectoryEntry[ReferenceConfig]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChoiceParameters(ExtensibleConfiguration, ManagedConfiguration, VehicleParameters):
-    """What is flown, and when."""
+class TrajectoryChoiceParameters(ExtensibleConfiguration, ManagedConfiguration, VehicleParameters):
+    """Selection of the trajectory and of its start."""
 
     owner = "reference"
     choice = "trajectory"
@@ -110,13 +110,13 @@ class ReferenceConfig(
     CircleParameters,
     WaypointParameters,
     SquareParameters,
-    LimitParameters,
-    ChoiceParameters,
+    FeasibilityParameters,
+    TrajectoryChoiceParameters,
 ):
-    """Which trajectory to fly, within which limits, and how it is published.
+    """Trajectory, limits and publication of the reference.
 
-    Attitudes and body rates of smooth trajectories are those of the vehicle, which is the paper's
-    unless configured otherwise; one that it cannot fly is refused.
+    Attitudes and body rates of smooth trajectories are those of the configured vehicle, by default
+    the paper's; infeasible trajectories are refused.
     """
 
     takeoff_height: float = parameter(
@@ -141,7 +141,7 @@ class ReferenceConfig(
         above=0.0,
         maximum=10.0,
     )
-    fence: FenceParameters = field(default_factory=FenceParameters)
+    fence: ReferenceFenceParameters = field(default_factory=ReferenceFenceParameters)
     reach: float = parameter(
         100.0,
         doc="How far from where the vehicle stood at first a goal, a trajectory received or, "
@@ -187,11 +187,11 @@ class ReferenceConfig(
 
     @property
     def renewal_period(self) -> float:
-        """After this time [s] a window is published again, though nothing changed."""
+        """Time [s] after which an unchanged window is published again."""
         return 0.05 * self.window_duration
 
     def entry(self) -> TrajectoryEntry[ReferenceConfig]:
-        """Return how the trajectory is made, this package's or another's."""
+        """Return the entry of the trajectory."""
         found = TRAJECTORIES.get(self.trajectory) or registered(self.group, self.trajectory)
         assert isinstance(found, TrajectoryEntry)
         return found

@@ -13,7 +13,7 @@ from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.safety.validation import pose_fault
 from quad_mpc_ros.references import point_table
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.feasibility import Verdict, judged
+from quad_mpc_ros.references.feasibility import Feasibility, judged
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.gate_parameters import gates_path
@@ -21,9 +21,9 @@ from quad_mpc_ros.references.minimum_snap import snap_spline
 from quad_mpc_ros.references.path import Path, Slowed, SplinePath
 from quad_mpc_ros.references.trajectory import Trajectory
 
-# Of the search for how much slower: the growth of the factor, the last one, and the precision.
+# Search for the time scaling: growth of the factor, largest factor, and precision.
 _GROWTH, _LARGEST_FACTOR, _PRECISION = 1.2, 50.0, 1.005
-# Of a message: the time to prepare its trajectory grows with both, and windows must go on.
+# Limits of received trajectories, so that their preparation does not delay windows.
 _MOST_POINTS, _LONGEST = 1000, 600.0  # s
 
 
@@ -54,8 +54,8 @@ def joined_trajectory(
 
 def judged_trajectory(
     config: ReferenceConfig, *, read_bag: point_table.BagReader | None = None
-) -> tuple[Trajectory, Verdict]:
-    """Return the configured trajectory with the verdict on it, also when it is not feasible."""
+) -> tuple[Trajectory, Feasibility]:
+    """Return the configured trajectory and its feasibility, also if it is not feasible."""
     if config.trajectory == "bag":
         return _judged(point_table.bag_path(config, read_bag), config)
     if config.trajectory == "gates":
@@ -63,7 +63,7 @@ def judged_trajectory(
     return _judged(config.entry().make(config), config)
 
 
-def _judged(made: Path | Trajectory, config: ReferenceConfig) -> tuple[Trajectory, Verdict]:
+def _judged(made: Path | Trajectory, config: ReferenceConfig) -> tuple[Trajectory, Feasibility]:
     if isinstance(made, Trajectory):
         return made, judged(made, config)
     if config.time_scaling == "auto" and config.entry().scalable:
@@ -71,8 +71,8 @@ def _judged(made: Path | Trajectory, config: ReferenceConfig) -> tuple[Trajector
     return _flown(made, config)
 
 
-def _quickest(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict] | None:
-    """Return the trajectory of the path slowed down least that is feasible, or None.
+def _quickest(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Feasibility] | None:
+    """Return the feasible trajectory with the least time scaling, or None.
 
     The factor is searched from 1 upwards, then by bisection.
     """
@@ -93,7 +93,7 @@ def _quickest(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]
     return found
 
 
-def _feasible(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict] | None:
+def _feasible(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Feasibility] | None:
     try:
         trajectory, verdict = _flown(path, config)
     except ConfigurationError:  # free fall
@@ -101,7 +101,7 @@ def _feasible(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]
     return (trajectory, verdict) if verdict.feasible else None
 
 
-def _flown(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]:
+def _flown(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Feasibility]:
     try:
         trajectory = FlatTrajectory(path, config, yaw=config.yaw)
     except ValueError as error:
@@ -109,7 +109,7 @@ def _flown(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]:
     return trajectory, judged(trajectory, config)
 
 
-def _approved(trajectory: Trajectory, verdict: Verdict, config: ReferenceConfig) -> Trajectory:
+def _approved(trajectory: Trajectory, verdict: Feasibility, config: ReferenceConfig) -> Trajectory:
     if trajectory.smooth and not verdict.feasible:
         raise _refusal(config, verdict.reason())
     return trajectory
@@ -135,7 +135,7 @@ def received_trajectory(window: ReferenceWindow, config: ReferenceConfig) -> Fla
 
     Positions and yaw are used; everything else follows by flatness. Few points are joined by the
     path of minimum snap, more are smoothed like a table. Raises :class:`UserError` or
-    ``ValueError`` for what is no trajectory.
+    ``ValueError`` for unusable points.
     """
     count = len(window.offset_ns)
     if not 2 <= count <= _MOST_POINTS:

@@ -1,4 +1,4 @@
-"""Gates, and courses of them: plain geometry, which figures and the optional racing share."""
+"""Gates and courses: geometry shared by figures and the optional racing."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.lie import Array, so3
 
 OFF_UNIT = 1e-3
-"""By how much the length of a quaternion may differ from 1."""
+"""Tolerance of the length of a quaternion."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,11 +21,11 @@ class Gate:
 
     Attributes:
         p_WG: Its centre (3,) [m].
-        R_WG: Its axes in the world (3, 3): x the way through, y across, z up; None of a ball.
-        half_width: Half of the opening along y [m]; the radius where it is round.
-        half_height: Half of the opening along z [m]; the radius where it is round.
-        is_round: Whether the opening is a circle, or it is a ball.
-        both_ways: Whether it may also be passed against x.
+        R_WG: Its axes in the world (3, 3): x through the gate, y across, z up; None for a ball.
+        half_width: Half of the opening along y [m]; the radius of a round gate.
+        half_height: Half of the opening along z [m]; the radius of a round gate.
+        is_round: Whether the gate is a circle or a ball.
+        both_ways: Whether the gate can also be passed against x.
     """
 
     p_WG: Array

@@ -1,12 +1,12 @@
-"""What is flown when: take-off, hold, the trajectory, a goal, landing.
+"""The sequence of the reference: take-off, hold, trajectory, goal, landing.
 
-A state machine over a :class:`Timeline`, given the time and without ROS. A request is either
-accepted, and joined to the present reference without a jump, or refused with the reason, and
-changes nothing: a transition is judged against the vehicle's limits like a trajectory. Only hold
-and land are never refused in the air: then the transition that exceeds a limit least is flown, and
-a vehicle that is upside down first continues until it is not.
+A state machine over a :class:`Timeline`, without ROS and clock. A request is either accepted and
+joined to the present reference without a jump, or refused with a reason and without effect.
+Transitions are checked against the vehicle's limits. Only hold and land are never refused in the
+air: the transition that exceeds the limits least is flown, and an inverted vehicle first continues
+until it is upright.
 
-On the ground the reference rests at the vehicle, and its windows ask for idle motors
+On the ground the reference rests at the vehicle, and its windows request idle motors
 (``docs/explanation/landing_detection.md``).
 """
 
@@ -25,10 +25,10 @@ from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.references.bounds import YAW_SHARE
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.feasibility import Verdict, judged
+from quad_mpc_ros.references.feasibility import Feasibility, judged
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.minimum_snap import End, Leg
-from quad_mpc_ros.references.path import Rest, Straight
+from quad_mpc_ros.references.path import RestPath, Straight
 from quad_mpc_ros.references.timeline import Phase, Timeline
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.references.transition import FlatState, flat_state_of, transition
@@ -45,21 +45,21 @@ GROUND, TAKEOFF, HOLD = "ground", "takeoff", "hold"
 GOING, TRACKING, LANDING = "going", "tracking", "landing"
 VELOCITY = "velocity"
 _VERTICAL_SPEED = 1.0  # m/s, from and to the ground
-_FLARE = 0.5  # m above the ground: from here on down at the touchdown speed
-_GENTLER = (1.0, 0.7, 0.5, 0.35, 0.25)  # shares of the acceleration, to come to rest
+_FLARE_HEIGHT = 0.5  # m above the ground, below which the touchdown speed applies
+_STOP_SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the acceleration, tried for a stop
 _UPRIGHT_STEP_NS, _UPRIGHT_WITHIN_NS = 20_000_000, 10_000_000_000
-_LATER_NS, _LATER_TRIALS = 100_000_000, 6
-_UPSIDE_DOWN = 1e3  # worse than any excess
-_BEFORE_ALL = -(2**62)
-_RESTS = 0.05  # m/s: it need not come to rest
-_FASTEST = 1e3  # m/s; so fast is no vehicle, but an odometry gone wrong
-_STOP_PEAK = 1.9  # a little above the peak of a stop's acceleration over its mean
+_STOP_DELAY_NS, _STOP_TRIALS = 100_000_000, 6
+_UPSIDE_DOWN_COST = 1e3  # above any excess
+_FIRST_START_NS = -(2**62)
+_REST_SPEED = 0.05  # m/s, below which no stop is needed
+_MAX_SPEED = 1e3  # m/s; faster odometry is wrong
+_STOP_PEAK = 1.9  # slightly above the peak of a stop's acceleration over its mean
 _SHORTEST_STOP = 0.5  # s
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reply:
-    """Whether a request was accepted, and what follows or why not."""
+    """Whether a request was accepted, and the result or the reason."""
 
     accepted: bool
     text: str
@@ -75,17 +75,17 @@ class Director:
     def __init__(self, config: ReferenceConfig, first: Phase, *, ground: float) -> None:
         self._config = config
         self.ground = ground
-        """Its height [m]."""
+        """Height of the ground [m]."""
         self.too_late: Callable[[int], bool] = lambda start_ns: False
-        """Whether it is too late to begin at a time; checked once a plan is ready."""
+        """Whether a start time is already too late; checked once a plan is ready."""
         self.timeline = Timeline([first])
         self._following: tuple[Phase, VelocityPath] | None = None
 
     @classmethod
-    def standing(cls, config: ReferenceConfig, *, p_WB: Array, yaw: float) -> Director:
+    def on_ground(cls, config: ReferenceConfig, *, p_WB: Array, yaw: float) -> Director:
         """Return the director of a vehicle that stands on the ground at ``p_WB`` (3,) [m]."""
         rest = _at_rest(config, p_WB, yaw)
-        first = Phase(start_ns=_BEFORE_ALL, name=GROUND, trajectory=rest)
+        first = Phase(start_ns=_FIRST_START_NS, name=GROUND, trajectory=rest)
         return cls(config, first, ground=float(p_WB[2]))
 
     @classmethod
@@ -102,10 +102,10 @@ class Director:
         assert start.end.p_WB is not None
         here = _at_rest(config, start.end.p_WB, start.yaw)
         director = cls(
-            config, Phase(start_ns=_BEFORE_ALL, name=HOLD, trajectory=here), ground=ground
+            config, Phase(start_ns=_FIRST_START_NS, name=HOLD, trajectory=here), ground=ground
         )
         speed = math.hypot(*start.end.v_WB_W)
-        if _RESTS < speed < _FASTEST:
+        if _REST_SPEED < speed < _MAX_SPEED:
             # Closed form, not the quickest: it is planned at every window.
             seconds = max(_STOP_PEAK * speed / config.max_acceleration, _SHORTEST_STOP)
             path = Leg(start.end, End.at_rest(None), duration=seconds)
@@ -115,16 +115,16 @@ class Director:
         return director
 
     def mode(self, now_ns: int) -> str:
-        """Return what is being flown."""
+        """Return the name of the present phase."""
         return self.timeline.phase(now_ns).name
 
     def moved(self, now_ns: int, *, p_WB: Array, yaw: float) -> None:
-        """Take where a vehicle stands that was carried over the ground."""
+        """Set the position of a vehicle that was carried over the ground."""
         if self.mode(now_ns) == GROUND:
             self._stand(now_ns, p_WB, yaw)
 
     def sink(self, now_ns: int, *, p_WB: Array, yaw: float) -> None:
-        """Let a vehicle sink that flies although the reference is on the ground."""
+        """Let a flying vehicle sink while the reference is on the ground."""
         down = Straight(p_WB, v_WB_W=np.array([0.0, 0.0, -self._config.touchdown_speed]))
         trajectory = FlatTrajectory(down, self._config, yaw=yaw)
         self.timeline.follow([Phase(start_ns=now_ns, name=LANDING, trajectory=trajectory)])
@@ -135,10 +135,10 @@ class Director:
         self.timeline.follow([Phase(start_ns=now_ns, name=GROUND, trajectory=rest)])
 
     def reset_estimate(self, now_ns: int, reset: EstimateReset) -> bool:
-        """Take an announced step of the estimate; return whether the reference moves along.
+        """Apply an announced step of the estimate; return whether the reference is transformed.
 
-        Hold, velocity, take-off and landing do, as they are relative to the vehicle. A trajectory
-        or a goal was given in world coordinates, and stays there.
+        Hold, velocity, take-off and landing are relative to the vehicle and are transformed. A
+        trajectory or goal keeps its world coordinates.
         """
         self.ground += float(reset.step_W[2])
         moves = self.mode(now_ns) in (GROUND, TAKEOFF, HOLD, LANDING, VELOCITY)
@@ -157,10 +157,7 @@ class Director:
         return self._go(now_ns, TAKEOFF, FlatState.at_rest(above, yaw=start.yaw), then=HOLD)
 
     def slipped(self, now_ns: int, *, p_WB: Array) -> None:
-        """Let a take-off to a hold climb above where a vehicle is that has not left the ground.
-
-        Light on its feet it slips aside, and its estimate drifts; neither is to be flown back.
-        """
+        """Move a take-off to a hold above a vehicle that slips or drifts before lift-off."""
         if self.mode(now_ns) != TAKEOFF or self.timeline.last.name != HOLD:
             return
         slip = np.array([*(p_WB - self.timeline.at([now_ns]).p_WB[0])[:2], 0.0])
@@ -175,8 +172,8 @@ class Director:
         start = flat_state_of(trajectory, 0)
         return self._go(now_ns, GOING, start, then=TRACKING, trajectory=trajectory)
 
-    def change_way(self, phase: Phase, trajectory: Trajectory, *, from_ns: int) -> Reply:
-        """Fly in place of the last phase another trajectory, which is the same up to a time."""
+    def replace_trajectory(self, phase: Phase, trajectory: Trajectory, *, from_ns: int) -> Reply:
+        """Replace the trajectory of the last phase by one that is equal up to a time."""
         if self.timeline.last is not phase:
             return Reply(accepted=False, text="it is flown no more")
         if self.too_late(from_ns):
@@ -200,9 +197,9 @@ class Director:
     def follow_velocity(
         self, now_ns: int, command: VelocityCommand, limits: VelocityLimits, *, timeout: float
     ) -> Reply | None:
-        """Follow a velocity until a timeout [s], then brake and hold; None if there is no news.
+        """Follow a velocity until a timeout [s], then brake and hold; None without a new phase.
 
-        One that moves nothing ends a motion that a velocity began, and no other.
+        A zero velocity ends only a motion that a velocity began.
         """
         phase = self.timeline.phase(now_ns)
         if phase.name in (GROUND, TAKEOFF, LANDING):
@@ -224,7 +221,7 @@ class Director:
         try:
             trajectory = FlatTrajectory(path, self._config)
         except ValueError as error:
-            return _no_way(str(error))
+            return _infeasible(str(error))
         following = Phase(start_ns=start_ns, name=VELOCITY, trajectory=trajectory)
         reply = self._follow(now_ns, [following], HOLD, None)
         if not reply.accepted:
@@ -254,7 +251,7 @@ class Director:
         return Reply(accepted=True, text=f"ground in about {seconds:.1f} s")
 
     def touched(self, now_ns: int, *, p_WB: Array) -> Reply:
-        """Let a landing vehicle that stands on the ground at ``p_WB`` (3,) [m] idle there."""
+        """End a landing at ``p_WB`` (3,) [m] on the ground, with idle motors."""
         if self.mode(now_ns) != LANDING:
             return self._refused(now_ns, "touchdown")
         self._stand(now_ns, p_WB, flat_state_of(self.timeline, now_ns).yaw)
@@ -265,7 +262,7 @@ class Director:
         return self.mode(now_ns) == LANDING == self.timeline.last.name
 
     def resting_height(self, now_ns: int) -> float:
-        """Return the height [m] to keep: where it rests or will rest, else the present one."""
+        """Return the height [m] of the present or next rest, else the present height."""
         last = self.timeline.last
         if self.mode(now_ns) == LANDING:
             return self.ground + self._config.takeoff_height
@@ -275,8 +272,8 @@ class Director:
     def _sinking(self, above: FlatState) -> FlatState:
         """Return the flat state in which a landing from a rest above begins to sink."""
         assert above.end.p_WB is not None
-        flare = np.array([*above.end.p_WB[:2], self.ground + _FLARE])
-        rest = End.at_rest(flare if above.end.p_WB[2] > flare[2] + _FLARE else None)
+        flare = np.array([*above.end.p_WB[:2], self.ground + _FLARE_HEIGHT])
+        rest = End.at_rest(flare if above.end.p_WB[2] > flare[2] + _FLARE_HEIGHT else None)
         v_WB_W = np.array([0.0, 0.0, -self._config.touchdown_speed])
         return FlatState(end=dataclasses.replace(rest, v_WB_W=v_WB_W), yaw=above.yaw)
 
@@ -296,12 +293,12 @@ class Director:
         try:
             leg = self._leg(name, start, goal)
         except ValueError as error:
-            return _no_way(str(error))
+            return _infeasible(str(error))
         verdict = self._judged(name, leg)
         if not verdict.feasible:
-            return _no_way(verdict.reason())
+            return _infeasible(verdict.reason())
         if not leg.upright:
-            return _no_way("it leads through upside down")
+            return _infeasible("it leads through upside down")
         phase = Phase(start_ns=now_ns, name=name, trajectory=leg)
         return self._follow(now_ns, [phase], then, trajectory)
 
@@ -326,25 +323,24 @@ class Director:
         return Reply(accepted=True, text=f"{then} in {1e-9 * (arrival_ns - now_ns):.1f} s")
 
     def _stop(self, now_ns: int, name: str) -> Phase:
-        """Return the phase that leads to rest soon and exceeds the limits least.
+        """Return the phase of a stop that exceeds the limits least.
 
-        It begins when the reference is not upside down, or a little later if it would otherwise
-        turn upside down again.
+        It begins when the reference is upright, or later if the stop would turn upside down.
         """
         first_ns = self._upright_from(now_ns)
         stops = [self._stop_from(first_ns, name)]
-        for k in range(1, _LATER_TRIALS):
-            if stops[-1][0] < _UPSIDE_DOWN:
+        for k in range(1, _STOP_TRIALS):
+            if stops[-1][0] < _UPSIDE_DOWN_COST:
                 break
-            stops.append(self._stop_from(first_ns + k * _LATER_NS, name))
+            stops.append(self._stop_from(first_ns + k * _STOP_DELAY_NS, name))
         return min(stops, key=lambda stop: stop[0])[1]
 
     def _stop_from(self, begin_ns: int, name: str) -> tuple[float, Phase]:
-        """Return by how much the best way to rest from a time on exceeds the limits, and it."""
+        """Return the excess of the best stop from a time on, and the stop."""
         start = flat_state_of(self.timeline, begin_ns)
         rest = FlatState.at_rest(None, yaw=start.yaw)
         found: list[tuple[float, FlatTrajectory]] = []
-        for share in _GENTLER:
+        for share in _STOP_SHARES:
             leg = self._leg(name, start, rest, share=share)
             found.append((self._excess(name, leg), leg))
             if found[-1][0] == 0.0:
@@ -363,9 +359,9 @@ class Director:
         """Return the sum of the relative excesses over the limits; 0 for a feasible leg."""
         needs = self._judged(name, leg).exceeded
         share = sum(abs(need.margin) / max(abs(need.limit), 1.0) for need in needs)
-        return float(share) + (0.0 if leg.upright else _UPSIDE_DOWN)
+        return float(share) + (0.0 if leg.upright else _UPSIDE_DOWN_COST)
 
-    def _judged(self, name: str, leg: FlatTrajectory) -> Verdict:
+    def _judged(self, name: str, leg: FlatTrajectory) -> Feasibility:
         ground = -np.inf if _is_vertical(name) else self.ground
         return judged(leg, self._config, ground=ground)
 
@@ -394,12 +390,12 @@ class Director:
 def published_window(
     timeline: Timeline, window: ReferenceWindow, *, gravity: float
 ) -> ReferenceWindow:
-    """Return a window of a timeline as it is published: on the ground it asks for idle."""
+    """Return a window of a timeline for publication; on the ground it requests idle motors."""
     stays = timeline.last.name == GROUND == timeline.phase(window.stamp_ns).name
     return idling(window, gravity) if stays else window
 
 
-def _no_way(reason: str) -> Reply:
+def _infeasible(reason: str) -> Reply:
     return Reply(accepted=False, text=f"no feasible way there: {reason}")
 
 
@@ -409,7 +405,7 @@ def _is_vertical(name: str) -> bool:
 
 
 def _at_rest(config: ReferenceConfig, p_WB: Array, yaw: float) -> FlatTrajectory:
-    return FlatTrajectory(Rest(p_WB, duration=1.0), config, yaw=yaw)
+    return FlatTrajectory(RestPath(p_WB, duration=1.0), config, yaw=yaw)
 
 
 def _end_of(trajectory: Trajectory) -> FlatState:

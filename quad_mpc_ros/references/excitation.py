@@ -24,11 +24,11 @@ from quad_mpc_ros.references.trajectory import TrajectoryParameters
 
 _PER_PERIOD, _FEWEST = 48, 100.0  # samples of the quickest oscillation, and in a second
 _RAMP, _LARGEST_RAMP = 2.0, 0.25  # s, share of the whole
-_CORNER = 8.0  # sharpness of the smooth minimum over the bounds
+_MINIMUM_SHARPNESS = 8.0  # sharpness of the smooth minimum over the bounds
 _YAW_SHARE = 0.3  # of the highest frequency: yaw is weak
-_SLOWLY = 3.0  # larger: x, y and z stay slow for longer
-_BEGIN = {"x": 0.0, "y": 0.0, "z": 0.5 * math.pi, "yaw": 0.0}  # phases
-_ROUNDS = 4
+_SLOW_EXPONENT = 3.0  # larger: x, y and z stay slow for longer
+_PHASES = {"x": 0.0, "y": 0.0, "z": 0.5 * math.pi, "yaw": 0.0}  # phases
+_ITERATIONS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +109,7 @@ class _Sweeps:
         share = self.seconds / self.duration
         around = 0.5 * (1.0 - np.cos(math.tau * share))
         slowly = {"x": share, "y": 1.0 - share, "z": around}
-        self._shares = {axis: each**_SLOWLY for axis, each in slowly.items()}
+        self._shares = {axis: each**_SLOW_EXPONENT for axis, each in slowly.items()}
         self._shares["yaw"] = 1.0 - around
 
     def positions(self) -> Array:
@@ -119,7 +119,7 @@ class _Sweeps:
         steepest = math.tan(config.excitation_tilt)
         # East and north share the tilt, and with it the acceleration that either may have.
         acceleration = steepest
-        for _ in range(_ROUNDS):
+        for _ in range(_ITERATIONS):
             level = [
                 self._bounded(axis, config.excitation_reach[place], acceleration)
                 for place, axis in enumerate(("x", "y"))
@@ -164,8 +164,12 @@ class _Sweeps:
         quickest = max(math.tau * highest, slowest)
         frequency = slowest * (quickest / slowest) ** share
         phase = np.concatenate(([0.0], np.cumsum(0.5 * step * (frequency[1:] + frequency[:-1]))))
-        needed = sum((frequency**n / bound) ** _CORNER for n, bound in enumerate(bounds))
-        sweep = self._envelope * needed ** (-1.0 / _CORNER) * np.sin(phase + _BEGIN[axis])
+        needed = sum(
+            (frequency**n / bound) ** _MINIMUM_SHARPNESS for n, bound in enumerate(bounds)
+        )
+        sweep = (
+            self._envelope * needed ** (-1.0 / _MINIMUM_SHARPNESS) * np.sin(phase + _PHASES[axis])
+        )
         changes = (sweep, np.gradient(sweep, step), np.gradient(np.gradient(sweep, step), step))
         excess = max(np.abs(c).max() / bound for c, bound in zip(changes, bounds, strict=True))
         return np.asarray(sweep / max(excess, 1.0))

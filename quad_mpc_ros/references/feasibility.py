@@ -1,7 +1,7 @@
-"""Whether a vehicle can fly a trajectory: its needs along the whole way, against the limits.
+"""Feasibility of a trajectory: its required throttle, rates and height against the limits.
 
-The throttle is that of the thrust along the body's z axis by Newton's law, with drag; the body
-rates are the trajectory's own. Both are checked every 2 ms, or a thousand times in all.
+The throttle follows from Newton's law with drag, the body rates are the trajectory's. Both are
+checked every 2 ms, or at a thousand times.
 """
 
 from __future__ import annotations
@@ -22,17 +22,16 @@ from quad_mpc_ros.references.trajectory import (
 )
 
 _SECOND_NS = 1_000_000_000
-_STEP_NS = 2_000_000
+_CHECK_STEP_NS = 2_000_000
 _LEAST_SAMPLES, _MOST_SAMPLES = 1000, 20_000
-_PEAK = 7.0 / 6.0  # of omega_max: a peak of some milliseconds beyond it is still flown
+_PEAK_FACTOR = 7.0 / 6.0  # on omega_max, as peaks of some milliseconds are tolerable
 _AXES = ("roll", "pitch", "yaw")
-# A smoothed recording of a flight from the ground may dip below it by this.
-_GROUND_TOLERANCE = 0.05  # m
+_GROUND_TOLERANCE = 0.05  # m, as smoothed recordings may dip below the ground
 
 
 @dataclass(frozen=True, kw_only=True)
-class LimitParameters(TrajectoryParameters):
-    """What the vehicle may be asked for."""
+class FeasibilityParameters(TrajectoryParameters):
+    """Limits of trajectories."""
 
     time_scaling: str = parameter(
         "none",
@@ -63,8 +62,8 @@ class LimitParameters(TrajectoryParameters):
 
     @property
     def rate_limits(self) -> tuple[float, ...]:
-        """Most body rates that a trajectory may need (roll, pitch, yaw) [rad/s]."""
-        return tuple(_PEAK * bound for bound in self.omega_max)
+        """Largest body rates of a trajectory (roll, pitch, yaw) [rad/s]."""
+        return tuple(_PEAK_FACTOR * bound for bound in self.omega_max)
 
     def check(self) -> None:
         """Refuse limits that forbid hovering."""
@@ -84,7 +83,7 @@ class LimitParameters(TrajectoryParameters):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Needs:
-    """What a trajectory needs over time.
+    """Requirements of a trajectory over time.
 
     Shapes: ``seconds``, ``throttle``, ``height`` [m], ``speed`` [m/s], ``acceleration`` [m/s^2]
     (n,); ``w_WB_B`` (n, 3) [rad/s]. A throttle beyond 0 to 1 is what the curve would give there.
@@ -118,12 +117,12 @@ class Need:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Verdict:
+class Feasibility:
     """Every need of a trajectory at its worst, the needs over time, and the jumps in it [s]."""
 
     needs: tuple[Need, ...]
     over_time: Needs
-    limits: LimitParameters
+    limits: FeasibilityParameters
     jumps: tuple[float, ...]
 
     @property
@@ -144,7 +143,7 @@ class Verdict:
         return "; ".join(complaints)
 
 
-def rates_beyond(verdict: Verdict, omega_max: Sequence[float]) -> list[tuple[Need, float]]:
+def rates_beyond(verdict: Feasibility, omega_max: Sequence[float]) -> list[tuple[Need, float]]:
     """Return the body rates that a trajectory needs beyond those of a controller (3,) [rad/s]."""
     rates = [need for need in verdict.needs if need.name.endswith("rate")]
     return [
@@ -152,20 +151,22 @@ def rates_beyond(verdict: Verdict, omega_max: Sequence[float]) -> list[tuple[Nee
     ]
 
 
-def judged(trajectory: Trajectory, limits: LimitParameters, *, ground: float = 0.0) -> Verdict:
-    """Return the verdict on a trajectory over its duration or period; a second of a rest.
+def judged(
+    trajectory: Trajectory, limits: FeasibilityParameters, *, ground: float = 0.0
+) -> Feasibility:
+    """Return the feasibility of a trajectory over its duration or period; of a rest over 1 s.
 
     ``ground`` [m] is the height of the ground.
     """
     vehicle = limits.vehicle()
     period = trajectory.period_ns or _SECOND_NS
-    step = min(_STEP_NS, period // _LEAST_SAMPLES)
+    step = min(_CHECK_STEP_NS, period // _LEAST_SAMPLES)
     step = max(step, -(-period // _MOST_SAMPLES), 1)
     times = [*range(0, period, step), period]
     needs = needs_of(trajectory.at(times), vehicle, seconds=1e-9 * np.array(times))
     # A trajectory that begins in motion is also started in motion: see --start.
     jumps = trajectory.jumps(0, period - 1)
-    return Verdict(
+    return Feasibility(
         needs=_worst(needs, limits, hover=vehicle.hover_throttle, ground=ground),
         over_time=needs,
         limits=limits,
@@ -174,7 +175,7 @@ def judged(trajectory: Trajectory, limits: LimitParameters, *, ground: float = 0
 
 
 def needs_of(samples: TrajectorySamples, vehicle: Vehicle, *, seconds: Array) -> Needs:
-    """Return what samples at times (n,) [s] need."""
+    """Return the requirements of samples at times (n,) [s]."""
     R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
     thrust = vehicle.mass * vehicle.specific_thrust(
         a_WB_W=samples.a_WB_W, v_WB_W=samples.v_WB_W, R_WB=R_WB
@@ -201,7 +202,7 @@ def _throttle(vehicle: Vehicle, thrust: Array) -> Array:
 
 
 def _worst(
-    needs: Needs, limits: LimitParameters, *, hover: float, ground: float
+    needs: Needs, limits: FeasibilityParameters, *, hover: float, ground: float
 ) -> tuple[Need, ...]:
     share = 1.0 - limits.limit_margin
     highest = hover + share * (limits.throttle_max - hover)

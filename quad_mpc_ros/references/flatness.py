@@ -41,12 +41,12 @@ from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.control.lie import Array, so3
 
 # Below this thrust over mass [m/s^2] the vehicle falls freely, and may do so in any attitude.
-_FREE_FALL = 1e-3
-_ABOUT = -0.99  # cosine of a turn in 2 ms that is none
-_UPSIDE_DOWN = -1.0 + 1e-9  # cosine of the tilt
+_MIN_FORCE = 1e-3
+_REVERSAL_COSINE = -0.99  # cosine of a turn in 2 ms that is none
+_UPSIDE_DOWN_COSINE = -1.0 + 1e-9  # cosine of the tilt
 _UP = np.array([[0.0, 0.0, 1.0]])
 _SETTLED, _MOST_ITERATIONS = 1e-13, 100
-_ROTORS_SETTLED = 1e-10  # of their speed over that of hover, and per second
+_ROTOR_TOLERANCE = 1e-10  # of their speed over that of hover, and per second
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,13 +98,13 @@ def flat_inputs(
     speed, speed_rate = np.ones((len(v_WB_W), 1)), np.zeros((len(v_WB_W), 1))
     for _ in range(_MOST_ITERATIONS):
         found = motion.inputs(air + speed * rotors, speed_rate * rotors)
-        thrust = np.maximum(found.specific_thrust, _FREE_FALL)
+        thrust = np.maximum(found.specific_thrust, _MIN_FORCE)
         rate = motion.thrust_rate(found, air + speed * rotors, speed_rate * rotors)
         before = speed, speed_rate
         speed = np.sqrt(thrust / gravity)[:, None]
         speed_rate = 0.5 * rate[:, None] / (gravity * speed)
         off = max(np.max(np.abs(speed - before[0])), np.max(np.abs(speed_rate - before[1])))
-        if off < _ROTORS_SETTLED:
+        if off < _ROTOR_TOLERANCE:
             return found
     raise ValueError(
         "drag of the rotors leaves no attitude for the path: too fast for so little thrust"
@@ -140,9 +140,9 @@ class _Motion:
             z, z_rate = (np.einsum("nji,nj->ni", chart, vector) for vector in (z, z_rate))
         turn = so3.exp(_along_z(self.yaw, z))
         if not is_even:
-            uneven = self._uneven(drag, drag_rate)
-            z, thrust = uneven.axis(z, turn)
-            z_rate = uneven.axis_rate(z, turn, self.yaw_rate)
+            anisotropic = self._anisotropic(drag, drag_rate)
+            z, thrust = anisotropic.axis(z, turn)
+            z_rate = anisotropic.axis_rate(z, turn, self.yaw_rate)
         tilt, tilt_rate = _shortest_tilt(z, z_rate)
         R_WB = np.asarray(tilt @ turn if chart is None else chart @ tilt @ turn)
         more = (drag[:, 2:] - mean)[:, 0]
@@ -169,17 +169,17 @@ class _Motion:
         dragged = drag[:, 2] * u_rate[:, 2] + drag_rate[:, 2] * u[:, 2]
         return np.asarray(j[:, 2] + turned + dragged)
 
-    def _uneven(self, drag: Array, drag_rate: Array) -> _UnevenDrag:
+    def _anisotropic(self, drag: Array, drag_rate: Array) -> _AnisotropicDrag:
         up = _along_z(self.gravity, self.v)
         parts: tuple[Array, ...] = (self.v, self.a + up, self.a, self.j)
         if self.chart is not None:
             parts = tuple(np.einsum("nji,nj->ni", self.chart, vector) for vector in parts)
         v, force, a, j = parts
-        return _UnevenDrag(v=v, force=force, a=a, j=j, drag=drag, drag_rate=drag_rate)
+        return _AnisotropicDrag(v=v, force=force, a=a, j=j, drag=drag, drag_rate=drag_rate)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _UnevenDrag:
+class _AnisotropicDrag:
     """Motions (n, 3) in a chart: velocity, acceleration with and without gravity, and jerk.
 
     ``drag`` [1/s] and its rate [1/s^2], (1, 3) or (n, 3), are those along the body axes.
@@ -207,7 +207,7 @@ class _UnevenDrag:
             sideways = _along(x, self.v) * x - _along(y, self.v) * y
             force = self.force + mean * self.v + half * sideways
             length = np.sqrt(np.sum(force * force, axis=-1, keepdims=True))
-            before, z = z, force / np.maximum(length, _FREE_FALL)
+            before, z = z, force / np.maximum(length, _MIN_FORCE)
             if np.max(np.abs(z - before), initial=0.0) < _SETTLED:
                 return z, length[..., 0]
         raise ValueError(
@@ -263,12 +263,12 @@ def thrust_axis(
     force = a_WB_W + drag * v_WB_W + [0.0, 0.0, gravity]
     force_rate = j_WB_W + drag * a_WB_W + drag_rate * v_WB_W
     thrust = np.sqrt(np.sum(force * force, axis=-1))
-    falls = ~(np.isfinite(thrust) & (thrust > _FREE_FALL))
+    falls = ~(np.isfinite(thrust) & (thrust > _MIN_FORCE))
     if falls.any():
         when = "" if seconds is None else f"at {seconds[np.argmax(falls)]:.3f} s "
         raise ValueError(
             f"{when}thrust over mass from {np.min(thrust):.3g} to {np.max(thrust):.3g} m/s^2, "
-            f"where only finite ones above {_FREE_FALL:g} (not in free fall) have an attitude"
+            f"where only finite ones above {_MIN_FORCE:g} (not in free fall) have an attitude"
         )
     z = force / thrust[..., None]
     along = np.sum(z * force_rate, axis=-1, keepdims=True)
@@ -283,7 +283,7 @@ class ThrustFrames:
 
         Raises ``ValueError`` where the thrust turns about between two knots.
         """
-        about = np.flatnonzero(np.sum(z[:-1] * z[1:], axis=-1) < _ABOUT)
+        about = np.flatnonzero(np.sum(z[:-1] * z[1:], axis=-1) < _REVERSAL_COSINE)
         if len(about):
             raise ValueError(f"at {knots[about[0]]:.3f} s the thrust turns about at once")
         self._knots = knots
@@ -306,7 +306,7 @@ def yaw_of(R_WB: Array) -> float:
 
     Upside down, where no tilt is the shortest, where its x axis points.
     """
-    if R_WB[2, 2] < _UPSIDE_DOWN:
+    if R_WB[2, 2] < _UPSIDE_DOWN_COSINE:
         return math.atan2(R_WB[1, 0], R_WB[0, 0])
     turn = so3.shortest_rotation(_UP, R_WB[None, :, 2])[0].T @ R_WB
     return math.atan2(turn[1, 0], turn[0, 0])

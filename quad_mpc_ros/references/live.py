@@ -8,9 +8,10 @@ waits at the vehicle, on the ground with idle motors, in the air coming to rest 
 Once they act, it continues from there: ``on_request`` stays, ``at_once`` begins the trajectory,
 after a take-off if on the ground. When they stop acting, it waits again.
 
-Whether the vehicle stands is the MPC's to say (:meth:`LiveReference.tell_ground`). Where it is
-not published or unknown, the flight stack's report counts, and without that, until a take-off,
-the height at which the vehicle was seen first. One of the two must say that a landing is over.
+The MPC's ground state decides whether the vehicle is on the ground
+(:meth:`LiveReference.set_ground_state`). If it is unknown, the flight stack's report counts;
+without a report, until a take-off, the height of the first odometry. A landing ends by one of the
+first two.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ from quad_mpc_ros.control.estimation.ground_state import (
     HEIGHT,
     LEFT_GROUND,
     LEFT_GROUND_UNPOWERED,
+    GroundHeight,
     GroundState,
-    StandingHeight,
 )
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
@@ -45,25 +46,25 @@ from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples
 from quad_mpc_ros.references.transition import FlatState
 from quad_mpc_ros.references.velocity import VelocityCommand
 
-_MOST_DRAWN = 500  # poses: a path is drawn between two windows
-_STEP_NS = 50_000_000
+_MAX_DRAWN_POSES = 500
+_SAMPLE_STEP_NS = 50_000_000
 
 _NOT_YET = Reply(accepted=False, text="no usable odometry yet")
 _NOT_ENGAGED = Reply(
     accepted=False, text="the vehicle does not act on commands: engage and arm it first"
 )
 WAITING = "waiting"
-_NO_NEWS = Reply(accepted=False, text="")
+_UNCHANGED = Reply(accepted=False, text="")
 
 
 class Published(NamedTuple):
-    """The reference as it is at one moment, of which windows are cut; nothing changes it."""
+    """An immutable snapshot of the reference, from which windows are cut."""
 
     server: ReferenceServer
-    timeline: Timeline | None  # its phases; None for a trajectory that is flown as configured
+    timeline: Timeline | None  # phases; None for the configured trajectory
     gravity: float
     version: object
-    """The same object as long as an earlier window holds; None if every window differs."""
+    """The same object while earlier windows are valid; None if every window differs."""
 
     def window(self, stamp_ns: int) -> ReferenceWindow:
         """Return the reference from ``stamp_ns`` on."""
@@ -78,14 +79,14 @@ class Published(NamedTuple):
 
 
 class _Configured(NamedTuple):
-    """The configured trajectory, as it is; without a director it is held at its beginning."""
+    """The configured trajectory; without a director it is held at its beginning."""
 
     server: ReferenceServer
     director: Director | None
 
 
 class _Waiting(NamedTuple):
-    """A vehicle at which the reference waits, and the height of the ground [m], if known."""
+    """The odometry at which the reference waits, and the height of the ground [m], if known."""
 
     odometry: OdometrySample
     on_ground: bool
@@ -93,13 +94,13 @@ class _Waiting(NamedTuple):
 
 
 class LiveReference:
-    """What one vehicle follows, now and next.
+    """The reference of one vehicle.
 
-    ``trajectory`` is flown at once; ``joined`` returns the one flown on request, which must not
-    jump. Times are nanoseconds of the windows' clock, and do not run backwards.
+    ``trajectory`` is flown at once; ``joined`` returns the trajectory without jumps that is flown
+    on request. Times are nanoseconds of the windows' clock, and do not decrease.
 
-    One thread makes requests and passes odometry. :attr:`published` and :meth:`window` may be used
-    in any thread: all they depend on is ``_source``, which is replaced as a whole.
+    One thread makes requests and passes odometry. :attr:`published` and :meth:`window` are safe in
+    any thread, as they depend on ``_source`` only, which is replaced atomically.
     """
 
     def __init__(
@@ -117,7 +118,7 @@ class LiveReference:
         self._engaged: bool | None = None
         self._landed: bool | None = None
         self._ground = GroundState.UNKNOWN
-        self._stood = StandingHeight(LEFT_GROUND_UNPOWERED)
+        self._ground_height = GroundHeight(LEFT_GROUND_UNPOWERED)
         self.too_late: Callable[[int], bool] = lambda start_ns: False
         """Whether it is too late to begin at a time; such requests are refused."""
 
@@ -155,7 +156,7 @@ class LiveReference:
         self._landed = landed
         self._wait()
 
-    def tell_ground(self, state: GroundState) -> None:
+    def set_ground_state(self, state: GroundState) -> None:
         """Take what the MPC knows of the ground; it counts more than all that is known here."""
         self._ground = state
         self._wait()
@@ -164,8 +165,8 @@ class LiveReference:
         """Take an announced step of the estimate; return what follows for the reference."""
         if self._newest is not None:
             self._newest, self._home = reset.odometry(self._newest), reset.points(self._home)
-        if self._stood.height is not None:
-            self._stood.height += float(reset.step_W[2])
+        if self._ground_height.height is not None:
+            self._ground_height.height += float(reset.step_W[2])
         self._wait()
         moves = self._director is None or self._director.reset_estimate(now_ns, reset)
         stepped = f"the estimate steps by {np.linalg.norm(reset.step_W):.2f} m"
@@ -173,7 +174,7 @@ class LiveReference:
         return Reply(accepted=moves, text=f"{stepped}: {'moves along' if moves else kept}")
 
     def mode(self, now_ns: int) -> str:
-        """Return what is being flown."""
+        """Return the name of the present phase."""
         return WAITING if self._director is None else self._director.mode(now_ns)
 
     def needs_odometry(self, now_ns: int) -> bool:
@@ -182,12 +183,12 @@ class LiveReference:
         return lifts or self.mode(now_ns) in (WAITING, GROUND, LANDING)
 
     def observe(self, odometry: OdometrySample) -> Reply | None:
-        """Take a valid odometry; return what follows, if it is the first or a touchdown."""
+        """Take a valid odometry; return a reply if it changes the phase."""
         now_ns = odometry.stamp_ns
         if self._newest is None:
             self._home = odometry.p_WB
         self._newest = odometry
-        self._see_height(odometry)
+        self._update_ground_height(odometry)
         if self._director is None:
             if self._engaged:
                 return self._take_over(odometry)
@@ -198,7 +199,7 @@ class LiveReference:
         if self._ground is GroundState.LIFTING_OFF:
             self._director.slipped(now_ns, p_WB=odometry.p_WB)
         if self._director.is_sinking(now_ns) and self._is_down(self._director, odometry):
-            self._stood.stand(float(odometry.p_WB[2]))
+            self._ground_height.set(float(odometry.p_WB[2]))
             return self._director.touched(now_ns, p_WB=odometry.p_WB)
         if self._director.timeline.last.name == GROUND and self._ground is GroundState.FLYING:
             self._director.sink(now_ns, p_WB=odometry.p_WB, yaw=_heading(odometry))
@@ -208,13 +209,13 @@ class LiveReference:
     def _is_down(self, director: Director, odometry: OdometrySample) -> bool:
         """Whether a landing has reached the ground."""
         if self._ground is not GroundState.UNKNOWN or self._landed is not True:
-            return self._ground.stands
+            return self._ground.is_on_ground
         reference_height = float(director.timeline.at([odometry.stamp_ns]).p_WB[0, 2])
         return float(odometry.p_WB[2]) - reference_height > LEFT_GROUND
 
     @property
     def published(self) -> Published | None:
-        """The reference as it is now; None without odometry to start from."""
+        """The present reference; None without odometry."""
         source, gravity = self._source, self._config.gravity
         if isinstance(source, _Configured):
             return Published(source.server, None, gravity, source.server)
@@ -228,7 +229,7 @@ class LiveReference:
         )
 
     def window(self, stamp_ns: int) -> ReferenceWindow | None:
-        """Return the reference from ``stamp_ns`` on; None without odometry to start from."""
+        """Return the reference from ``stamp_ns`` on; None without odometry."""
         published = self.published
         return None if published is None else published.window(stamp_ns)
 
@@ -236,13 +237,13 @@ class LiveReference:
         """Return the configured trajectory, for drawing."""
         return ReferenceServer(self._config, self.trajectory).whole()
 
-    def course(self, now_ns: int) -> TrajectorySamples:
-        """Return all that is planned from now on, for drawing; one period of what repeats."""
+    def planned_samples(self, now_ns: int) -> TrajectorySamples:
+        """Return the planned reference from now on, for drawing; one period of a periodic one."""
         if self._director is None:
             return self.whole()
         last = self._director.timeline.last
-        end_ns = max(last.start_ns + last.trajectory.period_ns, now_ns + _STEP_NS)
-        step_ns = max(_STEP_NS, -(-(end_ns - now_ns) // _MOST_DRAWN))
+        end_ns = max(last.start_ns + last.trajectory.period_ns, now_ns + _SAMPLE_STEP_NS)
+        step_ns = max(_SAMPLE_STEP_NS, -(-(end_ns - now_ns) // _MAX_DRAWN_POSES))
         return self._director.timeline.at([*range(now_ns, end_ns, step_ns), end_ns])
 
     def take_off(self, now_ns: int) -> Reply:
@@ -314,18 +315,20 @@ class LiveReference:
 
     @property
     def last_phase(self) -> Phase | None:
-        """What is flown last; None before there is anything."""
+        """The last phase; None without a director."""
         return None if self._director is None else self._director.timeline.last
 
-    def change_way(self, phase: Phase, trajectory: Trajectory, from_ns: int) -> Reply:
-        """Fly in place of the last phase another trajectory, which is the same up to a time."""
+    def replace_trajectory(self, phase: Phase, trajectory: Trajectory, from_ns: int) -> Reply:
+        """Replace the trajectory of the last phase by one that is equal up to a time."""
 
         def request(director: Director) -> Reply:
-            way = trajectory.at([*range(0, trajectory.period_ns, _STEP_NS), trajectory.period_ns])
+            way = trajectory.at(
+                [*range(0, trajectory.period_ns, _SAMPLE_STEP_NS), trajectory.period_ns]
+            )
             fault = self._out_of_reach(director, way.p_WB)
             if fault is not None:
                 return Reply(accepted=False, text=fault)
-            return director.change_way(phase, trajectory, from_ns=from_ns)
+            return director.replace_trajectory(phase, trajectory, from_ns=from_ns)
 
         return self._requested(request)
 
@@ -340,11 +343,11 @@ class LiveReference:
         def request(director: Director) -> Reply:
             limits = velocity_limits(self._config, ground=director.ground, home=self._home)
             timeout = self._config.velocity_timeout
-            news = director.follow_velocity(now_ns, command, limits, timeout=timeout)
-            return _NO_NEWS if news is None else news
+            reply = director.follow_velocity(now_ns, command, limits, timeout=timeout)
+            return _UNCHANGED if reply is None else reply
 
         reply = self._requested(request)
-        return reply if reply is not _NO_NEWS else None
+        return reply if reply is not _UNCHANGED else None
 
     def _requested(self, request: Callable[[Director], Reply]) -> Reply:
         """Carry out a request, which raises :class:`UserError` for bad input."""
@@ -364,10 +367,10 @@ class LiveReference:
         if self._at_once:
             self._follow_as_it_is(odometry.stamp_ns)
             return
-        self._follow(Director.standing(self._config, p_WB=odometry.p_WB, yaw=_heading(odometry)))
+        self._follow(Director.on_ground(self._config, p_WB=odometry.p_WB, yaw=_heading(odometry)))
 
     def _take_over(self, odometry: OdometrySample) -> Reply:
-        """Continue from where the vehicle is, because commands act from now on."""
+        """Continue from the vehicle's state when commands begin to act."""
         director = self._waiting_at(self._waiting_by(odometry))
         now_ns = odometry.stamp_ns
         if self._at_once and not self.trajectory.smooth:  # it jumps anyway
@@ -395,24 +398,24 @@ class LiveReference:
         return director.fly(now_ns, trajectory)
 
     def _wait(self) -> None:
-        """Wait at the vehicle as it is now, if the reference waits."""
+        """Update the state at which the reference waits, if it waits."""
         if self._engaged is not None and self._director is None:
             self._source = self._waiting
 
     @property
     def _waiting(self) -> _Waiting | None:
-        """What to wait at; None without an odometry."""
+        """State at which the reference waits; None without odometry."""
         return None if self._newest is None else self._waiting_by(self._newest)
 
     def _waiting_by(self, odometry: OdometrySample) -> _Waiting:
-        return _Waiting(odometry, self._stands, self._stood.height)
+        return _Waiting(odometry, self._is_on_ground, self._ground_height.height)
 
     def _waiting_at(self, waiting: _Waiting) -> Director:
-        """Return the director that would go on from where the vehicle is."""
+        """Return a director that continues from a waiting vehicle's state."""
         odometry, ground = waiting.odometry, waiting.ground
         yaw = _heading(odometry)
         if waiting.on_ground:
-            return Director.standing(self._config, p_WB=odometry.p_WB, yaw=yaw)
+            return Director.on_ground(self._config, p_WB=odometry.p_WB, yaw=yaw)
         rest = FlatState.at_rest(odometry.p_WB, yaw=yaw)
         R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
         end = dataclasses.replace(rest.end, v_WB_W=R_WB @ odometry.v_WB_B)
@@ -424,21 +427,21 @@ class LiveReference:
         )
 
     @property
-    def _stands(self) -> bool:
-        """Whether the vehicle stands on the ground: who says so, see the module."""
+    def _is_on_ground(self) -> bool:
+        """Whether the vehicle is on the ground, by the sources listed in the module."""
         if self._ground is not GroundState.UNKNOWN:
-            return not self._ground.flies
-        return not self._stood.left if self._landed is None else self._landed
+            return not self._ground.is_flying
+        return not self._ground_height.was_left if self._landed is None else self._landed
 
-    def _see_height(self, odometry: OdometrySample) -> None:
+    def _update_ground_height(self, odometry: OdometrySample) -> None:
         """Update the height of the ground, and whether the vehicle has left it."""
         height = float(odometry.p_WB[2])
         if self._landed:
-            self._stood.stand(height)
-        elif self._landed is None and self._stood.height is None:
-            self._stood.stand(height)  # where it is seen first
+            self._ground_height.set(height)
+        elif self._landed is None and self._ground_height.height is None:
+            self._ground_height.set(height)  # first odometry
         else:
-            self._stood.see(height)
+            self._ground_height.update(height)
 
     def _follow_as_it_is(self, now_ns: int) -> None:
         """Fly the configured trajectory from now on."""
@@ -460,12 +463,12 @@ class LiveReference:
 
     def _follow_over_the_ground(self, director: Director, now_ns: int) -> None:
         """Move the reference to where the vehicle was carried since it landed."""
-        standing = self._newest
-        if director.mode(now_ns) != GROUND or standing is None:
+        newest = self._newest
+        if director.mode(now_ns) != GROUND or newest is None:
             return
         there = director.timeline.at([now_ns]).p_WB[0]
-        if np.linalg.norm(standing.p_WB - there) > HEIGHT:
-            director.moved(now_ns, p_WB=standing.p_WB, yaw=_heading(standing))
+        if np.linalg.norm(newest.p_WB - there) > HEIGHT:
+            director.moved(now_ns, p_WB=newest.p_WB, yaw=_heading(newest))
 
     def _out_of_reach(self, director: Director, p_WB: Array) -> str | None:
         """Return which of some points (n, 3) [m] is too far away or below the ground."""

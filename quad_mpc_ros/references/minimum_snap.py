@@ -20,15 +20,15 @@ from quad_mpc_ros.references.trajectory import TrajectoryParameters
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-# Of the search for the duration of a leg.
-_SHORTEST = 0.3  # s
+# Search for the duration of a leg.
+_SHORTEST_LEG = 0.3  # s
 _GROWTH = 1.05  # of the duration from one trial to the next
 _TRIALS = 200
-_CHECKED = 101
-# Of the search for the times at waypoints.
+_LIMIT_SAMPLES = 101
+# Search for the times at waypoints.
 _DEGREE = 7
 _COARSE, _FINE = 20, 400  # samples a leg: to compare allocations, and to hold the limits
-_STRETCH = 1.02  # of a path that goes on from a motion, from one trial to the next
+_TIME_STRETCH = 1.02  # of a path that goes on from a motion, from one trial to the next
 _MOST_OPTIMISED = 12  # legs; beyond that the shares stay as they begin
 _SIMPLEX: Any = {"maxfev": 400, "xatol": 1e-2, "fatol": 1e-3}
 
@@ -131,9 +131,9 @@ def leg_within(start: End, end: End, *, max_speed: float, max_acceleration: floa
     speed = max(max_speed, *(1.1 * float(np.linalg.norm(e.v_WB_W)) for e in ends))
     acceleration = max(max_acceleration, *(1.1 * float(np.linalg.norm(e.a_WB_W)) for e in ends))
     gentlest, least = None, np.inf
-    for duration in _SHORTEST * _GROWTH ** np.arange(_TRIALS):
+    for duration in _SHORTEST_LEG * _GROWTH ** np.arange(_TRIALS):
         leg = Leg(start, end, duration=float(duration))
-        found = leg.at(np.linspace(0.0, leg.duration, _CHECKED))
+        found = leg.at(np.linspace(0.0, leg.duration, _LIMIT_SAMPLES))
         highest = float(np.linalg.norm(found.a_WB_W, axis=1).max())
         if highest <= acceleration and np.linalg.norm(found.v_WB_W, axis=1).max() <= speed:
             return leg
@@ -162,7 +162,7 @@ def minimum_snap_path(points: Array, *, max_speed: float, max_acceleration: floa
     from scipy.optimize import minimize
 
     def duration(shares: Array, *, samples: int) -> float:
-        # Of the spline over 0 to 1: velocity falls as 1/T, then 1/T^2.
+        # Spline over 0 to 1: velocity scales with 1/T, acceleration with 1/T^2.
         return _beyond(
             snap_spline(points, _times(shares)),
             np.linspace(0.0, 1.0, samples * len(shares) + 1),
@@ -185,7 +185,7 @@ def minimum_snap_path(points: Array, *, max_speed: float, max_acceleration: floa
 def minimum_snap_onward(
     points: Array, start: End, *, max_speed: float, max_acceleration: float
 ) -> SplinePath:
-    """Return the path through ``points`` (n, 3) [m], n > 1, that goes on from a motion, to rest.
+    """Return the path through ``points`` (n, 3) [m], n > 1, from a motion to rest.
 
     As :func:`minimum_snap_path`; the speed and acceleration of the start, and a tenth more, are
     always allowed. As these do not scale with time, the durations of the legs are what is searched
@@ -215,7 +215,7 @@ def minimum_snap_onward(
         spline, duration, factor = path(durations)
         if factor <= 1.0:
             break
-        durations = _STRETCH * durations
+        durations = _TIME_STRETCH * durations
     return SplinePath(spline, duration=duration)
 
 

@@ -1,8 +1,8 @@
 """Motions given whole: position, velocity, acceleration, attitude and body rates over time.
 
-What an optimiser plans is flown as it is, not by flatness from a smoothed path: at a bound of the
-thrust or of a body rate there is nothing to smooth. As a file it is a ``csv`` with these columns
-beside time and position; see :mod:`quad_mpc_ros.references.point_table`.
+Optimised motions are flown unchanged, not by flatness from a smoothed path, because they are at
+bounds of thrust or body rates. A file is a ``csv`` with these columns in addition to time and
+position; see :mod:`quad_mpc_ros.references.point_table`.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from quad_mpc_ros.control.lie import Array
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-_LOOKED_AT, _MOST_LOOKS = 0.002, 20_000  # s
+_SAMPLE_STEP, _MAX_SAMPLES = 0.002, 20_000  # s
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,7 +102,7 @@ class Straight:
         )
 
 
-class Rest(Straight):
+class RestPath(Straight):
     """A path that stays at a position (3,) [m]."""
 
     def __init__(self, p_WB: Array, *, duration: float) -> None:
@@ -136,7 +136,7 @@ class SplinePath:
         )
 
 
-class Moved:
+class DisplacedPath:
     """A path displaced by ``offset`` (3,) [m]."""
 
     def __init__(self, path: Path, offset: Array) -> None:
@@ -186,7 +186,7 @@ class Turned:
 
 def with_lowest_point(path: Path, height: float) -> Path:
     """Return the path lifted until its lowest point is at ``height`` [m]."""
-    count = min(2 + round(path.duration / _LOOKED_AT), _MOST_LOOKS)
+    count = min(2 + round(path.duration / _SAMPLE_STEP), _MAX_SAMPLES)
     times = np.linspace(0.0, path.duration, count)
     lowest = float(path.at(times).p_WB[:, 2].min())
-    return Moved(path, (height - lowest) * np.array([0.0, 0.0, 1.0]))
+    return DisplacedPath(path, (height - lowest) * np.array([0.0, 0.0, 1.0]))

@@ -22,7 +22,7 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError, UserError, files, parameter
-from quad_mpc_ros.configuration.errors import shown
+from quad_mpc_ros.configuration.errors import text_of
 from quad_mpc_ros.configuration.text_files import has_decimal_comma, read_csv_table
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.minimum_snap import (
@@ -151,12 +151,12 @@ def table_path(table: PointTable, config: TableParameters) -> Path:
     (start, end), rest = _ends(path), End.at_rest(None)
     if not rests[0]:
         leg = leg_within(rest, start, **limits)
-        lead = turn and Leg(rest, _ends(turn)[0], duration=leg.duration)
-        links.insert(0, _with_yaw(leg, lead))
+        yaw_leg = turn and Leg(rest, _ends(turn)[0], duration=leg.duration)
+        links.insert(0, _with_yaw(leg, yaw_leg))
     if not rests[1]:
         leg = leg_within(end, rest, **limits)
-        lead = turn and Leg(_ends(turn)[1], rest, duration=leg.duration)
-        links.append(_with_yaw(leg, lead))
+        yaw_leg = turn and Leg(_ends(turn)[1], rest, duration=leg.duration)
+        links.append(_with_yaw(leg, yaw_leg))
     return Chain(links)
 
 
@@ -256,7 +256,7 @@ def _column_names(path: FilePath, number: int, cells: list[str]) -> list[str]:
         name, unit = name.strip(), unit.strip().removesuffix("]").strip()
         if _ALL_UNITS.get(name) != unit or name in names:
             raise UserError(
-                f"{path}: line {number}: column {shown(cell)}, expected {_HEADER}, each once"
+                f"{path}: line {number}: column {text_of(cell)}, expected {_HEADER}, each once"
             )
         names.append(name)
     required = [name for name in _UNITS if name not in _OPTIONAL]
@@ -278,7 +278,7 @@ def _number(path: FilePath, number: int, name: str, cell: str) -> float:
     if not abs(value) <= _LARGEST:  # NaN is not
         hint = " with a point, not with a comma" if has_decimal_comma(cell) else ""
         raise UserError(
-            f"{path}: line {number}: {name} is {shown(cell)}, expected a finite number{hint}"
+            f"{path}: line {number}: {name} is {text_of(cell)}, expected a finite number{hint}"
         )
     return value
 

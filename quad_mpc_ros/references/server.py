@@ -22,8 +22,8 @@ from quad_mpc_ros.references.trajectory import (
 )
 
 _BEFORE_START_NS = -1
-_MOST_DRAWN = 10_000
-_CUT_AT_ONCE = 256
+_MAX_DRAWN_SAMPLES = 10_000
+_BLOCK_SIZE = 256
 
 
 class ReferenceServer:
@@ -75,7 +75,7 @@ class ReferenceServer:
         times, places = np.unique(sampled, return_inverse=True)  # windows overlap
         once = self._trajectory.at(times.tolist())
         samples = combined(lambda values: values[places], once)
-        if not previewed:  # nothing is known to move
+        if not previewed:  # without preview, nothing moves
             samples = dataclasses.replace(at_rest(samples.p_WB), q_WB_xyzw=samples.q_WB_xyzw)
         windows, end = [], 0
         for stamp_ns, now_ns, cut in zip(stamps_ns, starts, cuts, strict=True):
@@ -83,7 +83,7 @@ class ReferenceServer:
             windows.append(
                 ReferenceWindow(
                     stamp_ns=stamp_ns,
-                    offset_ns=cut.shown - now_ns,
+                    offset_ns=cut.published - now_ns,
                     p_WB=samples.p_WB[part],
                     q_WB_xyzw=samples.q_WB_xyzw[part],
                     v_WB_W=samples.v_WB_W[part],
@@ -95,10 +95,7 @@ class ReferenceServer:
         return windows
 
     def changes(self, after_ns: int, until_ns: int) -> bool:
-        """Whether the content of a window changes between two stamps, apart from its end.
-
-        It does without preview, where the trajectory jumps.
-        """
+        """Whether the reference jumps between two stamps without preview."""
         if self._started_ns is None or self._preview:
             return False
         start_ns = self._started_ns
@@ -110,7 +107,7 @@ class ReferenceServer:
         A long one has longer steps.
         """
         period = self._trajectory.period_ns
-        grid = [*range(0, period, max(self._step_ns, period // _MOST_DRAWN)), period]
+        grid = [*range(0, period, max(self._step_ns, period // _MAX_DRAWN_SAMPLES)), period]
         return self._trajectory.at(
             self._with_jumps(np.array(grid), end_ns=period).sampled.tolist()
         )
@@ -118,7 +115,7 @@ class ReferenceServer:
     def _held(self, now_ns: int) -> _Times:
         """Return the present twice: it is held over the window."""
         return _Times(
-            shown=np.array((now_ns, now_ns + self._duration_ns)),
+            published=np.array((now_ns, now_ns + self._duration_ns)),
             sampled=np.array((now_ns, now_ns)),
         )
 
@@ -133,19 +130,16 @@ class ReferenceServer:
         """
         jumps = self._trajectory.jumps(int(grid[0]), end_ns)
         if not jumps:
-            return _Times(shown=grid, sampled=grid)
+            return _Times(published=grid, sampled=grid)
         at_jumps = np.repeat(jumps, 2)
-        shown = np.concatenate((at_jumps, grid))
+        published = np.concatenate((at_jumps, grid))
         sampled = np.concatenate((at_jumps - np.tile((1, 0), len(jumps)), grid))
-        order = np.argsort(shown, kind="stable")
-        return _Times(shown=shown[order], sampled=sampled[order])
+        order = np.argsort(published, kind="stable")
+        return _Times(published=published[order], sampled=sampled[order])
 
 
 class WindowsAhead:
-    """The windows of stamps that are known beforehand, many of them cut at a time.
-
-    Those of a trajectory that may change are cut one by one, when requested.
-    """
+    """Windows of known stamps, cut in blocks; of a trajectory that may change, one by one."""
 
     def __init__(self, server: ReferenceServer, stamps_ns: Iterable[int]) -> None:
         """Take the stamps in order; some may be skipped later."""
@@ -162,7 +156,7 @@ class WindowsAhead:
             return self._server.window(stamp_ns)
         while True:
             if not self._ahead:
-                block = [*itertools.islice(self._stamps_ns, _CUT_AT_ONCE)]
+                block = [*itertools.islice(self._stamps_ns, _BLOCK_SIZE)]
                 if not block:
                     raise ValueError(f"no stamp to come is {stamp_ns} ns")
                 self._ahead.extend(self._server.windows(block))
@@ -174,5 +168,5 @@ class WindowsAhead:
 class _Times(NamedTuple):
     """The times of a window's samples (n,): as shown, and as sampled from the trajectory."""
 
-    shown: NDArray[np.int64]
+    published: NDArray[np.int64]
     sampled: NDArray[np.int64]

@@ -11,10 +11,13 @@ from numpy.polynomial import Polynomial
 
 from quad_mpc_ros.control.lie import Array
 
-_BELL = Polynomial([1.0, 0.0, 0.0, 0.0, -1.0]) ** 3
-_SUM = _BELL.integ(lbnd=-1.0)
+_RATE_SHAPE = Polynomial([1.0, 0.0, 0.0, 0.0, -1.0]) ** 3
+_ANGLE_SHAPE = _RATE_SHAPE.integ(lbnd=-1.0)
 # The completed share of the turn at u, and its derivatives.
-_SHARES = [_SUM / _SUM(1.0), *((_BELL / _SUM(1.0)).deriv(order) for order in range(3))]
+_SHARES = [
+    _ANGLE_SHAPE / _ANGLE_SHAPE(1.0),
+    *((_RATE_SHAPE / _ANGLE_SHAPE(1.0)).deriv(order) for order in range(3)),
+]
 
 PEAK = float(2.0 * _SHARES[1](0.0))
 """The highest rate of a turn over its mean."""

@@ -26,9 +26,9 @@ from quad_mpc_ros.references.vertical_loop import VerticalLoopParameters
 
 _UP = np.array([0.0, 0.0, 1.0])
 _RUN_UP_ACCELERATION = 0.5  # mean, over gravity
-_BRAKING = 1.0  # over gravity
-_PULL_SPEED = 1.6  # mean over that at the top
-_PULL = 3.0  # strongest, over gravity
+_BRAKING_ACCELERATION = 1.0  # over gravity
+_PULL_SPEED_RATIO = 1.6  # mean over that at the top
+_MAX_PULL = 3.0  # strongest, over gravity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +52,7 @@ def split_s(config: SplitSParameters) -> Path:
         entry=speed / (_RUN_UP_ACCELERATION * config.gravity),
     )
     inverted = rolling.at(np.array([rolling.duration]))
-    turn = SmoothTurn(math.pi, duration=math.pi * config.loop_radius / (_PULL_SPEED * speed))
+    turn = SmoothTurn(math.pi, duration=math.pi * config.loop_radius / (_PULL_SPEED_RATIO * speed))
     pull = ThrustPath(
         _pulling(turn, force=force, hover=config.gravity, forward=forward),
         config,
@@ -64,7 +64,7 @@ def split_s(config: SplitSParameters) -> Path:
         End.of(pull.at(np.array([pull.duration])), 0),
         End.at_rest(None),
         max_speed=math.inf,
-        max_acceleration=_BRAKING * config.gravity,
+        max_acceleration=_BRAKING_ACCELERATION * config.gravity,
     )
     return with_lowest_point(Chain([run_up, rolling, pull, braking]), config.height)
 
@@ -74,7 +74,7 @@ def _pulling(turn: SmoothTurn, *, force: float, hover: float, forward: Array) ->
 
     It is strongest in the second half, where it must hold against gravity as well.
     """
-    strength = _PULL * hover
+    strength = _MAX_PULL * hover
     peak = float(turn.at(np.array([0.5 * turn.duration]))[1][0])
 
     def thrust(seconds: Array) -> tuple[Array, Array]:

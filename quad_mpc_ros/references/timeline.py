@@ -12,10 +12,9 @@ from quad_mpc_ros.control.estimation.clock_offset import PersistentOffset
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples, combined
 
-_KEPT = 8  # phases that are over, for slightly older windows
-# Stamps further from the clock than the first are of another clock, if they keep within the second
-# for as long as the third.
-_APART_NS, _SAME_NS, _LASTING_NS = 200_000_000, 100_000_000, 50_000_000
+_KEPT_PHASES = 8  # that have ended, for slightly older windows
+# Offset from which stamps are of another clock, its tolerance, and how long it has to last.
+_MIN_OFFSET_NS, _TOLERANCE_NS, _CONFIRMATION_NS = 200_000_000, 100_000_000, 50_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +40,7 @@ class Timeline:
         self._phases = phases
 
     def snapshot(self) -> Timeline:
-        """Return the timeline as it is now, which nothing changes."""
+        """Return an immutable copy of the timeline."""
         return Timeline(self._phases)
 
     @property
@@ -63,12 +62,12 @@ class Timeline:
         """Replace all phases from the beginning of the first of these on; in order of time."""
         start_ns = phases[0].start_ns
         kept = [phase for phase in self._phases if phase.start_ns < start_ns]
-        self._phases = [*kept[-_KEPT:], *phases]
+        self._phases = [*kept[-_KEPT_PHASES:], *phases]
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Let all of it move with the coordinates of the world."""
+        """Transform all phases by an announced step of the estimate."""
         self._phases = [
-            dataclasses.replace(phase, trajectory=Moved(phase.trajectory, reset))
+            dataclasses.replace(phase, trajectory=ResetTrajectory(phase.trajectory, reset))
             for phase in self._phases
         ]
 
@@ -96,8 +95,8 @@ class Timeline:
         return found
 
 
-class Moved:
-    """A trajectory in the coordinates after a step of the estimate."""
+class ResetTrajectory:
+    """A trajectory transformed by a step of the estimate."""
 
     def __init__(self, trajectory: Trajectory, reset: EstimateReset) -> None:
         self._trajectory, self._reset = trajectory, reset
@@ -115,10 +114,9 @@ def _owner(phases: list[Phase], time_ns: int) -> int:
 
 
 class FlightTime:
-    """The time of a flight, which stands still while nothing is published.
+    """The time of a flight, which pauses while nothing is published.
 
-    After a pause the flight continues where it stopped. All times are nanoseconds of the clock of
-    the stamps.
+    All times are nanoseconds of the clock of the stamps.
     """
 
     def __init__(self) -> None:
@@ -126,11 +124,11 @@ class FlightTime:
         self._since_ns: int | None = None
 
     def pause(self, now_ns: int) -> None:
-        """Stand still from now on."""
+        """Pause the time of the flight."""
         self._since_ns = now_ns
 
     def resume(self, now_ns: int) -> None:
-        """Continue after a pause, which counts as none if the clock was set back meanwhile."""
+        """Continue after a pause; a pause in which the clock was set back counts as 0."""
         if self._since_ns is not None:
             self._paused_ns += max(0, now_ns - self._since_ns)
             self._since_ns = None
@@ -141,10 +139,9 @@ class FlightTime:
 
 
 class StampClock:
-    """How far the clock of the odometry's stamps is ahead of the flight's own.
+    """Offset of the clock of the odometry's stamps from that of the flight; 0 if they agree.
 
-    Zero as long as they agree. Otherwise, or when the former is set, the flight goes on by its own
-    clock, and its windows are stamped by that of the odometry.
+    With an offset the flight uses its own clock, and its windows have stamps of the odometry's.
     """
 
     def __init__(self) -> None:
@@ -154,10 +151,10 @@ class StampClock:
     def note(self, stamp_ns: int, *, now_ns: int) -> None:
         """Take the stamp of an odometry that arrives now."""
         ahead_ns = stamp_ns - now_ns
-        if abs(ahead_ns - self.ahead_ns) <= _APART_NS:
+        if abs(ahead_ns - self.ahead_ns) <= _MIN_OFFSET_NS:
             self._misfits.clear()
             return
-        lasting_ns = self._misfits.duration_ns(ahead_ns, now_ns=now_ns, tolerance_ns=_SAME_NS)
-        if lasting_ns >= _LASTING_NS:
-            self.ahead_ns = 0 if abs(ahead_ns) <= _APART_NS else ahead_ns
+        lasting_ns = self._misfits.duration_ns(ahead_ns, now_ns=now_ns, tolerance_ns=_TOLERANCE_NS)
+        if lasting_ns >= _CONFIRMATION_NS:
+            self.ahead_ns = 0 if abs(ahead_ns) <= _MIN_OFFSET_NS else ahead_ns
             self._misfits.clear()

@@ -15,7 +15,7 @@ from quad_mpc_ros.references.path import Path, Turned
 from quad_mpc_ros.references.trajectory import Trajectory
 
 _STEP_NS = 1_000_000
-# Of a rest-to-rest polynomial of degree 7: its highest rate over the mean.
+# Highest over mean rate of a rest-to-rest polynomial of degree 7.
 _PEAK = 35.0 / 16.0
 
 

@@ -26,7 +26,7 @@ from quad_mpc_ros.references.transition import FlatState
 STEP_NS = 80_000_000
 _STEP = 1e-9 * STEP_NS
 _DEGREE = 5
-_CENTRE = 2  # steps from the beginning of the path to the time of its first control point, back
+_CENTRE_STEPS = 2  # from the time of the first control point to the start of the path
 # The values of uniform B-splines of degree 5 to 1 at their knots.
 _AT_KNOTS = (
     np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0,
@@ -37,11 +37,11 @@ _AT_KNOTS = (
 )
 # s: how much earlier than it must a velocity slows down in front of a wall. A vehicle that turns
 # and then brakes as the hover controller does stops behind the path's own place to stop otherwise.
-_FORESIGHT = 0.75
+_WALL_MARGIN = 0.75
 _AXES = 3
 _LONGEST_STOP = 30.0  # s
-_REST = 1e-9  # m/s, rad/s
-_ABSURD = 1e6  # m/s, rad/s
+_MIN_SPEED = 1e-9  # m/s, rad/s
+_MAX_COMMAND = 1e6  # m/s, rad/s
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,10 +58,10 @@ class VelocityCommand:
 
     def __post_init__(self) -> None:
         """Refuse what is not finite, and what numbers cannot be computed with."""
-        if not np.all(np.abs([*self.velocity, self.yaw_rate]) <= _ABSURD):
+        if not np.all(np.abs([*self.velocity, self.yaw_rate]) <= _MAX_COMMAND):
             raise ValueError(
                 f"velocity {self.velocity.tolist()} m/s and yaw rate {self.yaw_rate} rad/s, "
-                f"expected finite numbers up to {_ABSURD:g}"
+                f"expected finite numbers up to {_MAX_COMMAND:g}"
             )
 
     @property
@@ -72,7 +72,7 @@ class VelocityCommand:
 
 @dataclass(frozen=True, kw_only=True)
 class VelocityLimits:
-    """What a path keeps, whatever the commands: numbers in SI units, the box by its corners."""
+    """Limits of velocity paths, in SI units; the box by its corners."""
 
     speed: float
     acceleration: float
@@ -131,7 +131,7 @@ def followed(
     It follows the command until ``held`` [s] after its beginning, then it brakes and ends at rest.
     """
     pursuit = _Pursuit(known, command, limits)
-    while (len(pursuit.points) - _CENTRE) * _STEP <= held:
+    while (len(pursuit.points) - _CENTRE_STEPS) * _STEP <= held:
         pursuit.step(braking=False)
     while not pursuit.rests:
         pursuit.step(braking=True)
@@ -159,9 +159,9 @@ class _Pursuit:
         self._wanted_yaw_rate = _clipped(command.yaw_rate, limits.yaw_rate)
         # It may begin outside, and must then not lead further out.
         stop = self._stop(self._place, self._velocity)
-        seen = [*self.points, stop]
-        self._lowest = [min(low, *places) for low, places in self._box(limits.lowest, seen)]
-        self._highest = [max(high, *places) for high, places in self._box(limits.highest, seen)]
+        points = [*self.points, stop]
+        self._lowest = [min(low, *places) for low, places in self._box(limits.lowest, points)]
+        self._highest = [max(high, *places) for high, places in self._box(limits.highest, points)]
 
     @property
     def rests(self) -> bool:
@@ -174,9 +174,9 @@ class _Pursuit:
         velocity = _towards(self._velocity, wanted, most=self._slowing)
         if not braking and not self._stops_inside(velocity):
             velocity = _towards(self._velocity, [0.0] * _AXES, most=self._slowing)
-        turning = 0.0 if braking else self._wanted_yaw_rate
+        yaw_rate = 0.0 if braking else self._wanted_yaw_rate
         (self._yaw_rate,) = _towards(
-            [self._yaw_rate], [turning], most=self._limits.yaw_acceleration * _STEP
+            [self._yaw_rate], [yaw_rate], most=self._limits.yaw_acceleration * _STEP
         )
         self._velocity = velocity
         self._place = [p + v * _STEP for p, v in zip(self._place, velocity, strict=True)]
@@ -189,7 +189,7 @@ class _Pursuit:
         if self._aligned:
             cos, sin = math.cos(self._yaw), math.sin(self._yaw)
             x, y = cos * x - sin * y, sin * x + cos * y
-        share = min(1.0, self._speed / max(math.hypot(x, y, z), _REST))
+        share = min(1.0, self._speed / max(math.hypot(x, y, z), _MIN_SPEED))
         walls = zip(self._place, self._lowest, self._highest, (x, y, z), strict=True)
         return [
             min(max(share * wanted, -self._before(place - low)), self._before(high - place))
@@ -199,11 +199,11 @@ class _Pursuit:
     def _before(self, distance: float) -> float:
         """Return the speed at a distance from a wall that needs less than the acceleration.
 
-        That of all three axes together: d = v T + v^2 / 2 a, with an a for each of them.
+        For all three axes together: d = v T + v^2 / 2 a, with an a for each axis.
         """
         most = self._limits.acceleration / math.sqrt(_AXES)
-        root = math.sqrt(1.0 + 2.0 * max(distance, 0.0) / (most * _FORESIGHT**2))
-        return most * _FORESIGHT * (root - 1.0)
+        root = math.sqrt(1.0 + 2.0 * max(distance, 0.0) / (most * _WALL_MARGIN**2))
+        return most * _WALL_MARGIN * (root - 1.0)
 
     def _stops_inside(self, velocity: list[float]) -> bool:
         """Whether it can still stop in the box after a step with a velocity."""
@@ -225,10 +225,10 @@ class _Pursuit:
 
     @staticmethod
     def _box(
-        corner: Sequence[float], seen: Sequence[Sequence[float]]
+        corner: Sequence[float], points: Sequence[Sequence[float]]
     ) -> list[tuple[float, list[float]]]:
         """Return a corner's coordinates, each with those of some points."""
-        return [(bound, [point[axis] for point in seen]) for axis, bound in enumerate(corner)]
+        return [(bound, [point[axis] for point in points]) for axis, bound in enumerate(corner)]
 
 
 def _towards(values: list[float], wanted: list[float], *, most: float) -> list[float]:

@@ -11,7 +11,7 @@ from quad_mpc_ros.configuration import ConfigurationError, parameter
 from quad_mpc_ros.configuration.box import FARTHEST
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.minimum_snap import LegParameters, minimum_snap_path
-from quad_mpc_ros.references.path import Chain, Path, Rest
+from quad_mpc_ros.references.path import Chain, Path, RestPath
 from quad_mpc_ros.references.trajectory import (
     TrajectoryParameters,
     TrajectorySamples,
@@ -23,7 +23,7 @@ _SAME_PLACE = 1e-6  # m
 
 @dataclass(frozen=True, kw_only=True)
 class StopParameters(LegParameters):
-    """What points that are held one after the other have in common."""
+    """Common parameters of trajectories that hold points one after the other."""
 
     dwell_time: float = parameter(
         2.0,
@@ -99,14 +99,16 @@ def through_waypoints(config: WaypointParameters) -> Path:
 def from_waypoint_to_waypoint(config: WaypointParameters) -> Path:
     """Return the path of minimum snap from each waypoint to the next, resting at each."""
     points = configured_waypoints(config)
-    return Chain([*rests_and_legs(points, config), Rest(points[-1], duration=config.dwell_time)])
+    return Chain(
+        [*rests_and_legs(points, config), RestPath(points[-1], duration=config.dwell_time)]
+    )
 
 
 def rests_and_legs(points: Array, config: StopParameters) -> list[Path]:
     """Return a rest at each point (n, 3) [m] but the last, and the leg from there to the next."""
     links: list[Path] = []
     for start, end in itertools.pairwise(points):
-        links.append(Rest(start, duration=config.dwell_time))
+        links.append(RestPath(start, duration=config.dwell_time))
         links.append(
             minimum_snap_path(
                 np.stack((start, end)),

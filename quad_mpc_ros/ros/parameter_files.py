@@ -18,7 +18,7 @@ import yaml
 
 from quad_mpc_ros.configuration import UserError, files, ros_yaml
 from quad_mpc_ros.configuration.extension import BRIDGES, registered_names
-from quad_mpc_ros.configuration.files import Section
+from quad_mpc_ros.configuration.files import ParameterSection
 from quad_mpc_ros.configuration.spelling import meant_instead_of
 from quad_mpc_ros.configuration.vehicle import describes_vehicle
 
@@ -35,7 +35,7 @@ class ParameterSource:
     """One section of a file, or one ``-p``; ``origin`` is the path or the option."""
 
     origin: str
-    section: Section
+    section: ParameterSection
     in_file: bool = True
 
 
@@ -90,7 +90,7 @@ class CommandLineParameters:
 
     def unread_files(self, nodes: Iterable[str]) -> list[str]:
         """Return a warning for each file without a section for any of the nodes."""
-        sections: dict[str, list[Section]] = {}
+        sections: dict[str, list[ParameterSection]] = {}
         for each in self._sources:
             if each.in_file:
                 sections.setdefault(each.origin, []).append(each.section)
@@ -162,7 +162,9 @@ def read_arguments(arguments: Sequence[str], *, several: bool) -> CommandLinePar
     return CommandLineParameters(given, several=several)
 
 
-def read_parameter_file(option: str, given: str, names: Iterable[str] = ()) -> list[Section]:
+def read_parameter_file(
+    option: str, given: str, names: Iterable[str] = ()
+) -> list[ParameterSection]:
     """Return the sections of a parameter file given by an option.
 
     Raises :class:`UserError` for a file that is missing or that ROS cannot read, and for a
@@ -185,7 +187,7 @@ def _marked(arguments: Sequence[str]) -> Iterator[tuple[str, bool]]:
             yield word, for_ros
 
 
-def _override(option: str, word: str) -> Section:
+def _override(option: str, word: str) -> ParameterSection:
     """Return a ``-p`` as a section of a file."""
     rule = _OVERRIDE_PATTERN.fullmatch(word)
     if rule is None:
@@ -198,10 +200,12 @@ def _override(option: str, word: str) -> Section:
     if isinstance(value, dict):
         raise UserError(f"{option} {name}: given {text!r}, expected one value or a list")
     files.refuse_what_ros_misreads(f"{option} {name}", value)
-    return Section(key=node or "/**", values={name: value})
+    return ParameterSection(key=node or "/**", values={name: value})
 
 
-def _refuse_misspelt_nodes(origin: str, there: Sequence[Section], names: Iterable[str]) -> None:
+def _refuse_misspelt_nodes(
+    origin: str, there: Sequence[ParameterSection], names: Iterable[str]
+) -> None:
     """Reject a section that is surely a misspelt node of this package.
 
     Sections of other nodes are ignored. ``names``: names given to nodes of this process.

@@ -26,7 +26,7 @@ from quad_mpc_ros.configuration import (
     UserError,
     files,
 )
-from quad_mpc_ros.configuration.errors import shown
+from quad_mpc_ros.configuration.errors import text_of
 from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.configuration.vehicle import describes_vehicle
 from quad_mpc_ros.ros.parameter_files import command_line_parameters, refuse_misspelt
@@ -206,7 +206,7 @@ class ManagedParameters(Generic[C]):
 
     def _log_changes(self, before: Mapping[str, Any], after: Mapping[str, Any]) -> None:
         changes = ", ".join(
-            f"{name} {shown(before[name])} to {shown(value)}"
+            f"{name} {text_of(before[name])} to {text_of(value)}"
             for name, value in after.items()
             if value != before[name]
         )
@@ -223,7 +223,7 @@ class ManagedParameters(Generic[C]):
             spec = self._specs[name]
             wanted = spec.validated(value, owner=self._kind.owner)
             if not spec.may_change(in_force[name], wanted):
-                kept = shown(in_force[name])
+                kept = text_of(in_force[name])
                 if spec.live and in_force[name] != 0:
                     kept = "not 0"
                 raise ConfigurationError(

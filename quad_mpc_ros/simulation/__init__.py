@@ -1,4 +1,4 @@
-"""What is flown without hardware: plants, sensors, wind, and the closed loop in one process.
+"""Simulation: plants, sensors, wind, and the closed loop in one process.
 
 May import control and references; the plants' physics is written apart from the model's.
 """

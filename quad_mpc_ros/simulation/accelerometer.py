@@ -1,8 +1,7 @@
-"""An accelerometer at the origin of the body, of any plant.
+"""An accelerometer at the origin of the body, for any plant.
 
-It is one that integrates: it measures by how much the velocity changed since the measurement
-before, over the time and less gravity, in the body half way. It does not ask what the plant's
-equations are, and measures the ground contact as well.
+It measures the change of the velocity since the previous measurement over time, less gravity, in
+the midpoint body frame. It is independent of the plant's equations and includes ground contact.
 """
 
 from __future__ import annotations
@@ -30,10 +29,10 @@ class _Moment(NamedTuple):
 
 
 class Accelerometer:
-    """Measures a plant between its odometries, if it is to, and keeps what was measured."""
+    """Measures a plant between its odometries, if configured, and buffers the samples."""
 
     def __init__(self, plant: Plant, config: SimulatorConfig, *, stamp_offset_ns: int) -> None:
-        """``stamp_offset_ns`` is by how much a stamp is later than the time of the plant."""
+        """``stamp_offset_ns`` is the stamp less the time of the plant."""
         self._plant, self._stamp_offset_ns = plant, stamp_offset_ns
         self._per_odometry = math.ceil(config.imu_rate / config.odom_rate - 1e-9)
         self._noise, self._bias = config.imu_noise, np.array(config.imu_bias)
@@ -45,7 +44,7 @@ class Accelerometer:
         self._measured: list[ImuSample] = []
 
     def plan(self, from_ns: int, to_ns: int) -> None:
-        """Measure next evenly between the times of two odometries, last with the second."""
+        """Schedule regular measurements between two odometries, the last with the second."""
         if self._per_odometry == 0:
             return
         if self._before is None:
@@ -54,7 +53,7 @@ class Accelerometer:
         self._due_ns = [from_ns + (k + 1) * (to_ns - from_ns) // count for k in range(count)]
 
     def advance_to(self, time_ns: int) -> None:
-        """Move the plant to a time, and measure on the way."""
+        """Advance the plant to a time, and measure on the way."""
         while self._due_ns and self._due_ns[0] <= time_ns:
             due_ns = self._due_ns.pop(0)
             self._plant.advance_to(due_ns)
@@ -62,7 +61,7 @@ class Accelerometer:
         self._plant.advance_to(time_ns)
 
     def take(self) -> tuple[ImuSample, ...]:
-        """Return what was measured since the last call."""
+        """Return the samples since the last call."""
         measured, self._measured = tuple(self._measured), []
         return measured
 
@@ -81,6 +80,6 @@ class Accelerometer:
 
 
 def _moment(truth: OdometrySample) -> _Moment:
-    """Return what is measured of a true odometry under the time of the plant."""
+    """Return time, velocity and attitude of a true odometry."""
     R_WB = so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw)
     return _Moment(truth.stamp_ns, R_WB @ truth.v_WB_B, R_WB)

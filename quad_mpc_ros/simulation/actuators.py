@@ -1,11 +1,10 @@
-"""From the command in force to what the motors do: first-order lags, compiled.
+"""Actuators of the plant: first-order lags, compiled.
 
-Body rates and throttle y follow the command c as dy/dt = (c - y) / tau, with time constants in
-seconds; with 0 the command is followed at once. It is the throttle signal that lags, the thrust
-follows by the curve.
+Body rates and throttle y follow the command c as dy/dt = (c - y) / tau; without lag if tau is 0.
+The throttle signal lags, the thrust follows from the curve.
 
-Separate from those of the controller's model (``control/model/actuators.py``) on purpose: a shared
-mistake would not show.
+The controller's model (``control/model/actuators.py``) is implemented independently, so that tests
+find errors.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ ActuatorState = tuple[float, kernels.Vector]
 """Throttle and body rates [rad/s]."""
 
 TimeConstants = tuple[float, kernels.Vector]
-"""Of the throttle and of each body rate [s]."""
+"""Time constants of the throttle and of each body rate [s]."""
 
 
 @compiled
@@ -98,5 +97,5 @@ def _gained(time_constant: float, duration: float) -> float:
 
 @compiled
 def _kept(time_constant: float, duration: float) -> float:
-    """Return which share of the distance to the command is left."""
+    """Return the remaining share of the distance to the command."""
     return math.exp(-duration / time_constant) if time_constant > 0.0 else 0.0

@@ -34,35 +34,35 @@ from quad_mpc_ros.simulation.sensors import (
     stamp_offset_ns,
 )
 from quad_mpc_ros.simulation.surroundings import (
-    NOTHING_SEEN,
+    NOTHING_SENSED,
     Collision,
-    Seen,
-    World,
+    ObstacleReceiver,
+    SensedObstacles,
     configured_surroundings,
 )
 
 _DEFAULT_DURATION = 10.0  # s
 
 ControlLaw = Callable[[OdometrySample, ReferenceWindow], CommandSample | None]
-"""Returns the command that answers an odometry, or None for none: the last one goes on."""
+"""Returns the command for an odometry, or None to keep the last one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopStep:
-    """One odometry of the loop and what followed from it.
+    """One odometry of the loop and its results.
 
     Attributes:
-        odometry: What was measured.
+        odometry: The measured odometry.
         truth: The odometry without errors.
         sent_ns: When it was sent [ns]. The command took effect then or, with a delay, began its
             way.
         window: The reference from the odometry's stamp on.
-        tick: What the controller did; None when the control rate skipped the odometry, and with
-            a control law of one's own.
-        command: What was sent to the plant, if anything was.
-        voltage: That of the battery [V], where it was measured with the odometry.
+        tick: Tick of the controller; None if the control rate skipped the odometry, and with a
+            control law.
+        command: The command sent to the plant, if any.
+        voltage: Voltage of the battery [V], if measured with the odometry.
         imu: IMU samples since the last odometry, delivered before it.
-        seen: Obstacles that a sensor reports with it.
+        sensed: Obstacles reported by a sensor with the odometry.
         collision: Where it flew into one since the step before, which ends the flight.
     """
 
@@ -74,7 +74,7 @@ class LoopStep:
     command: CommandSample | None
     voltage: float | None = None
     imu: tuple[ImuSample, ...] = ()
-    seen: Seen = NOTHING_SEEN
+    sensed: SensedObstacles = NOTHING_SENSED
     collision: Collision | None = None
 
 
@@ -87,7 +87,7 @@ def fly(
     trajectory: Trajectory | Path | None = None,
     controller: Controller | ControlLaw | None = None,
     scene: Scene | None = None,
-    world: World | None = None,
+    world: ObstacleReceiver | None = None,
     on_reference: bool = False,
 ) -> Iterator[LoopStep]:
     """Fly the closed loop and yield every odometry that is sent with what followed from it.
@@ -132,9 +132,9 @@ def fly(
         now_ns = SIMULATION_START_NS + sent.time_ns
         window = ahead.window(sent.odometry.stamp_ns)
         measured_ns = sent.truth.stamp_ns - SIMULATION_START_NS
-        seen, collision = NOTHING_SEEN, None
+        sensed, collision = NOTHING_SENSED, None
         if around is not None:
-            seen = around.look(sent.truth, measured_ns)
+            sensed = around.look(sent.truth, measured_ns)
             collision = around.collision(sent.truth, measured_ns)
         if world is not None:
             world.receive_odometry(sent.odometry)
@@ -142,7 +142,7 @@ def fly(
         if command is not None:
             plant.apply(command)
         if world is not None:
-            _tell(world, seen)
+            _deliver(world, sensed)
         yield LoopStep(
             odometry=sent.odometry,
             truth=sent.truth,
@@ -152,7 +152,7 @@ def fly(
             command=command,
             voltage=sent.voltage,
             imu=sent.imu,
-            seen=seen,
+            sensed=sensed,
             collision=collision,
         )
         if collision is not None:
@@ -194,12 +194,12 @@ def _answered(
     return tick, None if tick is None else tick.command
 
 
-def _tell(world: World, seen: Seen) -> None:
-    """Tell a world what is seen, for the next tick, as the node does in lockstep."""
-    if seen.cloud is not None:
-        world.receive_cloud(seen.cloud)
-    if seen.markers:
-        world.receive_markers(seen.markers)
+def _deliver(world: ObstacleReceiver, sensed: SensedObstacles) -> None:
+    """Deliver sensed obstacles for the next tick, as the node does in lockstep."""
+    if sensed.cloud is not None:
+        world.receive_cloud(sensed.cloud)
+    if sensed.markers:
+        world.receive_markers(sensed.markers)
 
 
 def _trajectory(reference: ReferenceConfig, given: Trajectory | Path | None) -> Trajectory:

@@ -31,13 +31,12 @@ P_contra = TypeVar("P_contra", contravariant=True)
 
 @dataclass(frozen=True, kw_only=True)
 class PlantEntry(Generic[P_contra]):
-    """How a plant is made of the parameters.
+    """Registration of a plant.
 
-    Other packages add theirs by an entry point of the group ``quad_mpc_ros.plants`` that leads to
-    one of these; ``parameters`` is then the class of the plant's own. ``preset`` is the parameter
-    file that comes with it: what the controller must know of a plant that is not the package's
-    own vehicle. ``has_own`` names parameters that this plant replaces; they must keep their
-    defaults.
+    Other packages register one by an entry point of the group ``quad_mpc_ros.plants``;
+    ``parameters`` is the class of its own parameters. ``preset`` is the parameter file with the
+    vehicle of the plant, for the controller. ``has_own`` names parameters that this plant
+    replaces; they must keep their defaults.
     """
 
     make: Callable[[P_contra], Plant]
@@ -47,7 +46,7 @@ class PlantEntry(Generic[P_contra]):
 
 
 def _optional(name: str) -> Callable[[SimulatorConfig], Plant]:
-    """Return what makes a plant that is an optional part of the package."""
+    """Return the factory of a plant that is an optional part of the package."""
 
     def make(config: SimulatorConfig) -> Plant:
         plant: Plant = optional_part(f"{name}_plant", needed_by="simulator.plant")(config)
@@ -68,33 +67,30 @@ PLANTS: dict[str, PlantEntry[SimulatorConfig]] = {
 
 
 def plant_entry(name: str) -> PlantEntry[SimulatorConfig] | None:
-    """Return how the plant of a name is made, this package's or another's."""
+    """Return the entry of a plant of this or another package, None for an unknown name."""
     found = PLANTS.get(name) or registered(SimulatorConfig.group, name)
     assert found is None or isinstance(found, PlantEntry)
     return found
 
 
 def make_plant(config: SimulatorConfig) -> Plant:
-    """Return the configured plant at its start.
+    """Return the configured plant in its initial state.
 
-    Raises :class:`UserError` when what it needs is not installed.
+    Raises :class:`UserError` if a requirement is not installed.
     """
     return config.entry().make(config)
 
 
 def compile_plant(config: SimulatorConfig) -> None:
-    """Move a plant like the configured one and discard it: real time must not wait for compiling.
-
-    Raises as :func:`make_plant`.
-    """
+    """Compile the code of the configured plant; raises as :func:`make_plant`."""
     plant = make_plant(config)
     plant.advance_to(1)
     plant.odometry(1)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChoiceParameters(ExtensibleConfiguration, VehicleParameters):
-    """What flies."""
+class PlantChoiceParameters(ExtensibleConfiguration, VehicleParameters):
+    """Selection of the plant."""
 
     owner = "simulator"
     choice = "plant"
@@ -116,7 +112,7 @@ class OwnParameters(BetaflightParameters, MujocoParameters, RotorpyParameters, I
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulatorConfig(OwnParameters, ChoiceParameters):
+class SimulatorConfig(OwnParameters, PlantChoiceParameters):
     """The plant, with its own parameters so that it can differ from the controller's model.
 
     By default it has no wind, noise or losses.
@@ -223,9 +219,9 @@ class SimulatorConfig(OwnParameters, ChoiceParameters):
 
     @classmethod
     def share(cls, common: Mapping[str, object], own: Mapping[str, object]) -> dict[str, object]:
-        """Return the true vehicle as a vehicle file has it; a plant's own lags are not in it.
+        """Return the parameters of a vehicle file for this plant, without lags of its own.
 
-        The vehicle's input delay counts from the stamp of the odometry to the command's effect.
+        The vehicle's input delay is from the stamp of the odometry to the command's effect.
         """
         share = super().share(common, own)
         entry = plant_entry(str(own.get(cls.choice, "internal")))
@@ -237,7 +233,7 @@ class SimulatorConfig(OwnParameters, ChoiceParameters):
         return share
 
     def vehicle_values(self) -> dict[str, Any]:
-        """Return what this plant was given of the vehicle, by the names of a vehicle file."""
+        """Return the vehicle of this plant by the names of a vehicle file."""
         values = super().vehicle_values()
         has_own = self.entry().has_own
         if "rate_time_constant" not in has_own:
@@ -257,7 +253,7 @@ class SimulatorConfig(OwnParameters, ChoiceParameters):
                 )
 
     def entry(self) -> PlantEntry[SimulatorConfig]:
-        """Return how the plant is made."""
+        """Return the entry of the plant."""
         found = plant_entry(self.plant)
         assert found is not None
         return found

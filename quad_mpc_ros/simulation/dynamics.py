@@ -1,6 +1,6 @@
-"""Continuous dynamics of the plant, as printed in the paper and of the true rigid body, compiled.
+"""Continuous dynamics of the plant, of the paper and of the true rigid body, compiled.
 
-The controller predicts by ``control/model/rollout.py``: the two are separate on purpose.
+The model of the controller (``control/model/rollout.py``) is implemented independently.
 
 World ENU, body FLU: gravity is -g along world z and thrust is along +z of the body. The paper
 writes NED/FRD, where both signs flip. Velocity is in body axes, as in the paper.
@@ -14,32 +14,35 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import kernels
 
 Drive = tuple[float, kernels.Vector]
-"""What moves the vehicle: thrust over mass along body z [m/s^2], and body rates [rad/s]."""
+"""Specific thrust along body z [m/s^2], and body rates [rad/s]."""
 
-Course = tuple[Drive, Drive, Drive, kernels.Matrix, kernels.Matrix]
-"""The drive at start, middle and end of a step, and the turns over its first and second half."""
+DrivenStep = tuple[Drive, Drive, Drive, kernels.Matrix, kernels.Matrix]
+"""Drive at start, middle and end of a step, and rotations over its first and second half."""
 
-World = tuple[bool, float, kernels.Vector, kernels.Vector, float, kernels.Vector]
-"""Whether the true rigid body flies, gravity [m/s^2], drag of each body axis [1/s], that of the
-rotors at the speed of hover [1/s], thrust gained by flying across them [1/m], velocity of the air
-[m/s]."""
+Environment = tuple[bool, float, kernels.Vector, kernels.Vector, float, kernels.Vector]
+"""Whether the dynamics are those of the rigid body, gravity [m/s^2], drag of each body axis [1/s],
+rotor drag at the speed of hover [1/s], translational lift [1/m], velocity of the air [m/s]."""
 
 
 @compiled
 def paper_dynamics(
-    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: World
+    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: Environment
 ) -> kernels.Vector:
-    """Return dv/dt of Eq. (3) literally: nothing transports the velocity as body axes turn.
+    """Return dv/dt of Eq. (3) literally, without the transport term of rotating axes.
 
-    Drag and what flying across the rotors lifts act on the velocity relative to the air. Drag of
-    the rotors is proportional to their speed, and that to the root of the thrust.
+    Drag and translational lift depend on the velocity relative to the air. Rotor drag is
+    proportional to the rotors' speed, which is proportional to the root of the thrust.
     """
     lift, _ = drive
     _, gravity, air, rotors, gained, wind_W = world
-    turning = math.sqrt(max(lift, 0.0) / gravity)
+    rotor_speed = math.sqrt(max(lift, 0.0) / gravity)
     wind_B = kernels.apply_transposed(R_WB, wind_W)
     u, v, w = v_WB_B[0] - wind_B[0], v_WB_B[1] - wind_B[1], v_WB_B[2] - wind_B[2]
-    drag = air[0] + turning * rotors[0], air[1] + turning * rotors[1], air[2] + turning * rotors[2]
+    drag = (
+        air[0] + rotor_speed * rotors[0],
+        air[1] + rotor_speed * rotors[1],
+        air[2] + rotor_speed * rotors[2],
+    )
     up_B = kernels.column(kernels.transposed(R_WB), 2)
     return (
         -gravity * up_B[0] - drag[0] * u,
@@ -50,7 +53,7 @@ def paper_dynamics(
 
 @compiled
 def rigid_body_dynamics(
-    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: World
+    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: Environment
 ) -> kernels.Vector:
     """Return dv/dt of the true rigid body: Eq. (3) with -omega x v of a turning frame."""
     printed = paper_dynamics(v_WB_B, R_WB, drive, world)
@@ -60,9 +63,9 @@ def rigid_body_dynamics(
 
 @compiled
 def dynamics(
-    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: World
+    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: Environment
 ) -> tuple[kernels.Vector, kernels.Vector]:
-    """Return dp/dt in the world and dv/dt in the body, of whichever of the two flies."""
+    """Return dp/dt in the world and dv/dt in the body, by the selected dynamics."""
     is_rigid_body = world[0]
     if is_rigid_body:
         rate = rigid_body_dynamics(v_WB_B, R_WB, drive, world)
@@ -76,14 +79,13 @@ def integrated(
     p_WB: kernels.Vector,
     v_WB_B: kernels.Vector,
     R_WB: kernels.Matrix,
-    course: Course,
-    world: World,
+    course: DrivenStep,
+    world: Environment,
     duration: float,
 ) -> tuple[kernels.Vector, kernels.Vector, kernels.Matrix]:
     """Return position, velocity and rotation after one Runge-Kutta step of order 4 [s].
 
-    The attitude is turned as the course says, which is exact under a body rate that is held;
-    position and velocity are integrated along it.
+    The attitude follows the rotations of the ``course``, which are exact at constant body rates.
     """
     start, middle, end, first_turn, second_turn = course
     R_half = kernels.multiply(R_WB, first_turn)

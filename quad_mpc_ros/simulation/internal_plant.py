@@ -1,8 +1,7 @@
 """The package's own vehicle: true state, actuators, wind, ground.
 
-Its equations and its integrator are not those of ``control/model/rollout.py``, by which the
-controller predicts: they are written twice on purpose, so that a mistake in one of them shows in
-flight.
+Equations and integrator are independent of those of the controller (``control/model/rollout.py``),
+so that flights show errors.
 """
 
 from __future__ import annotations
@@ -19,11 +18,10 @@ from quad_mpc_ros.control.model.state import Input, State
 from quad_mpc_ros.simulation import motion
 from quad_mpc_ros.simulation.parameters import LONGEST_TIME_CONSTANT, PlantParameters
 from quad_mpc_ros.simulation.plant import DelayedPlant, odometry_of
-from quad_mpc_ros.simulation.records import Inputs, Measured
+from quad_mpc_ros.simulation.records import Measured, PlantInputs
 
-# Steps per time constant, for the integrator to follow a lag, and the shortest step for that.
-_STEPS_PER_LAG = 10
-_SHORTEST_STEP = 5e-4
+_STEPS_PER_LAG = 10  # of the integrator, per time constant
+_SHORTEST_STEP = 5e-4  # s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +53,7 @@ class InternalParameters(PlantParameters):
 
 
 class InternalPlant(DelayedPlant):
-    """Integrates the equations of motion between any two times with the commands in force.
+    """Integrates the equations of motion between any two times with the active commands.
 
     Steps of the integrator end where a command begins to act and where the gusts change.
     """
@@ -74,7 +72,7 @@ class InternalPlant(DelayedPlant):
             rate_time_constant=config.rate_time_constant,
             thrust_time_constant=config.thrust_time_constant,
         )
-        self._inputs, self._x = Inputs.zeros(), motion.VehicleState.zeros()
+        self._inputs, self._x = PlantInputs.zeros(), motion.VehicleState.zeros()
         self._x["R_WB"][:] = so3.rotation_from_quaternion_xyzw(config.initial_attitude)
         self._x["p_WB"][:] = config.initial_position
         self._x["v_WB_B"][:] = self._x["R_WB"].T @ np.array(config.initial_velocity)

@@ -1,7 +1,6 @@
-"""The motion of the package's own vehicle while neither command nor wind changes, compiled.
+"""The motion of the internal plant at constant command and wind, compiled.
 
-One call moves it over any number of steps of the integrator: actuators, equations of motion,
-ground.
+One call advances any number of steps: actuators, equations of motion, ground.
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vec
 from quad_mpc_ros.control.lie import kernels
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.actuators import ActuatorState, TimeConstants, later, thrust_at, turn
-from quad_mpc_ros.simulation.dynamics import Course, Drive, integrated
-from quad_mpc_ros.simulation.records import Inputs, Measured, store_quaternion
+from quad_mpc_ros.simulation.dynamics import Drive, DrivenStep, integrated
+from quad_mpc_ros.simulation.records import Measured, PlantInputs, store_quaternion
 
 
 class VehicleState(Record):
@@ -62,12 +61,12 @@ def constants(
 @compiled
 def advance(
     state: RecordArray[VehicleState],
-    inputs: RecordArray[Inputs],
+    inputs: RecordArray[PlantInputs],
     vehicle: RecordArray[VehicleConstants],
     steps: int,
     duration: float,
 ) -> None:
-    """Move a state over steps of equal ``duration`` [s] under inputs in force."""
+    """Advance a state by steps of equal ``duration`` [s] under constant inputs."""
     x, u_in, numbers = state[()], inputs[()], vehicle[()]
     gravity, lift = numbers.gravity, kernels.vector(numbers.lift)
     lags = numbers.thrust_time_constant, kernels.vector(numbers.rate_time_constant)
@@ -86,7 +85,7 @@ def advance(
         before = u
         course, u = _driven(before, followed, lags=lags, lift=lift, duration=duration)
         if _on_ground(p, v) and thrust_at(max(before[0], u[0]), lift) <= gravity:
-            u = _held(u, lags)  # the ground carries it: no command turns it there
+            u = _held(u, lags)  # the ground prevents rotation
             continue
         p, v, R = integrated(p, v, R, course=course, world=world, duration=duration)
         if not (p[2] > 0.0 or (p[2] == 0.0 and kernels.apply(R, v)[2] > 0.0)):
@@ -101,14 +100,14 @@ def advance(
 
 @compiled
 def measure(state: RecordArray[VehicleState], out: RecordArray[Measured]) -> None:
-    """Write the true motion. On the ground nothing turns, whatever the command."""
-    x, seen = state[()], out[()]
+    """Write the true motion, without rotation on the ground."""
+    x, measured = state[()], out[()]
     p, v = kernels.vector(x.p_WB), kernels.vector(x.v_WB_B)
-    kernels.store_vector(p, seen.p_WB)
-    store_quaternion(kernels.quaternion(kernels.matrix(x.R_WB)), seen.q_WB_xyzw)
-    kernels.store_vector(v, seen.v_WB_B)
+    kernels.store_vector(p, measured.p_WB)
+    store_quaternion(kernels.quaternion(kernels.matrix(x.R_WB)), measured.q_WB_xyzw)
+    kernels.store_vector(v, measured.v_WB_B)
     w = (0.0, 0.0, 0.0) if _on_ground(p, v) else kernels.vector(x.w_WB_B)
-    kernels.store_vector(w, seen.w_WB_B)
+    kernels.store_vector(w, measured.w_WB_B)
 
 
 @compiled
@@ -118,8 +117,8 @@ def _driven(
     lags: TimeConstants,
     lift: kernels.Vector,
     duration: float,
-) -> tuple[Course, ActuatorState]:
-    """Return how actuators drive the vehicle over a step, and what they are at its end."""
+) -> tuple[DrivenStep, ActuatorState]:
+    """Return the drive of a step, and the actuators at its end."""
     half = 0.5 * duration
     middle = later(u, command=command, lags=lags, duration=half)
     end = later(middle, command=command, lags=lags, duration=half)
@@ -135,7 +134,7 @@ def _drive(u: ActuatorState, lift: kernels.Vector) -> Drive:
 
 @compiled
 def _held(u: ActuatorState, lags: TimeConstants) -> ActuatorState:
-    """Return the actuators of a body on the ground: rates that lag start again from zero."""
+    """Return the actuators of a body on the ground, where rates with a lag are reset to zero."""
     x, y, z = u[1]
     return u[0], (
         0.0 if lags[1][0] > 0.0 else x,
@@ -148,7 +147,7 @@ def _held(u: ActuatorState, lags: TimeConstants) -> ActuatorState:
 def _landed(
     p_WB: kernels.Vector, R_WB: kernels.Matrix
 ) -> tuple[kernels.Vector, kernels.Vector, kernels.Matrix]:
-    """Return a vehicle that the ground has stopped: at rest, level, heading kept."""
+    """Return the state after a touchdown: at rest, level, same heading."""
     cosine, sine, _ = kernels.column(R_WB, 0)
     return (
         (p_WB[0], p_WB[1], 0.0),
@@ -159,5 +158,5 @@ def _landed(
 
 @compiled
 def _on_ground(p_WB: kernels.Vector, v_WB_B: kernels.Vector) -> bool:
-    """Known here; the controller estimates it (``control/estimation/ground_detector.py``)."""
+    """Whether the vehicle is at rest on the ground."""
     return p_WB[2] <= 0.0 and v_WB_B[0] == 0.0 and v_WB_B[1] == 0.0 and v_WB_B[2] == 0.0

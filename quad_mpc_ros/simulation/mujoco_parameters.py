@@ -1,4 +1,4 @@
-"""The parameters of the plant ``mujoco``, beside those of the plant ``rotors``.
+"""The parameters of the plant ``mujoco``, in addition to those of the plant ``rotors``.
 
 Lengths in the world are in its frame, in which the origin of a vehicle that stands on level ground
 is at height 0: the ground is ``airframe.clearance`` below.
@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter
 from quad_mpc_ros.simulation.rotors.parameters import RotorsPlantParameters
 
-_STEEPEST = math.radians(60.0)
+_MAX_SLOPE = math.radians(60.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactParameters(Configuration):
-    """What happens where two things touch, whichever they are."""
+    """Contact between two bodies."""
 
     owner = "simulator.mujoco.contact"
 
@@ -44,7 +44,7 @@ class GroundParameters(Configuration):
     owner = "simulator.mujoco.ground"
 
     slope: float = parameter(
-        0.0, doc="Inclination of the ground.", unit="rad", minimum=0.0, maximum=_STEEPEST
+        0.0, doc="Inclination of the ground.", unit="rad", minimum=0.0, maximum=_MAX_SLOPE
     )
     slope_heading: float = parameter(
         0.0, doc="Way up the slope, from east anticlockwise.", unit="rad"
@@ -155,7 +155,7 @@ class PayloadParameters(Configuration):
 
 @dataclass(frozen=True, kw_only=True)
 class SurroundingsParameters(Configuration):
-    """What there is to touch, and what touches it."""
+    """Contact, ground, gear, deck, walls and payload."""
 
     owner = "simulator.mujoco"
 

@@ -15,13 +15,12 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.vehicle import Vehicle, VehicleParameters
 
 LONGEST_TIME_CONSTANT = 10.0  # s
-# Above this deviation of its length from 1 a quaternion is a mistake and not a rounded one.
-_QUATERNION_TOLERANCE = 1e-3
-_DRAWN_AT_ONCE = 64
+_QUATERNION_TOLERANCE = 1e-3  # of its length
+_NOISE_BLOCK_SIZE = 64  # rows
 
 
 class Stream(IntEnum):
-    """What random numbers are for. The numbers are part of what a seed means: never renumber."""
+    """Purposes of random numbers. Never renumber them: seeds would change their meaning."""
 
     GUSTS = 0
     NOISE = 1
@@ -130,4 +129,4 @@ class PlantParameters(VehicleParameters):
 def white_noise(random: np.random.Generator, size: int) -> Iterator[Array]:
     """Yield rows (size,) from N(0, 1) without end: those of draws row by row, but drawn ahead."""
     while True:
-        yield from random.standard_normal((_DRAWN_AT_ONCE, size))
+        yield from random.standard_normal((_NOISE_BLOCK_SIZE, size))

@@ -1,4 +1,4 @@
-"""What a plant is, and what most plants have in common: time, late commands, moving air."""
+"""The interface of plants, and a base class with time, command delay and wind."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from quad_mpc_ros.simulation.wind import NEVER_NS, Wind
 SIMULATION_START_NS = 1_000_000_000
 """Simulated time begins here, not at zero, which ROS reads as "no time yet"."""
 
-_FASTEST = 1e3  # rad/s, many times what any vehicle turns at
+_MAX_BODY_RATE = 1e3  # rad/s, far beyond that of any vehicle
 
 
 class Plant(Protocol):
-    """A vehicle that commands move through time, in nanoseconds from its start."""
+    """A simulated vehicle; times are in nanoseconds from its start."""
 
     def apply(self, command: CommandSample) -> None:
         """Take a command that arrives now."""
 
     def advance_to(self, time_ns: int) -> None:
-        """Move to a time; a time already past changes nothing."""
+        """Advance to a time; a past time changes nothing."""
 
     def odometry(self, stamp_ns: int) -> OdometrySample:
         """Return the true odometry under a stamp."""
@@ -36,7 +36,7 @@ class Plant(Protocol):
 
 @runtime_checkable
 class Powered(Protocol):
-    """A plant that knows the voltage of its battery."""
+    """A plant with a battery voltage."""
 
     @property
     def battery_voltage(self) -> float | None:
@@ -46,7 +46,7 @@ class Powered(Protocol):
 def odometry_of(
     measured: RecordArray[Measured], config: PlantParameters, *, stamp_ns: int
 ) -> OdometrySample:
-    """Return what was measured as an odometry under a stamp."""
+    """Return a measurement as an odometry with a stamp."""
     return OdometrySample(
         stamp_ns=stamp_ns,
         p_WB=measured["p_WB"],
@@ -61,8 +61,8 @@ def odometry_of(
 class DelayedPlant(ABC):
     """A plant whose commands act after a delay, in wind and gusts.
 
-    Derived classes integrate: :meth:`_integrate` and :meth:`_follow`. No step of theirs goes
-    beyond where a command begins to act or where the gusts change.
+    Derived classes implement :meth:`_integrate` and :meth:`_follow`. Steps end where a command
+    begins to act and where the gusts change.
     """
 
     def __init__(self, config: PlantParameters) -> None:
@@ -80,11 +80,11 @@ class DelayedPlant(ABC):
 
     @abstractmethod
     def _follow(self, command: Input) -> None:
-        """Follow a command from now on."""
+        """Set the active command."""
 
     @abstractmethod
     def _integrate(self, duration_ns: int) -> None:
-        """Move the state by a time in which neither command nor wind changes."""
+        """Integrate the state over a time with constant command and wind."""
 
     @property
     def wind_W(self) -> Array:
@@ -92,10 +92,10 @@ class DelayedPlant(ABC):
         return self._wind.velocity_W
 
     def apply(self, command: CommandSample) -> None:
-        """Take a command that arrives now. The throttle saturates; values that are not finite, or
-        rates beyond any vehicle, are ignored."""
+        """Take a command that arrives now. The throttle saturates; commands with non-finite values
+        or implausible rates are ignored."""
         rates = command.w_WB_B.tolist()
-        if not (math.isfinite(command.throttle) and all(abs(w) <= _FASTEST for w in rates)):
+        if not (math.isfinite(command.throttle) and all(abs(w) <= _MAX_BODY_RATE for w in rates)):
             return
         throttle = min(max(command.throttle, 0.0), 1.0)
         u = Input(throttle=throttle, w_WB_B=command.w_WB_B.copy())
@@ -103,7 +103,7 @@ class DelayedPlant(ABC):
         self._follow_commands()
 
     def advance_to(self, time_ns: int) -> None:
-        """Integrate to a time; a time already past changes nothing."""
+        """Integrate to a time; a past time changes nothing."""
         while self.time_ns < time_ns:
             command_ns = self._waiting[0][0] if self._waiting else NEVER_NS
             until_ns = min(time_ns, command_ns, self._wind.next_ns)

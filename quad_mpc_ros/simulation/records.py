@@ -1,4 +1,4 @@
-"""Records that the plants share: what acts on a vehicle, and what its sensors would measure."""
+"""Records shared by the plants: inputs, and the measured motion."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from quad_mpc_ros.control.lie import Array, kernels
 _X, _Y, _Z, _W = range(4)
 
 
-class Inputs(Record):
-    """What acts on a vehicle, held over a time."""
+class PlantInputs(Record):
+    """Constant inputs of a vehicle."""
 
     throttle: float  # 0 to 1
     w_WB_B: Vector3  # commanded body rates [rad/s]

@@ -1,4 +1,4 @@
-"""Several shapes and the space in which to fly, as a file states them."""
+"""Obstacles and the volume of flight, as read from a file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from quad_mpc_ros.simulation.shapes import Shape
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Volume:
-    """A box of corners ``minimum`` and ``maximum`` (3,) [m], in which to stay."""
+    """The volume of flight, a box with corners ``minimum`` and ``maximum`` (3,) [m]."""
 
     minimum: Array
     maximum: Array
@@ -24,7 +24,7 @@ class Volume:
 
 
 class Scene:
-    """Shapes over time, and the volume of flight, if there is one; times in seconds."""
+    """Shapes over time [s], and the volume of flight, if there is one."""
 
     def __init__(self, shapes: Sequence[Shape] = (), volume: Volume | None = None) -> None:
         self.shapes = tuple(shapes)
@@ -35,23 +35,23 @@ class Scene:
         self._radii = np.array([shape.outer_radius for shape in shapes])
 
     @property
-    def standing(self) -> Scene:
-        """Those of the shapes that are there from the start and do not move."""
+    def static(self) -> Scene:
+        """The scene with the shapes that exist from the start and do not move."""
         still = [s for s in self.shapes if not s.moves and s.appears_at <= 0.0]
         return Scene(still, self.volume)
 
     @property
     def changes(self) -> bool:
         """Whether a shape moves, or appears later."""
-        return len(self.standing.shapes) < len(self.shapes)
+        return len(self.static.shapes) < len(self.shapes)
 
     def there(self, seconds: float) -> list[Shape]:
-        """Return the shapes that are there at a time, where they are then."""
+        """Return the shapes that exist at a time, at their positions then."""
         present = np.flatnonzero(self._appears_at <= seconds)
         return [self.shapes[place].after(seconds) for place in present]
 
     def near(self, p_WC: Array, distance: float, seconds: float) -> list[Shape]:
-        """Return those whose surface may be within a distance [m] of a point (3,) [m]."""
+        """Return shapes whose surface may be within a distance [m] of a point (3,) [m]."""
         moved = np.maximum(seconds - self._appears_at, 0.0)[:, None] * self._v_WO_W
         gaps = np.linalg.norm(self._p_WO + moved - p_WC, axis=1) - self._radii
         near = np.flatnonzero((self._appears_at <= seconds) & (gaps <= distance))

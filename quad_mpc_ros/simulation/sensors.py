@@ -18,8 +18,7 @@ from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.parameters import Stream, white_noise
 from quad_mpc_ros.simulation.plant import Plant, Powered
 
-# In periods; below one half, so that odometries stay in order.
-_LARGEST_JITTER = 0.45
+_MAX_JITTER = 0.45  # periods; below one half, so that odometries stay in order
 
 _VOLTAGE_PERIOD_NS = 200_000_000  # of the measurements of a battery
 
@@ -53,7 +52,7 @@ class Sensors:
         self._first = True
 
     def measured(self, truth: OdometrySample) -> OdometrySample:
-        """Return what is measured of a true odometry."""
+        """Return the measurement of a true odometry."""
         if self._exact:
             return truth
         errors = self._bias + self._noise * next(self._white_noise)
@@ -88,7 +87,7 @@ class _Drift:
         self._v_W = np.zeros(3)
 
     def at(self, stamp_ns: int) -> Array:
-        """Return its value (3,) [m/s] at a time no earlier than that of the call before."""
+        """Return the drift (3,) [m/s] at a time not before that of the previous call."""
         if self._deviation > 0.0:
             before_ns, self._stamp_ns = self._stamp_ns, stamp_ns
             kept = 0.0
@@ -112,7 +111,7 @@ def odometry_stamps(config: SimulatorConfig) -> Iterator[int]:
         late = 0.0
         if jitter > 0.0 and number > 0:
             drawn = jitter * random.standard_normal()
-            late = min(max(drawn, -_LARGEST_JITTER), _LARGEST_JITTER)
+            late = min(max(drawn, -_MAX_JITTER), _MAX_JITTER)
         yield round((number + late) * 1e9 / config.odom_rate)
 
 
@@ -139,10 +138,10 @@ class SentOdometry:
 
 
 class OdometryStream:
-    """Moves the plant through time and measures it on the way.
+    """Advances the plant and measures it on the way.
 
-    A measurement at the time at which a command arrives does not yet see the command. What is
-    lost is measured but never sent.
+    A measurement at the arrival of a command does not include the command. Lost odometries are
+    measured but not sent.
     """
 
     def __init__(self, plant: Plant, config: SimulatorConfig, *, start_stamp_ns: int) -> None:

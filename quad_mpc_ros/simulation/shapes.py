@@ -23,13 +23,13 @@ def _zero() -> Array:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shape(ABC):
-    """What all shapes have.
+    """Base class of all shapes.
 
     Attributes:
         p_WO: Its centre (3,) [m], at the time 0.
         R_WO: Its attitude (3, 3).
         v_WO_W: Its velocity (3,) [m/s], constant.
-        appears_at: When it is there [s]; before, it is not.
+        appears_at: Time from which the shape exists [s].
     """
 
     p_WO: Array
@@ -53,7 +53,7 @@ class Shape(ABC):
         """Radius [m] of the smallest sphere about the centre that holds it."""
 
     def after(self, seconds: float) -> Shape:
-        """Return it where it is that much later [s]; before it appears it waits at its start."""
+        """Return the shape at a time [s]; until it appears it stays at its start."""
         moved = max(seconds - self.appears_at, 0.0)
         if not self.moves or moved == 0.0:
             return self
@@ -68,7 +68,7 @@ class Shape(ABC):
 
     def turned(self, vectors_W: Array) -> Array:
         """Return vectors (n, 3) along the shape's axes."""
-        # Not by @: a product of this shape starts threads, which cost more.
+        # einsum, because a matrix product of this shape starts threads, which cost more.
         turned: Array = np.einsum("ni,ij->nj", vectors_W, self.R_WO)
         return turned
 

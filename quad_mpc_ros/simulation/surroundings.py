@@ -1,4 +1,4 @@
-"""What a simulated vehicle flies among, as the simulator asks for it; what it is, is optional."""
+"""The simulator's interface to obstacles, which are an optional part."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from quad_mpc_ros.messages.obstacle_messages import Marker
 from quad_mpc_ros.messages.point_cloud import PointCloud
 from quad_mpc_ros.simulation.scene import Scene
 
-_FILE = "simulator.obstacles.file"
+_FILE_PARAMETER = "simulator.obstacles.file"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,7 @@ class ObstacleSensorParameters(Configuration):
 
 
 class Collision(NamedTuple):
-    """When [s], where (3,) [m] and how fast [m/s] a vehicle flew into something."""
+    """Time [s], position (3,) [m] and speed [m/s] of a collision."""
 
     time: float
     p_WB: Array
@@ -46,7 +46,7 @@ class Collision(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The collision in words."""
+        """The collision as text."""
         x, y, z = self.p_WB.tolist()
         return (
             f"it flew into an obstacle at {self.time:.2f} s, at ({x:.2f}, {y:.2f}, {z:.2f}) m "
@@ -54,39 +54,39 @@ class Collision(NamedTuple):
         )
 
 
-class Seen(NamedTuple):
+class SensedObstacles(NamedTuple):
     """The message of a sensor at a time: a cloud, markers, or neither."""
 
     cloud: PointCloud | None = None
     markers: tuple[Marker, ...] = ()
 
 
-NOTHING_SEEN = Seen()
+NOTHING_SENSED = SensedObstacles()
 
 
-class World(Protocol):
-    """The obstacles that the guide of a controller has received in flight.
+class ObstacleReceiver(Protocol):
+    """Receiver of sensed obstacles, for the guide of a controller.
 
-    Each method raises ``ValueError`` for what is of no use.
+    Each method raises ``ValueError`` for unusable input.
     """
 
     def receive_odometry(self, odometry: OdometrySample) -> None:
-        """Take where the vehicle is."""
+        """Take an odometry."""
 
     def receive_cloud(self, cloud: PointCloud) -> None:
-        """Take what a sensor saw as points."""
+        """Take a point cloud."""
 
     def receive_markers(self, markers: Sequence[Marker]) -> None:
         """Take shapes."""
 
 
-class Surroundings(Protocol):
-    """A scene around a vehicle; times from the start of the flight."""
+class ObstacleSimulation(Protocol):
+    """Simulated obstacles around a vehicle; times are from the start of the flight."""
 
     def check_start(self, p_WB: Array) -> None:
         """Raise :class:`UserError` for a vehicle that would begin in contact at ``p_WB`` (3,)."""
 
-    def look(self, truth: OdometrySample, time_ns: int) -> Seen:
+    def look(self, truth: OdometrySample, time_ns: int) -> SensedObstacles:
         """Return the sensor message of an odometry, if the sensor is due."""
 
     def collision(self, truth: OdometrySample, time_ns: int) -> Collision | None:
@@ -94,26 +94,28 @@ class Surroundings(Protocol):
 
 
 def configured_scene(config: ObstacleSensorParameters) -> Scene | None:
-    """Return what the file of the parameters states, None without one.
+    """Return the scene of the configured file, None without a file.
 
-    Raises :class:`UserError` for a file of no use.
+    Raises :class:`UserError` for an unusable file.
     """
     if not config.file:
         return None
-    scene: Scene = optional_part("read_scene", needed_by=_FILE)(files.expanded(config.file))
+    scene: Scene = optional_part("read_scene", needed_by=_FILE_PARAMETER)(
+        files.expanded(config.file)
+    )
     return scene
 
 
 def configured_surroundings(
     config: ObstacleSensorParameters, *, radius: float, scene: Scene | None = None
-) -> Surroundings | None:
-    """Return what surrounds a vehicle: the scene, or the file of the parameters; else None.
+) -> ObstacleSimulation | None:
+    """Return the simulation of a scene, or of the configured file; None without obstacles.
 
-    ``radius`` [m] is the vehicle's. Raises :class:`UserError` for a file of no use.
+    ``radius`` [m] is the vehicle's. Raises :class:`UserError` for an unusable file.
     """
     found = scene or configured_scene(config)
     if found is None:
         return None
-    make = optional_part("simulated_surroundings", needed_by=_FILE)
-    surroundings: Surroundings = make(config, found, radius=radius)
+    make = optional_part("simulated_surroundings", needed_by=_FILE_PARAMETER)
+    surroundings: ObstacleSimulation = make(config, found, radius=radius)
     return surroundings

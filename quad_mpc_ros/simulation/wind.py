@@ -26,8 +26,8 @@ class Wind:
     values per second that are held in between: g' = a g + sigma sqrt(1 - a^2) n with
     a = exp(-V dt / L) and n from N(0, 1), which keeps the variance at sigma^2. The standards
     give the axes across the flight path a filter of second order; a vehicle that hovers has no
-    flight path, so here all axes are alike. V is the speed against the steady wind, but at least
-    1 m/s: at hover the frozen field of gusts would otherwise never pass by.
+    flight path, so here all axes are alike. V is the airspeed in the steady wind, but at least
+    1 m/s, because otherwise the frozen gusts would not change at hover.
     """
 
     def __init__(self, config: PlantParameters) -> None:
@@ -36,7 +36,7 @@ class Wind:
         self._noise = white_noise(config.random(Stream.GUSTS), 3)
         self._gust_W = np.zeros(3)
         self.next_ns = NEVER_NS
-        """When the gusts change next."""
+        """Time of the next change of the gusts."""
         if self._intensity > 0.0:
             self._gust_W = self._intensity * next(self._noise)
             self.next_ns = _GUST_PERIOD_NS
@@ -44,7 +44,7 @@ class Wind:
         """Velocity of the air (3,) [m/s]."""
 
     def advance_to(self, time_ns: int, *, v_WB_W: Array) -> None:
-        """Let the gusts change that are due, for a vehicle with a velocity (3,) [m/s]."""
+        """Update the gusts up to a time, for a vehicle with a velocity (3,) [m/s]."""
         while self.next_ns <= time_ns:
             through_air = v_WB_W - self._steady_W
             self._change(math.sqrt(through_air.dot(through_air)))

@@ -1,4 +1,4 @@
-"""What the tests of the comparison share: states to plan from, and short flights."""
+"""Initial states and short flights, for tests of the comparison."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``quad_mpc --help`` prints, and how little it imports for it."""
+"""``quad_mpc --help``: its text and its few imports."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ assert not slow, slow
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_explains_itself(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_has_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         main([name, "--help"])
     assert end.value.code == 0
@@ -40,7 +40,7 @@ def test_every_command_explains_itself(name: str, capsys: pytest.CaptureFixture[
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS.keys() - {"bag", "campaign", "tune"}))
-def test_an_argument_too_many_leads_to_the_help_of_the_command(
+def test_an_unknown_argument_points_to_the_help_of_the_command(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     taken = ["some"] if name in ("replay", "resolve", "identify", "report", "plan") else []
@@ -48,16 +48,16 @@ def test_an_argument_too_many_leads_to_the_help_of_the_command(
     with pytest.raises(SystemExit) as end:
         main([name, *taken, "--nonsense"])
     assert end.value.code == 2
-    told = capsys.readouterr().err.splitlines()
-    assert told == [
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [
         "error: given --nonsense, expected no such argument",
         f"see quad_mpc {name} --help",
     ]
 
 
 @pytest.mark.parametrize("arguments", [["params"], ["bridges"]])
-def test_a_closed_pipe_is_a_quiet_end(arguments: list[str]) -> None:
-    """As of ``quad_mpc params | head``: whether it ends in the middle or at the last flush."""
+def test_a_closed_pipe_ends_without_a_message(arguments: list[str]) -> None:
+    """A pipe such as ``quad_mpc params | head`` closes in the middle or at the last flush."""
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "quad_mpc_ros.cli", *arguments],
         stdout=subprocess.PIPE,

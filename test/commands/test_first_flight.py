@@ -1,4 +1,4 @@
-"""The vehicle file of the first flight's page reaches every node and command as it stands."""
+"""The vehicle file of the page on the first flight works with every node and command."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def ros(vehicle_file: Path) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("name", NODES)
-def test_a_node_that_is_given_the_file_has_the_vehicle(name: str, ros: None) -> None:
+def test_a_node_with_the_file_has_the_vehicle(name: str, ros: None) -> None:
     from quad_mpc_ros.ros.parameters import ParameterNode, declare
 
     node = ParameterNode(name, automatically_declare_parameters_from_overrides=True)
@@ -154,7 +154,7 @@ def test_a_campaign_flies_the_vehicle(vehicle_file: Path) -> None:
 def test_identify_begins_with_the_vehicle_and_keeps_its_thrust_map(
     vehicle_file: Path, tmp_path: Path
 ) -> None:
-    """The flight was recorded without the vehicle's parameters, as by somebody else's recorder."""
+    """The flight was recorded without the vehicle's parameters, as by another recorder."""
     flown = ("--reference", "excitation", "--duration", "6", "--out", str(tmp_path / "run"))
     heavy = ("--set", "simulator.mass_scale=1.1")
     assert main(["simulate", "--config", str(vehicle_file), *heavy, *flown]) == 0
@@ -176,7 +176,7 @@ def test_identify_begins_with_the_vehicle_and_keeps_its_thrust_map(
     assert bridge.thrust_map.full_thrust == STATED["thrust_map.full_thrust"]
 
 
-def test_a_file_for_the_mpc_alone_is_warned_of(
+def test_warns_of_a_file_for_the_mpc_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "vehicle.yaml"

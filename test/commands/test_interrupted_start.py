@@ -1,4 +1,4 @@
-"""Ctrl-C while a program still starts: it ends, by the signal or with 130, and says little."""
+"""Ctrl-C during the start of a program ends it by the signal or with exit code 130."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def catches_interrupts(pid: int) -> bool:
 def interrupted(command: list[str], after: float, folder: Path) -> tuple[int, str]:
     """Return exit code and errors of a program, interrupted so long after its first own line.
 
-    Before that, Python itself starts, and is nobody's to keep quiet.
+    Before that, Python itself starts, whose messages are not ours.
     """
     python, option, program, *arguments = command
     begins = "import sys; sys.stderr.write('begun\\n'); sys.stderr.flush(); "

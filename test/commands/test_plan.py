@@ -1,4 +1,4 @@
-"""``quad_mpc plan``, and flights along what it writes."""
+"""``quad_mpc plan``, and flights with its plans."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def test_plan_is_written_drawn_checked_and_flown(
 ) -> None:
     out = tmp_path / "race.csv"
     assert main(["plan", str(course), *VEHICLE, *QUICK, "--out", str(out)]) == 0
-    told = capsys.readouterr()
-    assert "gate 2" in told.out and "within the limits" in told.out
+    output = capsys.readouterr().out
+    assert "gate 2" in output and "within the limits" in output
     assert matplotlib.image.imread(out.with_suffix(".png")).std() > 0.01
     assert sorted(path.name for path in tmp_path.glob("race*")) == ["race.csv", "race.png"]
 
@@ -74,7 +74,7 @@ def test_without_a_plan_a_smooth_path_is_flown(course: Path, tmp_path: Path) -> 
 def test_ctrl_c_ends_the_search_and_leaves_nothing(
     later: float, course: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whether it comes between two iterations or in the middle of one."""
+    """The signal arrives between two iterations or in the middle of one."""
     shown_by = command._shown_by
 
     def interrupting(
@@ -96,7 +96,7 @@ def test_ctrl_c_ends_the_search_and_leaves_nothing(
 
 
 @pytest.mark.parametrize(
-    ("changes", "options", "told"),
+    ("changes", "options", "reason"),
     [
         ({"gates": COURSE["gates"][:1]}, [], "given 1, expected 2 to 100 passages"),
         ({"start": [0.0, float("nan"), 1.0]}, [], "start: given [0.0, nan, 1.0], expected 3"),
@@ -109,7 +109,7 @@ def test_ctrl_c_ends_the_search_and_leaves_nothing(
 def test_rejects_bad_input_in_a_sentence(
     changes: dict[str, object],
     options: list[str],
-    told: str,
+    reason: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -117,7 +117,7 @@ def test_rejects_bad_input_in_a_sentence(
     file.write_text(yaml.safe_dump({**COURSE, **changes}))
     out = [] if "--out" in options else ["--out", str(tmp_path / "race.csv")]
     assert main(["plan", str(file), *VEHICLE, *out, *options]) == 2
-    assert told in capsys.readouterr().err
+    assert reason in capsys.readouterr().err
     assert not (tmp_path / "race.csv").exists()
 
 

@@ -1,4 +1,4 @@
-"""``quad_mpc resolve`` and ``quad_mpc identify`` as a user runs them on bags, good and bad."""
+"""``quad_mpc resolve`` and ``quad_mpc identify`` on valid and invalid bags."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def rewritten(
     *,
     parameters: bool = True,
 ) -> Path:
-    """Write a bag anew; ``change`` returns topic, type and message of what becomes of each."""
+    """Rewrite a bag; ``change`` returns the new topic, type and message of each message."""
     reader = BagReader(run / "bag")
     written: list[tuple[str, str, Any, int, int]] = []
     for recorded in reader.messages():
@@ -360,7 +360,7 @@ def test_invalid_bag_is_one_line_and_exit_code_2(
     ],
 )
 @pytest.mark.parametrize("command", ["resolve", "identify"])
-def test_wrong_options(
+def test_rejects_wrong_options(
     command: str,
     arguments: list[str],
     expected: str,
@@ -379,7 +379,7 @@ def test_a_flight_too_short_to_identify(square: Path, capsys: pytest.CaptureFixt
     assert "longer flight" in capsys.readouterr().err
 
 
-def test_what_is_identified_goes_into_config(
+def test_the_identified_file_is_accepted_by_config(
     lagged: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     vehicle = tmp_path / "vehicle.yaml"
@@ -446,7 +446,7 @@ def test_a_bag_without_its_metadata_is_read(lagged: Path, tmp_path: Path) -> Non
     assert main(["identify", str(bag), "--out", str(tmp_path / "vehicle.yaml")]) == 0
 
 
-def test_what_is_whole_of_a_cut_flight_is_used_and_said(
+def test_uses_and_reports_the_readable_part_of_a_cut_flight(
     lagged: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Every command reads what a repair would keep, and says that the bag is unfinished."""

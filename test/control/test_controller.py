@@ -694,6 +694,6 @@ def test_warns_once_of_odometry_that_is_slower_than_the_control(
         now_ns = START + count * SECOND // rate
         controller.receive_odometry(make_odometry(now_ns), now_ns=now_ns)
         warnings += [each for each in controller.take_warnings() if "times a second" in each]
-    told = f"odometry comes {rate}.0 times a second, control_rate is 50: commands come no more"
-    assert [each.startswith(told) for each in warnings] == ([True] if rate < 50 else [])
+    warning = f"odometry comes {rate}.0 times a second, control_rate is 50: commands come no more"
+    assert [each.startswith(warning) for each in warnings] == ([True] if rate < 50 else [])
     assert all(("odom_timeout is 0.1 s" in each) == (rate <= 10) for each in warnings)

@@ -98,8 +98,8 @@ def test_what_comes_next_joins_the_way_where_it_begins() -> None:
     window = delayed.at(held, now_ns)
     begins = delayed.behind
     before = places(window, now_ns, after=np.array([0.5 * begins]))
-    way = SERVER.window(now_ns - round(0.5e9 * begins))
-    np.testing.assert_allclose(before[0], way.p_WB[0], atol=1e-3)
+    reference = SERVER.window(now_ns - round(0.5e9 * begins))
+    np.testing.assert_allclose(before[0], reference.p_WB[0], atol=1e-3)
     after = places(window, now_ns, after=np.array([begins, begins + 0.5]))
     np.testing.assert_allclose(after, np.tile(held.p_WB[0], (2, 1)), atol=1e-9)
 

@@ -62,7 +62,7 @@ def on_request(
         tick = controller.step(sent.odometry, window)
         assert tick is not None
         assert tick.command is not None
-        live.tell_ground(controller.ground_state)
+        live.set_ground_state(controller.ground_state)
         body.apply(tick.command)
         stats = tick.stats
         moments.append(

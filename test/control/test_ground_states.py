@@ -92,7 +92,7 @@ def flown(
         tick = controller.step(sent.odometry, window)
         assert tick is not None
         assert tick.command is not None
-        live.tell_ground(controller.ground_state)
+        live.set_ground_state(controller.ground_state)
         body.apply(tick.command)
         moments.append(
             Moment(
@@ -268,7 +268,7 @@ def test_carried_by_hand_it_never_flies(landed: bool | None) -> None:
         tick = controller.step(odometry, window)
         assert tick is not None
         assert tick.command is not None
-        live.tell_ground(controller.ground_state)
+        live.set_ground_state(controller.ground_state)
         states.append(tick.stats.ground)
         throttles.append(tick.command.throttle)
     assert set(states[1:2500]) == {"unknown" if landed is None else "on_ground"}

@@ -1,4 +1,4 @@
-"""What is asked for in flight takes long to plan, and the vehicle does not feel it."""
+"""Planning a request in flight takes long and does not disturb the flight."""
 
 from __future__ import annotations
 

@@ -33,23 +33,23 @@ def standby(make_odometry: MakeOdometry, make_window: MakeWindow) -> Standby:
 
 
 def test_starts_with_odometry_and_reference(standby: Standby) -> None:
-    assert standby.obstacle(CONFIG, now_ns=NOW) is None
+    assert standby.activation_blocker(CONFIG, now_ns=NOW) is None
 
 
 def test_names_missing_input(make_odometry: MakeOdometry, make_window: MakeWindow) -> None:
     standby = Standby(CONFIG)
     standby.receive_reference(make_window(NOW), now_ns=NOW)
-    assert standby.obstacle(CONFIG, now_ns=NOW) == "no odometry yet"
+    assert standby.activation_blocker(CONFIG, now_ns=NOW) == "no odometry yet"
     standby = Standby(CONFIG)
     standby.receive_odometry(make_odometry(NOW), now_ns=NOW)
-    assert standby.obstacle(CONFIG, now_ns=NOW) == "no reference yet"
+    assert standby.activation_blocker(CONFIG, now_ns=NOW) == "no reference yet"
 
 
 def test_accepts_inputs_up_to_their_timeouts(
     standby: Standby, make_odometry: MakeOdometry
 ) -> None:
-    assert standby.obstacle(CONFIG, now_ns=NOW + 100 * MS) is None
-    too_old = standby.obstacle(CONFIG, now_ns=NOW + 101 * MS)
+    assert standby.activation_blocker(CONFIG, now_ns=NOW + 100 * MS) is None
+    too_old = standby.activation_blocker(CONFIG, now_ns=NOW + 101 * MS)
     assert too_old is not None
     assert too_old.startswith("odometry is 0.10 s old")
     assert "odom_timeout" in too_old
@@ -57,23 +57,23 @@ def test_accepts_inputs_up_to_their_timeouts(
     for age_ms, fresh in ((500, True), (501, False)):
         later = NOW + age_ms * MS
         standby.receive_odometry(make_odometry(later), now_ns=later)
-        obstacle = standby.obstacle(CONFIG, now_ns=later)
+        obstacle = standby.activation_blocker(CONFIG, now_ns=later)
         assert (obstacle is None) == fresh
         assert fresh or (obstacle is not None and obstacle.startswith("reference is 0.50 s old"))
 
 
 def test_rejects_inputs_after_clock_was_set_back(standby: Standby) -> None:
-    assert standby.obstacle(CONFIG, now_ns=NOW - 3_600_000 * MS) is not None
+    assert standby.activation_blocker(CONFIG, now_ns=NOW - 3_600_000 * MS) is not None
 
 
 def test_does_not_start_with_unusable_input(
     standby: Standby, make_odometry: MakeOdometry, make_window: MakeWindow
 ) -> None:
     standby.receive_odometry(make_odometry(NOW, p_WB=np.full(3, np.nan)), now_ns=NOW)
-    assert "not finite" in str(standby.obstacle(CONFIG, now_ns=NOW))
+    assert "not finite" in str(standby.activation_blocker(CONFIG, now_ns=NOW))
     standby.receive_odometry(make_odometry(NOW + 1), now_ns=NOW)
     standby.receive_reference(make_window(NOW, frame_id="map"), now_ns=NOW)
-    assert "frame 'map'" in str(standby.obstacle(CONFIG, now_ns=NOW))
+    assert "frame 'map'" in str(standby.activation_blocker(CONFIG, now_ns=NOW))
 
 
 @pytest.mark.parametrize("stamp_ns", [0, NOW])
@@ -83,25 +83,27 @@ def test_rejects_odometry_whose_stamps_do_not_advance(
     standby = Standby(CONFIG)
     standby.receive_reference(make_window(NOW), now_ns=NOW)
     standby.receive_odometry(make_odometry(stamp_ns), now_ns=NOW)
-    assert standby.obstacle(CONFIG, now_ns=NOW) == "no second odometry yet"
+    assert standby.activation_blocker(CONFIG, now_ns=NOW) == "no second odometry yet"
     for period in range(1, 4):
         now_ns = NOW + period * 20 * MS
         standby.receive_odometry(make_odometry(stamp_ns), now_ns=now_ns)
-        assert standby.obstacle(CONFIG, now_ns=now_ns) == "odometry stamps do not advance"
+        blocker = standby.activation_blocker(CONFIG, now_ns=now_ns)
+        assert blocker == "odometry stamps do not advance"
     standby.receive_odometry(make_odometry(NOW + 80 * MS), now_ns=NOW + 80 * MS)
     standby.receive_odometry(make_odometry(NOW + 100 * MS), now_ns=NOW + 100 * MS)
     later = NOW + 300 * MS
     standby.receive_odometry(make_odometry(later), now_ns=later)
-    assert standby.obstacle(CONFIG, now_ns=later) is None
+    assert standby.activation_blocker(CONFIG, now_ns=later) is None
 
 
 def test_in_lockstep_the_reference_must_be_that_of_the_odometry(
     standby: Standby, make_odometry: MakeOdometry
 ) -> None:
     config = dataclasses.replace(CONFIG, lockstep=True)
-    assert standby.obstacle(config, now_ns=NOW) is None
+    assert standby.activation_blocker(config, now_ns=NOW) is None
     standby.receive_odometry(make_odometry(NOW + 20 * MS), now_ns=NOW)
-    assert "no reference yet for the odometry of" in str(standby.obstacle(config, now_ns=NOW))
+    blocker = standby.activation_blocker(config, now_ns=NOW)
+    assert blocker is not None and "no reference yet for the odometry of" in blocker
 
 
 @pytest.mark.parametrize("lockstep", [False, True])

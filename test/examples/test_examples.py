@@ -1,4 +1,4 @@
-"""Every example, run as a program is, with what must come of it."""
+"""Run every example as a program and check its outcome."""
 
 from __future__ import annotations
 
@@ -113,7 +113,10 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> str:
     out = str(tmp_path_factory.mktemp("flight") / "run")
     plant = ("rate_time_constant=0.04", "thrust_time_constant=0.03", "command_delay=0.02")
     sets = [word for each in plant for word in ("--set", f"simulator.{each}")]
-    sets += ["--set", "reference.angular_frequency=1.5"]  # slower it does not tell the delay
+    sets += [
+        "--set",
+        "reference.angular_frequency=1.5",
+    ]  # a slower flight does not excite the delay
     assert (
         main(["simulate", "--reference", "lemniscate", *sets, "--duration=7", "--out", out]) == 0
     )
@@ -121,7 +124,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.mark.parametrize("name", OUTCOMES)
-def test_example(
+def test_example_has_its_outcome(
     name: str,
     request: pytest.FixtureRequest,
     monkeypatch: pytest.MonkeyPatch,

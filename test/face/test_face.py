@@ -1,4 +1,4 @@
-"""The face of the library: its names, what they import, their types and their examples."""
+"""The public API: names, imports, types and examples."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ def imported_by(statement: str) -> set[str]:
     return set(ended.stdout.split())
 
 
-def test_names_stand_twice_and_agree() -> None:
-    """Once for type checkers, once for who runs it."""
+def test_both_lists_of_names_agree() -> None:
+    """Type checkers read one list of names, the interpreter the other."""
     (guarded,) = [node for node in ast.parse(INIT.read_text()).body if isinstance(node, ast.If)]
-    told = {
+    guarded_names = {
         alias.name: node.module
         for node in guarded.body
         if isinstance(node, ast.ImportFrom)
@@ -50,13 +50,13 @@ def test_names_stand_twice_and_agree() -> None:
     run = {
         name: f"quad_mpc_ros.{module}" for name, module in vars(quad_mpc_ros)["_MODULES"].items()
     }
-    assert told == run
-    assert sorted(told) == sorted(quad_mpc_ros.__all__)
+    assert guarded_names == run
+    assert sorted(guarded_names) == sorted(quad_mpc_ros.__all__)
     assert set(quad_mpc_ros.__all__) <= set(dir(quad_mpc_ros))
 
 
 @pytest.mark.parametrize("name", quad_mpc_ros.__all__)
-def test_every_name_is_there_and_says_what_it_is(name: str) -> None:
+def test_every_name_exists_with_a_docstring(name: str) -> None:
     value = getattr(quad_mpc_ros, name)
     text = value.__doc__ or ""
     assert text
@@ -103,7 +103,7 @@ def test_simulation_imports_no_reader_of_bags_and_no_figures() -> None:
     assert not loaded & HEAVY
 
 
-def test_what_is_shipped_is_typed() -> None:
+def test_the_package_is_typed() -> None:
     assert (INIT.parent / "py.typed").exists()
     assert '"quad_mpc_ros": ["py.typed"]' in (ROOT / "setup.py").read_text()
 
@@ -155,12 +155,12 @@ def test_simulate_flies_what_the_command_line_flies(tmp_path: Path) -> None:
     assert_array_equal(flight.commands.w_WB_B, recorded.commands.w_WB_B)
     assert flight.reference is not None and recorded.reference is not None
     assert_array_equal(flight.reference.throttle, recorded.reference.throttle)
-    mine, told = summarise(flight), summarise(recorded)
+    mine, replayed = summarise(flight), summarise(recorded)
     for name in ("position_rmse_m", "iterations", "commands", "fallbacks", "waypoint_error_m"):
-        assert mine[name] == told[name], name
+        assert mine[name] == replayed[name], name
 
 
-def test_simulate_with_a_law_of_ones_own_has_no_figures_of_ticks() -> None:
+def test_simulate_with_a_custom_controller_has_no_tick_figures() -> None:
     flight: Flight = simulate(
         reference=ReferenceConfig(trajectory="hover"),
         controller=lambda odometry, reference: None,

@@ -1,4 +1,4 @@
-"""What tests with an installed ROS 2 begin with."""
+"""Fixtures of tests with an installed ROS 2."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""ArduPilot itself, in lockstep with our rotors, flown by bridge, reference and MPC, no node.
+"""Fly ArduPilot SITL in lockstep with the plant ``rotors``, with bridge, reference and MPC.
 
-How well, what becomes of its settings, and who flies when somebody fails.
+The tests check accuracy, settings, and the behaviour when a part fails.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def test_it_flies_as_guessed_and_better_once_identified(tmp_path: Path) -> None:
             assert pilot.track.errors(phase, settled=5.0).max() < 0.02
 
 
-def test_its_own_state_is_enough(tmp_path: Path) -> None:
+def test_flies_with_the_state_of_ardupilot(tmp_path: Path) -> None:
     with flown(tmp_path, truth=False) as pilot:
         course(pilot)
         for phase in ("hover", "eight 1.0", "eight 1.5", "square"):
@@ -170,7 +170,7 @@ def test_taken_over_and_given_back(tmp_path: Path) -> None:
         assert pilot.land() < 20.0
         tilts = {name: pilot.tilt(name) for name in dict.fromkeys(name for name, _ in pilot.tilts)}
         table = "\n".join(f"{name:34} {tilt:5.1f}" for name, tilt in tilts.items())
-        # Where nobody flies it is tilted as it was when that began.
+        # Without control the tilt stays as it was at the failure.
         began = {"MPC killed", "link cut"}
         assert max(tilt for name, tilt in tilts.items() if name not in began) < 20.0, table
         assert max(tilts[name] for name in began) < 35.0, table
@@ -185,14 +185,14 @@ def taken_over(pilot: Pilot, phase: str) -> None:
 
 
 def is_held_level(pilot: Pilot) -> bool:
-    """Whether it neither leans nor climbs; drifting is left to the wind."""
+    """Whether the vehicle is level and keeps its height; drift by wind is allowed."""
     leaning = float(np.degrees(np.arccos(min(pilot.plant.odometry(0).up, 1.0))))
     return leaning < 3.0 and abs(pilot.plant.v_WB_W[2]) < 0.1
 
 
 @pytest.mark.parametrize("kind", ["attitude", "position"])
 def test_detects_another_sender_of_commands(tmp_path: Path, kind: str) -> None:
-    """Over a link that the bridge does not hear: it sees that the target is none of its own."""
+    """The sender is on a link that the bridge does not receive; the bridge detects the target."""
     with flown(tmp_path, truth=False, links=2) as pilot:
         pilot.engage_and_arm()
         pilot.take_off()

@@ -1,4 +1,4 @@
-"""Bags between this package and the real rosbag2: played, recorded, resolved bit for bit."""
+"""Play and record bags with the real rosbag2, and resolve them bit for bit."""
 
 from __future__ import annotations
 
@@ -130,10 +130,10 @@ def flown_in_order(flown: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
     [("true", "flown"), ("false", "flown_in_order")],
     ids=["lockstep", "real_time"],
 )
-def test_a_bag_of_ours_that_is_played_is_answered_as_it_was(
+def test_the_mpc_answers_a_played_bag_with_the_recorded_commands(
     lockstep: str, bag: str, request: pytest.FixtureRequest, flight: Flight, tmp_path: Path
 ) -> None:
-    """In lockstep by the stamps; in real time by what came when, on the clock of the player.
+    """Lockstep pairs by stamps, real time by arrival on the clock of the player.
 
     Played message by message: of best-effort messages a busy node keeps only the newest.
     """
@@ -151,10 +151,10 @@ def test_a_bag_of_ours_that_is_played_is_answered_as_it_was(
 
 
 def stepped(count: int) -> list[str]:
-    """Let the player go on, and return the lines that tell what came of it."""
+    """Step the player, and return the commands that the MPC answered, a line each."""
     env = environment()
     path = ":".join(filter(None, [str(STEPPER.parents[1]), env.get("PYTHONPATH", "")]))
-    told = subprocess.run(
+    completed = subprocess.run(
         ["python3", "-P", str(STEPPER), str(count)],
         env={**env, "PYTHONPATH": path},
         stdout=subprocess.PIPE,
@@ -162,7 +162,7 @@ def stepped(count: int) -> list[str]:
         check=True,
         timeout=300,
     )
-    return told.stdout.split()
+    return completed.stdout.split()
 
 
 FLIGHT = {
@@ -173,7 +173,7 @@ FLIGHT = {
 """Of the nodes, by parameter."""
 
 
-def test_what_ros2_bag_record_took_of_a_flight_with_faults_is_resolved_bit_for_bit(
+def test_resolves_recordings_of_ros2_bag_with_faults_bit_for_bit(
     flight: Flight, tmp_path: Path
 ) -> None:
     """Refused and missing odometries, a missing reference, and parameters set in flight."""
@@ -213,7 +213,7 @@ def is_whole(run: RecordedRun) -> bool:
 
 
 def is_hurried(run: RecordedRun) -> bool:
-    """Whether a plan took so long that it was not improved any more."""
+    """Whether a plan took so long that the solver stopped early."""
     return any(each.step_time_us > 1e6 * ENOUGH for each in run.stats)
 
 
@@ -223,7 +223,7 @@ def record_flight(
     given = ("--params-file", str(config))
     odometry, reference = relays
     answered: set[int] = set()
-    heard = flight.node.create_subscription(
+    subscription = flight.node.create_subscription(
         message_class(COMMAND.type_name),
         COMMAND.name,
         lambda command: answered.add(stamp_of(command)),
@@ -249,7 +249,7 @@ def record_flight(
         recorder.interrupt_all()
         recorder.ends()
     flight.end_nodes()
-    flight.node.destroy_subscription(heard)
+    flight.node.destroy_subscription(subscription)
 
 
 def fly_with_faults(flight: Flight, odometry: Relay[Any], reference: Relay[Any]) -> None:

@@ -1,4 +1,4 @@
-"""Each bridge with the messages of its stack itself, over DDS: it flies as well as without."""
+"""Each bridge flies with the installed messages of its stack as well as without a bridge."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ SCRIPT = Path(stack_over_dds.__file__)
 
 @pytest.fixture(scope="module")
 def flights(another_domain: Callable[[], str]) -> Iterator[dict[str, Future[dict[str, Any]]]]:
-    """Fly all, two at a time: time stands still until everybody has answered."""
+    """Fly all cases, two at a time; simulated time waits for all answers."""
     with ThreadPoolExecutor(2) as pool:
         yield {case: pool.submit(flown, case, domain=another_domain()) for case in CASES}
 
 
 def flown(case: str, *, domain: str) -> dict[str, Any]:
-    """Return what the process tells that flies a case; its nodes end with it."""
+    """Return the results of a process that flies a case; its nodes end with it."""
     env = environment()
     path = [str(SCRIPT.parents[1]), env.get("PYTHONPATH", "")]
     process = subprocess.Popen(
@@ -43,12 +43,12 @@ def flown(case: str, *, domain: str) -> dict[str, Any]:
         start_new_session=True,
     )
     try:
-        told, log = process.communicate(timeout=300)
+        output, log = process.communicate(timeout=300)
     finally:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
     assert process.returncode == 0, log
-    found: dict[str, Any] = json.loads(told)
+    found: dict[str, Any] = json.loads(output)
     return found
 
 

@@ -1,4 +1,4 @@
-"""The launch files under the real ``ros2 launch``: they start, and end whole."""
+"""The launch files with the real ``ros2 launch``: start and shutdown."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def names(node: rclpy.node.Node) -> set[str]:
 
 
 def is_spinning(node: rclpy.node.Node, name: str) -> bool:
-    """Whether another node answers: it is there before that, while it still starts."""
+    """Whether another node answers; it is discovered earlier, while it still starts."""
     client = node.create_client(GetParameters, f"{name}/get_parameters")
     try:
         if not client.wait_for_service(0.1):
@@ -64,7 +64,7 @@ def bags(folder: Path) -> list[Path]:
 
 
 def is_recording(folder: Path, count: int) -> bool:
-    """Whether that many bags have enough of what is flown each, read while they are written."""
+    """Whether that many bags have enough messages, read while they are written."""
     written = [least_recorded(path) for path in folder.glob("rosbag2_*/*.mcap")]
     return len(written) == count and min(written) > ENOUGH
 
@@ -189,5 +189,7 @@ def test_a_parameter_file_that_is_not_there_starts_nothing(file: str, tmp_path: 
     with running("launch", "quad_mpc_ros", *arguments, folder=tmp_path) as run:
         assert run.ends() == 1
         assert not run.pids
-        told = "config: given 'my_vehcle.yaml', which does not exist, expected the path of a ROS "
-        assert f"{told}parameter file (did you mean my_vehicle.yaml?)" in run.text
+        message = (
+            "config: given 'my_vehcle.yaml', which does not exist, expected the path of a ROS "
+        )
+        assert f"{message}parameter file (did you mean my_vehicle.yaml?)" in run.text

@@ -1,4 +1,4 @@
-"""PX4 itself, in its own simulation, flown by ``tools/fly_px4.py`` from ground to ground.
+"""Fly PX4 SITL with ``tools/fly_px4.py`` from take-off to landing.
 
 At half the speed of the wall clock, so that a busy machine keeps up.
 """
@@ -43,7 +43,7 @@ CONFIG = {
     },
 }
 PX4 = {
-    "COM_RC_IN_MODE": "4",  # nobody steers
+    "COM_RC_IN_MODE": "4",  # no stick input
     "NAV_DLL_ACT": "0",
     "COM_DISARM_PRFLT": "-1",
     "UXRCE_DDS_SYNCT": "0",  # stamps by its own time
@@ -54,7 +54,7 @@ Start = Callable[..., "subprocess.Popen[bytes]"]
 
 @pytest.fixture(scope="session", autouse=True)
 def _compiled() -> None:
-    """What flies is one process, and by MAVLink it needs no installed ROS 2."""
+    """The flights are one process each, and with MAVLink they need no installed ROS 2."""
 
 
 @pytest.fixture
@@ -132,11 +132,11 @@ def flown(
     config.write_text(json.dumps(parameters_of))  # YAML, without aliases of what is shared
     command = [python, "-P", str(TOOL), "--config", str(config), "--bridge", bridge, *options]
     code = start("flight", command, dict(env)).wait()
-    told = (folder / "flight.log").read_text()
-    assert code == 0, told + (folder / "px4.log").read_text()[-3000:]
-    assert "disarmed by itself" in told, told
-    print(told)  # for whom a bound below fails
-    lines = told[told.index("phase  ") :].splitlines()[1:]
+    log = (folder / "flight.log").read_text()
+    assert code == 0, log + (folder / "px4.log").read_text()[-3000:]
+    assert "disarmed by itself" in log, log
+    print(log)  # shown if a bound below fails
+    lines = log[log.index("phase  ") :].splitlines()[1:]
     table = {line[:12].strip(): [float(each) for each in line[12:].split()] for line in lines}
     for phase, row in table.items():
         assert phase == "ground" or row[-1] < 10.0  # in per cent: not the MPC

@@ -42,8 +42,8 @@ def test_odometry_fields() -> None:
 
 def test_velocity_variance_survives_the_message() -> None:
     message = new_message("nav_msgs/msg/Odometry")
-    told = dataclasses.replace(OdometrySample.at_rest([0.0, 0.0, 1.0]), v_variance=0.1)
-    conversions.fill_odometry(message, told)
+    sample = dataclasses.replace(OdometrySample.at_rest([0.0, 0.0, 1.0]), v_variance=0.1)
+    conversions.fill_odometry(message, sample)
     assert conversions.odometry_from_message(message).v_variance == 0.1
     message.twist.covariance[7] = 0.3  # the axes differ: the largest counts
     assert conversions.odometry_from_message(message).v_variance == 0.3

@@ -98,6 +98,13 @@ def imports(tree: ast.AST, modules: Container[str]) -> Iterator[str]:
             yield from imports(node, modules)
 
 
+def test_no_two_modules_define_a_class_of_the_same_name() -> None:
+    trees = TREES.values()
+    classes = [{n.name for n in ast.walk(t) if isinstance(n, ast.ClassDef)} for t in trees]
+    names = [name for found in classes for name in found]
+    assert sorted(name for name in set(names) if names.count(name) > 1) == []
+
+
 READERS = {
     "configuration/ros_yaml.py": {"yaml.load"},
     "configuration/text_files.py": {"csv.reader"},

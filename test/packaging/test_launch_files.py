@@ -1,4 +1,4 @@
-"""The launch files, executed against a stand-in of the launch API, which no wheel brings.
+"""Execute the launch files with a fake launch API, because no wheel contains the real one.
 
 The stand-in takes what launch and launch_ros of Jazzy take, as far as the files use it, and
 refuses everything else. It resolves substitutions and conditions in order, as ``ros2 launch``
@@ -36,7 +36,7 @@ TRUE, FALSE = ("true", "1"), ("false", "0")
 
 
 class LaunchError(Exception):
-    """What ``ros2 launch`` would end with."""
+    """The error with which ``ros2 launch`` would end."""
 
 
 @dataclass
@@ -296,8 +296,8 @@ def launch(monkeypatch: pytest.MonkeyPatch) -> Launch:
                     assert id(entity.event_handler.target_action) in nodes
                 case _:
                     raise LaunchError(f"no action: {entity!r}")
-        assert arguments.keys() <= context.values.keys(), "an argument that nobody declared"
-        assert context.used == context.values.keys(), "an argument that nobody uses"
+        assert arguments.keys() <= context.values.keys(), "an undeclared argument"
+        assert context.used == context.values.keys(), "an unused argument"
         return list(nodes.values())
 
     return execute
@@ -355,7 +355,7 @@ def test_every_node_exists_and_takes_its_parameters(
                 mode = ("-p", "mode:=on_request") if reference == "true" else ()
                 assert node.words[4:] == mode
             continue
-        # Parameter files speak of nodes by their names, and those are told apart by them.
+        # Parameter files select nodes by name, so names must be distinct.
         assert node.executable in (f"{node.name}_node", node.name)
         if file != "fleet.launch.py":
             assert node.namespace == given.get("namespace", "")
@@ -500,7 +500,7 @@ def test_remapped_topics_are_those_of_the_nodes(launch: Launch) -> None:
             made.destroy_node()
             rclpy.shutdown()
             # rclpy lets go of what announces transitions only with the node itself, which the
-            # node's start has kept from being collected; tests that follow would hear of it.
+            # node's start has kept from being collected; later tests would receive its events.
             del made
             gc.unfreeze()
             gc.collect()

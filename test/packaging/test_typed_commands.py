@@ -1,6 +1,6 @@
-"""What the pages tell a user to type exists: options, executables, launch files, presets, names.
+"""The commands of the pages exist: options, executables, launch files, presets, names.
 
-``tools/type_pages.py`` types all of it; here it is only read, which takes no time.
+``tools/type_pages.py`` executes the commands; these tests only parse them, which is fast.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def has_its_files(typed: Any) -> None:
 
 
 def test_blocks_of_commands_are_marked() -> None:
-    """Else nobody types them before a user does."""
+    """``tools/type_pages.py`` does not execute unmarked blocks."""
     for page in pages.PAGES + pages.STACKS:
         for text in re.findall(r"^```text\n(.*?)^```", Path(page).read_text(), re.S | re.M):
             assert not re.match(r"(\.venv/bin/)?(quad_mpc|ros2|pip) ", text), (page, text)

@@ -19,7 +19,7 @@ from quad_mpc_ros.recordings.bag_metadata import qos_profiles_text
 from quad_mpc_ros.recordings.qos_profile import QosProfile, parse_qos_profiles
 
 # As `ros2 bag record` of Jazzy on Fast DDS writes a reliable publisher: history and depth are
-# not told over discovery.
+# not part of discovery.
 RECORDED_BY_ROSBAG2 = """\
 - history: unknown
   depth: 0
@@ -120,7 +120,7 @@ def test_reads_the_numbers_of_older_bags() -> None:
 
 
 @pytest.mark.parametrize("text", ["- 1", "a: [", "- history: keep_last", "7", "- history: 99"])
-def test_refuses_what_is_no_list_of_profiles(text: str) -> None:
+def test_refuses_text_that_is_no_list_of_profiles(text: str) -> None:
     with pytest.raises(BagError, match="offered_qos_profiles") as caught:
         parse_qos_profiles(text)
     assert "\n" not in str(caught.value)

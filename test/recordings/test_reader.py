@@ -299,7 +299,7 @@ def metadata_yaml(**information: object) -> dict[str, bytes]:
         ({"metadata.yaml": b"\xff\xfe\x00\xd8"}, "metadata.yaml: not UTF-8"),
     ],
 )
-def test_refuses_what_is_no_bag_in_one_line(
+def test_refuses_files_that_are_no_bag_in_one_line(
     tmp_path: Path, files: dict[str, bytes], reason: str
 ) -> None:
     for name, content in files.items():
@@ -317,15 +317,15 @@ def test_refuses_what_is_no_bag_in_one_line(
         ("x.bag", b"#ROSBAG V2.0\n", "holds a bag of another format, expected MCAP"),
     ],
 )
-def test_names_other_formats_and_what_converts_them(
+def test_names_other_formats_and_their_converter(
     tmp_path: Path, name: str, content: bytes, reason: str
 ) -> None:
     (tmp_path / name).write_bytes(content)
     command = f"convert it: rosbags-convert --src {tmp_path / name} --dst"
-    for path, told in ((tmp_path, reason), (tmp_path / name, "is a")):
+    for path, expected in ((tmp_path, reason), (tmp_path / name, "is a")):
         with pytest.raises(BagError) as caught:
             BagReader(path)
-        assert told in str(caught.value) and command in str(caught.value)
+        assert expected in str(caught.value) and command in str(caught.value)
 
 
 def test_the_command_for_sqlite_converts(tmp_path: Path) -> None:
@@ -346,7 +346,7 @@ def test_the_command_for_sqlite_converts(tmp_path: Path) -> None:
 
 
 def test_a_topic_of_another_encoding_is_named(tmp_path: Path) -> None:
-    for encoding, told in (("json", "as 'json', expected 'cdr'"), ("ros1", "rosbags-convert")):
+    for encoding, expected in (("json", "as 'json', expected 'cdr'"), ("ros1", "rosbags-convert")):
         file = tmp_path / f"{encoding}.mcap"
         with file.open("wb") as stream:
             writer = Writer(stream)
@@ -354,11 +354,11 @@ def test_a_topic_of_another_encoding_is_named(tmp_path: Path) -> None:
             channel = writer.register_channel("/odom", encoding, 0)
             writer.add_message(channel, 1, b"{}", 1)
             writer.finish()
-        with pytest.raises(BagError, match=told):
+        with pytest.raises(BagError, match=expected):
             BagReader(file).require_cdr(["/odom"])
-        with pytest.raises(BagError, match=told):
+        with pytest.raises(BagError, match=expected):
             Recording(file).flight()
-        with pytest.raises(BagError, match=told):
+        with pytest.raises(BagError, match=expected):
             Recording(file).run()
 
 

@@ -1,4 +1,4 @@
-"""The voltages of a battery, whoever tells them."""
+"""Battery voltages in recordings, in messages of all supported types."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def bag(make_bag: Callable[..., Any], build: SimpleNamespace) -> Any:
     return made
 
 
-def tell(bag: Any, topic: str, *volts: float, start_ns: int) -> None:
+def write_voltages(bag: Any, topic: str, *volts: float, start_ns: int) -> None:
     for k, voltage in enumerate(volts):
         data = written_battery(voltage, stamp_ns=start_ns + k)
         bag.write(topic, BATTERY.type_name, data, start_ns + k)
@@ -40,12 +40,12 @@ def tell(bag: Any, topic: str, *volts: float, start_ns: int) -> None:
 def volts(bag: Any, topic: str = "") -> list[tuple[int, float]]:
     bag.writer.close()
     run = Recording(bag.writer.directory).run(TopicNames(battery=topic), topics=(COMMAND, BATTERY))
-    return [(told.log_time_ns, told.value) for told in run.voltages]
+    return [(sample.log_time_ns, sample.value) for sample in run.voltages]
 
 
 def test_finds_the_only_battery_by_type(bag: Any, build: SimpleNamespace) -> None:
     start = build.start_ns
-    tell(bag, "/uav1/pack/left", 16.5, 16.25, start_ns=start)
+    write_voltages(bag, "/uav1/pack/left", 16.5, 16.25, start_ns=start)
     assert volts(bag) == [(start, 16.5), (start + 1, 16.25)]
 
 
@@ -54,13 +54,13 @@ def test_no_battery_gives_no_voltages(bag: Any) -> None:
 
 
 def test_two_batteries_need_a_name(bag: Any, build: SimpleNamespace) -> None:
-    tell(bag, "/pack", 16.0, start_ns=build.start_ns)
-    tell(bag, "/spare/pack", 15.0, start_ns=build.start_ns)
+    write_voltages(bag, "/pack", 16.0, start_ns=build.start_ns)
+    write_voltages(bag, "/spare/pack", 15.0, start_ns=build.start_ns)
     assert volts(bag, "pack") == [(build.start_ns, 16.0)]
     reread = Recording(bag.writer.directory)
     with pytest.raises(BagError, match="/pack, /spare/pack all report a battery: expected --bat"):
         reread.run(topics=(BATTERY,))
-    assert not reread.run(topics=(COMMAND,)).voltages  # nobody asked
+    assert not reread.run(topics=(COMMAND,)).voltages  # not requested
 
 
 def test_reads_px4_battery_by_the_definition_in_the_bag(

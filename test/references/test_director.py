@@ -39,7 +39,7 @@ def flown(trajectory: str) -> Trajectory:
 
 
 def directed() -> Director:
-    return Director.standing(configured(), p_WB=GROUND, yaw=0.5)
+    return Director.on_ground(configured(), p_WB=GROUND, yaw=0.5)
 
 
 def airborne() -> tuple[Director, int]:

@@ -1,4 +1,4 @@
-"""What holds for every trajectory: each value the derivative of another, and the vehicle flies it.
+"""Every trajectory: values are derivatives of each other, and the dynamics fly it.
 
 The oracles are finite differences and the true dynamics of the core, integrated open loop.
 """
@@ -63,7 +63,7 @@ def spiral(seconds: Array) -> Array:
 
 
 def recorded(path: Path) -> PointTable:
-    """Return a run round a spiral, as noisy odometry tells of it."""
+    """Return a run around a spiral, as recorded with noisy odometry."""
     seconds = np.arange(0.0, 4.0, 0.02)
     noise = np.random.default_rng(1).normal(0.0, 0.003, (len(seconds), 3))
     return PointTable(source=str(path), seconds=seconds, p_WB=spiral(seconds) + noise)
@@ -117,7 +117,7 @@ def test_each_value_is_the_derivative_of_the_one_before(
 def test_flown_open_loop_it_lands_on_the_path(
     case: str, make: Callable[[str], Trajectory]
 ) -> None:
-    """Its inputs alone, through the true dynamics for 2 s from anywhere, and through the whole."""
+    """The true dynamics follow the inputs alone, for 2 s from anywhere and over the whole path."""
     trajectory, vehicle = make(case), Vehicle(drag=float(CASES[case].get("drag", 0.2)))
     step_ns = 2_000_000
     end_ns = max(trajectory.period_ns, 2 * SECOND)

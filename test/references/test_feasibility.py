@@ -1,4 +1,4 @@
-"""The verdict: against cases that physics gives by hand."""
+"""Feasibility of references, compared with hand calculations."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory, judged_trajectory
-from quad_mpc_ros.references.feasibility import Need, Verdict
+from quad_mpc_ros.references.feasibility import Feasibility, Need
 
 
-def verdict(**changes: object) -> Verdict:
+def verdict(**changes: object) -> Feasibility:
     return judged_trajectory(ReferenceConfig.build(changes))[1]
 
 
-def need(found: Verdict, name: str) -> Need:
+def need(found: Feasibility, name: str) -> Need:
     return next(need for need in found.needs if need.name == name)
 
 
@@ -59,10 +59,10 @@ def test_reports_excess_with_time_and_amount() -> None:
     worst = need(found, "pitch rate")
     assert worst.time == pytest.approx(1.32, abs=0.02)  # the top
     assert worst.margin == pytest.approx(5.0 - worst.worst)
-    with pytest.raises(ConfigurationError) as told:
+    with pytest.raises(ConfigurationError) as error:
         configured_trajectory(ReferenceConfig.build({"trajectory": "vertical_loop", **limits}))
     for word in ("highest throttle 0.62", "0.12", "pitch rate 7.1", "at 1.3", "rad/s beyond"):
-        assert word in str(told.value)
+        assert word in str(error.value)
 
 
 def test_a_margin_takes_its_share_of_the_way_to_every_limit() -> None:
@@ -129,7 +129,7 @@ def test_slows_down_no_more_than_necessary(changes: dict[str, object]) -> None:
     assert np.abs(before - after).max() < 1e-6
 
 
-def test_what_is_feasible_is_not_slowed() -> None:
+def test_does_not_slow_a_feasible_reference() -> None:
     for name in ("lemniscate", "minimum_snap", "vertical_loop"):
         plain, _ = judged_trajectory(ReferenceConfig(trajectory=name))
         auto, _ = judged_trajectory(ReferenceConfig(trajectory=name, time_scaling="auto"))
@@ -181,9 +181,9 @@ def test_limits_that_forbid_hovering_are_refused(name: str, value: float) -> Non
     ],
 )
 def test_refuses_absurd_values_in_one_line(changes: dict[str, object]) -> None:
-    with pytest.raises(ConfigurationError, match=r"^reference\.trajectory: given ") as told:
+    with pytest.raises(ConfigurationError, match=r"^reference\.trajectory: given ") as error:
         configured_trajectory(ReferenceConfig.build(changes))
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(

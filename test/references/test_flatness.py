@@ -1,4 +1,4 @@
-"""Differential flatness: what it returns must fly the path through the true dynamics."""
+"""Differential flatness: its states and inputs fly the path through the true dynamics."""
 
 from __future__ import annotations
 
@@ -232,7 +232,7 @@ def test_precise_right_up_to_thrust_downwards(direction: float, distance: float)
 
 
 @pytest.mark.parametrize(
-    ("acceleration", "told"),
+    ("acceleration", "reason"),
     [
         ([0.0, 0.0, -GRAVITY], "free fall"),
         ([0.0, 0.0, -3.0 * GRAVITY], "downwards"),
@@ -240,6 +240,6 @@ def test_precise_right_up_to_thrust_downwards(direction: float, distance: float)
         ([np.inf, 0.0, 0.0], "finite"),
     ],
 )
-def test_refuses_path_without_attitude(acceleration: list[float], told: str) -> None:
-    with pytest.raises(ValueError, match=told):
+def test_refuses_path_without_attitude(acceleration: list[float], reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
         one(a=acceleration)

@@ -1,4 +1,4 @@
-"""The eight: a path that the true vehicle flies, whole and as it is published."""
+"""The lemniscate: its path, its dynamics, and its published windows."""
 
 from __future__ import annotations
 
@@ -156,12 +156,12 @@ def test_the_whole_is_drawn_once_round_and_closes() -> None:
         {"gravity": 1e-6, "drag": 0.0, "mass": 1e5, "amplitude_y": 0.0},
     ],
 )
-def test_what_the_vehicle_cannot_fly_is_refused(changes: dict[str, float]) -> None:
+def test_refuses_an_infeasible_lemniscate(changes: dict[str, float]) -> None:
     with pytest.raises(
         ConfigurationError, match=r"^reference\.trajectory: given 'lemniscate'"
-    ) as told:
+    ) as error:
         server(**changes)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(error.value)
 
 
 def test_one_place_is_flown_as_a_hover() -> None:

@@ -1,4 +1,4 @@
-"""The reference of a live flight: requests, refusals, and that nothing jumps meanwhile."""
+"""The reference of a live flight: requests, refusals, and continuity."""
 
 from __future__ import annotations
 
@@ -255,11 +255,11 @@ def test_a_received_trajectory_is_flown_through_its_points(p_WB: object, seconds
 def test_course_leads_from_now_to_the_end() -> None:
     reference, now = hovering()
     assert goal(3.0, 0.0, 2.5)(reference, now).accepted
-    drawn = reference.course(now).p_WB
+    drawn = reference.planned_samples(now).p_WB
     assert_allclose(drawn[0], place(reference, now), atol=1e-9)
     assert_allclose(drawn[-1], [3.0, 0.0, 2.5], atol=1e-6)
     assert reference.start(now).accepted
-    assert 100 < len(reference.course(now).p_WB) <= 502
+    assert 100 < len(reference.planned_samples(now).p_WB) <= 502
 
 
 def moving(stamp_ns: int, p_WB: object, v_WB_W: object, *, yaw: float = 0.0) -> OdometrySample:
@@ -343,11 +343,11 @@ def test_engaged_on_the_ground_it_stands_until_asked() -> None:
     assert_allclose(place(reference, later + 10 * SECOND), [3.0, 4.0, 2.5], atol=1e-6)
 
 
-def test_the_ground_is_what_the_mpc_says() -> None:
+def test_follows_the_ground_state_of_the_mpc() -> None:
     """Whatever the stack says of it, and however its height drifts."""
     reference = waiting()
     reference.landed(False)
-    reference.tell_ground(GroundState.ON_GROUND)
+    reference.set_ground_state(GroundState.ON_GROUND)
     reference.observe(odometry(START, 3.0, 4.0, 1.0))
     reference.engage(True)
     now = START + SECOND
@@ -364,13 +364,13 @@ def test_a_take_off_climbs_above_where_the_vehicle_slips_to_until_it_flies() -> 
     reference = live()
     reference.observe(odometry(START))
     assert reference.take_off(START).accepted
-    reference.tell_ground(GroundState.LIFTING_OFF)
+    reference.set_ground_state(GroundState.LIFTING_OFF)
     now = START + SECOND // 2
     climbed = place(reference, now)[2]
     reference.observe(odometry(now, 0.3, -0.2, 0.05))
     assert reference.needs_odometry(now)
     assert_allclose(place(reference, now), [0.3, -0.2, climbed], atol=1e-6)
-    reference.tell_ground(GroundState.FLYING)
+    reference.set_ground_state(GroundState.FLYING)
     reference.observe(odometry(now, 0.8, -0.2, 0.2))
     assert_allclose(place(reference, now), [0.3, -0.2, climbed], atol=1e-6)
     assert_allclose(place(reference, now + 10 * SECOND), [0.3, -0.2, 1.5], atol=1e-6)
@@ -381,7 +381,7 @@ def test_a_take_off_that_leads_on_to_a_goal_does_not_move() -> None:
     reference.observe(odometry(START))
     reference.engage(True)
     now = START + SECOND // 2
-    reference.tell_ground(GroundState.LIFTING_OFF)
+    reference.set_ground_state(GroundState.LIFTING_OFF)
     planned = reference.window(now)
     reference.observe(odometry(now, 0.3, 0.0, 0.05))
     assert reference.mode(now) == "takeoff"
@@ -390,21 +390,21 @@ def test_a_take_off_that_leads_on_to_a_goal_does_not_move() -> None:
 
 def test_a_landing_ends_when_the_mpc_says_so() -> None:
     reference, now = hovering()
-    reference.tell_ground(GroundState.FLYING)
+    reference.set_ground_state(GroundState.FLYING)
     assert reference.land(now).accepted
     for _ in range(500):  # held in the air, or standing on what moves
         now += SECOND // 50
         reference.observe(odometry(now))
     assert reference.mode(now) == "landing"
-    reference.tell_ground(GroundState.ON_GROUND)
+    reference.set_ground_state(GroundState.ON_GROUND)
     reference.observe(odometry(now + SECOND // 50))
     assert reference.mode(now + SECOND // 50) == "ground"
 
 
-def test_one_that_flies_while_the_reference_is_on_the_ground_sinks() -> None:
+def test_sinks_if_the_vehicle_flies_while_the_reference_is_on_the_ground() -> None:
     reference = live()
     reference.observe(odometry(START, 0.0, 0.0, 8.0))
-    reference.tell_ground(GroundState.FLYING)
+    reference.set_ground_state(GroundState.FLYING)
     now = START + SECOND
     reference.observe(odometry(now, 0.0, 0.0, 7.7))
     assert reference.mode(now) == "landing"
@@ -441,7 +441,7 @@ def test_waits_at_vehicle_after_release() -> None:
     now += 5 * SECOND
     assert reference.engage(False) is not None
     assert reference.engage(False) is None
-    # The stack says nothing of the ground: it has left it, as its height tells.
+    # Without a ground state of the stack, the height decides: the vehicle is in the air.
     reference.observe(moving(now, [20.0, 0.0, 7.0], [0.0, 0.0, 0.0]))
     assert_allclose(place(reference, now), [20.0, 0.0, 7.0])
     reference.engage(True)
@@ -538,7 +538,7 @@ def test_a_velocity_is_flown_and_its_end_brakes_to_a_hold() -> None:
     assert reference.mode(now) == "velocity"
     assert_allclose(windows[-1].v_WB_W[0], [1.0, 0.0, 0.2], atol=1e-6)
     gone = place(reference, now)
-    # Nobody commands any more: the timeout, braking, rest.
+    # Commands stop: the timeout, braking, rest.
     assert reference.mode(now + 2 * SECOND) == "hold"
     rest = place(reference, now + 2 * SECOND)
     assert 0.5 < np.linalg.norm(rest - gone) < 1.0 * (0.5 + 0.5 + 0.25)
@@ -559,7 +559,7 @@ def test_a_released_stick_brakes_sooner_than_a_lost_one() -> None:
     assert ends[0] < ends[1] - 0.2
 
 
-def test_nothing_jumps_from_hold_through_velocities_to_hold_goal_and_landing() -> None:
+def test_is_continuous_from_hold_through_velocities_to_hold_goal_and_landing() -> None:
     reference, now = hovering()
     windows: list[ReferenceWindow] = []
     for each in (
@@ -646,7 +646,7 @@ def test_velocities_stay_inside_the_fence_and_above_the_ground() -> None:
 
 
 @pytest.mark.parametrize("asked", ["goal", "trajectory", "takeoff"])
-def test_the_fence_refuses_what_leads_out_of_it(asked: str) -> None:
+def test_refuses_requests_that_leave_the_fence(asked: str) -> None:
     reference, now = hovering(**{"fence.maximum": [2.0, 2.0, 2.5]})
     if asked == "goal":
         reply = reference.go_to(
@@ -701,7 +701,7 @@ def test_velocities_are_feasible_for_the_vehicle_whatever_the_parameters(most: f
 
 
 def test_a_touchdown_is_never_too_late() -> None:
-    """It follows from an odometry, whose stamp is past whenever the clock does not wait."""
+    """The touchdown follows from an odometry, whose stamp is in the past in real time."""
     reference, clock, now = live(), [START], START + 10 * SECOND
     reference.too_late = lambda start_ns: clock[0] > start_ns
     reference.observe(odometry(START))
@@ -714,10 +714,10 @@ def test_a_touchdown_is_never_too_late() -> None:
         clock[0] = stamp + 5_000_000  # on its way
         height = place(reference, stamp)[2]
         state = GroundState.ON_GROUND if height < -0.1 else state
-        reference.tell_ground(state)
+        reference.set_ground_state(state)
         replies.append(reference.observe(odometry(stamp, 0.0, 0.0, max(height, 0.0))))
-    told = [reply for reply in replies if reply is not None]
-    assert [reply.accepted for reply in told] == [True]
+    events = [reply for reply in replies if reply is not None]
+    assert [reply.accepted for reply in events] == [True]
     assert reference.mode(now + 21 * SECOND) == "ground"
 
 
@@ -752,7 +752,7 @@ WRITES: dict[str, tuple[Callable[[], tuple[LiveReference, int]], Write]] = {
     "lands while it waits": (waits_in_the_air, lambda reference, now: reference.landed(True)),
     "is on the ground while it waits": (
         waits_in_the_air,
-        lambda reference, now: reference.tell_ground(GroundState.ON_GROUND),
+        lambda reference, now: reference.set_ground_state(GroundState.ON_GROUND),
     ),
     "is reset while it waits": (
         waits_in_the_air,

@@ -1,4 +1,4 @@
-"""Minimum snap: that it is the minimum, within its limits, and what is refused."""
+"""Minimum snap: optimality, limits, and refused waypoints."""
 
 from __future__ import annotations
 
@@ -160,12 +160,12 @@ REFUSED = {
 @pytest.mark.parametrize("trajectory", ["minimum_snap", "waypoints"])
 @pytest.mark.parametrize("mistake", REFUSED)
 def test_refuses_invalid_waypoints(trajectory: str, mistake: str) -> None:
-    given_, told = REFUSED[mistake]
+    given_, reason = REFUSED[mistake]
     with pytest.raises(ConfigurationError, match=r"^reference\.waypoints: given \[") as error:
         configured_trajectory(
             ReferenceConfig.build({"trajectory": trajectory, "waypoints": given_})
         )
-    assert told in str(error.value)
+    assert reason in str(error.value)
     assert "\n" not in str(error.value)
 
 

@@ -1,4 +1,4 @@
-"""A trajectory of somebody else: handed to the loop, or registered by entry point."""
+"""A trajectory of another package, passed to the loop or registered by entry point."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_contributing_enters_it_where_the_others_are() -> None:
 
 
 @pytest.mark.usefixtures("own_package")
-def test_one_that_is_registered_is_configured_with_its_own_parameters() -> None:
+def test_a_registered_trajectory_has_its_own_parameters() -> None:
     config = ReferenceConfig.build({"trajectory": "swing", "swing_width": 2, "height": 1.0})
     assert isinstance(config, ReferenceConfig)
     assert config.flattened()["swing_width"] == 2.0

@@ -1,4 +1,4 @@
-"""References out of tables and recordings: what is read, smoothed, and refused."""
+"""References from tables and recordings: reading, smoothing, and errors."""
 
 from __future__ import annotations
 
@@ -87,12 +87,12 @@ MISTAKES = {
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_reports_mistake_with_line(mistake: str, tmp_path: Path) -> None:
-    lines, told = MISTAKES[mistake]
+    lines, reason = MISTAKES[mistake]
     file = written(tmp_path, *lines)
     with pytest.raises(UserError) as error:
         configured_trajectory(ReferenceConfig(trajectory="csv", file=str(file)))
     assert str(error.value).startswith(f"{file}: ")
-    assert told in str(error.value)
+    assert reason in str(error.value)
     assert "\n" not in str(error.value)
 
 

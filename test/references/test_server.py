@@ -192,7 +192,7 @@ def test_windows_ahead_allow_skipped_stamps() -> None:
 
 def test_windows_ahead_of_changing_trajectory_are_current() -> None:
     config = ReferenceConfig()
-    director = Director.standing(config, p_WB=np.zeros(3), yaw=0.0)
+    director = Director.on_ground(config, p_WB=np.zeros(3), yaw=0.0)
     server = ReferenceServer(config, director.timeline)
     server.start(START)
     stamps = [START + 20_000_000 * n for n in range(300)]

@@ -1,4 +1,4 @@
-"""A path that follows velocities: its limits hold whatever is commanded, and nothing jumps."""
+"""A path that follows velocity commands: limits and continuity."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def flown(commands: list[VelocityCommand], *, start: FlatState = HERE) -> list[V
 
 
 def any_commands(count: int, *, seed: int) -> list[VelocityCommand]:
-    """Return commands as of somebody who wants the worst: any direction, too fast, to and fro."""
+    """Return adverse commands: any direction, too fast, back and forth."""
     rng = np.random.default_rng(seed)
     return [
         command(

@@ -40,7 +40,7 @@ def test_logs_progress_while_it_takes_long() -> None:
 
 def test_warns_once_of_what_it_had_to_compile(monkeypatch: pytest.MonkeyPatch) -> None:
     counts = iter((7, 10, 10))
-    monkeypatch.setattr(compiling, "compiled_here", lambda: next(counts))
+    monkeypatch.setattr(compiling, "functions_compiled", lambda: next(counts))
     logger = Logger()
     node: Any = SimpleNamespace(get_logger=lambda: logger)
     with compiling.log_compilation(node):

@@ -1,4 +1,4 @@
-"""What a node is given on its command line: read as ROS reads it, and what is wrong refused."""
+"""Parameter files and overrides of a node: read as ROS reads them, and errors refused."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_refuses_file_that_ros_ignores_in_namespace(
     assert "'/**/reference:'" in line
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-    assert not ignored_signals() & {signal.SIGINT, signal.SIGTERM}  # or children never hear them
+    assert not ignored_signals() & {signal.SIGINT, signal.SIGTERM}  # or children ignore them
     assert read("reference", "/", arguments) == {"mass": copied}
 
 
@@ -333,7 +333,7 @@ def test_a_file_that_is_not_there_is_refused_by_every_node(
     "arguments",
     [["--params-file", "vehicle.yaml"], ["vehicle.yaml"], ["--ros-args", "--", "-p", "mass:=1"]],
 )
-def test_what_is_not_for_ros_is_refused(
+def test_refuses_arguments_that_are_not_for_ros(
     arguments: list[str], capfd: pytest.CaptureFixture[str]
 ) -> None:
     assert run(VisualisationNode, arguments) == 2
@@ -344,7 +344,9 @@ def test_what_is_not_for_ros_is_refused(
     "arguments",
     [["-r", "__ns:=/a-b"], ["-r", "x"], ["--log-level", "loud"], ["--nonsense"], ["-p"]],
 )
-def test_what_ros_refuses_is_one_line(arguments: list[str], refusal: Callable[..., str]) -> None:
+def test_reports_a_refusal_by_ros_in_one_line(
+    arguments: list[str], refusal: Callable[..., str]
+) -> None:
     assert refusal(VisualisationNode, *arguments).startswith("ROS refuses the arguments: ")
 
 
@@ -364,7 +366,7 @@ FOREIGN: dict[str, dict[str, object]] = {
 
 
 @pytest.mark.parametrize("shared", FOREIGN)
-def test_what_is_for_nodes_of_other_packages_is_left_to_them(shared: str, tmp_path: Path) -> None:
+def test_ignores_parameters_of_nodes_of_other_packages(shared: str, tmp_path: Path) -> None:
     path = written(tmp_path / "stack.yaml", **FOREIGN[shared])
     arguments = ["--ros-args", "--params-file", path, "-p", "autostart:=false"]
     rclpy.init(args=arguments)
@@ -414,7 +416,7 @@ def test_a_vehicle_file_is_still_for_every_node(tmp_path: Path) -> None:
         rclpy.shutdown()
 
 
-def test_in_one_process_an_override_is_for_whom_it_concerns(
+def test_an_override_in_one_process_applies_to_its_node(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     modes: list[str] = []

@@ -1,4 +1,4 @@
-"""How a node of the command line ends."""
+"""Shutdown of nodes of the command line."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ sys.exit(spin.run(Ending))
     ("module", "node"), [("mpc_node", "MpcNode"), ("simulator_node", "SimulatorNode")]
 )
 def test_a_shutdown_takes_a_small_share_of_what_the_start_took(module: str, node: str) -> None:
-    """In processor time; with a collection of all garbage it was more than a third."""
+    """The times are processor times; with a garbage collection it was more than a third."""
     program = _SPENT.format(module=module, node=node)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
 
@@ -207,7 +207,7 @@ EventHandler.add_to_wait_set = registering
 
 def create():
     node = Node("registered")
-    node.heard = [node.create_subscription(Int32, name, print, 1) for name in "ab"]
+    node.kept = [node.create_subscription(Int32, name, print, 1) for name in "ab"]
     return node
 
 sys.exit(spin.run(create, message_info={message_info}))

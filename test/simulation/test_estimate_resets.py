@@ -1,4 +1,4 @@
-"""Announced steps of the estimate in flight: what is held is held, whatever its coordinates."""
+"""Announced steps of the estimate in flight: the vehicle keeps its true position."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ GROUND = {"duration": 17.0, "wind": (3.0, 1.0, 0.0), "drag": 0.3}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Flight:
-    """From a second before the step on: where the vehicle is, how it leans, who commands."""
+    """Positions, tilts and sources of commands from a second before the step on."""
 
     p_WB: Array
     tilt: Array
@@ -92,7 +92,7 @@ def flown(
 
 
 def moved(flight: Flight) -> float:
-    """How far the vehicle went from where it held before the step."""
+    """The distance of the vehicle from its place before the step."""
     return float(np.linalg.norm(flight.p_WB - flight.p_WB[0], axis=1).max())
 
 

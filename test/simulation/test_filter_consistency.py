@@ -38,7 +38,7 @@ def flown(plant: str, trajectory: str, seed: int, patch: pytest.MonkeyPatch) -> 
         self: DelayCompensation, odometry: OdometrySample, *, late_ns: int
     ) -> PredictedState:
         predicted = predict(self, odometry, late_ns=late_ns)
-        followed.append(self._followed.filter.copy())
+        followed.append(self._estimator.filter.copy())
         return predicted
 
     patch.setattr(DelayCompensation, "predict", recording)
@@ -65,7 +65,8 @@ def flown(plant: str, trajectory: str, seed: int, patch: pytest.MonkeyPatch) -> 
     for step, state in zip(steps, followed[-len(steps) :], strict=True):
         R_WB = so3.rotation_from_quaternion_xyzw(step.truth.q_WB_xyzw)
         truth = np.array([*step.truth.p_WB, *(R_WB @ step.truth.v_WB_B)])
-        error, P = state.motion.x[KINEMATIC] - truth, state.motion.P[KINEMATIC, KINEMATIC]
+        x, P = state.translation.x, state.translation.P[KINEMATIC, KINEMATIC]
+        error = x[KINEMATIC] - truth
         found.append(
             Seen(
                 float(state.position_nis),

@@ -45,7 +45,7 @@ def flown(
         tick = controller.receive_odometry(sent.odometry, now_ns=now_ns)
         assert tick is not None
         assert tick.command is not None
-        live.tell_ground(controller.ground_state)
+        live.set_ground_state(controller.ground_state)
         plant.apply(tick.command)
         heights.append(sent.truth.p_WB[2])
         throttles.append(tick.command.throttle)

@@ -61,7 +61,7 @@ def iterations_of(steps: list[LoopStep]) -> np.ndarray:
 
 
 def test_the_warm_start_survives_changes_at_every_tick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """New controllers in the same situations tell what a cold start would cost."""
+    """The comparison uses new controllers, which start cold, in the same situations."""
     left_alone = iterations_of(flown(as_it_was, monkeypatch))
     steps = flown(changed, monkeypatch)
     hammered = iterations_of(steps)

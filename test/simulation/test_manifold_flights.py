@@ -1,4 +1,4 @@
-"""How well the default formulation flies: accuracy, robustness, and recovery from anywhere.
+"""Flights with the default formulation: accuracy, robustness, and recovery.
 
 Each flight is that of ``quad_mpc simulate`` with the arguments given here.
 """
@@ -35,7 +35,8 @@ AT_ONCE = [
 class Flown:
     """A flight: ``time`` (n,) [s], ``distance`` (n,) [m] to the reference, ``commands`` (n, 4).
 
-    The distance is that of the true position. ``saturated`` (n,) tells a body rate at its bound.
+    The distance is that of the true position. ``saturated`` (n,) is true where a body
+    rate is at its bound.
     """
 
     time: Array
@@ -144,7 +145,7 @@ NOISE = settings("simulator", position_noise=0.01, attitude_noise=0.00873, veloc
         "slow in uneven air with a lag of each axis",
     ],
 )
-def test_lemniscate(arguments: list[str], rmse: float, tmp_path: Path) -> None:
+def test_flies_the_lemniscate(arguments: list[str], rmse: float, tmp_path: Path) -> None:
     run = flown(tmp_path, *arguments)
     assert run.failures == 0
     assert run.rmse <= rmse
@@ -170,14 +171,14 @@ def test_estimates_a_steady_disturbance(
     [WIND, [*HEAVY, *MODELLED, *lagging(0.03)]],
     ids=["wind", "heavy with lags"],
 )
-def test_disturbance_among_noise(arguments: list[str], tmp_path: Path) -> None:
+def test_estimates_a_disturbance_despite_noise(arguments: list[str], tmp_path: Path) -> None:
     run = flown(tmp_path, *LEMNISCATE, *arguments, *NOISE)
     assert run.failures == 0
     assert run.rmse <= 0.05
     assert run.distance.max() <= 0.06
 
 
-def test_square(tmp_path: Path) -> None:
+def test_flies_the_square(tmp_path: Path) -> None:
     run = flown(tmp_path)
     assert run.failures == 0
     assert run.rmse <= 0.712

@@ -1,4 +1,4 @@
-"""A plant and a control law of somebody else: handed to the loop, or registered."""
+"""A plant and a control law of another package, passed to the loop or registered."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def position_error(step: LoopStep) -> float:
     return float(np.linalg.norm(step.truth.p_WB - step.window.p_WB[0]))
 
 
-def test_contributing_registers_the_plant() -> None:
+def test_the_plant_of_contributing_is_registered() -> None:
     path = "quad_mpc_ros/simulation/config.py"
     lines = (ROOT / path).read_text().splitlines()
     assert len(kept(path)) == 3

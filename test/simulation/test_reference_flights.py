@@ -101,7 +101,7 @@ def test_minimum_snap_through_the_squares_corners_without_saturation() -> None:
 
 def test_directed_from_the_ground_to_a_circle_and_to_a_goal() -> None:
     config = ReferenceConfig(trajectory="circle", max_acceleration=4.0, max_speed=4.0)
-    director = Director.standing(config, p_WB=np.zeros(3), yaw=0.0)
+    director = Director.on_ground(config, p_WB=np.zeros(3), yaw=0.0)
     requests = {
         0.5: lambda now: director.take_off(now, height=1.5),
         4.0: lambda now: director.fly(now, configured_trajectory(config)),

@@ -60,8 +60,8 @@ def test_an_empty_scene_is_infinitely_far() -> None:
 
 def test_what_stands_is_there_from_the_start_and_does_not_move() -> None:
     scene = Scene(shapes())
-    assert all(not s.moves and s.appears_at == 0.0 for s in scene.standing.shapes)
-    assert scene.changes and not scene.standing.changes
+    assert all(not s.moves and s.appears_at == 0.0 for s in scene.static.shapes)
+    assert scene.changes and not scene.static.changes
 
 
 def test_a_volume_is_left_through_its_nearest_wall() -> None:

@@ -1,4 +1,4 @@
-"""Soft limits in flight: jumps are approached within them, and flips are flown as without."""
+"""Soft limits in flight: jumps of the reference stay within them, and flips are unchanged."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def jumped(
 
 
 def assert_calm(flight: Jump) -> None:
-    """No solve failed, and nobody but the MPC commanded."""
+    """No solve failed, and only the MPC was in command."""
     assert {tick.decision.source for tick in flight.ticks} == {Source.MPC}
     assert flight.ticks[-1].stats.solver_failures == 0
 

@@ -12,7 +12,7 @@ from quad_mpc_ros.analysis.figures.over_time import draw_panel, label_time
 from quad_mpc_ros.analysis.figures.panels import Curve, Panel
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.references.course import Course
-from quad_mpc_ros.references.feasibility import Verdict
+from quad_mpc_ros.references.feasibility import Feasibility
 from quad_mpc_ros.references.trajectory import TrajectorySamples
 
 _WIDTH, _HEIGHT = 10.0, 4.6  # inch
@@ -27,7 +27,7 @@ _START, _PATH, _VEHICLES = 4, 2, 3
 def write_reference(
     title: str,
     samples: TrajectorySamples,
-    verdict: Verdict,
+    verdict: Feasibility,
     path: Path,
     *,
     course: Course | None = None,
@@ -80,7 +80,7 @@ def _turned(q_WB_xyzw: Array) -> Array:
     return np.asarray(np.append(0.0, np.cumsum(steps)))
 
 
-def _draw_needs(figure: Any, column: list[Any], verdict: Verdict) -> None:
+def _draw_needs(figure: Any, column: list[Any], verdict: Feasibility) -> None:
     needs, limits = verdict.over_time, verdict.limits
     throttle = (limits.throttle_min, limits.throttle_max)
     rows = [

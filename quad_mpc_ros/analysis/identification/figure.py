@@ -9,7 +9,11 @@ import numpy as np
 from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.analysis.figures.over_time import write_panels
 from quad_mpc_ros.analysis.figures.panels import Curve, Panel
-from quad_mpc_ros.analysis.identification.result import Estimate, FittedCourse, Identification
+from quad_mpc_ros.analysis.identification.result import (
+    FittedCourse,
+    Identification,
+    ParameterEstimate,
+)
 
 _MAX_DURATION = 10.0  # s, of a flight, shown where the rates change most
 
@@ -53,7 +57,7 @@ def _title(found: Identification) -> str:
     return ", ".join(f"{name} {_milliseconds(each)}" for name, each in names.items())
 
 
-def _milliseconds(estimates: tuple[Estimate, ...]) -> str:
+def _milliseconds(estimates: tuple[ParameterEstimate, ...]) -> str:
     texts = [f"{1e3 * each.value:.0f}" if each.observable else "?" for each in estimates]
     return f"{' / '.join(texts)} ms"
 

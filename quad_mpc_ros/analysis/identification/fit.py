@@ -36,9 +36,9 @@ from quad_mpc_ros.analysis.identification.model import (
     ResponseModel,
 )
 from quad_mpc_ros.analysis.identification.result import (
-    Estimate,
     FittedCourse,
     Identification,
+    ParameterEstimate,
     ThrustOverVoltage,
 )
 from quad_mpc_ros.configuration import BagError, per_axis
@@ -55,8 +55,7 @@ _DELAYS = np.arange(0.0, 0.301, 0.02)
 class _ParameterRange(NamedTuple):
     """What is known of a parameter beforehand: the range that is searched, its natural size.
 
-    Half of a 95 % interval is too wide to be of use above both ``share`` of the value and
-    ``vague``; nuisance parameters have none.
+    Half of a 95 % interval above both ``share`` of the value and ``vague`` is too wide.
     """
 
     lowest: float
@@ -156,12 +155,14 @@ class _Fit:
         low = (theta <= _LOWEST[:p] + margin) & (_LOWEST[:p] != 0.0)
         return np.asarray(_REPORTED[:p] & (low | (theta >= _HIGHEST[:p] - margin)))
 
-    def estimates(self, parameters: NDArray[np.intp], *, free: bool) -> dict[int, Estimate]:
+    def estimates(
+        self, parameters: NDArray[np.intp], *, free: bool
+    ) -> dict[int, ParameterEstimate]:
         """Return what is found of parameters; those that are held at last are not ``free``."""
         least = _MIN_RELATIVE_WIDTH * np.abs(self.theta)
         width, enough, at_bound = np.maximum(self.half_width, least), self.enough, self.at_bound
         return {
-            p: Estimate(
+            p: ParameterEstimate(
                 value=float(self.theta[p]),
                 half_width=float(width[p]),
                 seen=bool(self.alone[p] <= enough[p]),
@@ -213,7 +214,7 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
             "under commands: record a longer flight"
         )
     theta, held = _searched(model, data), _as_given(given, data)[: model.parameters]
-    estimates: dict[int, Estimate] = {}
+    estimates: dict[int, ParameterEstimate] = {}
     free = np.ones(model.parameters, dtype=bool)
     while True:
         found = _fit(model, theta, free)
@@ -250,7 +251,7 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
 
 
 def _over_voltage(
-    estimates: Mapping[int, Estimate], data: Measurements
+    estimates: Mapping[int, ParameterEstimate], data: Measurements
 ) -> ThrustOverVoltage | None:
     if not data.knows_voltage:
         return None

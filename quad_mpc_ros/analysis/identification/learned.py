@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.analysis.identification import vehicle_file
-from quad_mpc_ros.analysis.identification.result import Estimate
+from quad_mpc_ros.analysis.identification.result import ParameterEstimate
 from quad_mpc_ros.configuration import UserError, per_axis
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.error_state import SCALE_BOUNDS
@@ -35,11 +35,11 @@ class FlightEstimates:
     it is as it was given or has not settled: it is learned in motion only.
     """
 
-    thrust_scale: Estimate
-    rate_time_constant: Estimate | None
-    yaw_time_constant: Estimate | None
-    thrust_time_constant: Estimate | None
-    drag: Estimate | None
+    thrust_scale: ParameterEstimate
+    rate_time_constant: ParameterEstimate | None
+    yaw_time_constant: ParameterEstimate | None
+    thrust_time_constant: ParameterEstimate | None
+    drag: ParameterEstimate | None
     ticks: int
 
 
@@ -95,13 +95,13 @@ def learned_file(
     return vehicle_file.content(entries, given, remarks=[head], thrust_map=thrust_map)
 
 
-def _drag(ticks: Sequence[TickStats], given: MpcConfig) -> Estimate | None:
+def _drag(ticks: Sequence[TickStats], given: MpcConfig) -> ParameterEstimate | None:
     drag = _estimate(np.array([tick.drag for tick in ticks]))
     moved = abs(drag.value - float(np.mean(per_axis(given.drag)))) > _MIN_DRAG_CHANGE
     return drag if drag.observable and moved and drag.value > 0.0 else None
 
 
-def _drag_entry(found: Estimate, given: MpcConfig) -> tuple[Any, str]:
+def _drag_entry(found: ParameterEstimate, given: MpcConfig) -> tuple[Any, str]:
     """Return the drag of each axis: they keep their proportions."""
     if isinstance(given.drag, float):
         return vehicle_file.found_entry(found)
@@ -130,7 +130,7 @@ def _rate_entry(found: FlightEstimates, given: MpcConfig) -> tuple[Any, str]:
     return vehicle_file.axes_entry([*of_axes, of_yaw], given.rate_time_constant)
 
 
-def _scaled(estimate: Estimate, factor: float) -> Estimate:
+def _scaled(estimate: ParameterEstimate, factor: float) -> ParameterEstimate:
     return dataclasses.replace(
         estimate, value=factor * estimate.value, half_width=factor * estimate.half_width
     )
@@ -148,7 +148,7 @@ def _thrust_scales(ticks: Sequence[TickStats], given: MpcConfig) -> Array:
     return np.asarray(scales * given.gravity / (given.gravity - pushes))
 
 
-def _check(scale: Estimate, *, estimated: float) -> None:
+def _check(scale: ParameterEstimate, *, estimated: float) -> None:
     if scale.value == 1.0 and scale.half_width == 0.0:
         raise UserError(
             "nothing has been learned yet: thrust_scale in mpc/stats is 1 throughout; fly first"
@@ -166,10 +166,10 @@ def _check(scale: Estimate, *, estimated: float) -> None:
         )
 
 
-def _estimate(values: Array) -> Estimate:
+def _estimate(values: Array) -> ParameterEstimate:
     low, middle, high = np.percentile(values, (2.5, 50.0, 97.5)).tolist()
     half_width = 0.5 * (high - low)
-    return Estimate(
+    return ParameterEstimate(
         value=middle,
         half_width=half_width,
         seen=True,

@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any
 
 from quad_mpc_ros.analysis.identification import vehicle_file
-from quad_mpc_ros.analysis.identification.result import Estimate, Identification
+from quad_mpc_ros.analysis.identification.result import Identification, ParameterEstimate
 from quad_mpc_ros.configuration import UserError, per_axis
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.control.config import MpcConfig
@@ -49,7 +49,7 @@ class _Row:
     label: str
     unit: str
     given: float
-    estimate: Estimate
+    estimate: ParameterEstimate
     unseen: str
     unsure: str = _UNSURE_TEXT
 
@@ -215,7 +215,7 @@ def parameter_file(
     return vehicle_file.content(entries, given, remarks=[remark], thrust_map=thrust_map)
 
 
-def _usable(estimate: Estimate) -> Estimate | None:
+def _usable(estimate: ParameterEstimate) -> ParameterEstimate | None:
     """Return an estimate as it is written: None if it is not observable, and not below zero."""
     if not estimate.observable:
         return None

@@ -8,7 +8,7 @@ from quad_mpc_ros.control.lie import Array
 
 
 @dataclass(frozen=True, kw_only=True)
-class Estimate:
+class ParameterEstimate:
     """A fitted value with half of its 95 % interval.
 
     ``seen``: the flight excites it; ``observable``: the interval is narrow enough to be of use,
@@ -30,7 +30,7 @@ class ThrustOverVoltage:
     ``compensated`` of it.
     """
 
-    exponent: Estimate
+    exponent: ParameterEstimate
     reference: float
     compensated: float
 
@@ -66,14 +66,14 @@ class Identification:
     [s], ``fitted`` what of it was used.
     """
 
-    rate_time_constant: tuple[Estimate, ...]
-    rate_gain: tuple[Estimate, ...]
-    thrust_time_constant: Estimate
-    input_delay: Estimate
-    thrust_scale: Estimate
-    drag: tuple[Estimate, ...]
-    translational_lift: Estimate
-    rotor_drag: tuple[Estimate, ...]
+    rate_time_constant: tuple[ParameterEstimate, ...]
+    rate_gain: tuple[ParameterEstimate, ...]
+    thrust_time_constant: ParameterEstimate
+    input_delay: ParameterEstimate
+    thrust_scale: ParameterEstimate
+    drag: tuple[ParameterEstimate, ...]
+    translational_lift: ParameterEstimate
+    rotor_drag: tuple[ParameterEstimate, ...]
     over_voltage: ThrustOverVoltage | None
     wind_acceleration_W: Array
     rate_residual: float

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Literal
 
-from quad_mpc_ros.analysis.identification.result import Estimate
+from quad_mpc_ros.analysis.identification.result import ParameterEstimate
 from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.configuration.files import value_text
 from quad_mpc_ros.configuration.vehicle import VEHICLE
@@ -31,12 +31,12 @@ _MAP_PREFIX = "thrust_map."
 _DIGITS, _DECIMALS = 4, 7  # of what is written
 
 
-def found_entry(estimate: Estimate) -> tuple[float, str]:
+def found_entry(estimate: ParameterEstimate) -> tuple[float, str]:
     """Return a found value and how far off it may be."""
     return rounded(estimate.value), f"+- {estimate.half_width:.2g}"
 
 
-def axes_entry(estimates: Sequence[Estimate | None], given: PerAxis) -> tuple[Any, str]:
+def axes_entry(estimates: Sequence[ParameterEstimate | None], given: PerAxis) -> tuple[Any, str]:
     """Return a value for each body axis, and how far off each may be; None is kept as given.
 
     What is kept of all of them stays as it was given, one number or three.
@@ -51,7 +51,7 @@ def axes_entry(estimates: Sequence[Estimate | None], given: PerAxis) -> tuple[An
     return values, "; ".join(notes)
 
 
-def thrust_entries(scale: Estimate, given: MpcConfig, *, keep: Kept) -> Entries:
+def thrust_entries(scale: ParameterEstimate, given: MpcConfig, *, keep: Kept) -> Entries:
     """Return what makes the given vehicle one of ``scale`` times its thrust per mass.
 
     With ``keep`` mass the thrust curve is scaled, with curve the mass.

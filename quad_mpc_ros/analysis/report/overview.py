@@ -9,7 +9,7 @@ from typing import Any
 from quad_mpc_ros.analysis.report.markup import html_table
 from quad_mpc_ros.analysis.report.run import ReportedRun
 from quad_mpc_ros.configuration import files
-from quad_mpc_ros.configuration.errors import shown
+from quad_mpc_ros.configuration.errors import text_of
 from quad_mpc_ros.recordings.parameters import recorded_parameters
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
@@ -38,7 +38,7 @@ def parameter_table(runs: Sequence[ReportedRun], *, only_different: bool) -> str
     """Return the recorded parameters, or those in which runs differ; empty when there are none."""
     values = [_flattened(run.flight.parameters) for run in runs]
     rows = {
-        name: [shown(each[name]) if name in each else _ABSENT for each in values]
+        name: [text_of(each[name]) if name in each else _ABSENT for each in values]
         for name in dict.fromkeys(name for each in values for name in each)
     }
     if only_different:

@@ -1,1 +1,1 @@
-"""What is estimated in flight: delay, disturbance, thrust, drag, lags, state on the ground."""
+"""Estimation in flight: delay compensation, EKF of motion and parameters, landing detection."""

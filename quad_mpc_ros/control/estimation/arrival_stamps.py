@@ -1,20 +1,19 @@
-"""Odometry stamped on arrival: how much later than measured, by how far the vehicle moved.
+"""Correction of odometry stamped on arrival: the displacement shows when it was measured.
 
-Between two odometries the vehicle moves by the velocity times the time between the measurements,
-so with the mean velocity v of both, the interval dt of the stamps and the lateness l of each stamp
+Between two odometries the vehicle moves by its velocity times the time between the measurements.
+With the mean velocity v of both, the interval dt of the stamps and the lateness l of each stamp
 
     y = dt - v . dp / |v|^2 = l - l_before + noise,   of variance r / |v|^2.
 
-True stamps give y = 0 whatever the intervals are. Stamps of arrival are recognised by y along the
-track that varies far more than the deviation across it, by intervals that vary as much, and by
-odometry that is, by its stamps, always equally old. Then l is filtered: without y it is a
-deviation from the mean lateness, of variance s^2 = var(y) / 2, and
+True stamps give y = 0 for any intervals. Stamps of arrival have three signs: y along the track
+varies far more than the deviation across it, the intervals vary as much, and the age of the
+odometry by its stamp is constant. Then l is filtered as a deviation from the mean lateness, of
+variance s^2 = var(y) / 2:
 
     K = s^2 / (s^2 + P + r / |v|^2),   l <- K (l + y - mean(y)),   P <- K (P + r / |v|^2).
 
-The earliest arrival of the last seconds is taken to have come without delay. A delay that all
-arrivals share does not show: it looks like delay of the vehicle's inputs, and belongs into
-``input_delay``.
+The earliest arrival of the last seconds counts as arriving without delay. A delay common to all
+arrivals is not observable; it belongs to ``input_delay``.
 """
 
 from __future__ import annotations
@@ -31,16 +30,16 @@ from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.stage import Stage
 
-_FORGETTING = 2.0  # s
-_SLOWEST = 0.3  # m/s: slower, positions do not show the time
-_LEAST_JITTER = 0.003  # s, of stamps that are corrected
-_ALONG = 9.0  # variance along the track over that across it
-_ENOUGH = 20.0  # odometries
+_STATISTICS_TIME = 2.0  # s, time constant of the sums
+_MIN_SPEED = 0.3  # m/s: below it positions do not show the time
+_MIN_JITTER = 0.003  # s, standard deviation from which on stamps are corrected
+_MIN_VARIANCE_RATIO = 9.0  # variance along the track over that across it
+_MIN_ODOMETRIES = 20.0
 _LONGEST_GAP = 0.5  # s
-_MEMORY = 10.0  # s, of the earliest arrival
-# Intervals that differ by less are equal [s]; after so many, stamps are those of measurements.
-_REGULAR, _ENOUGH_REGULAR = 0.001, 100
-_STEP_NS = 1_000_000  # between corrected stamps, at least
+_EARLIEST_TIME = 10.0  # s, time constant of the earliest arrival
+# Intervals that differ by less are equal [s]; after so many equal ones stamps are not corrected.
+_INTERVAL_TOLERANCE, _MIN_REGULAR = 0.001, 100
+_MIN_STEP_NS = 1_000_000  # between corrected stamps
 
 _Measured = tuple[Array, Array, Array]  # position (3,), attitude (4,), velocity in the body (3,)
 
@@ -54,35 +53,35 @@ class _Before(NamedTuple):
 
 
 class _Sums:
-    """Decaying sums: of y by the square of the speed, of all else by odometry."""
+    """Decaying sums; those of y are weighted by the square of the speed."""
 
     def __init__(self) -> None:
         self._sums = np.zeros(9)
         self._first_age_ns: int | None = None
 
     def add(self, y: float, across: float, square: float, interval: float, age_ns: int) -> None:
-        """Take y [s], the squares of the deviation across the track [m^2] and of the speed.
+        """Add one interval: y [s], squared deviation across the track [m^2], squared speed.
 
-        And the interval of the stamps [s] and the age by the stamp, with any offset of clocks.
+        ``interval`` is between the stamps [s], ``age_ns`` the age by the stamp; any clock offset.
         """
         if self._first_age_ns is None:
             self._first_age_ns = age_ns
         age = 1e-9 * (age_ns - self._first_age_ns)
         ages, ys = (age, age**2), (square * y, square * y**2)
-        self._sums *= math.exp(-interval / _FORGETTING)
+        self._sums *= math.exp(-interval / _STATISTICS_TIME)
         self._sums += (1.0, interval, interval**2, *ages, across, square, *ys)
 
     def lateness(self) -> tuple[float, float, float] | None:
-        """Return mean of y, variance of l and r; None if the stamps are not those of arrivals."""
+        """Return mean of y, variance of l and r; None if stamps are not those of arrivals."""
         count, interval, intervals, age, ages, across, square, y, ys = self._sums.tolist()
-        if count < _ENOUGH:
+        if count < _MIN_ODOMETRIES:
             return None
         mean = y / square
         variance, noise = ys / square - mean**2, across / square
         irregular = intervals / count - (interval / count) ** 2
         aging = ages / count - (age / count) ** 2
         if (
-            variance < max(_ALONG * noise, _LEAST_JITTER**2)
+            variance < max(_MIN_VARIANCE_RATIO * noise, _MIN_JITTER**2)
             or irregular < 0.3 * variance
             or aging > 0.1 * variance
         ):
@@ -95,7 +94,7 @@ class ArrivalStamps(Stage):
 
     def __init__(self) -> None:
         self._before: _Before | None = None
-        self._regular = 0  # intervals in a row that equal the one before
+        self._regular = 0  # successive equal intervals
         self._begin()
 
     def _begin(self) -> None:
@@ -103,11 +102,11 @@ class ArrivalStamps(Stage):
         self._l = self._P = self._earliest = 0.0
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Compare no position with one of the coordinates before."""
+        """Forget the last odometry, whose coordinates are outdated."""
         self._before = None
 
     def corrected(self, odometry: OdometrySample, *, now_ns: int) -> OdometrySample:
-        """Return an odometry that arrives now, twist in the body frame, stamped as measured."""
+        """Return the odometry, twist in the body frame, with the stamp of its measurement."""
         stamp_ns, before = odometry.stamp_ns, self._before
         interval = 0.0 if before is None else 1e-9 * (stamp_ns - before.odometry.stamp_ns)
         self._before = _Before(odometry, stamp_ns, interval)
@@ -115,29 +114,29 @@ class ArrivalStamps(Stage):
             self._regular = 0
             self._begin()
             return odometry
-        even = -_REGULAR < interval - before.interval < _REGULAR
-        self._regular = self._regular + 1 if even else 0
-        if self._regular >= _ENOUGH_REGULAR:  # compared no further, until one is uneven
-            if self._regular == _ENOUGH_REGULAR:
+        regular = -_INTERVAL_TOLERANCE < interval - before.interval < _INTERVAL_TOLERANCE
+        self._regular = self._regular + 1 if regular else 0
+        if self._regular >= _MIN_REGULAR:  # not corrected until an interval differs
+            if self._regular == _MIN_REGULAR:
                 self._begin()
             return odometry
         late_ns = self._late_ns(before.odometry, odometry, interval, now_ns)
         if late_ns == 0:
             return odometry
-        corrected_ns = max(stamp_ns - late_ns, before.corrected_ns + _STEP_NS)
+        corrected_ns = max(stamp_ns - late_ns, before.corrected_ns + _MIN_STEP_NS)
         self._before = _Before(odometry, min(corrected_ns, stamp_ns), interval)
         return dataclasses.replace(odometry, stamp_ns=self._before.corrected_ns)
 
     def _late_ns(
         self, before: OdometrySample, after: OdometrySample, interval: float, now_ns: int
     ) -> int:
-        """Return by how much the stamp is late; 0 for a true one."""
+        """Return the lateness of the stamp; 0 for a true stamp."""
         y, across, square = _deviation(
             (before.p_WB, before.q_WB_xyzw, before.v_WB_B),
             (after.p_WB, after.q_WB_xyzw, after.v_WB_B),
             interval,
         )
-        if square > _SLOWEST**2 and -_LONGEST_GAP < y < _LONGEST_GAP:
+        if square > _MIN_SPEED**2 and -_LONGEST_GAP < y < _LONGEST_GAP:
             self._sums.add(y, across, square, interval, now_ns - after.stamp_ns)
         found = self._sums.lateness()
         if found is None:
@@ -147,14 +146,14 @@ class ArrivalStamps(Stage):
         uncertain = self._P + r / max(square, 1e-12)
         K = variance / (variance + uncertain)
         self._l, self._P = K * (self._l + y - mean), K * uncertain
-        # In hover K is near zero: the estimate of the mean lateness stays.
-        self._earliest = min(self._earliest * math.exp(-K * interval / _MEMORY), self._l)
+        # In hover K is near zero, so that the mean lateness does not change.
+        self._earliest = min(self._earliest * math.exp(-K * interval / _EARLIEST_TIME), self._l)
         return round(1e9 * (self._l - self._earliest))
 
 
 @compiled
 def _deviation(before: _Measured, after: _Measured, interval: float) -> tuple[float, float, float]:
-    """Return y [s], and the squares of the deviation across the track [m^2] and of the speed."""
+    """Return y [s], squared deviation across the track [m^2] and squared speed."""
     (p_before, q_before, v_before), (p_after, q_after, v_after) = before, after
     moved_W = kernels.minus(kernels.vector(p_after), kernels.vector(p_before))
     v_W = kernels.in_world(q_before, v_before)

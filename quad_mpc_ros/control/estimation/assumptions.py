@@ -1,4 +1,4 @@
-"""What is assumed of each state at the start, by the configured parameters."""
+"""Initial variances and process noise of each state, from the configured parameters."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ import math
 from quad_mpc_ros.control.estimation import error_state, measurement_noise
 from quad_mpc_ros.control.estimation.error_state import (
     MOTION,
+    RATES,
     ROLL_PITCH,
-    TURNING,
     YAW,
     variances_at,
 )
 from quad_mpc_ros.control.estimation.filter_state import Filter
 from quad_mpc_ros.control.model.parameters import ModelParameters
 
-_RATE_WALK = 0.2  # rad/s / sqrt(s), of the model's rates
-# From a command to what it does by default [s], and by how much closer at most vehicles are
-# followed that answer sooner.
-_USUAL_LATENCY, _CLOSEST = 0.13, 4.0
+_RATE_PROCESS_NOISE = 0.2  # rad/s / sqrt(s), of the model's rates
+# Latency of the default vehicle from command to response [s], and the largest bandwidth scale.
+_DEFAULT_LATENCY, _MAX_BANDWIDTH_SCALE = 0.13, 4.0
 
 
-def assume(state: Filter, closer: float) -> None:
-    """Write what is assumed of each state, by the configured parameters."""
-    nominal, motion, turning = state.nominal, state.walks.motion, state.walks.turning
+def set_initial_variances(state: Filter, bandwidth_scale: float) -> None:
+    """Write the initial variances and the process noise of each state."""
+    nominal = state.nominal
+    translation, rates = state.process_noise.translation, state.process_noise.rates
     roll, pitch, yaw = nominal.rate_time_constants.tolist()
     shared = 0.5 * (roll + pitch)
-    # An offset that is found soon makes a loop as quick: only where short lags are configured.
-    share = min(closer - 1.0, 1.0) if max(roll, pitch, yaw) > 0.0 else 0.0
+    # Quickly estimated offsets raise the bandwidth: only for vehicles configured with short lags.
+    share = min(bandwidth_scale - 1.0, 1.0) if max(roll, pitch, yaw) > 0.0 else 0.0
     d, of_lag = MOTION.disturbance, error_state.LAG
     for i, assumed, scale in (
         (d, error_state.DISTURBANCE, 1.0),
@@ -37,43 +37,42 @@ def assume(state: Filter, closer: float) -> None:
         (MOTION.lag, error_state.THRUST_LAG, nominal.thrust_time_constant),
         (MOTION.drag, error_state.DRAG, 1.0),
     ):
-        motion.P[i, i], motion.x[i] = variances_at(assumed, scale)
+        translation.P[i, i], translation.x[i] = variances_at(assumed, scale)
     initial = measurement_noise.drift_variance_in(state.drift, 0.0)
     for k in range(3):
-        motion.P[MOTION.bias + k, MOTION.bias + k] = initial
+        translation.P[MOTION.bias + k, MOTION.bias + k] = initial
     for i, assumed, scale in (
         (ROLL_PITCH, of_lag, shared),
         (YAW, error_state.YAW_LAG, yaw),
-        *((TURNING.offset + k, error_state.OFFSET, share) for k in range(2)),
-        *((TURNING.offset_by_thrust + k, error_state.OFFSET_BY_THRUST, share) for k in range(2)),
-        (TURNING.lateness, error_state.LATENESS, share),
+        *((RATES.offset + k, error_state.OFFSET, share) for k in range(2)),
+        *((RATES.offset_by_thrust + k, error_state.OFFSET_BY_THRUST, share) for k in range(2)),
+        (RATES.lateness, error_state.LATENESS, share),
     ):
-        turning.P[i, i], turning.x[i] = variances_at(assumed, scale)
-    turning.x[TURNING.rate : TURNING.lag] = _RATE_WALK**2
-    # Shorter lags are trusted more: a lag that is learned although it is none, of odometry that
-    # is late, is answered by commands that lead more, and oscillates.
+        rates.P[i, i], rates.x[i] = variances_at(assumed, scale)
+    rates.x[RATES.rate : RATES.lag] = _RATE_PROCESS_NOISE**2
+    # Late odometry looks like a lag; compensating a lag that does not exist oscillates. So the
+    # longest lag is closer to the configured one for quick vehicles.
     lags, shortest = state.rate_lags, error_state.SHORTEST_RATE_LAG
     lags.share[:] = roll / (shared or 1.0), pitch / (shared or 1.0), yaw / (yaw or 1.0)
     lags.shortest[:] = shortest * shared, shortest * shared, shortest * yaw
-    slowest = (1.0 + 1.0 / closer) * shared
+    slowest = (1.0 + 1.0 / bandwidth_scale) * shared
     lags.longest[:] = slowest, slowest, error_state.SLOWEST_YAW * yaw
 
 
-def assume_accelerometer(state: Filter) -> None:
-    """Write what is assumed of an accelerometer; without one it is known to have no bias."""
-    motion = state.walks.motion
+def set_accelerometer_variances(state: Filter) -> None:
+    """Write the variances of the accelerometer's bias; without accelerometer they are 0."""
+    translation = state.process_noise.translation
     for i in range(MOTION.accelerometer, MOTION.size):
-        motion.P[i, i], motion.x[i] = variances_at(error_state.ACCELEROMETER)
+        translation.P[i, i], translation.x[i] = variances_at(error_state.ACCELEROMETER)
 
 
-def closeness(nominal: ModelParameters, delay: float) -> float:
-    """Return by how much closer than usual a vehicle is followed, 1 at least.
+def bandwidth_scale_of(nominal: ModelParameters, delay: float) -> float:
+    """Return the scale of the estimator's bandwidth over the default, at least 1.
 
-    What is learned is answered by commands, and a loop that is quicker than the actuators
-    oscillates. Where they are as quick as the default's it is as usual. No lag is a lag of 0.
+    Commands respond to the estimate, and a loop that is quicker than the actuators oscillates.
     """
     roll, pitch, _yaw = nominal.rate_time_constants
     latency = max(roll, pitch) + nominal.thrust_time_constant + delay
-    if latency <= _USUAL_LATENCY / math.sqrt(_CLOSEST):
-        return _CLOSEST
-    return float(max((_USUAL_LATENCY / latency) ** 2, 1.0))
+    if latency <= _DEFAULT_LATENCY / math.sqrt(_MAX_BANDWIDTH_SCALE):
+        return _MAX_BANDWIDTH_SCALE
+    return float(max((_DEFAULT_LATENCY / latency) ** 2, 1.0))

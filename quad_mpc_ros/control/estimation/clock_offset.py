@@ -5,20 +5,20 @@ from __future__ import annotations
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.stage import Stage
 
-# Two clocks drift apart by at most this share: real ones keep within 1e-4, but a simulation that
-# should run in real time may fall behind.
+# Largest relative drift of two clocks: real ones stay within 1e-4, but a simulation that should
+# run in real time can fall behind.
 _DRIFT = 0.02
 
 
 class ClockOffset:
-    """Tracks by how much a source's clock is behind ours.
+    """Tracks how far a source's clock is behind the local clock.
 
-    The fastest arrival is taken to have come without latency; what takes longer is late. The
-    fastest arrival is forgotten as fast as the clocks may drift apart.
+    The fastest arrival counts as arriving without latency. It is forgotten at the rate at which
+    the clocks may drift apart.
     """
 
     def __init__(self, *, until_last: bool = False) -> None:
-        """With ``until_last`` nothing is forgotten that the last arrival has confirmed."""
+        """With ``until_last``, keep what the last arrival has confirmed."""
         self._until_last = until_last
         self.behind_ns = 0
         self.last_age_ns = 0
@@ -26,11 +26,11 @@ class ClockOffset:
         self._arrived_ns = 0
 
     def age_ns(self, stamp_ns: int, *, now_ns: int) -> int:
-        """Return the latency of what arrives now; negative if it is faster than the fastest."""
+        """Return the latency of a message that arrives now; negative if it is the fastest."""
         return now_ns - stamp_ns - self.behind_ns
 
     def follow(self, stamp_ns: int, *, now_ns: int) -> int:
-        """Take an arrival, which may be the fastest, and return its age before that is known."""
+        """Take an arrival, update the offset, and return the age by the offset before."""
         drift_ns = round(_DRIFT * (now_ns - self._arrived_ns))
         if self._until_last:
             drift_ns = min(max(drift_ns, 0), max(self.last_age_ns, 0))
@@ -43,15 +43,15 @@ class ClockOffset:
         return age_ns
 
     def set(self, behind_ns: int, *, stamp_ns: int, now_ns: int) -> None:
-        """Take an offset as given, at an arrival."""
+        """Set the offset at an arrival."""
         self.behind_ns, self._arrived_ns = behind_ns, now_ns
         self.last_age_ns = self.age_ns(stamp_ns, now_ns=now_ns)
 
 
 class Lateness(Stage):
-    """By how much an odometry is later than the fastest, whose latency is part of the input delay.
+    """Lateness of an odometry relative to the fastest, whose latency is part of the input delay.
 
-    Beyond ``odom_timeout``, either way, a clock was set, and the next one is the fastest.
+    A lateness beyond ``odom_timeout``, of either sign, means that a clock was set: start again.
     """
 
     def __init__(self, config: MpcConfig) -> None:
@@ -63,7 +63,7 @@ class Lateness(Stage):
         self._most_ns = round(config.odom_timeout * 1e9)
 
     def of(self, stamp_ns: int, *, now_ns: int) -> int:
-        """Return the lateness of what arrives now."""
+        """Return the lateness of an odometry that arrives now."""
         if self._offset is not None:
             age_ns = self._offset.follow(stamp_ns, now_ns=now_ns)
             if -self._most_ns <= age_ns <= self._most_ns:
@@ -74,17 +74,17 @@ class Lateness(Stage):
 
 
 class PersistentOffset:
-    """For how long an unexpected offset has persisted: a clock that was set, or one bad stamp."""
+    """Duration of an unexpected offset, to distinguish a clock that was set from one bad stamp."""
 
     def __init__(self) -> None:
         self._since: tuple[int, int] | None = None  # the time, and the offset then
 
     def clear(self) -> None:
-        """Take note of an offset as expected."""
+        """Note that the offset is as expected."""
         self._since = None
 
     def duration_ns(self, offset_ns: int, *, now_ns: int, tolerance_ns: float) -> int:
-        """Take an unexpected offset; return for how long it has been the same."""
+        """Take an unexpected offset; return how long it has been constant."""
         if self._since is None or abs(offset_ns - self._since[1]) > tolerance_ns:
             self._since = now_ns, offset_ns
         return now_ns - self._since[0]

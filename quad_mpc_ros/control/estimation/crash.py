@@ -1,48 +1,48 @@
-"""Has the vehicle crashed? It lies where it cannot fly from, while the MPC tries to follow.
+"""Crash detection.
 
-To say so wrongly would cut the motors of a flying vehicle. So it is said only of what keeps its
-height although in the air it could not, with an acceleration a that is
+A false crash would cut the motors of a flying vehicle. So a vehicle counts as crashed only if it
+keeps its height although in the air it would accelerate by
 
-- upside down, where any thrust pushes down: at least g - gust downwards;
+- upside down, where any thrust points down: at least g - gust downwards;
 - after a collision, with l times its weight as thrust: at least (l / 2 - 1) g - gust upwards,
   even if the true thrust is half of the modelled.
 
-The reference is not asked. A collision is a speed that falls faster than any vehicle in the air
-can brake. It is over when the vehicle falls, as one that was held or hung and is let go.
+A collision is a deceleration that no vehicle in the air can reach. The crash ends if the vehicle
+falls, for example after it was held.
 """
 
 from __future__ import annotations
 
-from quad_mpc_ros.control.estimation.ground_motion import Motion
+from quad_mpc_ros.control.estimation.ground_motion import VehicleMotion
 from quad_mpc_ros.control.estimation.kept_height import GUST, SETTLING, THRUST_ERROR, KeptHeight
 
 SLOW = 1.0
-"""Speed [m/s], filtered, with no more than which it may have come to rest."""
+"""Filtered speed [m/s] below which the vehicle may have come to rest."""
 FAST = 3.0
-"""Speed [m/s], filtered, beyond which nothing stands or lies."""
-_STOPPED = 1.0  # s, the shortest after a collision, when filtered thrust is old
-_HARDEST = 200.0  # m/s^2, between two odometries; and for how long [ns] it may lie after that
-_AFTERWARDS_NS = 5_000_000_000
+"""Filtered speed [m/s] above which the vehicle is certainly not on the ground."""
+_STOPPED_TIME = 1.0  # s, shortest rest after a collision, when filtered thrust is old
+_COLLISION_DECELERATION = 200.0  # m/s^2, between two odometries
+_COLLISION_MEMORY_NS = 5_000_000_000
 
 
-class Crash:
-    """Follows a vehicle from odometry to odometry."""
+class CrashDetector:
+    """Detects crashes from the filtered motion of the vehicle."""
 
     def __init__(self, gravity: float) -> None:
         self.found = False
-        """Whether it is certain that it has crashed."""
+        """Whether the vehicle has crashed."""
         self._gravity = gravity
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was before, but not that it has crashed."""
-        self._inverted, self._stopped = KeptHeight(2.0 * SETTLING), KeptHeight(_STOPPED)
-        self._before = 0, 0.0  # stamp, and speed [m/s]
+        """Forget the motion; the crash stays."""
+        self._inverted, self._stopped = KeptHeight(2.0 * SETTLING), KeptHeight(_STOPPED_TIME)
+        self._previous = 0, 0.0  # stamp, speed [m/s]
         self._collided_ns: int | None = None
 
-    def update(self, stamp_ns: int, motion: Motion) -> bool:
-        """Take the motion at a stamp, and return whether it has crashed."""
-        self._look_for_collision(stamp_ns, motion.reported_speed)
+    def update(self, stamp_ns: int, motion: VehicleMotion) -> bool:
+        """Take the motion at a stamp; return whether the vehicle has crashed."""
+        self._detect_collision(stamp_ns, motion.reported_speed)
         if self.found:
             self.found = motion.climb >= -FAST
             if not self.found:
@@ -58,10 +58,10 @@ class Crash:
         self.found = self._stopped.lasts(stamp_ns, motion.height, rise) or inverted
         return self.found
 
-    def _look_for_collision(self, stamp_ns: int, speed: float) -> None:
-        before_ns, before = self._before
-        if before - speed > _HARDEST * 1e-9 * (stamp_ns - before_ns):
+    def _detect_collision(self, stamp_ns: int, speed: float) -> None:
+        before_ns, before = self._previous
+        if before - speed > _COLLISION_DECELERATION * 1e-9 * (stamp_ns - before_ns):
             self._collided_ns = stamp_ns
-        elif self._collided_ns is not None and stamp_ns - self._collided_ns > _AFTERWARDS_NS:
+        elif self._collided_ns is not None and stamp_ns - self._collided_ns > _COLLISION_MEMORY_NS:
             self._collided_ns = None
-        self._before = stamp_ns, speed
+        self._previous = stamp_ns, speed

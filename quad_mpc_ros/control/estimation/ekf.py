@@ -1,24 +1,22 @@
-"""The extended Kalman filter of the vehicle: its motion, and what the model does not know of it.
+"""The extended Kalman filter of the vehicle's motion and parameters.
 
-Between two odometries position, velocity, throttle and body rates are predicted by the MPC's own
-model with the commands that were really acting, delayed and lagged (:mod:`.process_model`); then
-they are corrected by what was measured, and with them what is learned of the vehicle
-(:mod:`.error_state` has the states, :mod:`.kalman` the equations of the filter).
-docs/explanation/estimation.md derives how the states are distinguished.
+Between two odometries the MPC's own model predicts position, velocity, throttle and body rates
+from the commands that acted, delayed and lagged (:mod:`.process_model`). The measurements correct
+the prediction and the parameters (:mod:`.error_state` has the states, :mod:`.kalman` the
+equations). docs/explanation/estimation.md explains how the states are distinguished.
 
-    dd/dt = noise, of d_z -d_z / T + noise         the disturbance; what lasts of d_z is thrust
-    db/dt = -b / T_b + noise                       what the measured velocity errs for long
-    da/dt = noise                                  the bias of an accelerometer, if there is one
-    all else that is learned: a random walk, no more uncertain than at the start
+    dd/dt = noise, for d_z -d_z / T + noise        disturbance acceleration
+    db/dt = -b / T_b + noise                       bias of the measured velocity
+    da/dt = noise                                  bias of the accelerometer, if there is one
+    all other parameters: a random walk, no more uncertain than at the start
 
     z_p = p + n,   z_v = v + b + n,   z_w = w - D dw/dt + n,   z_f = R' (dv/dt - g) + a + n
 
-**k and d_z look alike at hover**: only their sum k T/m + d_z = g is observable. What is likely
-separates them: winds change, a lack of thrust lasts. **Drag** is distinguished from wind by
-motion, and is considered below a speed. **A velocity that errs for seconds**, as that of
-autopilots, is distinguished by how the position moves. What an odometry may change says
-:mod:`.update_mode`; a time constant of zero is no lag and stays. The delay of the input is not
-estimated: ``docs/howto/tune.md`` says why.
+**k and d_z** are not separately observable at hover: only k T/m + d_z = g is. Their process noise
+separates them: wind changes, a lack of thrust lasts. **Drag** is distinguished from wind by
+motion, and is considered below a speed. **A velocity bias** is distinguished by the change of the
+position. :mod:`.update_mode` selects what an odometry may change. A time constant of zero is no
+lag and stays zero. The input delay is not estimated (``docs/howto/tune.md``).
 """
 
 from __future__ import annotations
@@ -30,22 +28,26 @@ import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.estimation import measurement_noise
-from quad_mpc_ros.control.estimation.assumptions import assume, assume_accelerometer, closeness
+from quad_mpc_ros.control.estimation.assumptions import (
+    bandwidth_scale_of,
+    set_accelerometer_variances,
+    set_initial_variances,
+)
 from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.error_state import (
-    LEARNED_OF_MOTION,
+    LEARNED_STATES,
     MOTION,
     ROLL_PITCH,
     SCALE_BOUNDS,
     YAW,
 )
 from quad_mpc_ros.control.estimation.filter_state import Filter, write_estimated
-from quad_mpc_ros.control.estimation.motion_update import restart, update_motion
-from quad_mpc_ros.control.estimation.turning_update import (
-    begin_turning,
+from quad_mpc_ros.control.estimation.rate_update import (
+    begin_rates,
     take_rates,
-    update_turning,
+    update_rates,
 )
+from quad_mpc_ros.control.estimation.translation_update import restart, update_translation
 from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode, update_mode
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
@@ -54,15 +56,15 @@ from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.state import U_THROTTLE
 
 
-class EkfMemory(NamedTuple):
-    """What is estimated at a moment."""
+class EkfSnapshot(NamedTuple):
+    """A copy of both filters."""
 
-    motion: Any
-    turning: Any
+    translation: Any
+    rates: Any
 
 
 class VehicleEkf:
-    """Follows a vehicle from odometry to odometry."""
+    """The filter of a vehicle; :func:`update` takes an odometry."""
 
     def __init__(
         self,
@@ -74,82 +76,81 @@ class VehicleEkf:
         uses_accelerometer: bool = False,
         state: Filter,
     ) -> None:
-        """``nominal`` are the configured parameters, ``throttle`` is where it begins.
+        """``nominal`` are the configured parameters, ``throttle`` is the initial throttle.
 
-        ``delay`` [s] is that of the input; ``uses_accelerometer`` says that there is one. The
-        estimate is kept in ``state``, zeros to begin with; :func:`update` goes on with it.
+        ``delay`` [s] is the input delay. The estimate is kept in ``state``, initially zeros.
         """
         self._filter, self._initial_throttle = state, throttle
         state.nominal = state.estimated = nominal
         state.enabled = int(enabled)
-        state.drag_shape[:] = nominal.uneven_drag / (nominal.drag or 1.0)
+        state.drag_shape[:] = nominal.anisotropic_drag / (nominal.drag or 1.0)
         bounds = state.bounds
         bounds.throttle_min, bounds.throttle_max = -math.inf, math.inf
         bounds.disturbance_max = math.inf
-        closer = closeness(nominal, delay)
-        measurement_noise.start(state.velocity_noise, measurement_noise.USUAL / closer)
+        bandwidth_scale = bandwidth_scale_of(nominal, delay)
+        measurement_noise.start(state.velocity_noise, measurement_noise.USUAL / bandwidth_scale)
         measurement_noise.start(state.position_noise, measurement_noise.LEAST_OF_POSITION)
         measurement_noise.start_drift(state.drift)
-        state.motion.x[MOTION.scale] = 1.0
-        assume(state, closer)
+        state.translation.x[MOTION.scale] = 1.0
+        set_initial_variances(state, bandwidth_scale)
         if uses_accelerometer:
-            assume_accelerometer(state)
+            set_accelerometer_variances(state)
         self.start_over()
         self.start(p_WB=np.zeros(3), v_WB_W=np.zeros(3), w_WB_B=np.zeros(3))
 
     def start_over(self) -> None:
-        """Return to the configured parameters, with the covariance of the start.
+        """Return to the configured parameters, with the initial covariance.
 
-        But for the thrust: its scale becomes that which alone carries the vehicle as scale and
-        disturbance did together, for it may have been flying by them.
+        The vertical disturbance is moved into the thrust scale, so that the total vertical force
+        stays: the vehicle may be flying with it.
         """
         state = self._filter
-        nominal, x = state.nominal, state.motion.x
+        nominal, x = state.nominal, state.translation.x
         lifted = nominal.gravity - x[MOTION.disturbance + 2]
         scale = x[MOTION.scale] * nominal.gravity / lifted
         x[MOTION.disturbance : MOTION.scale] = 0.0
         x[MOTION.scale] = min(max(scale, SCALE_BOUNDS[0]), SCALE_BOUNDS[1])
         x[MOTION.accelerometer :] = 0.0
         x[MOTION.lag], x[MOTION.drag] = nominal.thrust_time_constant, nominal.drag
-        state.motion.P[:] = state.walks.motion.P
-        state.turning.x[:] = 0.0
-        state.turning.x[ROLL_PITCH] = 0.5 * sum(nominal.rate_time_constants.tolist()[:2])
-        state.turning.x[YAW] = nominal.rate_time_constants[2]
-        state.turning.P[:] = state.walks.turning.P
+        state.translation.P[:] = state.process_noise.translation.P
+        state.rates.x[:] = 0.0
+        state.rates.x[ROLL_PITCH] = 0.5 * sum(nominal.rate_time_constants.tolist()[:2])
+        state.rates.x[YAW] = nominal.rate_time_constants[2]
+        state.rates.P[:] = state.process_noise.rates.P
         restart(state, x[: MOTION.velocity].copy(), x[MOTION.velocity : MOTION.disturbance].copy())
 
     def reconfigure(
         self, *, throttle_min: float, throttle_max: float, disturbance_max: float
     ) -> None:
-        """Take over changed bounds of the throttle, and of the disturbance along the ground."""
+        """Apply changed bounds of the throttle and of the horizontal disturbance."""
         bounds = self._filter.bounds
         bounds.throttle_min, bounds.throttle_max = throttle_min, throttle_max
         bounds.disturbance_max = disturbance_max
 
     def parameters(self) -> ModelParameters:
-        """Return the parameters as estimated by now."""
+        """Return the estimated parameters."""
         estimated = ModelParameters.zeros()
         write_estimated(self._filter, estimated[()])
         return estimated[()]
 
-    def memory(self) -> EkfMemory:
-        """Return the estimate and its covariance."""
-        return EkfMemory(self._filter.motion.copy(), self._filter.turning.copy())
+    def snapshot(self) -> EkfSnapshot:
+        """Return a copy of estimate and covariance."""
+        return EkfSnapshot(self._filter.translation.copy(), self._filter.rates.copy())
 
-    def recall(self, memory: EkfMemory) -> None:
-        """Return to an earlier estimate of all but the present motion."""
-        state, learned = self._filter, slice(*LEARNED_OF_MOTION)
-        now = state.motion.x.copy()
-        now[learned] = memory.motion.x[learned]
-        state.motion, state.turning = memory.motion, memory.turning
-        state.motion.x[:] = now
+    def restore(self, snapshot: EkfSnapshot) -> None:
+        """Return to an earlier estimate, but keep the present motion."""
+        state, learned = self._filter, slice(*LEARNED_STATES)
+        now = state.translation.x.copy()
+        now[learned] = snapshot.translation.x[learned]
+        state.translation, state.rates = snapshot.translation, snapshot.rates
+        state.translation.x[:] = now
         position, velocity = now[: MOTION.velocity], now[MOTION.velocity : MOTION.disturbance]
         restart(state, position.copy(), velocity + now[MOTION.bias : MOTION.accelerometer])
         take_rates(state)
 
     def turn(self, reset: EstimateReset) -> None:
-        """Take an announced step of the world's coordinates."""
-        x, P, turns = self._filter.motion.x, self._filter.motion.P, np.eye(MOTION.size)
+        """Apply an announced step of the world's coordinates."""
+        x, P, turns = self._filter.translation.x, self._filter.translation.P, np.eye(MOTION.size)
         turn, drift = reset.vectors(np.eye(3)).T, self._filter.drift
         for begin in (MOTION.position, MOTION.velocity, MOTION.disturbance, MOTION.bias):
             block = slice(begin, begin + 3)
@@ -161,14 +162,14 @@ class VehicleEkf:
         drift.off[:] = reset.vectors(drift.off)
 
     def start(self, *, p_WB: Array, v_WB_W: Array, w_WB_B: Array) -> None:
-        """Begin with position, velocity and rates (3,) as measured; what was learned is kept."""
+        """Start at measured position, velocity and rates (3,); parameters are kept."""
         state = self._filter
-        state.motion.x[MOTION.throttle] = self._initial_throttle
-        state.motion.P[MOTION.throttle, :] = state.motion.P[:, MOTION.throttle] = 0.0
-        state.position_noise.known = state.velocity_noise.known = 0
+        state.translation.x[MOTION.throttle] = self._initial_throttle
+        state.translation.P[MOTION.throttle, :] = state.translation.P[:, MOTION.throttle] = 0.0
+        state.position_noise.has_previous = state.velocity_noise.has_previous = 0
         measurement_noise.begin_drift(state.drift, p_WB, v_WB_W)
         restart(state, p_WB, v_WB_W)
-        begin_turning(state, w_WB_B)
+        begin_rates(state, w_WB_B)
 
 
 @compiled
@@ -178,13 +179,12 @@ def update(
     after: StateRecord,
     acting: Acting,
     conditions: Conditions,
-    given_variance: float,
+    reported_variance: float,
 ) -> UpdateMode:
-    """Go on from one odometry to the next, under the commands that acted between them.
+    """Update from one odometry to the next, under the commands that acted between them.
 
-    ``before`` and ``after`` are their states as measured; the throttle is always followed.
-    ``given_variance`` [m^2/s^2] is that of the second velocity, 0 where it is not known. Returns
-    the mode in which it was done.
+    ``before`` and ``after`` are the measured states, ``reported_variance`` [m^2/s^2] the variance
+    of the second velocity, 0 if unknown. Returns the mode of the update.
     """
     if len(acting.durations) == 0:
         return UpdateMode.HOLD
@@ -199,6 +199,6 @@ def update(
     elif mode == UpdateMode.LEARN:
         state.paused_for = 0.0
     write_estimated(state, state.estimated)
-    mode = update_motion(state, before, after, acting, mode, given_variance)
-    update_turning(state, after, acting, mode)
+    mode = update_translation(state, before, after, acting, mode, reported_variance)
+    update_rates(state, after, acting, mode)
     return mode

@@ -1,7 +1,6 @@
-"""The state of the filter: its blocks by name, and what is assumed of each.
+"""The states of the filter: indices, initial deviations, process noise and bounds.
 
-Attitude is measured, so no noise and no equation of motion couples what turns the vehicle with
-what moves it: the covariance has two blocks on its diagonal, which are kept apart.
+The attitude is measured, so translation and body rates are not coupled: they are two filters.
 """
 
 from __future__ import annotations
@@ -14,85 +13,87 @@ from quad_mpc_ros.configuration.records import Record
 from quad_mpc_ros.control.lie import Array
 
 
-class Motion(NamedTuple):
-    """Where in the state of the motion each block begins, and its size."""
+class MotionIndices(NamedTuple):
+    """Indices of the blocks of the translation filter, and its size."""
 
     position: int  # m, in the world
     velocity: int  # m/s, in the world
     disturbance: int  # m/s^2, in the world
     scale: int  # of the thrust
-    lag: int  # s, by which the thrust is behind: a time constant, and a delay beyond its longest
+    lag: int  # s, of the thrust: its time constant, and a delay beyond the longest one
     drag: int  # 1/s, the mean over the axes
     throttle: int
-    bias: int  # m/s, what the measured velocity has beyond the true one
-    accelerometer: int  # m/s^2, in the body, what an accelerometer has beyond the true force
+    bias: int  # m/s, measured less true velocity
+    accelerometer: int  # m/s^2, in the body, measured less true specific force
     size: int
 
 
-class Turning(NamedTuple):
-    """Where in the state of the body rates each block begins, and its size."""
+class RateIndices(NamedTuple):
+    """Indices of the blocks of the rate filter, and its size."""
 
     rate: int  # rad/s, of the model
-    lag: int  # s, the time constants: that of roll and pitch, their mean, and that of yaw
-    offset: int  # rad/s, of roll and pitch beyond their commands
-    offset_by_thrust: int  # rad/s per m/s^2 of the thrust that the model makes of the throttle
-    lateness: int  # s, by which roll and pitch answer later than by their time constant
+    lag: int  # s, time constants: mean of roll and pitch, and yaw
+    offset: int  # rad/s, of roll and pitch from their commands
+    offset_by_thrust: int  # rad/s per m/s^2 of the modelled specific thrust
+    lateness: int  # s, delay of roll and pitch beyond their time constant
     size: int
 
 
-MOTION = Motion(0, 3, 6, 9, 10, 11, 12, 13, 16, 19)
-TURNING = Turning(0, 3, 5, 7, 9, 10)
-ROLL_PITCH, YAW = TURNING.lag, TURNING.lag + 1
+MOTION = MotionIndices(0, 3, 6, 9, 10, 11, 12, 13, 16, 19)
+RATES = RateIndices(0, 3, 5, 7, 9, 10)
+ROLL_PITCH, YAW = RATES.lag, RATES.lag + 1
 
-# What is learned of the vehicle by its motion, from the first to before the last.
-LEARNED_OF_MOTION = MOTION.disturbance, MOTION.throttle
+# Learned states of the translation filter, first and end.
+LEARNED_STATES = MOTION.disturbance, MOTION.throttle
 
 
-class MotionEstimate(Record):
-    """Estimate and covariance of the motion."""
+class TranslationEstimate(Record):
+    """Estimate and covariance of the translation filter."""
 
     x: Annotated[Array, (MOTION.size,)]
     P: Annotated[Array, (MOTION.size, MOTION.size)]
 
 
-class TurningEstimate(Record):
-    """Estimate and covariance of the body rates."""
+class RateEstimate(Record):
+    """Estimate and covariance of the rate filter."""
 
-    x: Annotated[Array, (TURNING.size,)]
-    P: Annotated[Array, (TURNING.size, TURNING.size)]
-
-
-class Assumed(NamedTuple):
-    """Standard deviation at the start, and walk per root of a second."""
-
-    spread: float
-    walk: float
+    x: Annotated[Array, (RATES.size,)]
+    P: Annotated[Array, (RATES.size, RATES.size)]
 
 
-DISTURBANCE = Assumed(1.0, 0.7)  # along the ground; m/s^2
-# Upwards it is correlated over some seconds: what lasts for longer is a matter of the thrust.
-VERTICAL = Assumed(0.5, 0.3)
+class StateNoise(NamedTuple):
+    """Initial standard deviation, and random walk per root of a second."""
+
+    initial: float
+    random_walk: float
+
+
+DISTURBANCE = StateNoise(1.0, 0.7)  # horizontal; m/s^2
+# The vertical disturbance decays within seconds: what lasts longer is a thrust error.
+VERTICAL = StateNoise(0.5, 0.3)
 VERTICAL_TIME = 4.0  # s
-SCALE = Assumed(0.2, 0.015)
-LAG = Assumed(0.5, 0.1)  # of the time constants, as shares of what is configured
-THRUST_LAG = Assumed(1.0, 0.1)  # a delay that is not modelled is taken for a lag
-YAW_LAG = Assumed(1.5, 0.1)  # yaw is turned by drag of the rotors, several times slower as a rule
-DRAG = Assumed(0.3, 0.05)  # 1/s
-OFFSET = Assumed(0.3, 0.06)
-OFFSET_BY_THRUST = Assumed(0.05, 0.001)
-LATENESS = Assumed(0.01, 0.01)
-ACCELEROMETER = Assumed(0.3, 0.01)  # m/s^2, its bias, and what its mounting leans by
+SCALE = StateNoise(0.2, 0.015)
+LAG = StateNoise(0.5, 0.1)  # of the configured time constants
+THRUST_LAG = StateNoise(1.0, 0.1)  # includes unmodelled delay
+YAW_LAG = StateNoise(
+    1.5, 0.1
+)  # yaw is turned by drag of the rotors, several times slower as a rule
+DRAG = StateNoise(0.3, 0.05)  # 1/s
+OFFSET = StateNoise(0.3, 0.06)
+OFFSET_BY_THRUST = StateNoise(0.05, 0.001)
+LATENESS = StateNoise(0.01, 0.01)
+ACCELEROMETER = StateNoise(0.3, 0.01)  # m/s^2, bias and tilt of its mounting
 
 VERTICAL_BOUND = 3.0  # m/s^2
 SCALE_BOUNDS = (0.5, 1.5)
 LAG_FACTOR = 2.0  # of the thrust's time constant, either way
-SHORTEST_RATE_LAG = 0.2  # of the rates' time constants: a racer's where the default expects 70 ms
-LATEST = 0.1  # s, by which the thrust is later than by its longest time constant
+SHORTEST_RATE_LAG = 0.2  # of the rates' time constants, for racers with the default of 70 ms
+MAX_THRUST_DELAY = 0.1  # s, beyond its longest time constant
 SLOWEST_YAW = 6.0  # factor on its time constant
-DRAG_FACTORS, DRAG_MORE = (0.1, 3.0), 0.8  # of the configured drag, and 1/s beyond it at least
+DRAG_FACTORS, MIN_DRAG_MARGIN = (0.1, 3.0), 0.8  # of the configured drag, and 1/s beyond it
 OFFSET_BOUND, OFFSET_BY_THRUST_BOUND = 3.0, 0.2
 
 
-def variances_at(assumed: Assumed, scale: float = 1.0) -> tuple[float, float]:
-    """Return the variance at the start and its growth per second, of a state times ``scale``."""
-    return float(np.square(scale * assumed.spread)), float(np.square(scale * assumed.walk))
+def variances_at(assumed: StateNoise, scale: float = 1.0) -> tuple[float, float]:
+    """Return the initial variance and its growth per second of a state times ``scale``."""
+    return float(np.square(scale * assumed.initial)), float(np.square(scale * assumed.random_walk))

@@ -1,4 +1,4 @@
-"""All that the filter knows, and the parameters of the model that this makes."""
+"""The record of the filter, and the model parameters that follow from it."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from quad_mpc_ros.configuration.records import Record, Vector3, Vector4
 from quad_mpc_ros.control.estimation import error_state
 from quad_mpc_ros.control.estimation.error_state import (
     MOTION,
+    RATES,
     ROLL_PITCH,
     SCALE_BOUNDS,
-    TURNING,
     VERTICAL_BOUND,
     YAW,
-    MotionEstimate,
-    TurningEstimate,
+    RateEstimate,
+    TranslationEstimate,
 )
 from quad_mpc_ros.control.estimation.measurement_noise import VelocityDrift, WhiteNoise
 from quad_mpc_ros.control.estimation.specific_force import SpecificForce
@@ -21,53 +21,53 @@ from quad_mpc_ros.control.model.parameters import ModelParameters
 
 
 class Bounds(Record):
-    """Within what commands and estimate are."""
+    """Bounds of commands and estimate."""
 
     throttle_min: float
     throttle_max: float
     disturbance_max: float  # m/s^2, along the ground
 
 
-class Walks(Record):
-    """Variance at the start and its growth per second, of each state."""
+class ProcessNoise(Record):
+    """Growth of the variance per second (x), and initial variance (diagonal of P)."""
 
-    motion: MotionEstimate  # x the growth, the diagonal of P that at the start
-    turning: TurningEstimate
+    translation: TranslationEstimate
+    rates: RateEstimate
 
 
 class RateLags(Record):
-    """Of each axis: its share of the time constant it has with others, and bounds of that [s]."""
+    """Share of each axis in the common time constant, and bounds of that [s]."""
 
     share: Vector3
     shortest: Vector3
     longest: Vector3
 
 
-class SlowRates(Record):
-    """Commands and measured rates behind one low-pass: what a rate loop is of first order in."""
+class LowpassedRates(Record):
+    """Commands and measured rates behind the same first-order low-pass."""
 
     command: Vector4
     measured: Vector3  # rad/s
-    last: Vector3  # rad/s, measured before, as it was
+    last: Vector3  # rad/s, previous measurement, unfiltered
 
 
 class Filter(Record):
-    """All that the filter knows, and what is configured of it."""
+    """State and configuration of the filter."""
 
-    motion: MotionEstimate
-    turning: TurningEstimate
-    walks: Walks
+    translation: TranslationEstimate
+    rates: RateEstimate
+    process_noise: ProcessNoise
     position_noise: WhiteNoise
     velocity_noise: WhiteNoise
     drift: VelocityDrift
     nominal: ModelParameters  # as configured
     estimated: ModelParameters
-    drag_shape: Vector3  # what of the mean drag each axis has more or less, as a share of it
+    drag_shape: Vector3  # anisotropic drag over the mean drag
     rate_lags: RateLags
-    slow: SlowRates
+    lowpass: LowpassedRates
     bounds: Bounds
-    enabled: int  # whether anything is learned
-    paused_for: float  # s, for how long the velocity alone has been estimated
+    enabled: int  # whether parameters are estimated
+    paused_for: float  # s, how long the velocity alone has been estimated
     # Normalised innovations squared of the last odometry, of 3 degrees of freedom each.
     position_nis: float
     velocity_nis: float
@@ -77,8 +77,8 @@ class Filter(Record):
 
 @compiled
 def write_estimated(state: Filter, parameters: ModelParameters) -> None:
-    """Write the parameters as estimated by now."""
-    x, turning, shares = state.motion.x, state.turning.x, state.rate_lags.share
+    """Write the estimated parameters."""
+    x, rates, shares = state.translation.x, state.rates.x, state.rate_lags.share
     shape, nominal = state.drag_shape, state.nominal
     learned = x[MOTION.drag] - nominal.drag
     parameters.a, parameters.b, parameters.c = nominal.a, nominal.b, nominal.c
@@ -91,20 +91,20 @@ def write_estimated(state: Filter, parameters: ModelParameters) -> None:
     for k in range(3):
         parameters.rotor_drag[k] = nominal.rotor_drag[k]
         parameters.a_W[k] = x[MOTION.disturbance + k]
-        uneven = learned * shape[k]
-        parameters.learned_drag[k] = learned + uneven
-        parameters.uneven_drag[k] = nominal.uneven_drag[k] + uneven
+        anisotropic = learned * shape[k]
+        parameters.learned_drag[k] = learned + anisotropic
+        parameters.anisotropic_drag[k] = nominal.anisotropic_drag[k] + anisotropic
         lag = YAW if k == 2 else ROLL_PITCH
-        parameters.rate_time_constants[k] = shares[k] * turning[lag]
+        parameters.rate_time_constants[k] = shares[k] * rates[lag]
     for k in range(2):
-        parameters.rate_offset[k] = turning[TURNING.offset + k]
-        parameters.rate_offset_by_thrust[k] = turning[TURNING.offset_by_thrust + k]
+        parameters.rate_offset[k] = rates[RATES.offset + k]
+        parameters.rate_offset_by_thrust[k] = rates[RATES.offset_by_thrust + k]
 
 
 @compiled
 def is_at_bounds(state: Filter) -> bool:
-    """Whether disturbance or scale are as far as they may go."""
-    x, farthest = state.motion.x, state.bounds.disturbance_max
+    """Whether disturbance or thrust scale are at their bounds."""
+    x, farthest = state.translation.x, state.bounds.disturbance_max
     d, k = MOTION.disturbance, x[MOTION.scale]
     far = max(abs(x[d]), abs(x[d + 1])) >= farthest or abs(x[d + 2]) >= VERTICAL_BOUND
     return bool(far or not SCALE_BOUNDS[0] < k < SCALE_BOUNDS[1])

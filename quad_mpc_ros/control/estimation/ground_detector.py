@@ -1,17 +1,16 @@
-"""Landing detection: the one place that judges whether the vehicle stands or flies.
+"""Landing detection: the only module that decides whether the vehicle is on the ground or flies.
 
-All users ask here: the limit stage what motors and rates may do, the estimator
-whether anything may be learned, and on ``mpc/ground_state`` the reference and the bridges.
+The limit stage, the estimator and, via ``mpc/ground_state``, the reference and the bridges use it.
 
-To say wrongly that it stands would cut the motors of a flying vehicle. So that is said only of
-what cannot fly. With a share l of its weight as thrust a vehicle in the air falls by
+A false landing would cut the motors of a flying vehicle. So the state becomes "on ground" only if
+the vehicle cannot fly. With a share l of its weight as thrust a vehicle in the air falls by
 
     a >= (1 - 1.5 l) g - gust
 
-even if the true thrust is 1.5 times the modelled; what keeps its height nevertheless
-(:mod:`.kept_height`) is carried by the ground. The flight stack's own word counts as much, given
-little thrust as well. The ground of ``simulation/`` is part of the plant: it cannot hide a
-mistake made here.
+even if the true thrust is 1.5 times the modelled one. If it keeps its height nevertheless
+(:mod:`.kept_height`), the ground carries it. A landing reported by the flight stack counts as
+well, also with little thrust only. ``simulation/`` has its own model of the ground, so that tests
+find errors made here.
 """
 
 from __future__ import annotations
@@ -19,14 +18,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from quad_mpc_ros.control.estimation.crash import FAST, SLOW, Crash
-from quad_mpc_ros.control.estimation.ground_motion import FilteredMotion
+from quad_mpc_ros.control.estimation.crash import FAST, SLOW, CrashDetector
+from quad_mpc_ros.control.estimation.ground_motion import MotionFilter
 from quad_mpc_ros.control.estimation.ground_state import (
     HEIGHT,
     LEFT_GROUND,
     NO_LIFT,
     AllowedCommand,
-    Evidence,
+    GroundEvidence,
     GroundState,
     Learning,
     next_state,
@@ -38,23 +37,21 @@ from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.stage import Stage
 
-# Thrust as a share of the weight: some, filtered, for a while, keeps a vehicle in the air that was
-# not seen to stand, and enough may have lifted one that was.
-_SOME, _ENOUGH = 0.6, 0.95
-_SPOOLING_UP_NS = 1_500_000_000  # autopilots let the motors spool up for a second
-# At the lift-off throttle leaps as the ground lets go, and nothing is learned for so long.
-_LETTING_GO_NS = _SPOOLING_UP_NS // 2
+# Filtered lift as a share of the weight that means flight, if it lasts: for an unknown state, and
+# for a vehicle on the ground.
+_FLIGHT_LIFT, _LIFT_OFF_LIFT = 0.6, 0.95
+_SPOOL_UP_NS = 1_500_000_000  # autopilots let the motors spool up for a second
+_LIFT_OFF_NS = _SPOOL_UP_NS // 2  # nothing is learned for so long after the lift-off
 
-_MOVING = 0.5 * FAST  # m/s, filtered: faster it flies if it has changed its height as well
-_SLIPPING = 0.5 * SLOW  # m/s aside with thrust: it has left the ground, leaning
-# m/s upwards with thrust, half of HEIGHT above where it has been: it has left the ground.
-_CLIMBING = 0.3
-_NEAR = 0.5  # m above where it stood, by odometry that drifts
-_RISING = 0.01  # m within its window: such a reference climbs or sinks
+_MOVING_SPEED = 0.5 * FAST  # m/s, filtered: with a change of height, faster vehicles fly
+_SLIPPING_SPEED = 0.5 * SLOW  # m/s, horizontal with thrust: the vehicle has left the ground
+_CLIMB_SPEED = 0.3  # m/s, with thrust, half of HEIGHT above the ground: it has left the ground
+_NEAR_GROUND = 0.5  # m above the place on the ground, as odometry drifts
+_MIN_HEIGHT_CHANGE = 0.01  # m within its window: the reference climbs or sinks
 
 
-class _Course(NamedTuple):
-    """What a reference is to do: its height now, the lowest and the highest, the largest speed."""
+class _ReferenceHeights(NamedTuple):
+    """The reference's present, lowest and highest height [m], and its largest speed [m/s]."""
 
     height: float
     lowest: float
@@ -63,24 +60,24 @@ class _Course(NamedTuple):
 
 
 class GroundDetector(Stage):
-    """Follows a vehicle from odometry to odometry."""
+    """Decides the ground state from odometry to odometry."""
 
     def __init__(self, gravity: float = 9.81) -> None:
         self.state = GroundState.UNKNOWN
         """The state at the last odometry."""
         self.idle_wanted = False
-        """Whether the reference asks for idle motors (:func:`.ground_state.idles`)."""
+        """Whether the reference requests idle motors (:func:`.ground_state.idles`)."""
         self._gravity = gravity
         self._landed: bool | None = None
         self._engaged = True
-        self._motion = FilteredMotion(gravity)
+        self._motion = MotionFilter(gravity)
         self._window: ReferenceWindow | None = None
-        self._course = _Course(0.0, 0.0, 0.0, 0.0)
+        self._reference_heights = _ReferenceHeights(0.0, 0.0, 0.0, 0.0)
         self._forget()
 
     def _forget(self) -> None:
         self.state = GroundState.UNKNOWN
-        self._climbs = self._lands = False  # so does the reference, near the ground
+        self._climbs = self._lands = False  # the reference, near the ground
         self._stood_at: float | None = None
         self._stood_ns: int | None = None
         self._has_just_left = False
@@ -90,28 +87,28 @@ class GroundDetector(Stage):
         self._thrust = 0.0
         self._motion.forget_thrust()
         self._still = KeptHeight(2.0 * SETTLING)
-        self._crash = Crash(self._gravity)
+        self._crash = CrashDetector(self._gravity)
 
     def engage(self, engaged: bool) -> None:
-        """Set whether commands act: as long as they do not, their thrust says nothing."""
+        """Set whether commands act; otherwise their thrust is meaningless."""
         if engaged is not self._engaged:
-            stood, height = self.state.stands and engaged, self._stood_at
+            stood, height = self.state.is_on_ground and engaged, self._stood_at
             self._engaged = engaged
             self._forget()
-            self._stood_at = height  # others may have flown it meanwhile: it may land there again
-            if stood:  # as the flight stack reported until now
+            self._stood_at = height  # the vehicle may land there again
+            if stood:  # as reported by the flight stack
                 self.state = GroundState.ON_GROUND
 
-    def tell_landed(self, landed: bool | None) -> None:
-        """Take what the flight stack says; None where it says nothing.
+    def set_landed(self, landed: bool | None) -> None:
+        """Set whether the flight stack reports the vehicle landed; None if it does not report.
 
-        A reported landing counts as long as the vehicle is given little thrust and does not
-        move. That it has not says nothing: stacks take their time.
+        A reported landing counts while the vehicle has little thrust and does not move. The
+        absence of ``landed`` proves nothing, as stacks report late.
         """
         self._landed = landed
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Take an announced step of the estimate: nothing has moved."""
+        """Transform heights by an announced step of the estimate."""
         if self._stood_at is not None:
             self._stood_at += float(reset.step_W[2])
         self._still.forget()
@@ -121,7 +118,7 @@ class GroundDetector(Stage):
 
     @property
     def allowed(self) -> AllowedCommand:
-        """What of a command goes to the motors."""
+        """The part of a command that may be sent to the motors."""
         match self.state:
             case GroundState.ON_GROUND | GroundState.CRASHED:
                 return AllowedCommand.IDLE
@@ -134,8 +131,8 @@ class GroundDetector(Stage):
 
     @property
     def learning(self) -> Learning:
-        """What the estimator may do: the ground carries what the thrust does not."""
-        if not self.state.flies or self._has_just_left:
+        """The permitted learning, as the ground may carry part of the weight."""
+        if not self.state.is_flying or self._has_just_left:
             return Learning.HOLD
         might_touch = self._lands or self._little_since_ns is not None
         if might_touch or self.state is GroundState.TOUCHING_DOWN:
@@ -145,14 +142,14 @@ class GroundDetector(Stage):
     def update(
         self, odometry: OdometrySample, *, thrust: float, window: ReferenceWindow | None
     ) -> GroundState:
-        """Judge by an odometry.
+        """Update the state by an odometry.
 
         Args:
-            odometry: The vehicle, now.
-            thrust: What the command in force makes by the model, as a share of the weight.
+            odometry: The newest odometry.
+            thrust: Modelled thrust of the active command, as a share of the weight.
             window: The reference, if there is one.
         """
-        if not self._engaged:  # nothing else is known
+        if not self._engaged:
             self.state = GroundState.ON_GROUND if self._landed else GroundState.UNKNOWN
             self._stood_at = float(odometry.p_WB[2]) if self._landed else self._stood_at
         elif self._stamp_ns != odometry.stamp_ns:
@@ -162,7 +159,7 @@ class GroundDetector(Stage):
         return self.state
 
     def _follow(self, odometry: OdometrySample, thrust: float) -> None:
-        """Filter how it moves, and what carries it."""
+        """Update the filters of motion and thrust."""
         before_ns, self._stamp_ns = self._stamp_ns, odometry.stamp_ns
         duration_ns = 0 if before_ns is None else odometry.stamp_ns - before_ns
         if not 0 < duration_ns <= LONGEST_GAP_NS:
@@ -174,71 +171,73 @@ class GroundDetector(Stage):
             odometry,
             thrust=thrust,
             duration=1e-9 * duration_ns,
-            flies=self.state.flies,
+            is_flying=self.state.is_flying,
         )
-        self._thrust = max(thrust, 0.0)  # a curve may be negative where nothing turns
+        self._thrust = max(thrust, 0.0)  # the curve may be negative at throttle 0
         little, lift = thrust <= NO_LIFT, self._motion.now.lift
-        lifts = lift >= (_ENOUGH if self.state.stands else _SOME)
+        lifts = lift >= (_LIFT_OFF_LIFT if self.state.is_on_ground else _FLIGHT_LIFT)
         self._little_since_ns = since(self._little_since_ns, odometry.stamp_ns, lasts=little)
         self._lifting_since_ns = since(self._lifting_since_ns, odometry.stamp_ns, lasts=lifts)
 
     def _evidence(
         self, odometry: OdometrySample, window: ReferenceWindow | None
-    ) -> tuple[Evidence, ...]:
-        """Return what speaks for a change of the state."""
+    ) -> tuple[GroundEvidence, ...]:
+        """Return the evidence for a change of the state."""
         self._climbs = self._lands = False
         if self._crash.update(odometry.stamp_ns, self._motion.now):
-            return (Evidence.LIES,)
-        found: tuple[Evidence, ...] = ()
+            return (GroundEvidence.LIES,)
+        found: tuple[GroundEvidence, ...] = ()
         height = float(odometry.p_WB[2])
-        course = self._course_of(window, height)
-        self._climbs = course.highest > height + HEIGHT or course.highest > course.height + _RISING
-        below = course.height < height - HEIGHT
-        rests = not self._climbs and (course.speed < _MOVING or below)
-        sinks = course.lowest < course.height - _RISING
+        heights = self._heights_of(window, height)
+        self._climbs = heights.highest > min(height + HEIGHT, heights.height + _MIN_HEIGHT_CHANGE)
+        below = heights.height < height - HEIGHT
+        rests = not self._climbs and (heights.speed < _MOVING_SPEED or below)
+        sinks = heights.lowest < heights.height - _MIN_HEIGHT_CHANGE
         self._lands = rests and (below or sinks) and self._is_low(height)
         if self._climbs:
-            found += (Evidence.CLIMBS,)
+            found += (GroundEvidence.CLIMBS,)
         if rests and below and self._might_be_down(height, sinks=sinks):
-            found += (Evidence.TOUCHES,)
+            found += (GroundEvidence.TOUCHES,)
         if self._has_left() or self._is_moving():
-            found += (Evidence.LEFT,)
+            found += (GroundEvidence.LEFT,)
         elif self._rests(odometry.stamp_ns, wanted=rests):
-            found += (Evidence.RESTS,)
+            found += (GroundEvidence.RESTS,)
         return found
 
-    def _course_of(self, window: ReferenceWindow | None, height: float) -> _Course:
-        """Return what the reference is to do: idle is below all, and none is at the vehicle."""
+    def _heights_of(self, window: ReferenceWindow | None, height: float) -> _ReferenceHeights:
+        """Return the heights of the reference: -inf if idle, the vehicle's without a reference."""
         if self.idle_wanted:
-            return _Course(-math.inf, -math.inf, -math.inf, 0.0)
+            return _ReferenceHeights(-math.inf, -math.inf, -math.inf, 0.0)
         if window is None:
-            return _Course(height, height, height, 0.0)
+            return _ReferenceHeights(height, height, height, 0.0)
         if window is not self._window:
             self._window, heights = window, window.p_WB[:, 2].tolist()
             speed = kernels.largest_length(window.v_WB_W)
-            self._course = _Course(heights[0], min(heights), max(heights), speed)
-        return self._course
+            self._reference_heights = _ReferenceHeights(
+                heights[0], min(heights), max(heights), speed
+            )
+        return self._reference_heights
 
     def _follow_ground(self, odometry: OdometrySample) -> None:
-        """Note where it stands, as far as it does: estimates drift."""
+        """Update the place on the ground, as the estimate drifts."""
         stamp_ns = odometry.stamp_ns
-        if self.state.stands:
+        if self.state.is_on_ground:
             self._stood_at, self._stood_ns = float(odometry.p_WB[2]), stamp_ns
         stood_ns = self._stood_ns
-        self._has_just_left = stood_ns is not None and 0 <= stamp_ns - stood_ns < _LETTING_GO_NS
-        if self.state.stands and self._little_since_ns is not None:
-            self._motion.draw_ground(fast=True)  # it has not left
-        elif not (self.state.flies or self._climbs):
+        self._has_just_left = stood_ns is not None and 0 <= stamp_ns - stood_ns < _LIFT_OFF_NS
+        if self.state.is_on_ground and self._little_since_ns is not None:
+            self._motion.draw_ground(fast=True)  # certainly not lifted off
+        elif not (self.state.is_flying or self._climbs):
             self._motion.draw_ground(fast=False)
-        elif self.state.stands:
-            # An estimate may sink as motors spool up, by what the vehicle then seems not to rise.
+        elif self.state.is_on_ground:
+            # The estimate may sink while motors spool up, which would hide the lift-off.
             self._motion.lower_ground()
 
     def _rests(self, stamp_ns: int, *, wanted: bool) -> bool:
-        """Whether it keeps its height with so little thrust that it would fall, or is reported."""
+        """Whether a landing is reported, or the height is kept with too little thrust to fly."""
         since_ns = self._little_since_ns
-        settled = since_ns is not None and stamp_ns - since_ns >= round(1e9 * SETTLING)
-        if not (wanted and settled and self._motion.now.speed < SLOW):
+        idle = since_ns is not None and stamp_ns - since_ns >= round(1e9 * SETTLING)
+        if not (wanted and idle and self._motion.now.speed < SLOW):
             self._still.forget()
             return False
         fall = (1.0 - (1.0 + THRUST_ERROR) * self._thrust - GUST) * self._gravity
@@ -246,43 +245,43 @@ class GroundDetector(Stage):
         return bool(self._landed) or kept
 
     def _might_be_down(self, height: float, *, sinks: bool) -> bool:
-        """Whether it is slow, and something says that the ground carries it.
+        """Whether the vehicle is slow, and may be carried by the ground.
 
-        That is a reference that wants it idle, little thrust about where it stood, or its motion
-        as the reference sinks: in a hover a vehicle that is stronger than it was moves likewise.
+        The reference requests idle, the thrust is little near the ground, or the vehicle does not
+        sink with the reference. In hover, a vehicle with more thrust than before does not either.
         """
         low = self._little_since_ns is not None and self._is_low(height)
         carried = sinks and self._motion.now.carried
         return self._motion.now.speed < SLOW and (carried or self.idle_wanted or low)
 
     def _is_low(self, height: float) -> bool:
-        """Whether it is about as high as where it stood."""
-        stood = self._stood_at is not None and height < self._stood_at + _NEAR
+        """Whether the vehicle is near the height of the ground."""
+        stood = self._stood_at is not None and height < self._stood_at + _NEAR_GROUND
         return bool(self._landed) or stood
 
     def _is_moving(self) -> bool:
-        """Whether it is faster than noise, which alone does not change the height as well."""
+        """Whether the vehicle is faster than noise, which alone does not change the height."""
         motion = self._motion.now
         shifted = not -HEIGHT <= motion.rise <= HEIGHT
-        return motion.speed > (_MOVING if shifted else FAST)
+        return motion.speed > (_MOVING_SPEED if shifted else FAST)
 
     def _has_left(self) -> bool:
-        """Whether it is no longer where it was seen first, or stood, under thrust."""
+        """Whether the vehicle has left its place on the ground, or first position, by thrust."""
         since_ns, stamp_ns, motion = self._lifting_since_ns, self._stamp_ns, self._motion.now
         assert stamp_ns is not None
-        if since_ns is not None and stamp_ns - since_ns >= _SPOOLING_UP_NS:
+        if since_ns is not None and stamp_ns - since_ns >= _SPOOL_UP_NS:
             return True
-        if self._little_since_ns is not None or self.state.flies:
+        if self._little_since_ns is not None or self.state.is_flying:
             return False
-        if not self.state.stands:
-            return motion.way > LEFT_GROUND
-        climbs = motion.climb > _CLIMBING and motion.rise > 0.5 * HEIGHT
-        pushed = self._thrust > _SOME and (climbs or motion.aside > _SLIPPING)
-        return pushed or motion.rise > LEFT_GROUND
+        if not self.state.is_on_ground:
+            return motion.displacement > LEFT_GROUND
+        climbs = motion.climb > _CLIMB_SPEED and motion.rise > 0.5 * HEIGHT
+        by_thrust = self._thrust > _FLIGHT_LIFT and (climbs or motion.aside > _SLIPPING_SPEED)
+        return by_thrust or motion.rise > LEFT_GROUND
 
 
 def since(since_ns: int | None, now_ns: int, *, lasts: bool) -> int | None:
-    """Return since when something lasts, None if it does not."""
+    """Return since when a condition lasts, None if it does not."""
     if not lasts:
         return None
     return now_ns if since_ns is None else since_ns

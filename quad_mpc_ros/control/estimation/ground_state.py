@@ -1,7 +1,7 @@
-"""The states of a vehicle and the ground, and what leads from one to another.
+"""The ground states and their transitions.
 
-One :class:`~.ground_detector.GroundDetector` follows the table; all others ask it, in its process
-or on the topic ``mpc/ground_state``. ``docs/explanation/landing_detection.md`` shows the table.
+:class:`~.ground_detector.GroundDetector` applies the table and publishes the state on
+``mpc/ground_state``. ``docs/explanation/landing_detection.md`` shows the table.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ import numpy as np
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 
 NO_LIFT = 0.4
-"""Thrust as a share of the weight: with no more no vehicle lifts off, or stays in the air."""
+"""Thrust as a share of the weight with which no vehicle lifts off or stays in the air."""
 HEIGHT = 0.1
-"""Difference [m] from the vehicle at which a reference asks it to climb or to sink."""
+"""Difference in height [m] between reference and vehicle that commands a climb or descent."""
 LEFT_GROUND = 0.15
-"""Distance [m] from where it stood, beyond which a vehicle under thrust flies."""
+"""Distance [m] from its place on the ground beyond which a vehicle under thrust flies."""
 LEFT_GROUND_UNPOWERED = 2.0 * LEFT_GROUND
-"""The same where the thrust is not known, so that a drifting estimate must not do."""
+"""That distance without known thrust: larger, as the estimate drifts."""
 
 
 class GroundState(enum.Enum):
-    """Whether the vehicle stands or flies."""
+    """Whether the vehicle is on the ground or flies."""
 
     UNKNOWN = "unknown"
     ON_GROUND = "on_ground"
@@ -36,27 +36,27 @@ class GroundState(enum.Enum):
     CRASHED = "crashed"
 
     def __init__(self, name: str) -> None:
-        self.stands = name in ("on_ground", "lifting_off")
-        """Whether it is certain that it stands, be it that it is about to lift off."""
-        self.flies = name in ("flying", "touching_down")
-        """Whether it is certain that it flies, be it that it may just have come down."""
+        self.is_on_ground = name in ("on_ground", "lifting_off")
+        """Whether the vehicle is certainly on the ground, possibly about to lift off."""
+        self.is_flying = name in ("flying", "touching_down")
+        """Whether the vehicle certainly flies, possibly about to touch down."""
 
 
-class Evidence(enum.Enum):
-    """What leads from one state to another; the value is what it is in words."""
+class GroundEvidence(enum.Enum):
+    """Evidence for a transition; the value describes it."""
 
-    LIES = "it keeps a height that it could not keep in the air: upside down, or after a collision"
-    LEFT = "it has left its place under thrust, moves, or has had lifting thrust for long"
-    RESTS = "it keeps its height with so little thrust that it would fall"
+    LIES = "the vehicle keeps a height it could not keep in the air: inverted or after a collision"
+    LEFT = "the vehicle left its place under thrust, moves, or has had lifting thrust for long"
+    RESTS = "the vehicle keeps its height with so little thrust that it would fall"
     CLIMBS = "the reference climbs, or is above the vehicle"
-    TOUCHES = "the reference sinks, and it is slow and carried, low with little thrust, or to idle"
+    TOUCHES = "the reference sinks, and the slow vehicle is carried, is low or is to idle"
 
 
 class Transition(NamedTuple):
-    """From ``state`` to ``then`` when there is evidence, or when there is none any more."""
+    """From ``state`` to ``then`` if the evidence is ``present``, or is absent."""
 
     state: GroundState
-    evidence: Evidence
+    evidence: GroundEvidence
     present: bool
     then: GroundState
 
@@ -64,32 +64,32 @@ class Transition(NamedTuple):
 _UNKNOWN, _ON_GROUND, _LIFTING_OFF, _FLYING, _TOUCHING_DOWN, _CRASHED = GroundState
 
 TRANSITIONS = (
-    Transition(_UNKNOWN, Evidence.LIES, True, _CRASHED),
-    Transition(_UNKNOWN, Evidence.LEFT, True, _FLYING),
-    Transition(_UNKNOWN, Evidence.RESTS, True, _ON_GROUND),
-    Transition(_ON_GROUND, Evidence.LIES, True, _CRASHED),
-    Transition(_ON_GROUND, Evidence.LEFT, True, _FLYING),
-    Transition(_ON_GROUND, Evidence.CLIMBS, True, _LIFTING_OFF),
-    Transition(_LIFTING_OFF, Evidence.LIES, True, _CRASHED),
-    Transition(_LIFTING_OFF, Evidence.LEFT, True, _FLYING),
-    Transition(_LIFTING_OFF, Evidence.CLIMBS, False, _ON_GROUND),
-    Transition(_FLYING, Evidence.LIES, True, _CRASHED),
-    Transition(_FLYING, Evidence.RESTS, True, _ON_GROUND),
-    Transition(_FLYING, Evidence.TOUCHES, True, _TOUCHING_DOWN),
-    Transition(_TOUCHING_DOWN, Evidence.LIES, True, _CRASHED),
-    Transition(_TOUCHING_DOWN, Evidence.RESTS, True, _ON_GROUND),
-    Transition(_TOUCHING_DOWN, Evidence.TOUCHES, False, _FLYING),
-    Transition(_CRASHED, Evidence.LIES, False, _FLYING),
+    Transition(_UNKNOWN, GroundEvidence.LIES, True, _CRASHED),
+    Transition(_UNKNOWN, GroundEvidence.LEFT, True, _FLYING),
+    Transition(_UNKNOWN, GroundEvidence.RESTS, True, _ON_GROUND),
+    Transition(_ON_GROUND, GroundEvidence.LIES, True, _CRASHED),
+    Transition(_ON_GROUND, GroundEvidence.LEFT, True, _FLYING),
+    Transition(_ON_GROUND, GroundEvidence.CLIMBS, True, _LIFTING_OFF),
+    Transition(_LIFTING_OFF, GroundEvidence.LIES, True, _CRASHED),
+    Transition(_LIFTING_OFF, GroundEvidence.LEFT, True, _FLYING),
+    Transition(_LIFTING_OFF, GroundEvidence.CLIMBS, False, _ON_GROUND),
+    Transition(_FLYING, GroundEvidence.LIES, True, _CRASHED),
+    Transition(_FLYING, GroundEvidence.RESTS, True, _ON_GROUND),
+    Transition(_FLYING, GroundEvidence.TOUCHES, True, _TOUCHING_DOWN),
+    Transition(_TOUCHING_DOWN, GroundEvidence.LIES, True, _CRASHED),
+    Transition(_TOUCHING_DOWN, GroundEvidence.RESTS, True, _ON_GROUND),
+    Transition(_TOUCHING_DOWN, GroundEvidence.TOUCHES, False, _FLYING),
+    Transition(_CRASHED, GroundEvidence.LIES, False, _FLYING),
 )
-"""Of those from a state the first that applies is taken, at most one at an odometry.
+"""The first row that applies is taken, at most one per odometry.
 
-Commands that begin or cease to act lead to ``UNKNOWN``, or to ``ON_GROUND`` where the flight stack
-reports to have landed.
+When commands begin or cease to act, the state becomes ``UNKNOWN``, or ``ON_GROUND`` if the flight
+stack reports a landing.
 """
 
 
-def next_state(state: GroundState, evidence: Collection[Evidence]) -> GroundState:
-    """Return the state that follows from what there is evidence of."""
+def next_state(state: GroundState, evidence: Collection[GroundEvidence]) -> GroundState:
+    """Return the state that follows from the evidence."""
     for before, kind, present, then in TRANSITIONS:
         if before is state and (kind in evidence) is present:
             return then
@@ -97,7 +97,7 @@ def next_state(state: GroundState, evidence: Collection[Evidence]) -> GroundStat
 
 
 class AllowedCommand(enum.Enum):
-    """What of a command goes to the motors."""
+    """The part of a command that is sent to the motors."""
 
     IDLE = "motors idle, no rates"
     LEVEL = "throttle, and rates that make it level"
@@ -105,7 +105,7 @@ class AllowedCommand(enum.Enum):
 
 
 class Learning(enum.Enum):
-    """What the estimator may do with an odometry."""
+    """The permitted learning from an odometry."""
 
     HOLD = "hold what was learned"
     PAUSE = "follow the velocity, learn nothing"
@@ -113,38 +113,35 @@ class Learning(enum.Enum):
 
 
 def idling(window: ReferenceWindow, gravity: float) -> ReferenceWindow:
-    """Return a window at rest that asks for idle motors: its acceleration is that of free fall.
-
-    So the force that it asks for is none, and what keeps the vehicle at rest is the ground.
-    """
+    """Return a window at rest that requests idle motors by the acceleration of free fall."""
     return replace(window, a_WB_W=np.tile([0.0, 0.0, -gravity], (len(window.offset_ns), 1)))
 
 
 def idles(window: ReferenceWindow, gravity: float) -> bool:
-    """Whether a window asks for idle motors: at rest with less force than any vehicle flies by."""
+    """Whether a window requests idle motors: at rest with less force than any flight needs."""
     if window.v_WB_W.any():
         return False
     force = np.linalg.norm(window.a_WB_W + np.array([0.0, 0.0, gravity]), axis=1)
     return bool(np.all(force < NO_LIFT * gravity))
 
 
-class StandingHeight:
-    """The height [m] at which a vehicle stood last, and whether it has left it since.
+class GroundHeight:
+    """The last height [m] on the ground, and whether the vehicle has left it since.
 
-    The rule of who has neither the detector's state nor the flight stack's flag.
+    For users without ground state and without a landed flag of the flight stack.
     """
 
     def __init__(self, threshold: float) -> None:
-        """Begin without a height; beyond the ``threshold`` [m] it has been left."""
+        """Beyond the ``threshold`` [m] the vehicle has left the ground."""
         self._threshold = threshold
         self.height: float | None = None
-        self.left = False
+        self.was_left = False
 
-    def stand(self, height: float) -> None:
-        """Take a height at which it stands."""
-        self.height, self.left = height, False
+    def set(self, height: float) -> None:
+        """Set the height of a vehicle on the ground."""
+        self.height, self.was_left = height, False
 
-    def see(self, height: float) -> None:
-        """Take a height at which it may stand."""
+    def update(self, height: float) -> None:
+        """Take the height of a vehicle that may be on the ground."""
         if self.height is not None:
-            self.left = self.left or abs(height - self.height) > self._threshold
+            self.was_left = self.was_left or abs(height - self.height) > self._threshold

@@ -1,14 +1,14 @@
-"""The Kalman filter of the textbooks, compiled: predict, gate, update; consider and constrain.
+"""The Kalman filter, compiled: predict, gate, update; consider and constrain.
 
     predict   P <- F P F' + Q
     gate      nu = z - h(x),  S = H P H' + R,  nu' S^-1 nu <= the chi-square quantile
     update    K = P H' S^-1,  x <- x + K nu,  P <- (I - K H) P (I - K H)' + K R K'
 
 The update is in Joseph's form, which holds for any K, so that rows of K may be zero: states that
-may not be learned now are *considered* (Schmidt, "Application of state-space methods to
-navigation problems", 1966). They stay, and their uncertainty counts in S and in what else is
-estimated. A state beyond a bound is projected back to it in the norm of P^-1 (Simon, Chia,
-"Kalman filtering with state equality constraints", 2002): what is correlated with it goes along.
+must not be learned now are *considered* (Schmidt, "Application of state-space methods to
+navigation problems", 1966). They stay, but their uncertainty counts in S. A state beyond a bound
+is projected back in the norm of P^-1 (Simon, Chia, "Kalman filtering with state equality
+constraints", 2002), which moves correlated states as well.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import Array, kernels
 
 GATE = 30.66
-"""Quantile of chi-square with 3 degrees of freedom: one of a million innovations is beyond it."""
+"""Quantile of chi-square with 3 degrees of freedom, exceeded by one innovation in a million."""
 
 
 class Innovation(NamedTuple):
-    """What a measurement (3,) says beyond the prediction: nu, its S (3, 3), and P H' (n, 3)."""
+    """Innovation nu (3,), its covariance S (3, 3), and P H' (n, 3)."""
 
     nu: Array
     S: Array
@@ -34,7 +34,7 @@ class Innovation(NamedTuple):
 
 @compiled
 def predict(P: Array, F: Array, Q: Array) -> None:
-    """Carry a covariance (n, n) on by F (n, n), sparse, and noise of variances Q (n,)."""
+    """Propagate a covariance (n, n) by F (n, n), sparse, and noise of variances Q (n,)."""
     carried = product(F, np.ascontiguousarray(product(F, P).T))
     for i in range(len(P)):
         for j in range(i):
@@ -53,32 +53,29 @@ def innovation(P: Array, H: Array, R: float, nu: Array) -> Innovation:
 
 
 @compiled
-def squared_distance(seen: Innovation, allowed: float) -> float:
-    """Return nu' S^-1 nu, the normalised innovation squared.
-
-    With ``allowed`` variance more than S has along each axis.
-    """
-    S, square = seen.S.copy(), 0.0
+def squared_distance(measured: Innovation, extra_variance: float) -> float:
+    """Return nu' S^-1 nu, the normalised innovation squared, with a variance added to S."""
+    S, square = measured.S.copy(), 0.0
     for k in range(3):
-        S[k, k] += allowed
+        S[k, k] += extra_variance
     inverted = inverse(S)
     for i in range(3):
         for j in range(3):
-            square += seen.nu[i] * inverted[i, j] * seen.nu[j]
+            square += measured.nu[i] * inverted[i, j] * measured.nu[j]
     return square
 
 
 @compiled
-def update(x: Array, P: Array, seen: Innovation, considered: Array) -> None:
-    """Correct by an innovation; states (n,) that are ``considered``, not zero, are not moved."""
-    PHt, S, inverted, n = seen.PHt, seen.S, inverse(seen.S), len(x)
+def update(x: Array, P: Array, measured: Innovation, considered: Array) -> None:
+    """Correct by an innovation; states (n,) with non-zero ``considered`` are not changed."""
+    PHt, S, inverted, n = measured.PHt, measured.S, inverse(measured.S), len(x)
     K, KS = np.zeros((n, 3)), np.zeros((n, 3))
     for i in range(n):
         if considered[i] == 0.0:
             for k in range(3):
                 K[i, k] = PHt[i, 0] * inverted[0, k] + PHt[i, 1] * inverted[1, k]
                 K[i, k] += PHt[i, 2] * inverted[2, k]
-                x[i] += K[i, k] * seen.nu[k]
+                x[i] += K[i, k] * measured.nu[k]
             for k in range(3):
                 KS[i, k] = K[i, 0] * S[0, k] + K[i, 1] * S[1, k] + K[i, 2] * S[2, k]
     # Joseph's form, with H P = (P H')' and S = H P H' + R: P - K H P - P H' K' + K S K'.
@@ -93,9 +90,9 @@ def update(x: Array, P: Array, seen: Innovation, considered: Array) -> None:
 
 @compiled
 def constrain(x: Array, P: Array, i: int, bounds: tuple[float, float], considered: Array) -> bool:
-    """Project a state that is beyond its bounds back to them; return whether it was.
+    """Project a state back to its bounds; return whether it was beyond them.
 
-    Those that are not ``considered`` (n,) go along.
+    Correlated states that are not ``considered`` (n,) change as well.
     """
     off = kernels.clamp(x[i], bounds[0], bounds[1]) - x[i]
     if off == 0.0:

@@ -1,26 +1,25 @@
-"""What keeps a height that nothing in the air could keep: the argument that something carries it.
+"""Detection of a height that a vehicle in the air could not keep, so that the ground carries it.
 
-Whatever has an acceleration of at least a covers over a time T at least a T^2 / 8 of height, at
-the turning point of a throw, which is the least. Half of that is the most that what stands or lies
-may cover. Heights are compared and not speeds, whose noise would look like motion: where speeds
-are noisy, positions are smooth.
+A body with an acceleration of at least a covers at least a T^2 / 8 of height in a time T, namely
+about the turning point of a throw. A vehicle on the ground covers at most half of that. Heights
+are compared because speeds are noisier.
 """
 
 from __future__ import annotations
 
 THRUST_ERROR = 0.5
-"""By how much the true thrust may be more or less than the modelled, as a share of that."""
+"""Largest relative error of the modelled thrust."""
 GUST = 0.2
-"""Acceleration that air may push with, as a share of gravity."""
+"""Largest acceleration by gusts, as a share of gravity."""
 SETTLING = 0.2
-"""Time [s] after which a throttle that was given up no longer lifts."""
+"""Time [s] after which motors no longer lift once the throttle is reduced."""
 
 
 class KeptHeight:
-    """For how long a vehicle has kept its height although in the air it could not."""
+    """Tracks how long a vehicle has kept its height although in the air it could not."""
 
     def __init__(self, shortest: float) -> None:
-        """Take the shortest time T [s]; the longest is twice that, and then it restarts."""
+        """Compare over ``shortest`` [s] to twice that, then restart."""
         self._shortest = shortest
         self._since_ns: int | None = None
         self._lowest = self._highest = self._least = 0.0
@@ -30,9 +29,9 @@ class KeptHeight:
         self._since_ns = None
 
     def lasts(self, stamp_ns: int, height: float, acceleration: float) -> bool:
-        """Take a height [m]; return whether it has been kept for long enough.
+        """Take a height [m]; return whether it has been kept long enough.
 
-        ``acceleration`` [m/s^2] is the least that it has in the air, 0 where it may have none.
+        ``acceleration`` [m/s^2] is the least possible one in the air, 0 if it may be none.
         """
         if acceleration <= 0.0:
             self._since_ns = None

@@ -1,20 +1,20 @@
-"""How noisy position and velocity are: found from the measurements, for few sources say it.
+"""Estimation of the measurement noise of position and velocity, which few sources report.
 
-**White noise** of one measurement shows in two changes of it, with opposite signs; a motion that
-the model lacks shows in both alike. So with y_k the change from one odometry to the next less the
-change predicted, white noise of variance s^2 gives the difference of two of them
+**White noise** of one measurement appears in two successive changes with opposite signs,
+unmodelled motion with the same sign. With y_k the measured less the predicted change between two
+odometries, white noise of variance s^2 gives
 
     y_k - y_{k-1} = n_k - 2 n_{k-1} + n_{k-2},   variance 6 s^2 along each axis,
 
-and whatever lasts longer than two odometries cancels.
+and errors that last longer than two odometries cancel.
 
-**Errors of the velocity that last**, as those of every autopilot's estimator do, show in how the
-position moves: over a window W it moves by the integral of the velocity and no more,
+**Drift of the velocity**, as of autopilots' estimators, appears as a difference between the change
+of the position and the integral of the velocity over a window W,
 
     e <- exp(-dt / W) e + (dp - v dt),   variance about s_p^2 + W^2 s_b^2,
 
-s_p that of the position's white noise, s_b the standard deviation of what lasts; at first the
-window is as long as there has been time.
+with the white noise s_p of the position and the standard deviation s_b of the drift. Initially the
+window is as long as the elapsed time.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from quad_mpc_ros.control.lie import Array, kernels
 
 
 class WhiteNoise(Record):
-    """What is known of the noise of one measurement."""
+    """White noise of one measurement."""
 
     variance: float
-    known: int  # whether there was a change before
-    change: Vector3  # the change before, beyond the predicted
-    least: float  # the least variance
-    age: float  # s, for how long it has been estimated
+    has_previous: int  # whether there is a previous change
+    change: Vector3  # previous measured less predicted change
+    least: float  # lower bound of the variance
+    age: float  # s, duration of the estimation
 
 
 class VelocityDrift(Record):
-    """What is known of the velocity's errors that last."""
+    """Drift of the velocity."""
 
     square: float  # m^2, mean of e beyond white noise
     window: float  # s^2, mean of the window
@@ -48,15 +48,15 @@ class VelocityDrift(Record):
 
 
 USUAL = 0.05
-"""The least noise of a velocity that is assumed of any vehicle [m/s]."""
-LEAST_OF_POSITION = 0.01  # m
-_LEAST_DRIFT = 0.02  # m/s
-_START = 0.1  # m/s or m
+"""Lower bound of the velocity noise with the default bandwidth [m/s]."""
+LEAST_OF_POSITION = 0.01  # m, lower bound of the position noise
+_MIN_DRIFT = 0.02  # m/s
+_INITIAL = 0.1  # m/s or m
 MOST = 1.0
-"""The most noise of a position [m] or a velocity [m/s], and the most that this errs for long."""
-_FORGETTING = 2.0  # s; what is assumed at the start is forgotten at once
-_LARGEST = 9.0  # of the variance: a jump is no noise, and noise that rises is found in a second
-_WINDOW = 0.3  # s
+"""Upper bound of position noise [m], velocity noise [m/s] and velocity drift [m/s]."""
+_AVERAGING_TIME = 2.0  # s
+_MAX_RATIO = 9.0  # of an observation to the variance, as a jump is not noise
+_DRIFT_WINDOW = 0.3  # s
 
 
 @compiled
@@ -66,67 +66,71 @@ def variance_in(noise: WhiteNoise) -> float:
 
 
 @compiled
-def drift_variance_in(drift: VelocityDrift, given: float) -> float:
-    """Return the variance of what lasts [m^2/s^2], ``given`` at least."""
-    return kernels.clamp(max(drift.square / drift.window, given), _LEAST_DRIFT**2, MOST**2)
+def drift_variance_in(drift: VelocityDrift, reported: float) -> float:
+    """Return the variance of the drift [m^2/s^2], at least ``reported``."""
+    return kernels.clamp(max(drift.square / drift.window, reported), _MIN_DRIFT**2, MOST**2)
 
 
 @compiled
-def follow(noise: WhiteNoise, change: kernels.Vector, duration: float) -> None:
-    """Learn from the next change that was not predicted, after a duration."""
+def update_white_noise(noise: WhiteNoise, change: kernels.Vector, duration: float) -> None:
+    """Update by the next measured less predicted change, after a duration."""
     square = 0.0
     for i in range(3):
         square += (change[i] - noise.change[i]) ** 2
         noise.change[i] = change[i]
-    if noise.known:
-        seen = min(square / 18.0, _LARGEST * variance_in(noise))
+    if noise.has_previous:
+        observed = min(square / 18.0, _MAX_RATIO * variance_in(noise))
         noise.age += duration
-        noise.variance += _share(noise.age, duration) * (seen - noise.variance)
-    noise.known = 1
+        noise.variance += _share(noise.age, duration) * (observed - noise.variance)
+    noise.has_previous = 1
 
 
 @compiled
-def follow_drift(
+def update_drift(
     drift: VelocityDrift, p_WB: Array, v_WB_W: Array, white: float, duration: float
 ) -> None:
-    """Learn from how position (3,) [m] and velocity (3,) [m/s] moved over a duration [s].
+    """Update by measured position (3,) [m] and velocity (3,) [m/s] after a duration [s].
 
     ``white`` [m^2] is the variance of the position.
     """
-    square, kept = 0.0, math.exp(-duration / _WINDOW)
+    square, kept = 0.0, math.exp(-duration / _DRIFT_WINDOW)
     for k in range(3):
         moved = p_WB[k] - drift.p_WB[k]
-        led = 0.5 * duration * (v_WB_W[k] + drift.v_WB_W[k])
-        drift.off[k] = kept * drift.off[k] + moved - led
+        predicted = 0.5 * duration * (v_WB_W[k] + drift.v_WB_W[k])
+        drift.off[k] = kept * drift.off[k] + moved - predicted
         square += drift.off[k] ** 2
     drift.age += duration
-    window = _WINDOW * -math.expm1(-drift.age / _WINDOW)
-    largest = _LARGEST * (drift_variance_in(drift, 0.0) * window**2 + white)
-    seen, share = max(min(square / 3.0, largest) - white, 0.0), duration / _FORGETTING
-    drift.square += share * (seen - drift.square)
+    window = _DRIFT_WINDOW * -math.expm1(-drift.age / _DRIFT_WINDOW)
+    largest = _MAX_RATIO * (drift_variance_in(drift, 0.0) * window**2 + white)
+    observed, share = max(min(square / 3.0, largest) - white, 0.0), duration / _AVERAGING_TIME
+    drift.square += share * (observed - drift.square)
     drift.window += share * (window**2 - drift.window)
     begin_drift(drift, p_WB, v_WB_W)
 
 
 @compiled
 def begin_drift(drift: VelocityDrift, p_WB: Array, v_WB_W: Array) -> None:
-    """Take position (3,) [m] and velocity (3,) [m/s] as those measured last."""
+    """Set the previous position (3,) [m] and velocity (3,) [m/s]."""
     drift.p_WB[:] = p_WB
     drift.v_WB_W[:] = v_WB_W
 
 
 @compiled
 def _share(age: float, duration: float) -> float:
-    """Return the share of what is seen now in the mean of all, later of the last seconds."""
-    return duration / age if age < _FORGETTING else kernels.lowpass_share(duration, _FORGETTING)
+    """Return the weight of the newest observation in the mean of all, or of recent ones."""
+    return (
+        duration / age
+        if age < _AVERAGING_TIME
+        else kernels.lowpass_share(duration, _AVERAGING_TIME)
+    )
 
 
 def start(noise: WhiteNoise, least: float) -> None:
-    """Write the noise at the start; its standard deviation is ``least`` or more."""
-    noise.variance, noise.least = _START**2, least**2
+    """Write the initial noise; its standard deviation is at least ``least``."""
+    noise.variance, noise.least = _INITIAL**2, least**2
 
 
 def start_drift(drift: VelocityDrift) -> None:
-    """Write the drift at the start, as seen over a window of 0.1 s."""
-    drift.window = _START**2
-    drift.square = _START**2 * drift.window
+    """Write the initial drift, as of a window of 0.1 s."""
+    drift.window = _INITIAL**2
+    drift.square = _INITIAL**2 * drift.window

@@ -1,8 +1,8 @@
-"""The process model of the filter: the MPC's own, between two odometries, with its derivatives.
+"""The process model of the filter: the MPC's model between two odometries, with its derivatives.
 
-Position, velocity and throttle follow the commands that acted, delayed and lagged, by what is
-estimated of the vehicle. The attitude turns evenly from one that was measured to the next, so the
-rates' part in it is known. The rates of the model follow their commands and offsets.
+Position, velocity and throttle follow from the commands that acted, delayed and lagged, and from
+the estimated parameters. The attitude turns at a constant rate between two measured attitudes.
+The modelled rates follow their commands and offsets.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.error_state import (
     MOTION,
+    RATES,
     ROLL_PITCH,
-    TURNING,
     YAW,
-    MotionEstimate,
-    TurningEstimate,
+    RateEstimate,
+    TranslationEstimate,
 )
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.parameter_jacobians import (
@@ -32,18 +32,18 @@ from quad_mpc_ros.control.model.state import U_RATE, U_THROTTLE
 
 
 @compiled
-def predict_motion(
+def predict_translation(
     model: ModelParameters,
     drag_shape: Array,
-    estimate: MotionEstimate,
+    estimate: TranslationEstimate,
     acting: Acting,
     before: StateRecord,
     after: StateRecord,
     F: Array,
 ) -> None:
-    """Move the estimate on, by ``model`` as estimated, and write its Jacobian F.
+    """Predict the translation with the estimated ``model``, and write the Jacobian F.
 
-    ``before`` and ``after`` are the states measured. Of a disturbance and a bias F has ones.
+    ``before`` and ``after`` are the measured states. Disturbance and bias have ones in F.
     """
     x, duration = estimate.x, acting.durations.sum()
     R = kernels.matrix(before.R_WB)
@@ -71,16 +71,15 @@ def predict_motion(
 @compiled
 def _add_lateness(
     model: ModelParameters,
-    estimate: MotionEstimate,
+    estimate: TranslationEstimate,
     throttles: tuple[float, float],
     after: Body,
     duration: float,
     F: Array,
 ) -> None:
-    """Add what a thrust lacks that is later than by its longest time constant.
+    """Add the effect of a thrust delay D beyond the longest time constant.
 
-    Over a duration, in which the throttle went from one to another: with a delay D the velocity
-    lacks D times the change of the thrust, to first order.
+    To first order, the velocity lacks D times the change of the thrust over the duration.
     """
     x, late = estimate.x, estimate.x[MOTION.lag] - model.thrust_time_constant
     if late <= 0.0:
@@ -97,7 +96,7 @@ def _add_lateness(
 
 @compiled
 def _write_jacobian(derivatives: MotionDerivatives, F: Array) -> None:
-    """Write the rows of position, velocity and throttle; others are those of one."""
+    """Write the rows of position, velocity and throttle into a unit matrix."""
     identity(F)
     p, v, s = derivatives
     for k in range(3):
@@ -120,9 +119,9 @@ def _write_jacobian(derivatives: MotionDerivatives, F: Array) -> None:
 
 @compiled
 def predict_unmodelled(
-    model: ModelParameters, estimate: MotionEstimate, acting: Acting, F: Array
+    model: ModelParameters, estimate: TranslationEstimate, acting: Acting, F: Array
 ) -> None:
-    """Move the estimate on at its velocity, whatever moves it, and its throttle by the model."""
+    """Predict at constant velocity, without forces, and the throttle by the model."""
     x, duration = estimate.x, acting.durations.sum()
     identity(F)
     for k in range(3):
@@ -144,45 +143,45 @@ def predict_unmodelled(
 
 
 @compiled
-def predict_turning(
+def predict_rates(
     nominal: ModelParameters,
     shares: Array,
-    estimate: TurningEstimate,
+    estimate: RateEstimate,
     acting: Acting,
     F: Array,
     H: Array,
 ) -> None:
-    """Move the rates of the model on, and write Jacobian F and measurement H (3, n).
+    """Predict the rates of the model, and write the Jacobian F and the measurement H (3, n).
 
-    ``shares`` (3,) is what each axis has of the time constant that it shares. A rate is measured
-    as late as it is, H x = w - D dw/dt.
+    ``shares`` (3,) are the axes' shares of the common time constants. H x = w - D dw/dt, as the
+    measurement is late.
     """
     x, duration = estimate.x, acting.durations.sum()
     identity(F)
     H[:] = 0.0
     for axis in range(3):
-        rate, lag = TURNING.rate + axis, YAW if axis == 2 else ROLL_PITCH
+        rate, lag = RATES.rate + axis, YAW if axis == 2 else ROLL_PITCH
         w, by = x[rate], OF_NO_TIME
         for k in range(len(acting.durations)):
             thrust = modelled_thrust(nominal, acting.commands[k, U_THROTTLE])
             command = acting.commands[k, U_RATE + axis]
             if axis < 2:
-                by_thrust = x[TURNING.offset_by_thrust + axis]
-                command += x[TURNING.offset + axis] + by_thrust * thrust
+                by_thrust = x[RATES.offset_by_thrust + axis]
+                command += x[RATES.offset + axis] + by_thrust * thrust
             time_constant = shares[axis] * x[lag]
             w, by = followed_rate(time_constant, command, thrust, acting.durations[k], w, by)
         F[rate, rate], F[rate, lag] = by.by_rate, shares[axis] * by.by_lag
         H[axis, rate] = 1.0
         if axis < 2:
-            F[rate, TURNING.offset + axis] = by.by_offset
-            F[rate, TURNING.offset_by_thrust + axis] = by.by_offset_by_thrust
-            H[axis, TURNING.lateness] = -(w - x[rate]) / duration
+            F[rate, RATES.offset + axis] = by.by_offset
+            F[rate, RATES.offset_by_thrust + axis] = by.by_offset_by_thrust
+            H[axis, RATES.lateness] = -(w - x[rate]) / duration
         x[rate] = w
 
 
 @compiled
 def identity(F: Array) -> None:
-    """Write ones."""
+    """Write a unit matrix."""
     F[:] = 0.0
     for k in range(len(F)):
         F[k, k] = 1.0

@@ -1,15 +1,15 @@
-"""What an accelerometer measures, by the filter's own prediction.
+"""The measurement model of the accelerometer.
 
-An accelerometer measures the specific force, the acceleration less gravity, in the body. On the
-average over a time it is what the velocity changed by, and the prediction says by how much it
-does, f(x) of :mod:`.process_model`, so nothing of the forces is written again here:
+An accelerometer measures the specific force, the acceleration less gravity, in the body. Its mean
+over an interval follows from the predicted change of the velocity (:mod:`.process_model`), so no
+model of the forces is needed here:
 
     f_B = R' ((v(dt) - v) / dt - g) + a + n,     H = R' (F_v - E_v) / dt,   H_a = 1,
 
-R the attitude half way, F_v and E_v the rows of the velocity of the Jacobian and of one, a the
-accelerometer's bias, n white. It is a measurement of the state at the beginning of the time, and
-comes before the prediction. Errors are of the second order in the turn over the time: 10 rad/s for
-20 ms make 0.2 % of the force.
+with the midpoint attitude R, the rows F_v and E_v of the velocity in the Jacobian and in the unit
+matrix, the bias a and white noise n. It measures the state at the start of the interval, before
+the prediction. Errors are of second order in the rotation: 0.2 % of the force at 10 rad/s and
+20 ms.
 """
 
 from __future__ import annotations
@@ -26,41 +26,41 @@ from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.samples import ImuSample
 
-_MOST_KEPT = 1024
+_MAX_SAMPLES = 1024
 
 
 class SpecificForce(Record):
-    """The mean specific force between two odometries, and what became of it."""
+    """The mean specific force between two odometries, and the result of its update."""
 
     f_B: Vector3  # m/s^2
-    variance: float  # m^2/s^4 along each axis, 0 where none was measured
-    nis: float  # normalised innovation squared of the last one, of 3 degrees of freedom
-    used: int  # whether the last one was
+    variance: float  # m^2/s^4 along each axis, 0 without measurement
+    nis: float  # last normalised innovation squared, of 3 degrees of freedom
+    used: int  # whether the last measurement was used
 
 
 class SpecificForces:
-    """Keeps what an accelerometer measured until the odometry after it has come."""
+    """Buffers accelerometer samples until the next odometry."""
 
     def __init__(self) -> None:
-        self._kept: deque[ImuSample] = deque(maxlen=_MOST_KEPT)
+        self._samples: deque[ImuSample] = deque(maxlen=_MAX_SAMPLES)
         self.newest_ns = 0
-        """Stamp of the last one taken."""
+        """Stamp of the newest sample."""
 
     def add(self, sample: ImuSample) -> None:
-        """Take a measurement, after those before."""
+        """Add a sample."""
         if sample.stamp_ns < self.newest_ns:  # a clock was set
-            self._kept.clear()
-        self._kept.append(sample)
+            self._samples.clear()
+        self._samples.append(sample)
         self.newest_ns = sample.stamp_ns
 
     def mean(self, *, start_ns: int, end_ns: int) -> Array | None:
-        """Return the mean (3,) [m/s^2] of those after a time until another, None without any.
+        """Return the mean (3,) [m/s^2] of the samples in (start, end], None without samples.
 
-        They and those before are forgotten.
+        Samples up to the end are dropped.
         """
         total, count = np.zeros(3), 0
-        while self._kept and self._kept[0].stamp_ns <= end_ns:
-            sample = self._kept.popleft()
+        while self._samples and self._samples[0].stamp_ns <= end_ns:
+            sample = self._samples.popleft()
             if sample.stamp_ns > start_ns:
                 total += sample.f_B
                 count += 1
@@ -78,10 +78,10 @@ def force_innovation(
     gravity: float,
     measured: SpecificForce,
 ) -> kalman.Innovation:
-    """Return what a mean specific force says beyond the prediction.
+    """Return the innovation of a mean specific force.
 
     The state ``x`` (n,) of covariance ``P`` (n, n) is predicted to become ``later`` (n,) after a
-    ``duration`` [s], with the Jacobian ``F``; ``between`` are the states measured at both ends.
+    ``duration`` [s], with the Jacobian ``F``; ``between`` are the measured states at both ends.
     """
     H, nu = np.zeros((3, MOTION.size)), np.empty(3)
     R = half_way(between)
@@ -100,7 +100,7 @@ def force_innovation(
 
 @compiled
 def half_way(between: tuple[StateRecord, StateRecord]) -> kernels.Matrix:
-    """Return the attitude half way between two that were measured."""
+    """Return the attitude half way between two measured attitudes."""
     before, after = kernels.matrix(between[0].R_WB), kernels.matrix(between[1].R_WB)
     turn = kernels.log(kernels.multiply(kernels.transposed(before), after))
     return kernels.multiply(before, kernels.exp(kernels.scaled(0.5, turn)))

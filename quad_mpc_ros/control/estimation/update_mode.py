@@ -1,4 +1,4 @@
-"""What an odometry may change, by what happened since the one before: the first row that holds.
+"""The update mode of an odometry, by the conditions since the previous one: first matching row.
 
 | commands act | flies | little thrust, or saturated | for long | mode |
 |---|---|---|---|---|
@@ -8,10 +8,10 @@
 | yes | yes | yes | no | velocity only |
 | yes | yes | no | | learn |
 
-*hold*: position and velocity are followed by themselves, by no model of what moves the vehicle.
-*velocity only*: by the model; what is learned of the vehicle is considered, not changed.
-*learn*: all. *reject*: position and velocity start again from the odometry, whose velocity did not
-pass the gate of :mod:`.motion_update`.
+*hold*: position and velocity are estimated without a model of the forces. *velocity only*: they
+are estimated by the model; the parameters are considered, not changed. *learn*: all states are
+estimated. *reject*: position and velocity start again from the odometry, whose velocity did not
+pass the gate of :mod:`.translation_update`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from quad_mpc_ros.configuration.compilation import compiled
 
 
 class UpdateMode(enum.IntEnum):
-    """What an odometry may change."""
+    """The states that an odometry may change."""
 
     HOLD = 0
     VELOCITY_ONLY = 1
@@ -36,26 +36,26 @@ MODE_TEXTS = tuple(mode.name.lower().replace("_", " ") for mode in UpdateMode)
 
 
 class Conditions(NamedTuple):
-    """What happened since the odometry before.
+    """Conditions since the previous odometry.
 
-    Commands of the controller act, for long enough and without a gap; the vehicle is certain to
-    fly, and has for long enough; the ground might carry some of it.
+    ``acts``: the controller's commands act, long enough and without a gap. ``flies``: the vehicle
+    certainly flies, long enough. ``may_touch``: the ground might carry part of the weight.
     """
 
     acts: bool
-    flies: bool
+    is_flying: bool
     may_touch: bool
 
 
 LONGEST_GAP_NS = 500_000_000
-"""For how long the model alone is trusted [ns], without odometry or with nothing learned of it."""
+"""Longest time without odometry or without learning for which the model is trusted [ns]."""
 
 
 @compiled
 def update_mode(conditions: Conditions, saturated: bool, paused_for: float) -> UpdateMode:
-    """Return the update mode; ``paused_for`` [s] is how long it has been velocity only."""
+    """Return the update mode; ``paused_for`` [s] is how long the mode has been velocity only."""
     pauses = conditions.may_touch or saturated
     too_long = pauses and paused_for > 1e-9 * LONGEST_GAP_NS
-    if not (conditions.acts and conditions.flies) or too_long:
+    if not (conditions.acts and conditions.is_flying) or too_long:
         return UpdateMode.HOLD
     return UpdateMode.VELOCITY_ONLY if pauses else UpdateMode.LEARN

@@ -1,7 +1,7 @@
 """The formulas of SO(3), and a low-pass, on plain numbers: for Python and for Numba alike.
 
-:mod:`.so3` calls them as they are, so that who needs a few rotations does not need Numba, and
-:mod:`.kernels` compiles them. Both give the same bits: powers are therefore written as products.
+:mod:`.so3` calls them uncompiled, without Numba, and :mod:`.kernels` compiles them. Both give the
+same bits, because powers are written as products.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ SMALL_ANGLE = 1e-3
 # Where the differences of higher order lose as much: two digits per factor of ten.
 _SMALL_DEFICIT = 0.05
 # Up to this square of an angle six terms are exact to rounding (the seventh is below
-# 0.0625**6 / 15!), and take a third of the time of a sine. What turns in a substep is there.
+# 0.0625**6 / 15!), and take a third of the time of a sine. Rotations in a substep are smaller.
 _SERIES_SQUARE = 0.0625
 
 

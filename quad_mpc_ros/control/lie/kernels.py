@@ -1,8 +1,8 @@
 """Vectors and rotations as plain numbers, for functions that Numba compiles.
 
 NumPy takes a microsecond for each operation on three numbers, and a horizon has thousands of them.
-What runs in every control step is therefore compiled: plain loops over tuples of floats, which
-live in registers.
+Code of the control step is therefore compiled: plain loops over tuples of floats, which are in
+registers.
 
 A vector is a tuple of three, a matrix one of nine, row by row. Conventions are those of
 :mod:`quad_mpc_ros.control.lie.so3`, which is the same on arrays.
@@ -105,7 +105,7 @@ def store_quaternion(q: Quaternion, out: Array) -> None:
 
 @compiled
 def is_zero(a: Array) -> bool:
-    """Whether all of a vector in an array (3,) is zero."""
+    """Whether a vector in an array (3,) is zero."""
     return bool(a[0] == 0.0 and a[1] == 0.0 and a[2] == 0.0)
 
 

@@ -5,8 +5,7 @@ Leading batch dimensions are accepted where shapes say so: (..., 3) and (..., 3,
 follow Solà, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018), with
 right (body-frame) Jacobians.
 
-What is no array of numbers of the shape, or has no rotation, is an :class:`ArgumentError`, a
-``ValueError``.
+Arguments of another shape or without a rotation raise :class:`ArgumentError`, a ``ValueError``.
 
 A single rotation goes through plain numbers (:mod:`.formulas`), batches through NumPy, which takes
 ten times as long for three numbers.

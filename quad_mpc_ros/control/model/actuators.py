@@ -1,11 +1,11 @@
 """First-order lags of throttle and body rates, in compiled code.
 
-An actuator y follows its command c as dy/dt = (c - y) / tau. After a time t under one command it
-has kept exp(-t / tau) of its distance to the command, and on the average over that time
-tau (1 - exp(-t / tau)) / t of it. Without a time constant it is its command.
+An actuator y follows its command c as dy/dt = (c - y) / tau. After a time t under one command the
+share exp(-t / tau) of its distance to the command remains, on average over that time the share
+tau (1 - exp(-t / tau)) / t. Without a time constant it equals its command.
 
-The plant of the simulator has a lag of its own (``simulation/actuators.py``), on purpose: a
-mistake that both shared would not show.
+The simulator implements its lag independently (``simulation/actuators.py``), so that tests find
+errors.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def actuators_in(u: Array) -> Actuators:
 
 @compiled
 def first_order_lag(time_constant: float, duration: float) -> tuple[float, float]:
-    """Return which share of the distance to the command is kept, at the end and on average."""
+    """Return the remaining share of the distance to the command, at the end and on average."""
     if time_constant <= 0.0:
         return 0.0, 0.0
     decay = math.exp(-duration / time_constant)
@@ -46,17 +46,14 @@ def first_order_lag_slopes(time_constant: float, duration: float) -> tuple[float
 
 
 @compiled
-def lead(time_constant: float, duration: float, before: float, after: float) -> float:
-    """Return the command that takes a lagging actuator from one value to another.
-
-    The inverse of the lag, c = y + tau dy/dt, half way.
-    """
+def inverse_lag(time_constant: float, duration: float, before: float, after: float) -> float:
+    """Return the command c = y + tau dy/dt that takes a lagging actuator between two values."""
     return 0.5 * (before + after) + time_constant / duration * (after - before)
 
 
 @compiled
 def followed(kept: Actuators, y: Actuators, command: Actuators) -> Actuators:
-    """Return what is between actuators and their command when a share of the distance is kept."""
+    """Return actuators after the share ``kept`` of their distance to the command remains."""
     throttle, roll, pitch, yaw = command
     of_throttle, of_roll, of_pitch, of_yaw = kept
     at_throttle, at_roll, at_pitch, at_yaw = y

@@ -1,4 +1,4 @@
-"""Where the vehicle may be: half-spaces on its position, for every stage of a horizon."""
+"""The free region: half-spaces on the position for every stage of a horizon."""
 
 from __future__ import annotations
 
@@ -38,6 +38,6 @@ class Corridor:
         array(self.normals, "normals", *offsets.shape, 3)
 
     def beyond(self, p_W: Array, stage: int = 0) -> float:
-        """Return how far a place (3,) is outside of the free region of a stage, at least 0 [m]."""
+        """Return how far a position (3,) is outside the free region of a stage, at least 0 [m]."""
         over = self.normals[stage] @ p_W - self.offsets[stage]
         return max(0.0, float(over.max(initial=0.0)))

@@ -18,12 +18,12 @@ from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EstimateReset:
-    """What was at p in the world frame until now is at Rz(turn) p + step_W from now on.
+    """Transform of positions p in the world frame to Rz(turn) p + step_W.
 
     Args:
         stamp_ns: Stamp of the first odometry in the new coordinates [ns].
-        turn: From east to north [rad].
-        step_W: Where the former origin lies (3,) [m].
+        turn: Rotation about the vertical, from east to north [rad].
+        step_W: Position of the old origin in the new coordinates (3,) [m].
         frame_id: The world frame.
     """
 
@@ -40,14 +40,11 @@ class EstimateReset:
 
     @classmethod
     def between(cls, before: OdometrySample, after: OdometrySample) -> EstimateReset:
-        """Return the step between two odometries, less how the vehicle moved meanwhile.
-
-        Heading and position step; what remains of tilt and velocity is the estimate's own.
-        """
+        """Return the step between two odometries without the predicted motion of the vehicle."""
         duration = 1e-9 * (after.stamp_ns - before.stamp_ns)
         R_WB = so3.rotation_from_quaternion_xyzw(before.q_WB_xyzw)
-        led = so3.quaternion_xyzw_from_rotation(R_WB @ so3.exp(duration * before.w_WB_B))
-        stepped = heading(after.q_WB_xyzw.tolist()) - heading(led.tolist())
+        expected = so3.quaternion_xyzw_from_rotation(R_WB @ so3.exp(duration * before.w_WB_B))
+        stepped = heading(after.q_WB_xyzw.tolist()) - heading(expected.tolist())
         turn = math.remainder(stepped, math.tau)
         p = before.p_WB + duration * (R_WB @ before.v_WB_B)
         step_W = after.p_WB - _rotation(turn) @ p
@@ -86,9 +83,9 @@ class EstimateReset:
         return dataclasses.replace(corridor, normals=normals, offsets=offsets)
 
     def samples(self, samples: Any) -> dict[str, Array]:
-        """Return what a reference's samples have in the world, in the new coordinates, by name.
+        """Return fields of a reference's samples in the new coordinates, by name.
 
-        They have ``p_WB``, ``v_WB_W``, ``a_WB_W``, ``w_WB_W`` (n, 3) and ``q_WB_xyzw`` (n, 4).
+        These are ``p_WB``, ``v_WB_W``, ``a_WB_W``, ``w_WB_W`` (n, 3) and ``q_WB_xyzw`` (n, 4).
         """
         moved = {name: self.vectors(getattr(samples, name)) for name in _VECTORS}
         return {

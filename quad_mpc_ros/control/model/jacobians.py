@@ -22,28 +22,28 @@ from quad_mpc_ros.control.model.rollout import (
     Discretisation,
     Midpoint,
     StateRecord,
+    anisotropic_air,
     body_in,
     discretised,
     rotor_speed,
     store_body,
     substep,
-    uneven_air,
 )
 from quad_mpc_ros.control.model.state import TANGENT_SIZE, THETA, U_RATE, U_THROTTLE, P, V
 
-# Where in the tangent of the horizon the actuators begin, behind the state's own parts.
+# Offsets of the actuators in the tangent of the horizon, behind the state.
 OMEGA, S, STATE_SIZE = TANGENT_SIZE, TANGENT_SIZE + 3, TANGENT_SIZE + 4
 RATE, THROTTLE = slice(OMEGA, S), S
 WITHOUT_ACTUATORS = OMEGA
-"""The size of a state whose actuators do not lag."""
+"""Size of the state without actuator lags."""
 
-# Columns of the sensitivities to what turns the body: attitude, rates, commanded rates; and to the
-# velocity, for which they are needed where the air is uneven.
-_FROM_RATE, _FROM_COMMAND, _TURNING, _COLUMNS = 3, 6, 9, 12
+# Columns of the sensitivities to attitude, rates, commanded rates, and with anisotropic drag to
+# the velocity.
+_FROM_RATE, _FROM_COMMAND, _FROM_VELOCITY, _COLUMNS = 3, 6, 9, 12
 
 
-class _Turning(NamedTuple):
-    """Sensitivities to what turns the body, (12, 3) each: of attitude, velocity and position."""
+class _Sensitivities(NamedTuple):
+    """Sensitivities of attitude, velocity and position, (12, 3) each."""
 
     R: Array
     v: Array
@@ -51,16 +51,16 @@ class _Turning(NamedTuple):
 
 
 class AirSlopes(NamedTuple):
-    """Derivatives of what uneven air does, by velocity half way, turn of the body and thrust.
+    """Derivatives of the anisotropic drag by midpoint velocity, rotation and specific thrust.
 
-    ``by_push`` is that of the acceleration by the thrust over mass. ``kept`` is what the velocity
-    half way has of that before, ``half`` of an acceleration.
+    ``kept`` and ``half`` are the derivatives of the midpoint velocity by the velocity before and
+    by the acceleration.
     """
 
-    uneven: bool
+    anisotropic: bool
     by_v: kernels.Matrix
     by_turn: kernels.Matrix
-    by_push: kernels.Vector
+    by_thrust: kernels.Vector
     kept: float
     half: float
 
@@ -76,20 +76,21 @@ def jacobians(
     A: Array,
     B: Array,
 ) -> None:
-    """Roll out as :func:`roll_out` does, and write A (N, nx, nx) and B (N, nx, 4) on the way.
+    """Roll out as :func:`roll_out` does and write A (N, nx, nx) and B (N, nx, 4).
 
-    ``nx`` is 13, or 9 without what actuators that do not lag need not have. The input of a stage
-    moves the commands of all its substeps alike, but for those that are not ``free`` (N, M, 4):
-    one, or zero for a command that a bound holds.
+    ``nx`` is 13, or 9 without actuator lags. The input of a stage changes the commands of all its
+    substeps whose ``free`` (N, M, 4) is 1; it is 0 for commands at a bound.
     """
     steps, substeps = inputs.shape[:2]
     lagging = A.shape[1] > WITHOUT_ACTUATORS
     d = discretised(model, step / substeps)
     x = body_in(start)
     store_body(x, states[0])
-    turning = _Turning(np.empty((_COLUMNS, 3)), np.empty((_COLUMNS, 3)), np.empty((_COLUMNS, 3)))
+    sensitivities = _Sensitivities(
+        np.empty((_COLUMNS, 3)), np.empty((_COLUMNS, 3)), np.empty((_COLUMNS, 3))
+    )
     for i in range(steps):
-        _begin(turning)
+        _begin(sensitivities)
         kept, gained = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0)
         by_throttle = by_command = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         own_v, own_p = 1.0, 0.0
@@ -99,21 +100,21 @@ def jacobians(
             mean_kept = followed(d.share, kept, (0.0, 0.0, 0.0, 0.0))
             mean_gained = followed(d.share, gained, let)
             air = air_slopes(model, d, midpoint)
-            _turn_on(d, midpoint, air, mean_kept, mean_gained, lagging, turning)
+            _propagate(d, midpoint, air, mean_kept, mean_gained, lagging, sensitivities)
             slope = model.thrust_scale * (2.0 * model.a * midpoint.mean[U_THROTTLE] + model.b)
-            push = kernels.scaled(slope, kernels.column(midpoint.R, 2))
-            slowed = kernels.scaled(slope, air.by_push)
-            by_throttle = push_on(
+            thrust_slope_W = kernels.scaled(slope, kernels.column(midpoint.R, 2))
+            slowed = kernels.scaled(slope, air.by_thrust)
+            by_throttle = propagated_slopes(
                 d,
                 air,
-                kernels.scaled(mean_kept[U_THROTTLE], push),
+                kernels.scaled(mean_kept[U_THROTTLE], thrust_slope_W),
                 kernels.scaled(mean_kept[U_THROTTLE], slowed),
                 by_throttle,
             )
-            by_command = push_on(
+            by_command = propagated_slopes(
                 d,
                 air,
-                kernels.scaled(mean_gained[U_THROTTLE], push),
+                kernels.scaled(mean_gained[U_THROTTLE], thrust_slope_W),
                 kernels.scaled(mean_gained[U_THROTTLE], slowed),
                 by_command,
             )
@@ -122,34 +123,34 @@ def jacobians(
             own_p += d.phi1 * own_v
             own_v *= d.velocity_decay
         store_body(x, states[i + 1])
-        _fill(A[i], B[i], own_p, own_v, turning, by_command)
-        if d.uneven:
-            _fill_velocity(A[i], turning)
+        _fill(A[i], B[i], own_p, own_v, sensitivities, by_command)
+        if d.anisotropic:
+            _fill_velocity(A[i], sensitivities)
         if lagging:
-            _fill_actuators(A[i], B[i], kept, gained, turning, by_throttle)
+            _fill_actuators(A[i], B[i], kept, gained, sensitivities, by_throttle)
 
 
 @compiled
-def _begin(turning: _Turning) -> None:
+def _begin(sensitivities: _Sensitivities) -> None:
     """Write the sensitivities at the start of a stage."""
-    dR, dv, dp = turning
+    dR, dv, dp = sensitivities
     for n in range(_COLUMNS):
         for k in range(3):
             dR[n, k] = 1.0 if n == k else 0.0
-            dv[n, k] = 1.0 if n - _TURNING == k else 0.0
+            dv[n, k] = 1.0 if n - _FROM_VELOCITY == k else 0.0
             dp[n, k] = 0.0
 
 
 @compiled
 def air_slopes(model: ModelParameters, d: Discretisation, midpoint: Midpoint) -> AirSlopes:
-    """Return the derivatives of what uneven air does, zero for air that is not."""
+    """Return the derivatives of the anisotropic drag, zeros for isotropic drag."""
     none = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    if not d.uneven:
+    if not d.anisotropic:
         return AirSlopes(False, none, none, (0.0, 0.0, 0.0), 0.0, 0.0)
-    u, drag, rotors, R = midpoint.v_B, model.uneven_drag, model.rotor_drag, midpoint.R
-    speed = rotor_speed(model, midpoint.push)
-    by_push = 0.5 * speed / midpoint.push if midpoint.push > 0.0 else 0.0
-    x, y, z = uneven_air(model, u, speed)
+    u, drag, rotors, R = midpoint.v_B, model.anisotropic_drag, model.rotor_drag, midpoint.R
+    speed = rotor_speed(model, midpoint.specific_thrust)
+    by_thrust = 0.5 * speed / midpoint.specific_thrust if midpoint.specific_thrust > 0.0 else 0.0
+    x, y, z = anisotropic_air(model, u, speed)
     lift = 2.0 * model.translational_lift
     by_x, by_y = -drag[0] - speed * rotors[0], -drag[1] - speed * rotors[1]
     by_z = -drag[2] - speed * rotors[2]
@@ -163,7 +164,7 @@ def air_slopes(model: ModelParameters, d: Discretisation, midpoint: Midpoint) ->
         kernels.multiply(kernels.multiply(R, slope), kernels.transposed(R)),
         kernels.multiply(R, by_turn),
         kernels.apply(
-            R, kernels.scaled(-by_push, (rotors[0] * u[0], rotors[1] * u[1], rotors[2] * u[2]))
+            R, kernels.scaled(-by_thrust, (rotors[0] * u[0], rotors[1] * u[1], rotors[2] * u[2]))
         ),
         1.0 - 0.5 * d.dt * model.drag,
         0.5 * d.dt,
@@ -171,19 +172,20 @@ def air_slopes(model: ModelParameters, d: Discretisation, midpoint: Midpoint) ->
 
 
 @compiled
-def push_on(
+def propagated_slopes(
     d: Discretisation,
     air: AirSlopes,
     acceleration: kernels.Vector,
     direct: kernels.Vector,
     moved: tuple[kernels.Vector, kernels.Vector],
 ) -> tuple[kernels.Vector, kernels.Vector]:
-    """Return velocity and position after a substep with an acceleration.
+    """Return the sensitivities of velocity and position after a substep.
 
-    ``direct`` is what the air does of it at once, by what moves, at the same velocity half way.
+    ``acceleration`` and ``direct`` are those of the acceleration and, at constant midpoint
+    velocity, of the anisotropic drag.
     """
     v, p = moved
-    if air.uneven:
+    if air.anisotropic:
         v_mid = kernels.plus(kernels.scaled(air.kept, v), kernels.scaled(air.half, acceleration))
         by_air = kernels.plus(kernels.apply(air.by_v, v_mid), direct)
         acceleration = kernels.plus(acceleration, by_air)
@@ -196,23 +198,23 @@ def push_on(
 
 
 @compiled
-def _turn_on(
+def _propagate(
     d: Discretisation,
     midpoint: Midpoint,
     air: AirSlopes,
     mean_kept: Actuators,
     mean_gained: Actuators,
     lagging: bool,
-    turning: _Turning,
+    sensitivities: _Sensitivities,
 ) -> None:
-    """Carry the sensitivities to what turns the body over a substep, and to the velocity.
+    """Propagate the sensitivities to attitude, rates and velocity over a substep.
 
-    Those to rates that do not lag are zero.
+    Sensitivities to rates without lag are zero.
     """
-    dR, dv, dp = turning
+    dR, dv, dp = sensitivities
     J = kernels.right_jacobian(midpoint.half_turn)
     x_axis, y_axis = kernels.column(midpoint.R, 0), kernels.column(midpoint.R, 1)
-    for n in range(_TURNING):
+    for n in range(_FROM_VELOCITY):
         if _FROM_RATE <= n < _FROM_COMMAND and not lagging:
             continue
         # By how much half of the turn moves.
@@ -226,20 +228,20 @@ def _turn_on(
         turned = kernels.plus(kernels.apply_transposed(midpoint.half, kernels.vector(dR[n])), half)
         # The thrust's direction moves by R (phi x e3).
         acceleration = kernels.scaled(
-            midpoint.push,
+            midpoint.specific_thrust,
             kernels.plus(kernels.scaled(turned[1], x_axis), kernels.scaled(-turned[0], y_axis)),
         )
         moved = kernels.vector(dv[n]), kernels.vector(dp[n])
-        direct = kernels.apply(air.by_turn, turned) if air.uneven else (0.0, 0.0, 0.0)
-        v, p = push_on(d, air, acceleration, direct, moved)
+        direct = kernels.apply(air.by_turn, turned) if air.anisotropic else (0.0, 0.0, 0.0)
+        v, p = propagated_slopes(d, air, acceleration, direct, moved)
         kernels.store_vector(v, dv[n])
         kernels.store_vector(p, dp[n])
         kernels.store_vector(
             kernels.plus(kernels.apply_transposed(midpoint.half, turned), half), dR[n]
         )
-    for n in range(_TURNING, _COLUMNS if air.uneven else _TURNING):
+    for n in range(_FROM_VELOCITY, _COLUMNS if air.anisotropic else _FROM_VELOCITY):
         moved = kernels.vector(dv[n]), kernels.vector(dp[n])
-        v, p = push_on(d, air, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), moved)
+        v, p = propagated_slopes(d, air, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), moved)
         kernels.store_vector(v, dv[n])
         kernels.store_vector(p, dp[n])
 
@@ -250,11 +252,11 @@ def _fill(
     B: Array,
     own_p: float,
     own_v: float,
-    turning: _Turning,
+    sensitivities: _Sensitivities,
     by_command: tuple[kernels.Vector, kernels.Vector],
 ) -> None:
-    """Write what can be other than zero of position, velocity and attitude."""
-    dR, dv, dp = turning
+    """Write the non-zero entries of position, velocity and attitude."""
+    dR, dv, dp = sensitivities
     for k in range(3):
         A[P + k, P + k] = 1.0
         A[P + k, V + k] = own_p
@@ -270,13 +272,13 @@ def _fill(
 
 
 @compiled
-def _fill_velocity(A: Array, turning: _Turning) -> None:
-    """Write what the velocity does in uneven air, where it moves on across itself."""
-    _, dv, dp = turning
+def _fill_velocity(A: Array, sensitivities: _Sensitivities) -> None:
+    """Write the sensitivities to the velocity, whose axes anisotropic drag couples."""
+    _, dv, dp = sensitivities
     for k in range(3):
         for n in range(3):
-            A[P + k, V + n] = dp[_TURNING + n, k]
-            A[V + k, V + n] = dv[_TURNING + n, k]
+            A[P + k, V + n] = dp[_FROM_VELOCITY + n, k]
+            A[V + k, V + n] = dv[_FROM_VELOCITY + n, k]
 
 
 @compiled
@@ -285,11 +287,11 @@ def _fill_actuators(
     B: Array,
     kept: Actuators,
     gained: Actuators,
-    turning: _Turning,
+    sensitivities: _Sensitivities,
     by_throttle: tuple[kernels.Vector, kernels.Vector],
 ) -> None:
     """Write the columns and rows of body rate and throttle."""
-    dR, dv, dp = turning
+    dR, dv, dp = sensitivities
     for k in range(3):
         for n in range(3):
             A[P + k, OMEGA + n] = dp[_FROM_RATE + n, k]

@@ -1,10 +1,10 @@
 """Derivatives of the rollout by the parameters of the model, in compiled loops.
 
-What a substep of :mod:`quad_mpc_ros.control.model.rollout` makes of position, velocity and
-throttle, by the velocity and the throttle before and by disturbance, thrust scale, time constant
-of the thrust and mean drag, which the drag of the axes follows in proportion. Body rates are by
-their own time constants and offsets. They are those of the discretisation, as the Jacobians by
-state and input are (:mod:`quad_mpc_ros.control.model.jacobians`), and carried over the substeps.
+Position, velocity and throttle are differentiated by the initial velocity and throttle, by the
+disturbance, the thrust scale, the time constant of the thrust and the mean drag. The drag of the
+axes is proportional to the mean. Body rates are differentiated by their time constants and
+offsets. The derivatives are those of the discretisation in
+:mod:`quad_mpc_ros.control.model.rollout`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from quad_mpc_ros.control.model.actuators import (
     first_order_lag,
     first_order_lag_slopes,
 )
-from quad_mpc_ros.control.model.jacobians import air_slopes, push_on
+from quad_mpc_ros.control.model.jacobians import air_slopes, propagated_slopes
 from quad_mpc_ros.control.model.parameters import ModelParameters
 from quad_mpc_ros.control.model.rollout import (
     Body,
@@ -33,8 +33,8 @@ from quad_mpc_ros.control.model.rollout import (
 from quad_mpc_ros.control.model.state import U_THROTTLE
 
 
-class Columns(NamedTuple):
-    """Where the derivatives by what stand."""
+class ParameterIndices(NamedTuple):
+    """Rows of the derivatives by velocity, throttle and parameters."""
 
     velocity: int
     disturbance: int
@@ -45,11 +45,11 @@ class Columns(NamedTuple):
     size: int
 
 
-BY = Columns(velocity=0, disturbance=3, scale=6, lag=7, drag=8, throttle=9, size=10)
+BY = ParameterIndices(velocity=0, disturbance=3, scale=6, lag=7, drag=8, throttle=9, size=10)
 
 
 class MotionDerivatives(NamedTuple):
-    """Of position and velocity (n, 3) and of the throttle (n,), n as :data:`BY` has it."""
+    """Derivatives of position and velocity (n, 3) and throttle (n,); rows as in :data:`BY`."""
 
     p: Array
     v: Array
@@ -57,7 +57,7 @@ class MotionDerivatives(NamedTuple):
 
 
 class RateDerivatives(NamedTuple):
-    """Of a body rate, by itself, its time constant and its offsets, fixed and by thrust."""
+    """Derivatives of a body rate by initial rate, time constant and both offsets."""
 
     by_rate: float
     by_lag: float
@@ -71,7 +71,7 @@ OF_NO_TIME = RateDerivatives(1.0, 0.0, 0.0, 0.0)
 
 @compiled
 def no_motion() -> MotionDerivatives:
-    """Return the derivatives over no time: velocity and throttle are their own."""
+    """Return the derivatives at time 0: ones for velocity and throttle."""
     p, v, s = np.zeros((BY.size, 3)), np.zeros((BY.size, 3)), np.zeros(BY.size)
     for k in range(3):
         v[BY.velocity + k, k] = 1.0
@@ -89,10 +89,10 @@ def propagated_with_derivatives(
     x: Body,
     derivatives: MotionDerivatives,
 ) -> Body:
-    """Return a state after a duration under a command, and carry derivatives over it.
+    """Return a state after a duration under a command, and propagate its derivatives.
 
-    In substeps of ``longest`` [s] at most. ``drag_shape`` is what ``uneven_drag`` has of the mean
-    along each axis, a share. The rates are taken as given: nothing turns them.
+    Substeps last at most ``longest`` [s]. ``drag_shape`` is ``anisotropic_drag`` over the mean
+    drag. The rates are constant.
     """
     count = max(1, math.ceil(duration / longest - 1e-9))
     step = discretised(model, duration / count)
@@ -112,11 +112,11 @@ def _substep(
     x: Body,
     derivatives: MotionDerivatives,
 ) -> Body:
-    """Return a state after a substep; ``slopes`` are those of the thrust's lag."""
+    """Return a state after a substep; ``slopes`` are derivatives of the thrust lag."""
     after, midpoint = substep(model, step, command, x)
     air = air_slopes(model, step, midpoint)
     z, off = kernels.column(midpoint.R, 2), x.actuators[U_THROTTLE] - command[U_THROTTLE]
-    push_slope = model.thrust_scale * (2.0 * model.a * midpoint.mean[U_THROTTLE] + model.b)
+    thrust_slope = model.thrust_scale * (2.0 * model.a * midpoint.mean[U_THROTTLE] + model.b)
     p, v, s = derivatives
     for n in range(BY.size):
         mean = step.share[0] * s[n]
@@ -124,11 +124,11 @@ def _substep(
         if n == BY.lag:
             mean += slopes[1] * off
             s[n] += slopes[0] * off
-        push = push_slope * mean
+        thrust = thrust_slope * mean
         if n == BY.scale:
-            push += midpoint.push / model.thrust_scale
-        acceleration, direct = kernels.scaled(push, z), kernels.scaled(push, air.by_push)
-        if n == BY.drag and air.uneven:
+            thrust += midpoint.specific_thrust / model.thrust_scale
+        acceleration, direct = kernels.scaled(thrust, z), kernels.scaled(thrust, air.by_thrust)
+        if n == BY.drag and air.anisotropic:
             slowed, taken = _slowed(drag_shape, step, x, midpoint)
             by_air = kernels.plus(kernels.apply(air.by_v, slowed), taken)
             direct = kernels.plus(direct, by_air)
@@ -136,7 +136,7 @@ def _substep(
         if 0 <= k <= 2:
             acceleration = _axis(k)
         moved = kernels.vector(v[n]), kernels.vector(p[n])
-        v_after, p_after = push_on(step, air, acceleration, direct, moved)
+        v_after, p_after = propagated_slopes(step, air, acceleration, direct, moved)
         kernels.store_vector(v_after, v[n])
         kernels.store_vector(p_after, p[n])
     _add_decay_slopes(model, step, (x, after), derivatives)
@@ -153,7 +153,7 @@ def _axis(k: int) -> kernels.Vector:
 def _slowed(
     shape: kernels.Vector, step: Discretisation, x: Body, midpoint: Midpoint
 ) -> tuple[kernels.Vector, kernels.Vector]:
-    """Return by mean drag the velocity half way, and what the unevenness takes of it at once."""
+    """Return the derivatives of midpoint velocity and anisotropic drag by the mean drag."""
     u = midpoint.v_B
     taken = -shape[0] * u[0], -shape[1] * u[1], -shape[2] * u[2]
     return kernels.scaled(-0.5 * step.dt, x.v), kernels.apply(midpoint.R, taken)
@@ -166,13 +166,13 @@ def _add_decay_slopes(
     states: tuple[Body, Body],
     derivatives: MotionDerivatives,
 ) -> None:
-    """Add the derivatives by the mean drag of what is integrated exactly.
+    """Add the derivatives of the exact integrals by the mean drag.
 
-    ``states`` are those before and after the substep.
+    ``states`` are the states before and after the substep.
     """
     before, after = states
     dt, x = step.dt, model.drag * step.dt
-    # Of the series of phi1 and phi2.
+    # Derivatives of the series of phi1 and phi2.
     phi1_slope = dt * dt * (-0.5 + x / 3.0 - x * x / 8.0 + x**3 / 30.0)
     phi2_slope = dt**3 * (-1.0 / 6.0 + x / 12.0 - x * x / 40.0 + x**3 / 180.0)
     for k in range(3):
@@ -191,9 +191,9 @@ def followed_rate(
     rate: float,
     derivatives: RateDerivatives,
 ) -> tuple[float, RateDerivatives]:
-    """Return a body rate after a duration under a command, and its derivatives carried over it.
+    """Return a body rate after a duration under a command, and its derivatives.
 
-    The command is with its offset at the modelled ``thrust`` [m/s^2].
+    The command includes the offset at the modelled ``thrust`` [m/s^2].
     """
     decay, _share = first_order_lag(time_constant, duration)
     slope, _share_slope = first_order_lag_slopes(time_constant, duration)

@@ -1,4 +1,4 @@
-"""What is estimated of the vehicle: the parameters of the model that predicts it."""
+"""Parameters of the prediction model, configured or estimated."""
 
 from __future__ import annotations
 
@@ -20,19 +20,16 @@ class ModelParameters(Record):
     # Mean of the linear drag over the body axes [1/s], which is integrated exactly.
     drag: float
     gravity: float  # m/s^2
-    # Of first-order lags [s], 0 without a lag; those of the rates for roll, pitch and yaw.
+    # Time constants of first-order lags [s], 0 without a lag.
     thrust_time_constant: float
     rate_time_constants: Vector3
-    a_W: Vector3  # m/s^2, the disturbance: an acceleration that nothing else explains
+    a_W: Vector3  # m/s^2, disturbance acceleration
     thrust_scale: float
-    uneven_drag: Vector3  # 1/s, by how much the drag of each body axis differs from the mean
+    anisotropic_drag: Vector3  # 1/s, drag of each body axis less the mean
     translational_lift: float  # 1/m, k_h
-    # 1/s, the part of the drag along each axis that was estimated in flight: drag and uneven_drag
-    # contain it, and the reference's attitudes know nothing of it.
-    learned_drag: Vector3
-    rotor_drag: Vector3  # 1/s, drag that grows with the rotors' speed, at that of hover
-    # Beyond their commands rates have these [rad/s], [rad/s per m/s^2] of the modelled thrust at
-    # the commanded throttle.
+    learned_drag: Vector3  # 1/s, estimated part of the drag; the reference's attitudes lack it
+    rotor_drag: Vector3  # 1/s, drag proportional to the rotors' speed, at the speed of hover
+    # Offsets of the rates from their commands: constant [rad/s] and per modelled specific thrust.
     rate_offset: Vector3
     rate_offset_by_thrust: Vector3
 
@@ -40,9 +37,9 @@ class ModelParameters(Record):
 def parameters_of(
     vehicle: Vehicle, *, rate_time_constant: PerAxis, thrust_time_constant: float
 ) -> RecordArray[ModelParameters]:
-    """Return those of an undisturbed vehicle whose actuators lag by time constants [s]."""
+    """Return the parameters of an undisturbed vehicle with actuator time constants [s]."""
     drag = per_axis(vehicle.drag)
-    # Equal numbers have no mean other than themselves, whatever rounding says.
+    # The mean of equal numbers must not differ by rounding.
     mean = drag[0] if min(drag) == max(drag) else sum(drag) / 3.0
     parameters = ModelParameters.zeros()
     model = parameters[()]
@@ -52,7 +49,7 @@ def parameters_of(
     model.drag, model.gravity, model.thrust_scale = mean, vehicle.gravity, 1.0
     model.thrust_time_constant = thrust_time_constant
     model.rate_time_constants[:] = per_axis(rate_time_constant)
-    model.uneven_drag[:] = [k - mean for k in drag]
+    model.anisotropic_drag[:] = [k - mean for k in drag]
     model.translational_lift = vehicle.translational_lift
     model.rotor_drag[:] = per_axis(vehicle.rotor_drag)
     return parameters
@@ -65,19 +62,19 @@ root_of_thrust = compiled(vehicles.root_of_thrust)
 
 @compiled
 def throttle_for(model: ModelParameters, thrust: float) -> float:
-    """Return the throttle in [0, 1] whose thrust over mass is nearest to one wanted [m/s^2]."""
+    """Return the throttle in [0, 1] with the specific thrust nearest to ``thrust`` [m/s^2]."""
     return _inverse_throttle_curve(model.a, model.b, model.c, thrust / model.thrust_scale)
 
 
 @compiled
 def modelled_thrust(model: ModelParameters, throttle: float) -> float:
-    """Return the thrust over mass that the modelled curve makes [m/s^2], unscaled."""
+    """Return the specific thrust of the modelled curve [m/s^2], unscaled."""
     return _throttle_curve(model.a, model.b, model.c, throttle)
 
 
 @compiled
 def rate_offset_at(model: ModelParameters, throttle: float) -> kernels.Vector:
-    """Return what the rates have beyond their commands [rad/s]."""
+    """Return the offset of the rates from their commands [rad/s]."""
     fixed, by_thrust = model.rate_offset, model.rate_offset_by_thrust
     thrust = modelled_thrust(model, throttle)
     return (

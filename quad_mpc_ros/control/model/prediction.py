@@ -26,7 +26,7 @@ class Prediction(Record):
 
 
 class PredictedState(NamedTuple):
-    """The state at ``stamp_ns``, when the command that is computed now will act."""
+    """The state at ``stamp_ns``, when the command computed now will act."""
 
     stamp_ns: int
     prediction: RecordArray[Prediction]

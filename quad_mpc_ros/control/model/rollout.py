@@ -1,4 +1,4 @@
-"""The model of the future, rolled out in compiled loops.
+"""The prediction model, rolled out in compiled loops.
 
 State: position and velocity in the world, attitude R_WB, and the actuators, throttle and body rate
 (4,), in the order of the inputs. They follow their commands with a first-order lag
@@ -7,19 +7,19 @@ State: position and velocity in the world, attitude R_WB, and the actuators, thr
     dp/dt = v,  dv/dt = g + k (T(s)/m) R_WB e3 - R D R' v + k_h (u_x^2 + u_y^2) R e3 + d,
     dR/dt = R [w],  dw/dt = (w_c - w) / tau_w,  ds/dt = (s_c - s) / tau_s,
 
-with u = R' v; a drag D = diag(mu + nu sqrt(k T(s) / m g)), with three mu that the air has of the
-body and three nu that it has of the rotors and their speed (Svacha, Mohta, Kumar, "Improving
+with u = R' v; a drag D = diag(mu + nu sqrt(k T(s) / m g)), with three mu of the body and three nu
+of the rotors, proportional to their speed (Svacha, Mohta, Kumar, "Improving
 quadrotor trajectory tracking by compensating for aerodynamic effects", ICUAS 2017); the thrust k_h
 gained by flying across the rotors (Faessler, Franchi, Scaramuzza, "Differential flatness of
-quadrotor dynamics subject to rotor drag", RA-L 2018); and a tau_w for each axis: yaw, which is
-turned by drag of the rotors alone, is often several times slower.
+quadrotor dynamics subject to rotor drag", RA-L 2018); and a tau_w for each axis, as yaw is often
+several times slower.
 
-The simulated plant (:mod:`quad_mpc_ros.simulation.dynamics`) has equations of its own on purpose:
-a mistake in one of them shows in flight.
+The simulated plant (:mod:`quad_mpc_ros.simulation.dynamics`) implements the equations
+independently, so that flights show errors.
 
-Over a substep, under one command, the turn is the exact integral of the lagging rate, and the
-thrust is that of the mean throttle along the attitude half way. The mean of the mu over the axes
-is exact; what differs from it, the drag of the rotors and the lift act as they do half way.
+Over a substep, under one command, the rotation is the exact integral of the lagging rate, and the
+thrust is that of the mean throttle along the midpoint attitude. The drag's mean over the axes is
+integrated exactly; anisotropic drag, rotor drag and lift are those of the midpoint.
 
 In memory a state is a :class:`StateRecord`, in registers a :class:`Body`.
 """
@@ -37,7 +37,7 @@ from quad_mpc_ros.control.model.parameters import ModelParameters
 
 SUBSTEPS = 4
 LONGEST_SUBSTEP = 0.005
-"""For what is followed from odometry to odometry [s]; the error is of third order in the turn."""
+"""Of predictions between odometries [s]; the error is of third order in the rotation."""
 
 
 class StateRecord(Record):
@@ -51,7 +51,7 @@ class StateRecord(Record):
 
 
 class Body(NamedTuple):
-    """A state as plain numbers, which compiled code has in registers."""
+    """A state as plain numbers, for compiled code."""
 
     p: kernels.Vector
     v: kernels.Vector
@@ -86,7 +86,7 @@ def store_body(body: Body, state: StateRecord) -> None:
 def read_odometry(
     p_WB: Array, q_WB_xyzw: Array, v_WB_B: Array, w_WB_B: Array, state: StateRecord
 ) -> None:
-    """Write the state of an odometry whose twist is in the body, but for its throttle."""
+    """Write the state of an odometry with the twist in the body, without throttle."""
     R = kernels.rotation(kernels.quaternion_in(q_WB_xyzw))
     kernels.store_vector(kernels.vector(p_WB), state.p_WB)
     kernels.store_vector(kernels.apply(R, kernels.vector(v_WB_B)), state.v_WB_W)
@@ -95,12 +95,12 @@ def read_odometry(
 
 
 class Discretisation(NamedTuple):
-    """What a substep of ``dt`` seconds does to what is linear.
+    """Coefficients of the linear part of a substep of ``dt`` seconds.
 
-    After it an actuator keeps ``decay`` of its distance to the command, ``share`` on the average
-    over it; the velocity keeps ``velocity_decay`` and gains ``phi1`` times the acceleration, the
-    position ``phi1`` times the velocity and ``phi2`` times the acceleration. ``uneven`` says
-    whether the air does anything beyond that.
+    ``decay`` and ``share`` are the remaining distances of actuators to their commands, at the end
+    and on average. The velocity is multiplied by ``velocity_decay`` and gains ``phi1`` times the
+    acceleration; the position gains ``phi1`` times the velocity and ``phi2`` times the
+    acceleration. ``anisotropic``: there is further drag or lift.
     """
 
     dt: float
@@ -109,14 +109,14 @@ class Discretisation(NamedTuple):
     velocity_decay: float
     phi1: float
     phi2: float
-    uneven: bool
+    anisotropic: bool
 
 
 @compiled
 def discretised(model: ModelParameters, dt: float) -> Discretisation:
-    """Return what a substep of ``dt`` seconds does to what is linear."""
+    """Return the coefficients of a substep of ``dt`` seconds."""
     x = model.drag * dt
-    # Integrals of the velocity's response, by series, for drag may be nothing.
+    # Integrals of the velocity's response as series, as the drag may be 0.
     phi1 = dt * (1.0 - x / 2.0 + x * x / 6.0 - x**3 / 24.0 + x**4 / 120.0)
     phi2 = dt * dt * (0.5 - x / 6.0 + x * x / 24.0 - x**3 / 120.0 + x**4 / 720.0)
     s_decay, s_share = first_order_lag(model.thrust_time_constant, dt)
@@ -130,43 +130,42 @@ def discretised(model: ModelParameters, dt: float) -> Discretisation:
         math.exp(-x),
         phi1,
         phi2,
-        is_uneven(model),
+        is_anisotropic(model),
     )
 
 
 @compiled
-def is_uneven(model: ModelParameters) -> bool:
-    """Whether the air does anything but the drag that is alike along all axes."""
-    alike = kernels.is_zero(model.uneven_drag) and kernels.is_zero(model.rotor_drag)
+def is_anisotropic(model: ModelParameters) -> bool:
+    """Whether there is anisotropic drag, rotor drag or translational lift."""
+    alike = kernels.is_zero(model.anisotropic_drag) and kernels.is_zero(model.rotor_drag)
     return bool(not alike or model.translational_lift != 0.0)
 
 
 @compiled
-def rotor_speed(model: ModelParameters, push: float) -> float:
-    """Return the speed of the rotors over that of hover, by the thrust over mass [m/s^2]."""
-    return math.sqrt(max(push, 0.0) / model.gravity)
+def rotor_speed(model: ModelParameters, specific_thrust: float) -> float:
+    """Return the speed of the rotors over that of hover, by the specific thrust [m/s^2]."""
+    return math.sqrt(max(specific_thrust, 0.0) / model.gravity)
 
 
 @compiled
-def uneven_air(model: ModelParameters, u: kernels.Vector, speed: float) -> kernels.Vector:
-    """Return what the air does at a velocity ``u``, both in the body, beyond the mean drag.
+def anisotropic_air(model: ModelParameters, u: kernels.Vector, speed: float) -> kernels.Vector:
+    """Return the acceleration by anisotropic drag and lift at a velocity ``u``, in the body.
 
     ``speed`` is that of the rotors over hover's.
     """
-    even, rotors = model.uneven_drag, model.rotor_drag
-    d = even[0] + speed * rotors[0], even[1] + speed * rotors[1], even[2] + speed * rotors[2]
+    drag, rotors = model.anisotropic_drag, model.rotor_drag
+    d = drag[0] + speed * rotors[0], drag[1] + speed * rotors[1], drag[2] + speed * rotors[2]
     lift = model.translational_lift * (u[0] * u[0] + u[1] * u[1])
     return -d[0] * u[0], -d[1] * u[1], lift - d[2] * u[2]
 
 
 class Midpoint(NamedTuple):
-    """A substep half way: mean of the actuators, the thrust's acceleration, half of the turn as a
-    vector and as a rotation, attitude; velocity in the body, where the air is uneven. The
-    Jacobians are made of it.
+    """Midpoint of a substep, for the Jacobians: mean actuators, specific thrust, half of the
+    rotation as vector and matrix, attitude, and with anisotropic drag the velocity in the body.
     """
 
     mean: Actuators
-    push: float
+    specific_thrust: float
     half_turn: kernels.Vector
     half: kernels.Matrix
     R: kernels.Matrix
@@ -177,21 +176,25 @@ class Midpoint(NamedTuple):
 def substep(
     model: ModelParameters, step: Discretisation, command: Actuators, x: Body
 ) -> tuple[Body, Midpoint]:
-    """Return the state after a substep under a command, and half way."""
+    """Return the state after a substep under a command, and the midpoint."""
     mean = followed(step.share, x.actuators, command)
     throttle, roll_rate, pitch_rate, yaw_rate = mean
     half_turn = kernels.scaled(0.5 * step.dt, (roll_rate, pitch_rate, yaw_rate))
     half = kernels.exp(half_turn)
     R_mid = kernels.multiply(x.R, half)
-    push = model.thrust_scale * ((model.a * throttle + model.b) * throttle + model.c)
-    force = kernels.plus(kernels.scaled(push, kernels.column(R_mid, 2)), kernels.vector(model.a_W))
+    thrust = model.thrust_scale * ((model.a * throttle + model.b) * throttle + model.c)
+    force = kernels.plus(
+        kernels.scaled(thrust, kernels.column(R_mid, 2)), kernels.vector(model.a_W)
+    )
     a, v_B = (force[0], force[1], force[2] - model.gravity), (0.0, 0.0, 0.0)
-    if step.uneven:
+    if step.anisotropic:
         slowed = kernels.plus(a, kernels.scaled(-model.drag, x.v))
         v_B = kernels.apply_transposed(
             R_mid, kernels.plus(x.v, kernels.scaled(0.5 * step.dt, slowed))
         )
-        a = kernels.plus(a, kernels.apply(R_mid, uneven_air(model, v_B, rotor_speed(model, push))))
+        a = kernels.plus(
+            a, kernels.apply(R_mid, anisotropic_air(model, v_B, rotor_speed(model, thrust)))
+        )
     after = Body(
         kernels.plus(
             x.p, kernels.plus(kernels.scaled(step.phi1, x.v), kernels.scaled(step.phi2, a))
@@ -200,7 +203,7 @@ def substep(
         kernels.multiply(R_mid, half),
         followed(step.decay, x.actuators, command),
     )
-    return after, Midpoint(mean, push, half_turn, half, R_mid, v_B)
+    return after, Midpoint(mean, thrust, half_turn, half, R_mid, v_B)
 
 
 @compiled

@@ -1,9 +1,8 @@
-"""What crosses the boundary of the controller: odometry in, reference in, command out.
+"""Inputs and outputs of the controller: odometry, IMU, reference, command.
 
-These are the values of the ROS messages without ROS. Everything that comes from outside, from a
-node, a bag or the simulator, passes through these types, so that a flight over DDS and a flight
-in one process compute the same numbers. Quaternions exist here and are turned into rotations on
-the way in. Stamps are integer nanoseconds: no time is ever rounded.
+These types have the values of the ROS messages without ROS. Nodes, bags and the simulator all use
+them, so that flights over DDS and in one process compute the same numbers. Quaternions are
+converted to rotations inside the controller. Stamps are integer nanoseconds.
 """
 
 from __future__ import annotations
@@ -20,9 +19,8 @@ from quad_mpc_ros.configuration.arguments import array, instance, number, stamp,
 from quad_mpc_ros.configuration.errors import ArgumentError
 from quad_mpc_ros.control.lie import Array
 
-_LONGEST = 1e9  # s, of a window
-
-_LARGEST_VARIANCE = 25.0  # m^2/s^2 of a velocity; larger values mean unknown
+_MAX_DURATION = 1e9  # s, of a window
+_MAX_VARIANCE = 25.0  # m^2/s^2 of a velocity; larger values mean unknown
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,18 +28,18 @@ class OdometrySample:
     """One ``nav_msgs/Odometry``: pose in ``frame_id`` (ENU), twist in ``child_frame_id`` (FLU).
 
     Args:
-        stamp_ns: When it was measured [ns].
+        stamp_ns: Time of the measurement [ns].
         p_WB: Position in the world (3,) [m].
         q_WB_xyzw: Attitude, body to world, a unit quaternion (4,).
         v_WB_B: Velocity in body axes (3,) [m/s].
         w_WB_B: Body rates, in body axes (3,) [rad/s].
         frame_id: The world frame.
         child_frame_id: The body frame.
-        v_variance: Variance of the velocity along each axis [m^2/s^2], 0 where it is unknown.
+        v_variance: Variance of the velocity along each axis [m^2/s^2], 0 if unknown.
 
     Raises:
-        ArgumentError: One of them is of another type or shape. Any number is taken; those that
-            are not finite the controller refuses as it refuses those of a message.
+        ArgumentError: A field has another type or shape. The controller rejects numbers that are
+            not finite, as those of a message.
 
     Example:
         >>> OdometrySample.at_rest([0.0, 0.0, 1.5], yaw=0.5).speed
@@ -58,7 +56,7 @@ class OdometrySample:
     v_variance: float = 0.0
 
     def __post_init__(self) -> None:
-        _settle(
+        _set_converted(
             self,
             stamp_ns=stamp(self.stamp_ns, "stamp_ns"),
             p_WB=array(self.p_WB, "p_WB", 3),
@@ -106,13 +104,10 @@ class OdometrySample:
         return float(1.0 - 2.0 * (x * x + y * y))
 
 
-def given_variance(variances: Iterable[float]) -> float:
-    """Return the largest of the variances that a source gives of a velocity, 0 if it gives none.
-
-    Many leave them zero, and some write nonsense, or something huge for unknown.
-    """
-    given = [float(variance) for variance in variances]
-    return max(given) if all(0.0 < variance <= _LARGEST_VARIANCE for variance in given) else 0.0
+def reported_variance(variances: Iterable[float]) -> float:
+    """Return the largest reported variance of a velocity, 0 if one of them is implausible."""
+    reported = [float(variance) for variance in variances]
+    return max(reported) if all(0.0 < each <= _MAX_VARIANCE for each in reported) else 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,9 +115,9 @@ class ImuSample:
     """One ``sensor_msgs/Imu``, of which the accelerometer alone is used.
 
     Args:
-        stamp_ns: When it was measured [ns]; of a mean the end of the time it is over.
-        f_B: Specific force in body axes (3,) [m/s^2]: acceleration less gravity, so that a vehicle
-            at rest measures +9.81 upwards (REP 145).
+        stamp_ns: Time of the measurement [ns]; of a mean the end of its interval.
+        f_B: Specific force in body axes (3,) [m/s^2]: acceleration less gravity, +9.81 upwards at
+            rest (REP 145).
         frame_id: The body frame.
 
     Raises:
@@ -134,7 +129,7 @@ class ImuSample:
     frame_id: str = "base_link"
 
     def __post_init__(self) -> None:
-        _settle(
+        _set_converted(
             self,
             stamp_ns=stamp(self.stamp_ns, "stamp_ns"),
             f_B=array(self.f_B, "f_B", 3),
@@ -190,8 +185,8 @@ class ReferenceWindow:
         frame_id: The world frame.
 
     Raises:
-        ArgumentError: One of them is of another type or shape. Any number, and any order of the
-            offsets, is taken; what cannot be flown the controller refuses as it does of a message.
+        ArgumentError: A field has another type or shape. The controller rejects other unusable
+            values, as those of a message.
     """
 
     stamp_ns: int
@@ -206,7 +201,7 @@ class ReferenceWindow:
     def __post_init__(self) -> None:
         offset_ns = stamps(self.offset_ns, "offset_ns")
         count = len(offset_ns)
-        _settle(
+        _set_converted(
             self,
             stamp_ns=stamp(self.stamp_ns, "stamp_ns"),
             offset_ns=offset_ns,
@@ -245,7 +240,10 @@ class ReferenceWindow:
             array([[0., 0., 2.],
                    [0., 0., 2.]])
         """
-        rest, seconds = np.zeros((2, 3)), number(duration, "duration", above=0.0, below=_LONGEST)
+        rest, seconds = (
+            np.zeros((2, 3)),
+            number(duration, "duration", above=0.0, below=_MAX_DURATION),
+        )
         return cls(
             stamp_ns=stamp_ns,
             offset_ns=np.array([0, round(seconds * 1e9)]),
@@ -288,14 +286,19 @@ class ReferenceWindow:
                 its attitude undefined.
         """
         from quad_mpc_ros.control.lie import (
-            so3,  # which needs Numba, and most who use samples do not
+            so3,  # imports Numba, which most users of samples do not need
         )
 
         t, heading = array(seconds, "seconds", ..., finite=True), number(yaw, "yaw")
-        if t.ndim != 1 or len(t) < 3 or not np.all(np.diff(t) > 0.0) or abs(t).max() > _LONGEST:
+        if (
+            t.ndim != 1
+            or len(t) < 3
+            or not np.all(np.diff(t) > 0.0)
+            or abs(t).max() > _MAX_DURATION
+        ):
             raise ArgumentError("seconds", seconds, "3 or more increasing times (n,), below 1e9 s")
         p = array(p_WB, "p_WB", len(t), 3, finite=True)
-        with np.errstate(all="ignore"):  # what comes of it is looked at
+        with np.errstate(all="ignore"):  # the result is checked
             v = np.gradient(p, t, axis=0, edge_order=2)
             a = np.gradient(v, t, axis=0, edge_order=2)
             force = a + np.array([0.0, 0.0, number(gravity, "gravity", above=0.0)])
@@ -317,10 +320,10 @@ class ReferenceWindow:
         )
 
     def pose_at(self, stamp_ns: int) -> tuple[Array, Array]:
-        """Return about where the reference is at a time: position (3,) and quaternion (4,).
+        """Return the approximate reference at a time: position (3,) and quaternion (4,).
 
-        The position is on the line between two samples, the attitude that of the one before. What
-        the MPC follows is sampled better (``control/model/reference_window.py``).
+        The position is interpolated linearly, the attitude is that of the previous sample. The MPC
+        samples windows exactly (``control/model/reference_window.py``).
         """
         after_ns = stamp_ns - self.stamp_ns
         offsets_ns, last = self.offset_ns, self.offset_ns.size - 1
@@ -337,8 +340,8 @@ class ReferenceWindow:
         return p + fraction * (self.p_WB[before + 1] - p), q
 
 
-def _settle(sample: Any, **values: object) -> None:
-    """Set the fields of a frozen sample that were given in another type."""
+def _set_converted(sample: Any, **values: object) -> None:
+    """Set the fields of a frozen sample whose type was converted."""
     fields = vars(sample)
     for name, value in values.items():
         if fields[name] is not value:

@@ -1,10 +1,9 @@
 """The target of a horizon: the reference along it, and the inputs that hold the reference.
 
-The reference gives positions, attitudes and their derivatives. The inputs that hold it are the
-vehicle's: the throttle carries the specific force a + R D R' v + g e3, less the lift of the air
-and the disturbance, for which the attitude tilts; throttle and rates lead by what the actuators
-lag. They vary within a stage as the reference does, so that a vehicle on a reference it can fly
-needs no correction.
+The throttle of these inputs generates the specific force a + R D R' v + g e3 less lift and
+disturbance, against which the attitude tilts. Throttle and rates compensate the actuator lags. The
+inputs vary within a stage as the reference does, so that a vehicle on a feasible reference needs
+no correction.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vector3, Vector4
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.model.actuators import lead
+from quad_mpc_ros.control.model.actuators import inverse_lag
 from quad_mpc_ros.control.model.parameters import (
     ModelParameters,
     root_of_thrust,
@@ -30,12 +29,11 @@ from quad_mpc_ros.control.model.reference_window import (
     SampleRecord,
     sample_into,
 )
-from quad_mpc_ros.control.model.rollout import SUBSTEPS, is_uneven, uneven_air
+from quad_mpc_ros.control.model.rollout import SUBSTEPS, anisotropic_air, is_anisotropic
 from quad_mpc_ros.control.model.state import INPUT_SIZE, U_RATE, U_THROTTLE, Input
 from quad_mpc_ros.control.model.vehicle import Vehicle
 
-# rad, in a substep: where a tilt begins or ends it does not turn.
-_TILT_JUMP = 0.05
+_TILT_JUMP = 0.05  # rad, in a substep: a larger change of the tilt adds no rates
 
 
 class TargetStage(Record):
@@ -66,8 +64,8 @@ def sample_target(
     """Write the target of stages of ``step`` seconds from ``elapsed_ns`` after a window's stamp.
 
     ``samples`` are the window's, ``u_min`` and ``u_max`` (4,) bound throttle and rates, ``speeds``
-    (N,) say how fast the reference's time passes in each stage, none (0,) as it does on a clock.
-    Returns the attitude at the start of the first stage.
+    (N,) are the speeds of the reference's time in each stage, (0,) for real time. Returns the
+    attitude at the start of the first stage.
     """
     dt, count = step / SUBSTEPS, len(target) * SUBSTEPS + 1
     times_ns = np.empty(count, np.int64)
@@ -100,19 +98,19 @@ def sample_target(
         for n in range(3):
             held[k, U_RATE + n] = point.w_WB_B[n]
         if k > 0:
-            _turn_with(tilts, R_held, dt, held, k)
+            _add_tilt_rates(tilts, R_held, dt, held, k)
         if k > 0 and k % SUBSTEPS == 0:
             stage = target[k // SUBSTEPS - 1]
             kernels.store_vector(kernels.vector(point.p_WB), stage.p_WB)
             kernels.store_vector(kernels.vector(point.v_WB_W), stage.v_WB_W)
             kernels.store_matrix(R_held, stage.R_WB)
-    _lead(model, dt, held, target, u_min=u_min, u_max=u_max)
+    _write_commands(model, dt, held, target, u_min=u_min, u_max=u_max)
     return R_start
 
 
 @compiled
 def path_times(speeds: Array, dt: float, elapsed_ns: int, times_ns: NDArray[np.int64]) -> None:
-    """Write the reference's times (n,) at steps of ``dt`` [s], which pass at a stage's speed."""
+    """Write the reference's times (n,) at steps of ``dt`` [s], at the speeds of the stages."""
     passed, substeps = 0.0, (len(times_ns) - 1) // len(speeds)
     times_ns[0] = elapsed_ns
     for k in range(1, len(times_ns)):
@@ -122,9 +120,7 @@ def path_times(speeds: Array, dt: float, elapsed_ns: int, times_ns: NDArray[np.i
 
 @compiled
 def speed_at(speeds: Array, k: int) -> float:
-    """Return how fast the reference's time passes at a substep: what stages have half way, and
-    in between what is between them.
-    """
+    """Return the speed of the reference's time at a substep, between those of stage midpoints."""
     place = k / SUBSTEPS - 0.5
     last = len(speeds) - 1
     before = min(max(math.floor(place), 0), last)
@@ -135,10 +131,9 @@ def speed_at(speeds: Array, k: int) -> float:
 
 @compiled
 def _slow_down(model: ModelParameters, speed: float, point: PointRecord) -> kernels.Vector:
-    """Make a point one of the same path flown at another speed; return the tilt for it, in W.
+    """Scale a point to another speed along the same path; return the change of the tilt, in W.
 
-    By the speed go the velocity and the rates, by its square the acceleration; the thrust turns
-    with the force that is left to make.
+    Velocity and rates scale with the speed, the acceleration with its square.
     """
     if speed == 1.0:
         return 0.0, 0.0, 0.0
@@ -157,7 +152,7 @@ def _slow_down(model: ModelParameters, speed: float, point: PointRecord) -> kern
 
 @compiled
 def _is_same(point: PointRecord, before: PointRecord) -> bool:
-    """Whether the reference moves as it did one substep before, as it does at rest."""
+    """Whether the motion of the reference is that of the previous substep, as at rest."""
     same = True
     for n in range(3):
         same &= point.v_WB_W[n] == before.v_WB_W[n] and point.a_WB_W[n] == before.a_WB_W[n]
@@ -167,7 +162,7 @@ def _is_same(point: PointRecord, before: PointRecord) -> bool:
 
 
 @compiled
-def _lead(
+def _write_commands(
     model: ModelParameters,
     dt: float,
     held: Array,
@@ -183,7 +178,7 @@ def _lead(
             stage, total = target[i], 0.0
             for j in range(SUBSTEPS):
                 k = i * SUBSTEPS + j
-                command = lead(lags[n], dt, held[k, n], held[k + 1, n])
+                command = inverse_lag(lags[n], dt, held[k, n], held[k + 1, n])
                 stage.inputs[j, n] = kernels.clamp(command, u_min[n], u_max[n])
                 total += stage.inputs[j, n]
             stage.mean_input[n] = total / SUBSTEPS
@@ -196,14 +191,14 @@ def _hold(
     v_WB_W: kernels.Vector,
     a_WB_W: kernels.Vector,
 ) -> tuple[kernels.Matrix, float, kernels.Vector]:
-    """Return attitude and throttle for a reference, tilted against what it does not know of.
+    """Return attitude, throttle and tilt in the world that hold a reference.
 
-    That is the disturbance, and drag that was learned in flight. Third is the tilt in the world.
+    The attitude is tilted against the disturbance and the learned drag.
     """
     d_W = kernels.vector(model.a_W)
     x, y, z = kernels.plus(a_WB_W, kernels.scaled(model.drag, v_WB_W))
     force = x, y, z + model.gravity
-    if is_uneven(model):
+    if is_anisotropic(model):
         force = kernels.plus(force, kernels.scaled(-1.0, _air(model, R_WB, v_WB_W, force)))
     against = kernels.plus(force, kernels.scaled(-1.0, d_W))
     learned, tilt = kernels.vector(model.learned_drag), (0.0, 0.0, 0.0)
@@ -221,18 +216,18 @@ def _hold(
 def _air(
     model: ModelParameters, R_WB: kernels.Matrix, v_WB_W: kernels.Vector, force: kernels.Vector
 ) -> kernels.Vector:
-    """Return what uneven air does, in the world, where the thrust has to make up for it.
+    """Return the anisotropic drag and lift, in the world, that the thrust has to compensate.
 
-    ``force`` is what the thrust has to make without it; how fast the rotors turn depends on both.
+    ``force`` is the required thrust without them; the speed of the rotors depends on both.
     """
     u, speed = kernels.apply_transposed(R_WB, v_WB_W), 0.0
     if not kernels.is_zero(model.rotor_drag):
         along = kernels.dot(kernels.column(R_WB, 2), force)
-        still = along - uneven_air(model, u, 0.0)[2]
+        still = along - anisotropic_air(model, u, 0.0)[2]
         if still > 0.0:
             root = math.sqrt(model.gravity)
             speed = root_of_thrust(still, 0.5 * model.rotor_drag[2] * u[2] / root) / root
-    return kernels.apply(R_WB, uneven_air(model, u, speed))
+    return kernels.apply(R_WB, anisotropic_air(model, u, speed))
 
 
 @compiled
@@ -243,13 +238,13 @@ def _tilt(before: kernels.Vector, after: kernels.Vector) -> kernels.Matrix:
     if lengths < 1e-6:
         return none  # no direction
     if kernels.dot(before, after) / lengths < -0.9:
-        return none  # none that is shortest
+        return none  # the shortest rotation is not unique
     return kernels.shortest_rotation(before, after)
 
 
 @compiled
-def _turn_with(tilts: Array, R_WB: kernels.Matrix, dt: float, held: Array, k: int) -> None:
-    """Add to the rates of a substep, and of the first, by how much the tilt turns the body."""
+def _add_tilt_rates(tilts: Array, R_WB: kernels.Matrix, dt: float, held: Array, k: int) -> None:
+    """Add the rate of the tilt to the rates of a substep, and of the first one."""
     change = kernels.plus(
         kernels.vector(tilts[k]), kernels.scaled(-1.0, kernels.vector(tilts[k - 1]))
     )

@@ -26,7 +26,7 @@ _ROTOR_POINTS = 24
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LiftParameters(Configuration):
-    """What carries the vehicle; the defaults are the paper's quadrotor."""
+    """Mass and thrust of the vehicle; the defaults are the paper's quadrotor."""
 
     mass: float = parameter(
         0.396893, doc="Mass M, the paper's 14 oz with battery.", unit="kg", above=0.0
@@ -51,13 +51,13 @@ class LiftParameters(Configuration):
             )
         self.check_hover("mass", self.mass, self.mass)
 
-    def check_hover(self, name: str, given: float, mass: float) -> None:
-        """Refuse a mass [kg], the doing of parameter ``name``, that the motors cannot carry."""
+    def check_hover(self, name: str, value: float, mass: float) -> None:
+        """Refuse a mass [kg], from parameter ``name``, that the motors cannot carry."""
         lowest, highest = self.thrust(0.0), self.thrust(1.0)
         if not lowest < mass * self.gravity < highest:
             raise ConfigurationError(
                 f"{self.owner}.{name}",
-                given,
+                value,
                 f"a weight between the thrust at throttle 0 and at 1, "
                 f"{lowest:.4g} N to {highest:.4g} N",
             )
@@ -68,14 +68,14 @@ class LiftParameters(Configuration):
         return self.motor_count * throttle_curve(a, b, c, throttle)
 
     def vehicle(self) -> Vehicle:
-        """Return the vehicle that these parameters describe; what they lack is the paper's."""
+        """Return the vehicle of these parameters, with the paper's defaults for missing ones."""
         fields = dataclasses.fields(VehicleParameters)
         return _vehicle(**{f.name: getattr(self, f.name) for f in fields if hasattr(self, f.name)})
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class VehicleParameters(LiftParameters):
-    """What carries and brakes the vehicle; the defaults are the paper's quadrotor."""
+    """Mass, thrust and drag of the vehicle; the defaults are the paper's quadrotor."""
 
     drag: float | tuple[float, ...] = parameter(
         0.2, doc="Linear drag mu: acceleration per velocity.", unit="1/s", minimum=0.0
@@ -104,8 +104,8 @@ class VehicleParameters(LiftParameters):
     )
 
     @property
-    def drags_alike(self) -> bool:
-        """Whether the air acts alike along all body axes: attitude does not change its force."""
+    def has_isotropic_drag(self) -> bool:
+        """Whether drag is isotropic, so that the attitude does not change it."""
         alike = len(set(per_axis(self.drag))) == 1 and self.translational_lift == 0.0
         return alike and not any(per_axis(self.rotor_drag))
 
@@ -117,11 +117,11 @@ class Vehicle(VehicleParameters):
     owner = "vehicle"
 
     def specific_thrust(self, *, a_WB_W: Array, v_WB_W: Array, R_WB: Array) -> Array:
-        """Return the thrust over mass along body z (n,) [m/s^2] of motions through still air.
+        """Return the specific thrust (n,) [m/s^2] of motions through still air.
 
-        Of the specific force a + R D R' v + g e3 - k_h (v_x^2 + v_y^2) z_B what lies along body
-        z, where D grows with the root of that thrust. Shapes: ``a_WB_W`` and ``v_WB_W`` (n, 3),
-        ``R_WB`` (n, 3, 3).
+        The component along body z of the specific force a + R D R' v + g e3 - k_h (v_x^2 + v_y^2)
+        z_B, with D depending on the thrust. Shapes: ``a_WB_W`` and ``v_WB_W`` (n, 3), ``R_WB``
+        (n, 3, 3).
         """
         along = np.einsum("ni,ni->n", R_WB[:, :, 2], a_WB_W) + self.gravity * R_WB[:, 2, 2]
         v_WB_B = np.einsum("nji,nj->ni", R_WB, v_WB_W)
@@ -167,8 +167,7 @@ class Vehicle(VehicleParameters):
         return self.motor_count * (c - b * b / (4.0 * a)) if a > 0.0 else -math.inf
 
 
-# All that fly together ask for the same one.
-@functools.lru_cache
+@functools.lru_cache  # nodes of one process use the same vehicle
 def _vehicle(**parameters: Any) -> Vehicle:
     return Vehicle(**parameters)
 

@@ -6,17 +6,16 @@ import math
 
 from quad_mpc_ros.control.lie.formulas import lowpass_share
 
-# s: the voltage sags with every burst of thrust, and what follows it shall not follow each.
-_TIME_CONSTANT = 2.0
-_UNKNOWN = 65.535  # V: MAVLink's UINT16_MAX in millivolts, which MAVROS and others pass on
-_MOST = 120.0  # V: 28 cells
-# Of the expected voltage: a cell has 2.5 V to 4.35 V, and is expected at 3.5 V or more.
+_TIME_CONSTANT = 2.0  # s, longer than the voltage sags with each burst of thrust
+_UNKNOWN_VOLTAGE = 65.535  # V: MAVLink's UINT16_MAX in millivolts, which MAVROS and others pass on
+_MAX_VOLTAGE = 120.0  # V: 28 cells
+# Shares of the expected voltage: a cell has 2.5 V to 4.35 V, and is expected at 3.5 V or more.
 _LEAST_SHARE, _MOST_SHARE = 0.6, 1.5
 
 
 def measured_voltage(voltage: float) -> float | None:
     """Return a reported battery voltage [V]; None if it stands for an unknown one."""
-    known = 0.0 < voltage < math.inf and abs(voltage - _UNKNOWN) > 1e-3
+    known = 0.0 < voltage < math.inf and abs(voltage - _UNKNOWN_VOLTAGE) > 1e-3
     return voltage if known else None
 
 
@@ -28,7 +27,7 @@ class SmoothedVoltage:
         self.value: float | None = None
         """The voltage [V]; None until one was measured."""
         self.least = _LEAST_SHARE * expected
-        self.most = min(_MOST_SHARE * expected, _MOST) if expected else _MOST
+        self.most = min(_MOST_SHARE * expected, _MAX_VOLTAGE) if expected else _MAX_VOLTAGE
         self._time_ns = 0
 
     def receive(self, voltage: float, *, now_ns: int) -> bool:

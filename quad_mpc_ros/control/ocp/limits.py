@@ -49,7 +49,7 @@ from quad_mpc_ros.control.model.state import INPUT_SIZE, THETA, U_RATE, U_THROTT
 from quad_mpc_ros.control.model.target import TargetStage
 from quad_mpc_ros.control.ocp.horizon_qp import FREE, HorizonStages, LimitPattern
 from quad_mpc_ros.control.ocp.plan import PlannedTrajectory
-from quad_mpc_ros.control.ocp.settings import Settings
+from quad_mpc_ros.control.ocp.settings import ProblemSettings
 
 # The kinds, in the order of their rows. There are as many rows of half-spaces as are configured.
 _TILT, _SPEED, _THROTTLE, _SLEW, _HALF_SPACES = range(5)
@@ -78,16 +78,16 @@ class StageBounds(Record):
 TILT_MARGIN, SPEED_MARGIN, _THROTTLE_MARGIN = 0.3, 1.0, 0.1
 # Weights: this share of a slope, which is that of all stages that follow together; of a typical
 # violation at least this, and at least this share of the steepest slope.
-_SLOPE, _LEAST_WEIGHT, _LEAST_SHARE = 0.8, 0.4, 0.2
+_SLOPE_SHARE, _LEAST_WEIGHT, _LEAST_SHARE = 0.8, 0.4, 0.2
 _HALF_SPACE_SLOPE, _LEAST_HALF_SPACE_WEIGHT = 2.0, 4.0
-_SWERVE = 0.3  # s, in which a change of the velocity becomes one of the position
-# What a change of the plan costs, as a share of that slope: throttle, rates, velocity, attitude.
+_SWERVE_TIME = 0.3  # s, in which a change of the velocity becomes one of the position
+# Costs of changes of the plan, as shares of that slope: throttle, rates, velocity, attitude.
 _DAMPING_THROTTLE = 0.02 / 0.3**2
 _DAMPING_RATES = 0.2 / 5.0**2
 _DAMPING_VELOCITY = 0.03 / 3.0**2
 _DAMPING_ATTITUDE = 0.03 / 0.5**2
 # Below this tilt [rad] or speed [m/s] its direction says little of where it will be.
-_NO_TILT, _NO_SPEED = 0.05, 0.3
+_MIN_TILT, _MIN_SPEED = 0.05, 0.3
 
 
 class Limits(NamedTuple):
@@ -107,7 +107,7 @@ class Limits(NamedTuple):
     offsets: Array
 
     @staticmethod
-    def zeros(settings: Settings, steps: int, *, half_spaces: int = 0) -> Limits:
+    def zeros(settings: ProblemSettings, steps: int, *, half_spaces: int = 0) -> Limits:
         """Return the configured limits and so many half-spaces for N stages."""
         counts = np.array([*_ROWS, half_spaces])
         has = np.array([*(settings.limits > 0.0), half_spaces > 0])
@@ -153,7 +153,7 @@ class Limits(NamedTuple):
 
 @compiled
 def compute_bounds(
-    settings: Settings,
+    settings: ProblemSettings,
     prediction: Prediction,
     target: RecordArray[TargetStage],
     any_tilt: bool,
@@ -200,7 +200,9 @@ def compute_bounds(
 
 
 @compiled
-def flips(settings: Settings, R_start: kernels.Matrix, target: RecordArray[TargetStage]) -> bool:
+def flips(
+    settings: ProblemSettings, R_start: kernels.Matrix, target: RecordArray[TargetStage]
+) -> bool:
     """Whether the thrust axis of a target turns faster somewhere than body rates are bounded to.
 
     That happens near free fall, where the direction of little thrust means little. ``R_start`` is
@@ -219,7 +221,7 @@ def flips(settings: Settings, R_start: kernels.Matrix, target: RecordArray[Targe
 
 @compiled
 def saturate_position_error(
-    settings: Settings, start: StateRecord, target: RecordArray[TargetStage]
+    settings: ProblemSettings, start: StateRecord, target: RecordArray[TargetStage]
 ) -> None:
     """Move a target so that its first position is at most ``max_position_error`` away.
 
@@ -243,16 +245,16 @@ def saturate_position_error(
 
 @compiled
 def regularise_limits(
-    R: Array, weights: Array, activity: float, steep_slope: float, stages: HorizonStages
+    R: Array, weights: Array, activity: float, full_damping_slope: float, stages: HorizonStages
 ) -> float:
     """Add a cost to changes of the plan, so that a step is not all or nothing; return its scale.
 
     ``R`` (4,) are the weights on its inputs. The scale is the steepest slope of the cost, times
-    the constraint ``activity`` or the share of that slope in ``steep_slope``, whichever is larger.
-    The iterations converge to the same plan.
+    the constraint ``activity`` or the slope over ``full_damping_slope``, whichever is larger. The
+    iterations converge to the same plan.
     """
     slope = _steepest_slope(weights)
-    scale = max(activity, min(1.0, slope / steep_slope)) * slope
+    scale = max(activity, min(1.0, slope / full_damping_slope)) * slope
     H = stages.H
     for i in range(len(H)):
         stages.R[i, U_THROTTLE] = R[U_THROTTLE] + _DAMPING_THROTTLE * scale
@@ -267,7 +269,7 @@ def regularise_limits(
 def _steepest_slope(weights: Array) -> float:
     """Return the steepest slope of the cost, per typical change of attitude or velocity."""
     steepest = max(weights[_TILT] * _TYPICAL[_TILT], weights[_SPEED] * _TYPICAL[_SPEED])
-    return float(steepest / _SLOPE)
+    return float(steepest / _SLOPE_SHARE)
 
 
 @compiled
@@ -337,7 +339,7 @@ def _excess(
 
 @compiled
 def _half_space_excess(p: kernels.Vector, normals: Array, offsets: Array) -> float:
-    """Return by how much a place is beyond the farthest plane, negative inside."""
+    """Return the distance of a position beyond the farthest plane, negative inside."""
     most = -FREE
     for j in range(len(offsets)):
         if offsets[j] < FREE:
@@ -430,7 +432,7 @@ def _write_tilt(
     R_31, R_32, R_33 = kernels.row(R, 2)
     length = math.hypot(R_31, R_32)
     angle = math.atan2(length, R_33)
-    if length > _NO_TILT:
+    if length > _MIN_TILT:
         x, y, along = R_32 / length, -R_31 / length, angle
         across = 0.0
     else:
@@ -462,7 +464,7 @@ def _write_speed(v: kernels.Vector, slope: Array, bound: float, row: Array) -> f
     """
     speed = math.sqrt(kernels.dot(v, v))
     n = v
-    if speed < _NO_SPEED:
+    if speed < _MIN_SPEED:
         n = -slope[V], -slope[V + 1], -slope[V + 2]
     length = math.sqrt(kernels.dot(n, n))
     n = kernels.scaled(1.0 / length, n) if length > 1e-12 else (1.0, 0.0, 0.0)
@@ -477,7 +479,7 @@ def _write_weights(stages: HorizonStages, weights: Array, slopes: Array) -> None
     for kind in range(len(weights)):
         weights[kind] = _LEAST_WEIGHT / _TYPICAL[kind]
     weights[_HALF_SPACES] = _LEAST_HALF_SPACE_WEIGHT
-    turning = np.zeros(3)
+    rate_slopes = np.zeros(3)
     for i in range(n - 1, -1, -1):
         for k in range(nx):
             slope = stages.g[i, k]
@@ -486,21 +488,21 @@ def _write_weights(stages: HorizonStages, weights: Array, slopes: Array) -> None
                     slope += stages.A[i + 1, j, k] * slopes[i + 1, j]
             slopes[i, k] = slope
         p = slopes[i]
-        _raise(weights, _TILT, _SLOPE * math.hypot(p[THETA], p[THETA + 1]))
+        _raise(weights, _TILT, _SLOPE_SHARE * math.hypot(p[THETA], p[THETA + 1]))
         by_p = math.sqrt(p[P] ** 2 + p[P + 1] ** 2 + p[P + 2] ** 2)
         by_v = math.sqrt(p[V] ** 2 + p[V + 1] ** 2 + p[V + 2] ** 2)
-        _raise(weights, _SPEED, _SLOPE * by_v)
+        _raise(weights, _SPEED, _SLOPE_SHARE * by_v)
         _raise(weights, _HALF_SPACES, _HALF_SPACE_SLOPE * by_p)
-        _raise(weights, _HALF_SPACES, _HALF_SPACE_SLOPE * by_v / _SWERVE)
+        _raise(weights, _HALF_SPACES, _HALF_SPACE_SLOPE * by_v / _SWERVE_TIME)
         for k in range(INPUT_SIZE):
             slope = stages.r[i, k]
             for j in range(nx):
                 slope += stages.B[i, j, k] * p[j]
             if k == 0:
-                _raise(weights, _THROTTLE, _SLOPE * abs(slope))
+                _raise(weights, _THROTTLE, _SLOPE_SHARE * abs(slope))
             else:  # a change of the rates lasts
-                turning[k - 1] += slope
-                _raise(weights, _SLEW, _SLOPE * abs(turning[k - 1]))
+                rate_slopes[k - 1] += slope
+                _raise(weights, _SLEW, _SLOPE_SHARE * abs(rate_slopes[k - 1]))
     least = _LEAST_SHARE * _steepest_slope(weights)
     for kind in range(_HALF_SPACES):
         _raise(weights, kind, least / _TYPICAL[kind])

@@ -32,8 +32,8 @@ from quad_mpc_ros.control.model.target import TargetStage, sample_target
 from quad_mpc_ros.control.ocp.horizon_qp import HorizonPattern, HorizonStages
 from quad_mpc_ros.control.ocp.limits import Limits, compute_bounds, flips, saturate_position_error
 from quad_mpc_ros.control.ocp.plan import Plan, PlannedTrajectory, apply_bounds, shift
-from quad_mpc_ros.control.ocp.problem import Problem, Workspace, pattern_of, plan_cost, write_qp
-from quad_mpc_ros.control.ocp.progress import SPEED_INPUT, Progress, follow_path
+from quad_mpc_ros.control.ocp.problem import OcpArrays, Problem, pattern_of, plan_cost, write_qp
+from quad_mpc_ros.control.ocp.progress import SPEED_INPUT, ProgressBuffers, follow_path
 from quad_mpc_ros.control.ocp.settings import settings_of
 
 _COLD_ITERATIONS = 5
@@ -41,20 +41,19 @@ _JUMP_ITERATIONS = 3
 # A shifted plan whose cost has grown by this much meets a reference that has jumped.
 _JUMP_FACTOR, _JUMP_FLOOR = 4.0, 0.1
 _STEP_LENGTHS = (1.0, 0.5, 0.25, 0.1)
-_CONVERGED = 0.95
-# For how long after a flip of the reference the vehicle may be behind.
-_RECOVERING_NS = 500_000_000
+_CONVERGENCE_RATIO = 0.95  # of the cost, above which the plan has converged
+_FLIP_RECOVERY_NS = 500_000_000  # after a flip of the reference the vehicle may be behind
 
 
 class ProblemBuffers(NamedTuple):
     """The arrays and the pattern of a problem, with half-spaces or without."""
 
     pattern: HorizonPattern
-    work: Workspace
+    work: OcpArrays
     stages: HorizonStages
 
     @staticmethod
-    def of(config: MpcConfig, work: Workspace) -> ProblemBuffers:
+    def of(config: MpcConfig, work: OcpArrays) -> ProblemBuffers:
         """Return the buffers of a configuration with the limits of a workspace."""
         pattern = pattern_of(config, work.limits)
         return ProblemBuffers(pattern, work, HorizonStages.zeros(*pattern.sizes))
@@ -77,11 +76,11 @@ class ManifoldProblem:
         self._settings = settings_of(config)
         self.has_progress_state = config.formulation == "contouring"
         steps, settings = config.horizon_steps, self._settings[()]
-        work = Workspace(
+        work = OcpArrays(
             target=TargetStage.zeros(steps),
             nominal=PlannedTrajectory.zeros(steps),
             plan=PlannedTrajectory.zeros(steps),
-            progress=Progress.zeros(steps if self.has_progress_state else 0),
+            progress=ProgressBuffers.zeros(steps if self.has_progress_state else 0),
             limits=Limits.zeros(settings, steps),
         )
         self._unconstrained = ProblemBuffers.of(config, work)
@@ -95,7 +94,7 @@ class ManifoldProblem:
         self._cost, self._iterations, self._linearised = 0.0, 0, False
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over weights and bounds, in place; the last plan stays."""
+        """Apply weights and bounds; the last plan stays."""
         self._settings[()] = settings_of(config)[()]
 
     def pattern(self, *, constrained: bool = False) -> HorizonPattern:
@@ -121,7 +120,7 @@ class ManifoldProblem:
             work=buffers.work,
         )
         last_ns, last_cost = self._last
-        recovering = 0 <= self._flips_until_ns - state.stamp_ns <= _RECOVERING_NS
+        recovering = 0 <= self._flips_until_ns - state.stamp_ns <= _FLIP_RECOVERY_NS
         self._cost, self._iterations, is_flipping = begin(
             self._problem,
             self._stages,
@@ -130,7 +129,7 @@ class ManifoldProblem:
             recovering=recovering,
         )
         if is_flipping:
-            self._flips_until_ns = state.stamp_ns + _RECOVERING_NS
+            self._flips_until_ns = state.stamp_ns + _FLIP_RECOVERY_NS
         self._flipping = recovering or is_flipping
         # The roll-out for the cost has linearised on the way.
         self._linearised = True
@@ -151,7 +150,7 @@ class ManifoldProblem:
         plan are its own.
         """
         cost, plan = line_search(self._problem, inputs, self._cost, self._stamp_ns)
-        converged = not cost < _CONVERGED * self._cost
+        converged = not cost < _CONVERGENCE_RATIO * self._cost
         self._cost, self._iterations = cost, self._iterations - 1
         self._last = self._stamp_ns, cost
         return plan, converged or self._iterations == 0
@@ -161,7 +160,7 @@ class ManifoldProblem:
 def begin(
     problem: Problem, stages: HorizonStages, elapsed: float, last_cost: float, recovering: bool
 ) -> tuple[float, int, bool]:
-    """Write target and bounds, and the QP about the best start there is.
+    """Write target and bounds, and the QP about the best start.
 
     Args:
         problem: Target, bounds and the nominal plan are written.

@@ -35,7 +35,7 @@ from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.control.ocp.horizon_qp import HorizonPattern, HorizonStages
 from quad_mpc_ros.control.ocp.plan import Plan
 
-# What a position, velocity, attitude, throttle and rate error of this vehicle typically is.
+# Typical errors of position, velocity and attitude, and of throttle and rates.
 _STATE_SIZE = np.repeat([1.0, 3.0, 0.5], 3)
 _INPUT_SIZE = np.array([0.3, 5.0, 5.0, 5.0])
 
@@ -55,7 +55,7 @@ class PaperProblem:
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over weights and bounds."""
+        """Apply weights and bounds."""
         self._u_min = np.array([config.throttle_min, *(-w for w in config.omega_max)])
         self._u_max = np.array([config.throttle_max, *config.omega_max])
         self._stages.H[:] = np.diag(config.Q)

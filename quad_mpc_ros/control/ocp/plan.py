@@ -12,7 +12,7 @@ from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord
 from quad_mpc_ros.control.model.state import INPUT_SIZE, Input
 from quad_mpc_ros.control.model.target import TargetStage
-from quad_mpc_ros.control.ocp.settings import Settings
+from quad_mpc_ros.control.ocp.settings import ProblemSettings
 
 # How far a command may exceed a bound by rounding, and a duration a step: 0.15 / 0.05 is a little
 # less than 3.
@@ -98,7 +98,7 @@ class PlannedTrajectory(NamedTuple):
 
 @compiled
 def apply_bounds(
-    settings: Settings, target: RecordArray[TargetStage], plan: PlannedTrajectory
+    settings: ProblemSettings, target: RecordArray[TargetStage], plan: PlannedTrajectory
 ) -> None:
     """Clamp a plan to the bounds, and write its inputs.
 

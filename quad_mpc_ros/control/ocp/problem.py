@@ -65,18 +65,18 @@ from quad_mpc_ros.control.ocp.horizon_qp import HorizonPattern, HorizonStages
 from quad_mpc_ros.control.ocp.limits import Limits, limits_cost, regularise_limits, write_limits
 from quad_mpc_ros.control.ocp.plan import PlannedTrajectory, mark_free
 from quad_mpc_ros.control.ocp.progress import (
-    Progress,
+    ProgressBuffers,
     progress_cost,
     regularise_progress,
     write_progress,
 )
-from quad_mpc_ros.control.ocp.settings import Settings, stage_weight
+from quad_mpc_ros.control.ocp.settings import ProblemSettings, stage_weight
 
 _STATE_SIZES = np.concatenate((np.repeat([1.0, 3.0, 0.5, 5.0], 3), [0.3]))
 _INPUT_SIZES = np.array([0.3, 5.0, 5.0, 5.0])
 
 
-class Workspace(NamedTuple):
+class OcpArrays(NamedTuple):
     """The arrays of N stages.
 
     ``target`` (N,) is the reference along the horizon, ``nominal`` the plan linearised along and
@@ -86,7 +86,7 @@ class Workspace(NamedTuple):
     target: RecordArray[TargetStage]
     nominal: PlannedTrajectory
     plan: PlannedTrajectory
-    progress: Progress
+    progress: ProgressBuffers
     limits: Limits
 
 
@@ -100,8 +100,8 @@ class Problem(NamedTuple):
     elapsed_ns: int
     samples: RecordArray[SampleRecord]
     prediction: RecordArray[Prediction]
-    settings: RecordArray[Settings]
-    work: Workspace
+    settings: RecordArray[ProblemSettings]
+    work: OcpArrays
 
 
 def pattern_of(config: MpcConfig, limits: Limits) -> HorizonPattern:
@@ -112,7 +112,7 @@ def pattern_of(config: MpcConfig, limits: Limits) -> HorizonPattern:
     diagonal, all_states = np.eye(3, dtype=bool), progress.SIZE
     A = np.zeros((all_states, all_states), dtype=bool)
     A[POSITION, POSITION] = A[POSITION, VELOCITY] = A[VELOCITY, VELOCITY] = diagonal
-    A[:THETA, VELOCITY] |= not config.drags_alike  # anisotropic drag couples the axes
+    A[:THETA, VELOCITY] |= not config.has_isotropic_drag  # anisotropic drag couples the axes
     A[:THETA, THETA:STATE_SIZE] = True
     A[ATTITUDE, THETA:THROTTLE] = True
     A[RATE, RATE] = diagonal
@@ -133,8 +133,8 @@ def pattern_of(config: MpcConfig, limits: Limits) -> HorizonPattern:
         A=A[:nx, :nx],
         B=B[:nx, :nu],
         H=H[:nx, :nx],
-        state_size=np.append(_STATE_SIZES, progress.STATE_NATURAL)[:nx],
-        input_size=np.append(_INPUT_SIZES, progress.INPUT_NATURAL)[:nu],
+        state_size=np.append(_STATE_SIZES, progress.STATE_SIZES)[:nx],
+        input_size=np.append(_INPUT_SIZES, progress.INPUT_SIZES)[:nu],
         limits=limits.pattern(nx, nu),
     )
 
@@ -158,8 +158,10 @@ def write_qp(problem: Problem, is_flipping: bool, stages: HorizonStages) -> floa
     if len(work.limits.bounds) > 0:
         penalty, activity = write_limits(work.limits, target, plan, stages)
         cost += penalty
-        steep_slope = math.inf if is_flipping else settings.steep_slope
-        scale = regularise_limits(settings.R, work.limits.weights, activity, steep_slope, stages)
+        full_damping_slope = math.inf if is_flipping else settings.full_damping_slope
+        scale = regularise_limits(
+            settings.R, work.limits.weights, activity, full_damping_slope, stages
+        )
         if has_progress:
             regularise_progress(settings.progress_weight, scale, stages)
     return cost
@@ -185,7 +187,7 @@ def _write_dynamics(problem: Problem, stages: HorizonStages) -> None:
 
 @compiled
 def tracking_cost(
-    settings: Settings,
+    settings: ProblemSettings,
     states: RecordArray[StateRecord],
     target: RecordArray[TargetStage],
     deviation: Array,
@@ -209,7 +211,7 @@ def tracking_cost(
 
 
 @compiled
-def write_tracking_cost(settings: Settings, errors: Array, H: Array, g: Array) -> None:
+def write_tracking_cost(settings: ProblemSettings, errors: Array, H: Array, g: Array) -> None:
     """Write H_i (N, nx, nx) and g_i (N, nx) at errors e (N, 9)."""
     Q = settings.Q
     for i in range(len(errors)):
@@ -232,7 +234,7 @@ def write_tracking_cost(settings: Settings, errors: Array, H: Array, g: Array) -
 
 @compiled
 def _write_inputs(
-    settings: Settings,
+    settings: ProblemSettings,
     target: RecordArray[TargetStage],
     plan: PlannedTrajectory,
     stages: HorizonStages,

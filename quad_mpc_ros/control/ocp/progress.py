@@ -6,16 +6,15 @@ the stage before, and an input behind those of the vehicle:
 
     θ_{i+1} = θ_i + h ν_i,    s_{i+1} = ν_i
 
-What is tracked is the path where progress is, at the speed that it has, and going slowly costs:
+The tracked point is the path at the progress θ, with the speed s; the speed has a cost:
 
     e_p = p_i - p(θ_i),   e_v = v_i - s_i v(θ_i),   J += sum_{i=0..N-1} w (ν_i - 1)^2
 
 so that the errors have slopes in progress, de_p/dθ = -v, de_v/dθ = -s a and de_v/ds = -v. That is
 model predictive contouring control (Lam, Manzie, Good, CDC 2010; of quadrotors Romero, Sun, Foehn,
 Scaramuzza, T-RO 2022) with one weight on distance from the path and lag along it: where progress
-is free, what is left of the lag is what it is worth. The attitude that is tracked and the inputs
-that deviations count from are those of the progress that a tick begins with; the next one has
-those of what became of it.
+is free, the lag is determined by its weight. Tracked attitudes and reference inputs are those of
+the progress at the start of a tick.
 """
 
 from __future__ import annotations
@@ -32,13 +31,13 @@ from quad_mpc_ros.control.model.reference_window import PointRecord, SampleRecor
 from quad_mpc_ros.control.model.state import INPUT_SIZE, P, V
 from quad_mpc_ros.control.model.target import TargetStage, path_times
 from quad_mpc_ros.control.ocp.horizon_qp import HorizonStages, Mask
-from quad_mpc_ros.control.ocp.settings import Settings, stage_weight
+from quad_mpc_ros.control.ocp.settings import ProblemSettings, stage_weight
 
 PATH_TIME, SPEED, SIZE = STATE_SIZE, STATE_SIZE + 1, STATE_SIZE + 2
-"""Where progress and its speed are in the state of the problem, and the size of that."""
+"""Indices of progress and its speed in the state of the problem, and its size."""
 SPEED_INPUT, INPUTS = INPUT_SIZE, INPUT_SIZE + 1
-"""Where the speed is in the input of the problem, and the size of that."""
-STATE_NATURAL, INPUT_NATURAL = np.array([0.07, 0.3]), np.array([0.1])
+"""Index of the speed in the input of the problem, and its size."""
+STATE_SIZES, INPUT_SIZES = np.array([0.07, 0.3]), np.array([0.1])
 """Natural sizes of the two states and of the input."""
 
 # Cost of a change of the speed near limits, in proportion to the same scale as other changes of
@@ -48,7 +47,7 @@ STATE_NATURAL, INPUT_NATURAL = np.array([0.07, 0.3]), np.array([0.1])
 _DAMPING_SPEED = 0.1 / 0.3**2
 
 
-class Progress(NamedTuple):
+class ProgressBuffers(NamedTuple):
     """Speeds of progress in each stage, (N,) of the nominal plan and of the last one.
 
     ``path`` (N,) is the reference at the progress at the ends of the stages; ``shift`` (3,) is
@@ -62,9 +61,9 @@ class Progress(NamedTuple):
     shift: Array
 
     @staticmethod
-    def zeros(steps: int) -> Progress:
+    def zeros(steps: int) -> ProgressBuffers:
         """Return N stages at the speed of a clock."""
-        return Progress(
+        return ProgressBuffers(
             np.ones(steps), np.ones(steps), PointRecord.zeros(steps), np.zeros(3 * min(steps, 1))
         )
 
@@ -85,7 +84,7 @@ def follow_path(
     samples: RecordArray[SampleRecord],
     step: float,
     speeds: Array,
-    progress: Progress,
+    progress: ProgressBuffers,
     target: RecordArray[TargetStage],
 ) -> None:
     """Move positions and velocities of a target (N,) to where speeds (N,) lead on the reference.
@@ -103,7 +102,7 @@ def follow_path(
 
 
 @compiled
-def progress_cost(settings: Settings, speeds: Array) -> float:
+def progress_cost(settings: ProblemSettings, speeds: Array) -> float:
     """Return the cost of speeds (N,) other than 1."""
     cost = 0.0
     for i in range(len(speeds)):
@@ -120,7 +119,7 @@ def regularise_progress(weight: float, scale: float, stages: HorizonStages) -> N
 
 @compiled
 def write_progress(
-    settings: Settings, errors: Array, progress: Progress, stages: HorizonStages
+    settings: ProblemSettings, errors: Array, progress: ProgressBuffers, stages: HorizonStages
 ) -> None:
     """Write dynamics, cost and bounds of the nominal progress at errors (N, 9) of the vehicle.
 

@@ -14,7 +14,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.state import POSITION, TANGENT_SIZE
 
 
-class Settings(Record):
+class ProblemSettings(Record):
     """Weights and bounds of the problem, as configured."""
 
     Q: Annotated[Array, (TANGENT_SIZE,)]  # weights of position, velocity and attitude
@@ -27,7 +27,7 @@ class Settings(Record):
     rate_gain: Vector3  # of the rates over their commands
     limits: Vector4  # soft ones: tilt, speed, throttle margin, slew of the rates; 0 for none
     max_position_error: float  # m, at which the position error of the target saturates
-    steep_slope: float  # slope of the cost from which on changes are regularised fully
+    full_damping_slope: float  # slope of the cost from which on changes are regularised fully
     # Of how fast the reference's time passes: weight on its difference from 1, and bounds.
     progress_weight: float
     speed_min: float
@@ -35,14 +35,14 @@ class Settings(Record):
 
 
 @compiled
-def stage_weight(settings: Settings, stage: int, steps: int) -> float:
+def stage_weight(settings: ProblemSettings, stage: int, steps: int) -> float:
     """Return the factor on Q at the end of a stage: the terminal cost is that of the last one."""
     return settings.terminal_weight if stage == steps - 1 else 1.0
 
 
-def settings_of(config: MpcConfig) -> RecordArray[Settings]:
+def settings_of(config: MpcConfig) -> RecordArray[ProblemSettings]:
     """Return the settings of a configuration."""
-    result = Settings.zeros()
+    result = ProblemSettings.zeros()
     settings, limits, contouring = result[()], config.limits, config.contouring
     gain = np.array(per_axis(config.rate_gain))
     # Inputs of the problem are what the rates follow, commands times their gain.
@@ -62,5 +62,5 @@ def settings_of(config: MpcConfig) -> RecordArray[Settings]:
     # saturates, per 3 m/s.
     duration = config.horizon_steps * config.horizon_step
     heaviest = max(config.terminal_weight, 1.0) * max(*config.Q[POSITION], 1e-9)
-    settings.steep_slope = 3.0 * duration * heaviest * limits.pull_distance
+    settings.full_damping_slope = 3.0 * duration * heaviest * limits.pull_distance
     return result

@@ -1,1 +1,1 @@
-"""What is accepted, who commands the vehicle, and within which limits."""
+"""Validation of inputs, failsafe levels, and limits of commands."""

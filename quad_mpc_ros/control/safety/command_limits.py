@@ -1,4 +1,4 @@
-"""Limits on commands: how fast they may change, and between which bounds they must be."""
+"""Slew limits and bounds of commands."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from quad_mpc_ros.control.model.state import Input
 
 
 def rate_limited(u: Input, before: Input, limits: SlewParameters, *, duration: float) -> Input:
-    """Return the input nearest to ``u`` that can be reached in ``duration`` [s] from another."""
+    """Return the input nearest to ``u`` that is reachable in ``duration`` [s] from ``before``."""
     if limits.throttle == limits.body_rates == 0.0:
         return u
     throttle, w_WB_B = u.throttle, u.w_WB_B
@@ -23,7 +23,7 @@ def rate_limited(u: Input, before: Input, limits: SlewParameters, *, duration: f
 
 
 def clamped(u: Input, config: MpcConfig) -> Input:
-    """Return the input inside the bounds of the configuration, itself if it is."""
+    """Return the input clamped to the configured bounds; the same object if it is inside."""
     x, y, z = u.w_WB_B.tolist()
     x_max, y_max, z_max = config.omega_max
     if (

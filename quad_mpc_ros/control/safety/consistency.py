@@ -1,4 +1,4 @@
-"""Consistency of odometry and commands: four pairs of vectors that physics makes equal.
+"""Consistency of odometry and commands: four pairs of vectors that must be equal.
 
 ===========  ==================================  =======================================
 relation     x                                   y
@@ -11,25 +11,28 @@ force        commanded thrust over mass, along   change of the reported velocity
 ===========  ==================================  =======================================
 
 With y = M x, every M is the identity. Flipped or swapped axes, a wrong heading, wrong units, a
-conjugated attitude, reversed rates or missing thrust each make another M. Both sides pass the
-same low-pass, which keeps M, and M is estimated by least squares over the last half second, with
-the identity as prior: with S the weighted sums of the last ``_MEMORY`` seconds,
+conjugated attitude, reversed rates or missing thrust each give another M. Both sides are
+low-passed equally, which keeps M. M is estimated by least squares with the identity as prior: with
+S the weighted sums of the last ``_MEMORY`` seconds,
 
     M = (S_yx + r I) (S_xx + r I)^-1,    r = floor^2 _MEMORY + share^2 tr(S_xx + S_ee).
 
-Motion below the floor proves nothing, nor does motion in a direction that is a small share of the
-whole, or of the difference e = y - x: what a wrong mass or drag leaves along the main direction
-would count as its effect. The relation is contradicted when the smallest eigenvalue of the
-symmetric part of M is too small, or when both sides are turned against each other: in the plane of
-axes i and j by the sine (S_yx,ji - S_yx,ij) / (S_xx,ii + S_xx,jj + 2 r).
+The prior r outweighs motion below the floor, and motion in a direction that is a small share of
+the whole or of the difference e = y - x, which a wrong mass or drag causes along the main
+direction. A relation is contradicted if the smallest eigenvalue of the symmetric part of M is too
+small, or if one side is rotated against the other: in the plane of axes i and j by the sine
+(S_yx,ji - S_yx,ij) / (S_xx,ii + S_xx,jj + 2 r).
 
-A controller that answers gusts or unknown lags keeps M positive. Wind and a wrong mass change the
-force by a constant, a centre of mass off its place the rates: the horizontal force and the rates
-are taken relative to their means of the last ``_MEMORY`` seconds (a regression with an intercept),
-which also forgets a push before the controller leans against it. The drag that explains most of
-the difference is allowed for. The vertical force is compared as it is, within a wide band.
+A controller that responds to gusts or unknown lags keeps M positive. Wind and a wrong mass change
+the force by a constant, an offset centre of mass the rates: horizontal force and rates are taken
+relative to their means of the last ``_MEMORY`` seconds (a regression with an intercept). The drag
+that explains most of the difference is subtracted. The vertical force is compared directly, within
+a wide band.
 
-One sample that jumps changes little: the difference of x and y within a sample is bounded.
+Each low-pass has two equal stages, because one stage leaves all of the noise of a differentiated
+position or attitude. The difference of x and y within a sample is bounded, so that one jump counts
+little. Noise beyond the bound does not average out: while the difference changes its sign from
+sample to sample, the mean square of the part that was cut off is added to that of the floor.
 """
 
 from __future__ import annotations
@@ -57,36 +60,30 @@ from quad_mpc_ros.control.safety.contradictions import likely_cause
 from quad_mpc_ros.control.safety.ladder import Action, Breach
 from quad_mpc_ros.control.stage import Stage
 
-_LONGEST_STEP_NS = 250_000_000  # between two odometries; across a longer gap nothing is compared
-_CONFIRMATIONS = 3  # odometries in a row
-_LOWPASS, _TURN_LOWPASS, _MEMORY = 0.15, 0.08, 0.6  # s
-_UNMODELLED_LAG = 0.1  # s, of rates that follow their commands later than modelled
-# Yaw has the least torque: the vehicle may follow as slowly as it has shown within this time, and
-# always as slowly as this.
+_LONGEST_STEP_NS = 250_000_000  # between two odometries; longer gaps are not compared
+_CONFIRMATIONS = 3  # successive odometries
+_LOWPASS, _TURN_LOWPASS, _MEMORY = 0.075, 0.04, 0.6  # s; both stages of a low-pass are equal
+_UNMODELLED_LAG = 0.1  # s, additional lag of the rates
+# Yaw has the least torque: time constant of the largest yaw acceleration, and its lower bound.
 _YAW_ACCELERATION_TIME, _LEAST_YAW_ACCELERATION = 2.0, 3.0  # s, rad/s^2
-# Of dead reckoning: between two states from which it starts [s], and a speed taken for none [m/s].
+# Dead reckoning: time between two starts [s], and a speed that counts as 0 [m/s].
 _TRACK_TIME, _SMALL_SPEED = 1.0, 0.5
 # Vertical force over the commanded thrust, and margins as shares of gravity.
 _LEAST_LIFT, _FALLING, _SOME_THRUST = 0.25, 0.7, 0.5
-# Thrust of so many weights, or full throttle, for so long without climbing or moving; autopilots
-# spool their motors up for a second and a half.
-_MUCH_THRUST, _MUCH_THRUST_NS, _CLIMBING, _MOVING = (
-    2.6,
-    2_000_000_000,
-    0.3,
-    1.0,
-)  # weights, ns, m/s
-_SOME_LIFT = 1.3  # weights, at full throttle
-# At rest so far from its reference for so long: an estimated disturbance leaves no such error.
-_AWAY, _AT_REST, _AWAY_NS = 0.1, 0.1, 3_000_000_000  # m, m/s, ns
+# Much thrust over weight, for longer than motors spool up, without climb or motion.
+_MUCH_THRUST, _MUCH_THRUST_NS = 2.6, 2_000_000_000
+_CLIMB_SPEED, _MOVING_SPEED = 0.3, 1.0  # m/s
+_FULL_THROTTLE_LIFT = 1.3  # thrust over weight that is much at full throttle
+# At rest far from the reference: an estimated disturbance leaves no such error.
+_AWAY_DISTANCE, _REST_SPEED, _AWAY_NS = 0.1, 0.1, 3_000_000_000  # m, m/s, ns
 
 
 class RelationLimits(NamedTuple):
-    """When a relation is contradicted.
+    """Limits beyond which a relation is contradicted.
 
     Attributes:
         floor: Magnitude of x that counts as motion.
-        share: Of both sides and their difference, what in one direction counts as motion.
+        share: Share of both sides and their difference that counts as motion in a direction.
         least: Smallest eigenvalue of the symmetric part of M.
         twist: Largest magnitude of the skew part of M.
     """
@@ -98,7 +95,7 @@ class RelationLimits(NamedTuple):
 
 
 # Rotations in rad/s, positions in m/s, forces in m/s^2. The second of a kinematic relation is for
-# y as a function of x the other way round, which shows values that are too large.
+# x as a function of y, which detects values that are too large.
 _ATTITUDE = RelationLimits(floor=0.4, share=0.12, least=0.35, twist=0.6)
 _ATTITUDE_BACK = RelationLimits(floor=1.5, share=0.12, least=0.35, twist=1.0)
 _POSITION = RelationLimits(floor=0.5, share=0.12, least=0.25, twist=0.6)
@@ -107,13 +104,15 @@ _RATES = RelationLimits(floor=0.15, share=0.15, least=0.1, twist=0.9)
 _REVERSED = RelationLimits(floor=0.4, share=0.12, least=-0.4, twist=0.9)
 _FORCE = RelationLimits(floor=0.7, share=0.08, least=-0.4, twist=0.69)
 _MOST_DRAG = 3.0  # 1/s
-# Largest difference of the two sides within a sample: angle, distance, speed, and as rates.
-_TURN_STEP, _STEP, _SPEED_STEP, _RATE_STEP = 0.08, 0.15, 2.0, 20.0
-_ABSURD = 15.0  # rad/s, of body rates and the turn of the attitude within a sample
+# Largest difference of the two sides within a sample: angle, distance, speed, rate.
+_ANGLE_STEP, _POSITION_STEP, _SPEED_STEP, _RATE_STEP = 0.08, 0.15, 2.0, 20.0
+_NOISE_FORGETTING = 0.15  # over the forgetting of a stage of the low-pass
+# Body rates above this are wrong if the attitude turns at less than this share of them.
+_MAX_RATE, _MIN_TURN_SHARE = 15.0, 0.25  # rad/s
 
 
 class Relation(enum.IntFlag):
-    """Relations that are contradicted."""
+    """Contradicted relations."""
 
     NONE = 0
     ATTITUDE = 1
@@ -122,10 +121,10 @@ class Relation(enum.IntFlag):
     FORCE = 8
     LIFT = 16
     REVERSED = 32  # rates
-    THRUST = 64  # much of it, for long
+    THRUST = 64  # much thrust for long without motion
 
 
-# The same for compiled code, which takes no flags.
+# The flags as integers, for compiled code.
 _OFF_ATTITUDE, _OFF_POSITION, _OFF_RATES, _OFF_FORCE, _OFF_LIFT, _OFF_REVERSED = map(
     int,
     (
@@ -140,10 +139,14 @@ _OFF_ATTITUDE, _OFF_POSITION, _OFF_RATES, _OFF_FORCE, _OFF_LIFT, _OFF_REVERSED =
 
 
 class Pair(Record):
-    """Both sides of a relation, low-passed, their means, and weighted sums of products."""
+    """Both low-passed sides of a relation, their means, and weighted sums of products."""
 
+    first_x: Vector3  # after the first stage
+    first_y: Vector3
     x: Vector3
     y: Vector3
+    difference: Vector3  # y - x of the last sample
+    noise: float  # mean square of the noise in x or y because of the bound on a sample
     mean_x: Vector3
     mean_y: Vector3
     xx: Matrix3
@@ -152,15 +155,15 @@ class Pair(Record):
 
 
 class Track(Record):
-    """A state that is carried on by the commands, and a velocity by thrust and attitude."""
+    """A state dead reckoned by the commands, and a velocity by thrust and reported attitude."""
 
     v_WB_W: Vector3
     R_WB: Matrix3
-    v_attitude_W: Vector3  # the thrust along the attitude as reported
+    v_attitude_W: Vector3  # with the thrust along the reported attitude
 
 
-class Evidence(Record):
-    """Everything the comparison remembers."""
+class ConsistencyState(Record):
+    """State of the comparison."""
 
     p_WB: Vector3
     v_WB_W: Vector3
@@ -168,27 +171,27 @@ class Evidence(Record):
     w_WB_B: Vector3
     throttle: float  # behind its lag
     rates: Vector3  # commanded, behind their lag
-    # Those behind another lag, which is not modelled.
+    # The same behind an additional, unmodelled lag.
     late_throttle: float
     late_rates: Vector3
-    yaw_acceleration: float  # rad/s^2, the most of lately
-    turn_error: float  # rad/s, of the last sample
+    yaw_acceleration: float  # rad/s^2, recent maximum
+    unturned_rate: float  # rad/s, body rate of the last sample if the attitude hardly turned
     attitude: Pair
     position: Pair
     commanded: Pair  # rates
     commanded_late: Pair
     force: Pair
     force_late: Pair
-    drag: Pair  # y the velocity, and x as of the force
-    drag_on_force: Pair  # x the velocity, and y as of the force
+    drag: Pair  # y the velocity, x that of the force
+    drag_on_force: Pair  # x the velocity, y that of the force
     older: Track
     newer: Track
-    track_age: float  # s, of the newer one
-    track_time: float  # s, after which another one is begun
+    track_age: float  # s, of the newer track
+    track_time: float  # s, after which a new track starts
 
 
-class Reckoned(NamedTuple):
-    """Attitude (3, 3) and velocity (3,) to descend by, None where they are not known."""
+class DescentState(NamedTuple):
+    """Attitude (3, 3) and velocity (3,) for a descent, None if unknown."""
 
     R_WB: Array | None
     v_WB_W: Array | None
@@ -201,72 +204,72 @@ _NO_LIFT = (
 
 
 class FlightPhase(NamedTuple):
-    """Whether nothing but the air touches the vehicle, the ground carries it, it descends."""
+    """Whether the vehicle certainly flies, is on the ground, or descends after a breach."""
 
-    flies: bool
-    stands: bool
+    is_flying: bool
+    is_on_ground: bool
     descends: bool
 
 
-class Rest(NamedTuple):
-    """Whether a vehicle neither climbs nor moves; whether it flies at rest off its reference."""
+class RestStatus(NamedTuple):
+    """Whether the vehicle neither climbs nor moves, and whether it rests off its reference."""
 
     is_still: bool
     is_away: bool
 
 
 class ConsistencyMonitor(Stage):
-    """Compares odometry with itself and with the commands, from control step to control step.
+    """Compares odometry with itself and with the commands in every control step.
 
-    A contradiction holds until commands begin to act again: nothing resumes by itself.
+    A contradiction lasts until the next engagement.
     """
 
     def __init__(self, config: MpcConfig, ground: GroundDetector) -> None:
-        """``ground`` says whether the ground carries the vehicle."""
+        """``ground`` is the ground detector of the vehicle."""
         model = parameters_of(
             config.vehicle(),
             rate_time_constant=config.rate_time_constant,
             thrust_time_constant=config.thrust_time_constant,
         )
-        # A delay lags low frequencies as much as a lag of the same time.
+        # At low frequencies a delay is equivalent to a lag of the same time.
         model["rate_time_constants"] += config.input_delay
         model["thrust_time_constant"] += config.input_delay
         self._model = model
         self._ground = ground
         self._learns = config.estimate_disturbance
-        # The velocity of the paper's Eq. (1) does not turn with the body: no rigid body agrees.
+        # The paper's Eq. (1) lacks the transport term, so that no rigid body agrees with it.
         self._compares = config.on_manifold
         self._hover = config.vehicle().hover_throttle
         self._engaged = True
-        self._evidence = Evidence.zeros()
+        self._memory = ConsistencyState.zeros()
         self.breach: Breach | None = None
-        """The contradiction found, if any."""
+        """The contradiction, if any."""
         self.found = Relation.NONE
-        """The relations that it contradicts."""
-        self._takes_off = False  # where it was found
+        """The contradicted relations."""
+        self._takes_off = False  # at the contradiction
         self._stamp_ns: int | None = None
         self._restart()
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over changed live parameters."""
+        """Apply changed live parameters."""
         self._action = Action[config.consistency.action.upper()]
         self._full_throttle = config.throttle_max - 1e-6
 
     def engage(self, engaged: bool) -> None:
-        """Set whether commands act; when they begin to, the comparison starts again."""
+        """Set whether commands act; the comparison starts again."""
         if engaged is not self._engaged:
             self._engaged = engaged
             self._restart()
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Take note of an announced step of the estimate: nothing is compared across it."""
+        """Do not compare across an announced step of the estimate."""
         self._stamp_ns = None
 
     def _restart(self) -> None:
-        self._evidence = Evidence.zeros()
-        self._evidence["throttle"] = self._evidence["late_throttle"] = self._hover
-        _begin_force(self._evidence, self._model)
+        self._memory = ConsistencyState.zeros()
+        self._memory["throttle"] = self._memory["late_throttle"] = self._hover
+        _begin_force(self._memory, self._model)
         self._stamp_ns = None
         self._count = 0
         self._takes_off = False
@@ -275,30 +278,29 @@ class ConsistencyMonitor(Stage):
         self.breach = None
         self.found = Relation.NONE
 
-    def reckoned(self, odometry: OdometrySample) -> Reckoned | None:
-        """Return by what to descend after a contradiction, None if the motors are to idle.
+    def descent_state(self, odometry: OdometrySample) -> DescentState | None:
+        """Return the state for a descent after a contradiction, None if the motors have to idle.
 
-        A take-off ends at once. Wrong rates or a missing thrust leave the attitude as it is
-        reported. A vehicle that does not follow commanded rates cannot be levelled, and one that
-        turns against them is only driven further by thrust. Otherwise the commands say where they
-        brought the vehicle.
+        A take-off is aborted. With wrong rates or missing thrust the reported attitude is used. A
+        vehicle that does not follow commanded rates cannot be levelled; if it turns against them,
+        the motors idle. Otherwise the state is dead reckoned by the commands.
         """
         if self._takes_off:
             return None
         wrong_rates = Relation.ATTITUDE | Relation.RATES
         if wrong_rates in self.found:
             x = state_from_odometry(odometry)
-            return Reckoned(x.R_WB, x.v_WB_W)
+            return DescentState(x.R_WB, x.v_WB_W)
         if self.found == Relation.THRUST:
-            return Reckoned(state_from_odometry(odometry).R_WB, None)
+            return DescentState(state_from_odometry(odometry).R_WB, None)
         if Relation.REVERSED in self.found:
             return None
         if self.found == Relation.RATES:
-            return Reckoned(None, None)
-        track = self._evidence[()].older
+            return DescentState(None, None)
+        track = self._memory[()].older
         if not self.found & (Relation.ATTITUDE | Relation.RATES | Relation.LIFT):
-            return Reckoned(state_from_odometry(odometry).R_WB, track.v_attitude_W.copy())
-        return Reckoned(track.R_WB.copy(), track.v_WB_W.copy())
+            return DescentState(state_from_odometry(odometry).R_WB, track.v_attitude_W.copy())
+        return DescentState(track.R_WB.copy(), track.v_WB_W.copy())
 
     def check(
         self,
@@ -308,14 +310,13 @@ class ConsistencyMonitor(Stage):
         *,
         p_reference: Array | None = None,
     ) -> Breach | None:
-        """Compare an odometry with the one before, and return the contradiction in force.
+        """Compare an odometry with the previous one, and return the contradiction, if any.
 
         Args:
-            odometry: The vehicle as it is controlled, twist in the body frame.
-            reported: The same before jumps were replaced: its position, attitude and rates have to
-                agree from sample to sample.
-            acted: The command that acted since the one before, None for none.
-            p_reference: Where the vehicle should be (3,) [m], None if that is not known.
+            odometry: The odometry with jumps replaced, twist in the body frame.
+            reported: The odometry with jumps: its position, attitude and rates have to agree.
+            acted: The command that acted since the previous odometry, None for none.
+            p_reference: Position of the reference (3,) [m], None if unknown.
         """
         if self._compares and self._engaged and acted is not None:
             p_WB = odometry.p_WB
@@ -329,16 +330,16 @@ class ConsistencyMonitor(Stage):
         self._stamp_ns = stamp_ns
         step_ns = 0 if before_ns is None else stamp_ns - before_ns
         compares = 0 < step_ns <= _LONGEST_STEP_NS
-        found, rest, lift = _follow(
-            evidence=self._evidence,
+        found, status, lift = _follow(
+            memory=self._memory,
             motion=(odometry.p_WB, odometry.q_WB_xyzw, odometry.v_WB_B),
             reported=(reported.p_WB, reported.q_WB_xyzw, reported.w_WB_B),
             command=acted,
             p_reference=p_reference,
             duration=1e-9 * step_ns if compares else 0.0,
             phase=FlightPhase(
-                flies=self._ground.learning is Learning.LEARN,
-                stands=self._ground.allowed is AllowedCommand.IDLE,
+                is_flying=self._ground.learning is Learning.LEARN,
+                is_on_ground=self._ground.allowed is AllowedCommand.IDLE,
                 descends=self.breach is not None,
             ),
             model=self._model,
@@ -350,17 +351,18 @@ class ConsistencyMonitor(Stage):
             contradicted = Relation(found)
             cause = self._cause(contradicted)
             self._find(contradicted, f"odometry and commands disagree: {cause}")
-        elif self._lifts_nothing(stamp_ns, acted.throttle, is_still=rest.is_still, lift=lift):
+        elif self._lifts_nothing(stamp_ns, acted.throttle, is_still=status.is_still, lift=lift):
             self._find(
                 Relation.THRUST,
                 f"{1e-9 * _MUCH_THRUST_NS:.0f} s of thrust do not lift the vehicle: check motors, "
                 "battery, mass and thrust_curve",
             )
-        elif self._stays_away(stamp_ns, is_away=rest.is_away):
+        elif self._stays_away(stamp_ns, is_away=status.is_away):
             self._find(
                 Relation.RATES,
-                f"odometry and commands disagree: {1e-9 * _AWAY_NS:.0f} s at rest {_AWAY} m or "
-                "more from the reference: is the vehicle held, does the odometry stand still?",
+                f"odometry and commands disagree: {1e-9 * _AWAY_NS:.0f} s at rest "
+                f"{_AWAY_DISTANCE} m or more from the reference: is the vehicle held, does the "
+                "odometry stand still?",
             )
 
     def _find(self, found: Relation, reason: str) -> None:
@@ -371,36 +373,38 @@ class ConsistencyMonitor(Stage):
         """Return the most likely cause of a contradiction."""
         if found == Relation.LIFT:
             return _NO_LIFT
-        seen, gravity = self._evidence[()], self._model[()].gravity
+        state, gravity = self._memory[()], self._model[()].gravity
         pairs = {
-            "attitude": seen.attitude,
-            "position": seen.position,
-            "rates": seen.commanded,
-            "force": seen.force,
+            "attitude": state.attitude,
+            "position": state.position,
+            "rates": state.commanded,
+            "force": state.force,
         }
         sums = {name: (pair.xx, pair.yx, pair.yy) for name, pair in pairs.items()}
         contradicted = [name for name in pairs if found & Relation[name.upper()]]
-        lift = (float(seen.force.x[2] / gravity), float(seen.force.y[2] / gravity))
+        lift = (float(state.force.x[2] / gravity), float(state.force.y[2] / gravity))
         return likely_cause(contradicted, sums, lift)
 
     def _lifts_nothing(
         self, stamp_ns: int, throttle: float, *, is_still: bool, lift: float
     ) -> bool:
-        """Whether much thrust, to ``lift`` so many weights, has not moved it for long."""
-        full = throttle >= self._full_throttle and lift > _SOME_LIFT
+        """Whether much thrust, ``lift`` times the weight, has not moved the vehicle for long."""
+        full = throttle >= self._full_throttle and lift > _FULL_THROTTLE_LIFT
         much = is_still and (full or lift > _MUCH_THRUST)
         self._much_since_ns = since(self._much_since_ns, stamp_ns, lasts=much)
-        return much and stamp_ns - (self._much_since_ns or stamp_ns) >= _MUCH_THRUST_NS
+        since_ns = self._much_since_ns
+        return since_ns is not None and stamp_ns - since_ns >= _MUCH_THRUST_NS
 
     def _stays_away(self, stamp_ns: int, *, is_away: bool) -> bool:
         """Whether a vehicle in flight has been at rest away from its reference for long."""
         away = is_away and self._learns
         self._away_since_ns = since(self._away_since_ns, stamp_ns, lasts=away)
-        return away and stamp_ns - (self._away_since_ns or stamp_ns) >= _AWAY_NS
+        since_ns = self._away_since_ns
+        return since_ns is not None and stamp_ns - since_ns >= _AWAY_NS
 
 
 def motion_contradiction(odometries: Sequence[OdometrySample], config: MpcConfig) -> str | None:
-    """Return how odometries contradict themselves, None if they do not; no command is compared."""
+    """Return how odometries contradict themselves, None if they do not; without commands."""
     ground = GroundDetector(config.gravity)
     ground.idle_wanted = True  # motors that idle explain no motion
     monitor = ConsistencyMonitor(config, ground)
@@ -414,7 +418,7 @@ def motion_contradiction(odometries: Sequence[OdometrySample], config: MpcConfig
 
 @compiled
 def _follow(
-    evidence: RecordArray[Evidence],
+    memory: RecordArray[ConsistencyState],
     motion: tuple[Array, Array, Array],
     reported: tuple[Array, Array, Array],
     command: Input,
@@ -422,18 +426,16 @@ def _follow(
     duration: float,
     phase: FlightPhase,
     model: RecordArray[ModelParameters],
-) -> tuple[int, Rest, float]:
-    """Take an odometry and the command that acted for ``duration`` [s].
+) -> tuple[int, RestStatus, float]:
+    """Compare an odometry with the command that acted for ``duration`` [s], nothing if it is 0.
 
-    ``motion`` are position, attitude and velocity as controlled, ``reported`` position, attitude
-    and rates. ``p_reference`` (3,) is where the vehicle should be.
-    With a duration of 0 nothing is compared.
+    ``motion`` are position, attitude and velocity with jumps replaced, ``reported`` position,
+    attitude and rates. ``p_reference`` (3,) is the position of the reference.
 
     Returns:
-        The relations that are contradicted, whether it rests, and how many times its weight the
-        commanded thrust lifts.
+        Contradicted relations, rest status, and commanded vertical thrust over weight.
     """
-    seen, nominal = evidence[()], model[()]
+    state, nominal = memory[()], model[()]
     p_controlled, q_WB_xyzw, v_WB_B = motion
     p_WB, q_reported_xyzw, w_WB_B = reported
     R = kernels.rotation(kernels.quaternion_in(q_WB_xyzw))
@@ -442,163 +444,174 @@ def _follow(
     v = kernels.apply(R, kernels.vector(v_WB_B))
     found = 0
     if duration > 0.0:
-        _follow_yaw_torque(seen, w[2], duration)
-        _follow_command(seen, nominal, command, duration)
-        _compare_motion(seen, p, v, R_reported, w, duration)
-        if phase.stands:
-            _forget(seen.commanded)
-            _forget(seen.commanded_late)
-            _begin_force(evidence, model)
+        _follow_yaw_torque(state, w[2], duration)
+        _follow_command(state, nominal, command, duration)
+        _compare_motion(state, p, v, R_reported, w, duration)
+        if phase.is_on_ground:
+            _forget(state.commanded)
+            _forget(state.commanded_late)
+            _begin_force(memory, model)
         else:
-            _compare_with_command(seen, nominal, (v, w), R, duration)
-        found = _contradicted(seen, nominal.gravity, phase.flies)
-        for track in (seen.older, seen.newer):
-            _carry(track, seen, nominal, R, duration)
-            if not phase.flies:  # the ground may carry it
+            _compare_with_command(state, nominal, (v, w), R, duration)
+        found = _contradicted(state, nominal.gravity, phase.is_flying)
+        for track in (state.older, state.newer):
+            _dead_reckon(track, state, nominal, R, duration)
+            if not phase.is_flying:  # the ground may carry it
                 track.v_WB_W[2] = max(track.v_WB_W[2], 0.0)
                 track.v_attitude_W[2] = max(track.v_attitude_W[2], 0.0)
-        seen.track_age += duration
+        state.track_age += duration
     if duration <= 0.0:
-        kernels.store_vector(w, seen.rates)
-        kernels.store_vector(w, seen.late_rates)
-        _anchor(seen.older, v, R)
-        seen.newer = seen.older
-        seen.track_age, seen.track_time = 0.0, 0.0
+        kernels.store_vector(w, state.rates)
+        kernels.store_vector(w, state.late_rates)
+        _start_track(state.older, v, R)
+        state.newer = state.older
+        state.track_age, state.track_time = 0.0, 0.0
     elif phase.descends:
-        pass  # the commands alone say where it goes
-    elif seen.track_time == 0.0:  # the first velocity that can be compared
-        _anchor(seen.older, _smaller(_velocity_of(seen, p, duration), v), R)
-        seen.newer = seen.older
-        seen.track_age, seen.track_time = 0.0, _TRACK_TIME
-    elif seen.track_age >= seen.track_time:
-        seen.older = seen.newer
-        x, y = kernels.vector(seen.position.x), kernels.vector(seen.position.y)
-        _anchor(seen.newer, _smaller(x, y), R)
-        seen.track_age = 0.0
-    kernels.store_vector(p, seen.p_WB)
-    kernels.store_vector(v, seen.v_WB_W)
-    kernels.store_matrix(R_reported, seen.R_WB)
-    kernels.store_vector(w, seen.w_WB_B)
-    is_still = v[2] <= _CLIMBING and math.hypot(v[0], v[1]) <= _MOVING
-    is_away = phase.flies and kernels.norm(v) < _AT_REST
-    is_away &= kernels.distance(p_controlled, p_reference) > _AWAY
-    return found, Rest(is_still, is_away), seen.force.x[2] / nominal.gravity
+        pass  # dead reckoning by the commands alone
+    elif state.track_time == 0.0:  # the first velocity that can be compared
+        _start_track(state.older, _smaller(_velocity_of(state, p, duration), v), R)
+        state.newer = state.older
+        state.track_age, state.track_time = 0.0, _TRACK_TIME
+    elif state.track_age >= state.track_time:
+        state.older = state.newer
+        x, y = kernels.vector(state.position.x), kernels.vector(state.position.y)
+        _start_track(state.newer, _smaller(x, y), R)
+        state.track_age = 0.0
+    kernels.store_vector(p, state.p_WB)
+    kernels.store_vector(v, state.v_WB_W)
+    kernels.store_matrix(R_reported, state.R_WB)
+    kernels.store_vector(w, state.w_WB_B)
+    is_still = v[2] <= _CLIMB_SPEED and math.hypot(v[0], v[1]) <= _MOVING_SPEED
+    is_away = phase.is_flying and kernels.norm(v) < _REST_SPEED
+    is_away &= kernels.distance(p_controlled, p_reference) > _AWAY_DISTANCE
+    return found, RestStatus(is_still, is_away), state.force.x[2] / nominal.gravity
 
 
 @compiled
 def _follow_command(
-    seen: Evidence, nominal: ModelParameters, command: Input, duration: float
+    state: ConsistencyState, nominal: ModelParameters, command: Input, duration: float
 ) -> None:
-    """Let throttle and rates follow a command through their lags."""
+    """Update throttle and rates by a command through their lags."""
     kept, _ = first_order_lag(nominal.thrust_time_constant, duration)
-    seen.throttle = command.throttle + kept * (seen.throttle - command.throttle)
+    state.throttle = command.throttle + kept * (state.throttle - command.throttle)
     kept, _ = first_order_lag(_UNMODELLED_LAG, duration)
-    seen.late_throttle = seen.throttle + kept * (seen.late_throttle - seen.throttle)
+    state.late_throttle = state.throttle + kept * (state.late_throttle - state.throttle)
     for k in range(3):
         kept, _ = first_order_lag(nominal.rate_time_constants[k], duration)
         rate = command.w_WB_B[k]
-        seen.rates[k] = rate + kept * (seen.rates[k] - rate)
+        state.rates[k] = rate + kept * (state.rates[k] - rate)
         kept, _ = first_order_lag(_UNMODELLED_LAG, duration)
-        late = seen.rates[k] + kept * (seen.late_rates[k] - seen.rates[k])
+        late = state.rates[k] + kept * (state.late_rates[k] - state.rates[k])
         if k == 2:
-            most = seen.yaw_acceleration * duration
-            late = kernels.clamp(late, seen.late_rates[k] - most, seen.late_rates[k] + most)
-        seen.late_rates[k] = late
+            most = state.yaw_acceleration * duration
+            late = kernels.clamp(late, state.late_rates[k] - most, state.late_rates[k] + most)
+        state.late_rates[k] = late
 
 
 @compiled
-def _follow_yaw_torque(seen: Evidence, yaw_rate: float, duration: float) -> None:
-    """Let the most yaw acceleration that the vehicle has shown lately follow its yaw rate."""
+def _follow_yaw_torque(state: ConsistencyState, yaw_rate: float, duration: float) -> None:
+    """Update the recent maximum of the yaw acceleration by the yaw rate."""
     kept = math.exp(-duration / _YAW_ACCELERATION_TIME)
-    shown = abs(yaw_rate - seen.w_WB_B[2]) / duration
-    remembered = max(kept * seen.yaw_acceleration, shown)
-    seen.yaw_acceleration = max(remembered, _LEAST_YAW_ACCELERATION)
+    observed = abs(yaw_rate - state.w_WB_B[2]) / duration
+    remembered = max(kept * state.yaw_acceleration, observed)
+    state.yaw_acceleration = max(remembered, _LEAST_YAW_ACCELERATION)
 
 
 @compiled
 def _compare_motion(
-    seen: Evidence,
+    state: ConsistencyState,
     p: kernels.Vector,
     v: kernels.Vector,
     R: kernels.Matrix,
     w: kernels.Vector,
     duration: float,
 ) -> None:
-    """Compare attitude with rates, and position with velocity, since the odometry before."""
+    """Compare attitude with rates, and position with velocity, since the previous odometry."""
     per_second = 1.0 / duration
-    turn = kernels.log(kernels.multiply(kernels.transposed(kernels.matrix(seen.R_WB)), R))
-    turn, far = kernels.scaled(per_second, turn), _TURN_STEP * per_second
-    # Rates may change at once: of those between both samples the one nearest to the turn.
-    before = kernels.vector(seen.w_WB_B)
+    turn = kernels.log(kernels.multiply(kernels.transposed(kernels.matrix(state.R_WB)), R))
+    turn, far = kernels.scaled(per_second, turn), _ANGLE_STEP * per_second
+    # Rates may change abruptly: use the rate between both samples that is nearest to the turn.
+    before = kernels.vector(state.w_WB_B)
     rate = (
         _between(turn[0], before[0], w[0]),
         _between(turn[1], before[1], w[1]),
         _between(turn[2], before[2], w[2]),
     )
-    seen.turn_error = kernels.norm(kernels.minus(rate, turn))
-    _lowpass(seen.attitude, turn, rate, far, duration / _TURN_LOWPASS)
-    _remember(seen.attitude, duration)
-    move, far = _velocity_of(seen, p, duration), _STEP * per_second
-    speed = kernels.scaled(0.5, kernels.plus(kernels.vector(seen.v_WB_W), v))
-    _lowpass(seen.position, move, speed, far, duration / _LOWPASS)
-    _remember(seen.position, duration)
+    reported = kernels.norm(rate)
+    state.unturned_rate = reported if kernels.norm(turn) < _MIN_TURN_SHARE * reported else 0.0
+    _lowpass(state.attitude, turn, rate, far, duration / _TURN_LOWPASS)
+    _remember(state.attitude, duration)
+    move, far = _velocity_of(state, p, duration), _POSITION_STEP * per_second
+    speed = kernels.scaled(0.5, kernels.plus(kernels.vector(state.v_WB_W), v))
+    _lowpass(state.position, move, speed, far, duration / _LOWPASS)
+    _remember(state.position, duration)
 
 
 @compiled
 def _between(value: float, before: float, after: float) -> float:
-    """Return the nearest to a value between two rates, which change by no more than they can."""
+    """Return the value nearest to ``value`` between two rates, within the possible change."""
     mean, half = 0.5 * (before + after), min(0.5 * abs(after - before), _RATE_STEP)
     return kernels.clamp(value, mean - half, mean + half)
 
 
 @compiled
-def _velocity_of(seen: Evidence, p: kernels.Vector, duration: float) -> kernels.Vector:
-    """Return the mean velocity from the position before to this one."""
-    return kernels.scaled(1.0 / duration, kernels.minus(p, kernels.vector(seen.p_WB)))
+def _velocity_of(state: ConsistencyState, p: kernels.Vector, duration: float) -> kernels.Vector:
+    """Return the mean velocity since the previous position."""
+    return kernels.scaled(1.0 / duration, kernels.minus(p, kernels.vector(state.p_WB)))
 
 
 @compiled
 def _compare_with_command(
-    seen: Evidence,
+    state: ConsistencyState,
     nominal: ModelParameters,
     motion: tuple[kernels.Vector, kernels.Vector],
     R: kernels.Matrix,
     duration: float,
 ) -> None:
-    """Compare velocity and rates with the command that acted since the odometry before."""
+    """Compare velocity and rates with the command that acted since the previous odometry."""
     (v, w), times, far = motion, duration / _LOWPASS, _SPEED_STEP / duration
-    rates, late_rates = kernels.vector(seen.rates), kernels.vector(seen.late_rates)
-    _lowpass(seen.commanded, rates, w, _RATE_STEP, times)
-    _lowpass(seen.commanded_late, late_rates, w, _RATE_STEP, times)
-    gained = kernels.minus(v, kernels.vector(seen.v_WB_W))
+    rates, late_rates = kernels.vector(state.rates), kernels.vector(state.late_rates)
+    _lowpass(state.commanded, rates, w, _RATE_STEP, times)
+    _lowpass(state.commanded_late, late_rates, w, _RATE_STEP, times)
+    gained = kernels.minus(v, kernels.vector(state.v_WB_W))
     ax, ay, az = kernels.scaled(1.0 / duration, gained)
     force, up = (ax, ay, az + nominal.gravity), kernels.column(R, 2)
-    thrust = kernels.scaled(max(modelled_thrust(nominal, seen.throttle), 0.0), up)
-    late_thrust = kernels.scaled(max(modelled_thrust(nominal, seen.late_throttle), 0.0), up)
-    _lowpass(seen.force, thrust, force, far, times)
-    _lowpass(seen.force_late, late_thrust, force, far, times)
-    _lowpass(seen.drag, thrust, v, math.inf, times)
-    _lowpass(seen.drag_on_force, v, force, math.inf, times)
-    for turning in (seen.commanded, seen.commanded_late):
-        _remember_changes(turning, duration)
-    for pushing in (seen.force, seen.force_late, seen.drag, seen.drag_on_force):
-        _remember_changes(pushing, duration)
+    thrust = kernels.scaled(max(modelled_thrust(nominal, state.throttle), 0.0), up)
+    late_thrust = kernels.scaled(max(modelled_thrust(nominal, state.late_throttle), 0.0), up)
+    _lowpass(state.force, thrust, force, far, times)
+    _lowpass(state.force_late, late_thrust, force, far, times)
+    _lowpass(state.drag, thrust, v, math.inf, times)
+    _lowpass(state.drag_on_force, v, force, math.inf, times)
+    for pair in (state.commanded, state.commanded_late):
+        _remember_changes(pair, duration)
+    for pair in (state.force, state.force_late, state.drag, state.drag_on_force):
+        _remember_changes(pair, duration)
 
 
 @compiled
 def _lowpass(
     pair: Pair, x: kernels.Vector, y: kernels.Vector, farthest: float, times: float
 ) -> None:
-    """Low-pass both sides over so many of its time constants.
+    """Low-pass both sides by two stages, with less weight beyond a difference ``farthest``.
 
-    If they differ by more than ``farthest``, both count for less.
+    ``times`` is the duration over the time constant of a stage.
     """
-    distance = kernels.norm(kernels.minus(y, x))
-    weight = farthest / distance if distance > farthest else 1.0
+    difference = kernels.minus(y, x)
+    distance = kernels.norm(difference)
+    weight, cut = 1.0, 0.0
+    if distance > farthest:
+        weight = farthest / distance
+        if kernels.dot(difference, kernels.vector(pair.difference)) < 0.0:
+            cut = min(distance - farthest, farthest)
+    kernels.store_vector(difference, pair.difference)
     share = -math.expm1(-times)
+    # Two stages reduce the variance of white noise to a quarter of the share of one sample.
+    pair.noise += _NOISE_FORGETTING * share * (0.25 * share * cut * cut - pair.noise)
     for k in range(3):
-        pair.x[k] += share * (weight * x[k] - pair.x[k])
-        pair.y[k] += share * (weight * y[k] - pair.y[k])
+        pair.first_x[k] += share * (weight * x[k] - pair.first_x[k])
+        pair.first_y[k] += share * (weight * y[k] - pair.first_y[k])
+        pair.x[k] += share * (pair.first_x[k] - pair.x[k])
+        pair.y[k] += share * (pair.first_y[k] - pair.y[k])
 
 
 @compiled
@@ -621,7 +634,7 @@ def _remember_changes(pair: Pair, duration: float) -> None:
 
 @compiled
 def _add_products(pair: Pair, x: kernels.Vector, y: kernels.Vector, duration: float) -> None:
-    """Add products to the weighted sums, which forget."""
+    """Add products to the decaying sums."""
     kept = math.exp(-duration / _MEMORY)
     for i in range(3):
         for j in range(3):
@@ -632,53 +645,58 @@ def _add_products(pair: Pair, x: kernels.Vector, y: kernels.Vector, duration: fl
 
 @compiled
 def _forget(pair: Pair) -> None:
-    """Forget all evidence of a relation."""
+    """Reset a relation."""
+    pair.first_x[:], pair.first_y[:] = 0.0, 0.0
     pair.x[:], pair.y[:], pair.mean_x[:], pair.mean_y[:] = 0.0, 0.0, 0.0, 0.0
     pair.xx[:], pair.yx[:], pair.yy[:] = 0.0, 0.0, 0.0
 
 
 @compiled
-def _begin_force(evidence: RecordArray[Evidence], model: RecordArray[ModelParameters]) -> None:
-    """Forget all evidence on the force: the vehicle is at rest."""
-    seen, gravity = evidence[()], model[()].gravity
-    for pair in (seen.force, seen.force_late, seen.drag, seen.drag_on_force):
+def _begin_force(
+    memory: RecordArray[ConsistencyState], model: RecordArray[ModelParameters]
+) -> None:
+    """Reset the relations of the force to those of a vehicle at rest."""
+    state, gravity = memory[()], model[()].gravity
+    for pair in (state.force, state.force_late, state.drag, state.drag_on_force):
         _forget(pair)
-    for pair in (seen.force, seen.force_late):
+    for pair in (state.force, state.force_late):
+        pair.first_x[2] = pair.first_y[2] = gravity
         pair.x[2] = pair.y[2] = pair.mean_x[2] = pair.mean_y[2] = gravity
 
 
 @compiled
-def _contradicted(seen: Evidence, gravity: float, flies: bool) -> int:
-    """Return the relations that are contradicted.
+def _contradicted(state: ConsistencyState, gravity: float, is_flying: bool) -> int:
+    """Return the contradicted relations.
 
-    The ground may keep a vehicle from turning and from falling, but it reverses nothing.
+    The ground may prevent rotation and fall, but it does not reverse rates.
     """
-    found, turn, move = 0, seen.attitude, seen.position
-    if seen.turn_error > _ABSURD or _is_contradicted(turn.yx, turn.xx, _trace(turn.yy), _ATTITUDE):
+    found, turn, move = 0, state.attitude, state.position
+    is_unturned = state.unturned_rate > _MAX_RATE
+    if is_unturned or _is_contradicted(turn.yx, turn.xx, _trace(turn.yy), turn.noise, _ATTITUDE):
         found |= _OFF_ATTITUDE
-    if _is_contradicted(turn.yx.T, turn.yy, _trace(turn.xx), _ATTITUDE_BACK):
-        found |= _OFF_ATTITUDE | _OFF_RATES  # rates that nothing turns by
-    if _is_contradicted(move.yx, move.xx, _trace(move.yy), _POSITION) or _is_contradicted(
-        move.yx.T, move.yy, _trace(move.xx), _POSITION_BACK
-    ):
+    if _is_contradicted(turn.yx.T, turn.yy, _trace(turn.xx), turn.noise, _ATTITUDE_BACK):
+        found |= _OFF_ATTITUDE | _OFF_RATES  # rates without rotation
+    if _is_contradicted(
+        move.yx, move.xx, _trace(move.yy), move.noise, _POSITION
+    ) or _is_contradicted(move.yx.T, move.yy, _trace(move.xx), move.noise, _POSITION_BACK):
         found |= _OFF_POSITION
-    if _rates_are_contradicted(seen, _REVERSED):
+    if _rates_are_contradicted(state, _REVERSED):
         found |= _OFF_RATES | _OFF_REVERSED
-    elif flies and _rates_are_contradicted(seen, _RATES):
+    elif is_flying and _rates_are_contradicted(state, _RATES):
         found |= _OFF_RATES
-    # Motors at their limits give more or less lift than asked for, hence the wide band below.
-    along, squares = _horizontal(seen.drag.yx), _trace(_horizontal(seen.drag.yy))
-    on_force, drag = _trace(_horizontal(seen.drag_on_force.yx)), 0.0
+    # Saturated motors give more or less lift than commanded, hence the wide band below.
+    along, squares = _horizontal(state.drag.yx), _trace(_horizontal(state.drag.yy))
+    on_force, drag = _trace(_horizontal(state.drag_on_force.yx)), 0.0
     if squares > 0.0:
         # The drag that explains the difference best.
         drag = kernels.clamp((_trace(along) - on_force) / squares, 0.0, _MOST_DRAG)
-    measured = _trace(_horizontal(seen.force.yy)) + drag * (2.0 * on_force + drag * squares)
-    if _drives_apart(seen.force, drag * along, measured) and _drives_apart(
-        seen.force_late, drag * along, measured
+    measured = _trace(_horizontal(state.force.yy)) + drag * (2.0 * on_force + drag * squares)
+    if _force_is_contradicted(state.force, drag * along, measured) and _force_is_contradicted(
+        state.force_late, drag * along, measured
     ):
         found |= _OFF_FORCE
-    # A fast climb takes as much lift as drag may be.
-    thrust, lift = seen.force.x[2], seen.force.y[2] + _MOST_DRAG * max(seen.v_WB_W[2], 0.0)
+    # In a fast climb, drag takes part of the lift.
+    thrust, lift = state.force.x[2], state.force.y[2] + _MOST_DRAG * max(state.v_WB_W[2], 0.0)
     falls = lift < _LEAST_LIFT * thrust and lift < _FALLING * gravity
     if falls and thrust > _SOME_THRUST * gravity:
         found |= _OFF_LIFT
@@ -686,25 +704,25 @@ def _contradicted(seen: Evidence, gravity: float, flies: bool) -> int:
 
 
 @compiled
-def _rates_are_contradicted(seen: Evidence, limits: RelationLimits) -> bool:
-    """Whether rates do not follow their commands, neither as modelled nor later than that."""
-    modelled, late = seen.commanded, seen.commanded_late
+def _rates_are_contradicted(state: ConsistencyState, limits: RelationLimits) -> bool:
+    """Whether rates do not follow their commands, neither as modelled nor with a further lag."""
+    modelled, late = state.commanded, state.commanded_late
     squares = _trace(modelled.yy)
-    return _is_contradicted(modelled.yx, modelled.xx, squares, limits) and _is_contradicted(
-        late.yx, late.xx, squares, limits
-    )
+    return _is_contradicted(
+        modelled.yx, modelled.xx, squares, modelled.noise, limits
+    ) and _is_contradicted(late.yx, late.xx, squares, late.noise, limits)
 
 
 @compiled
-def _drives_apart(force: Pair, by_drag: Array, measured: float) -> bool:
-    """Whether the horizontal force contradicts the commanded one, with the drag added to it."""
+def _force_is_contradicted(force: Pair, by_drag: Array, measured: float) -> bool:
+    """Whether the horizontal force contradicts the commanded one plus drag."""
     yx, xx = _horizontal(force.yx) + by_drag, _horizontal(force.xx)
-    return _is_contradicted(yx, xx, measured, _FORCE)
+    return _is_contradicted(yx, xx, measured, force.noise, _FORCE)
 
 
 @compiled
 def _horizontal(sums: Array) -> Array:
-    """Return sums of products (3, 3) without their vertical parts."""
+    """Return sums of products (3, 3) with vertical parts set to 0."""
     flat = sums.copy()
     flat[2, :] = 0.0
     flat[:, 2] = 0.0
@@ -713,22 +731,25 @@ def _horizontal(sums: Array) -> Array:
 
 @compiled
 def _trace(sums: Array) -> float:
-    """Return the weighted sum of the squares that sums of products (3, 3) hold."""
+    """Return the trace (sum of squares) of sums of products (3, 3)."""
     return float(sums[0, 0] + sums[1, 1] + sums[2, 2])
 
 
 @compiled
-def _is_contradicted(yx: Array, xx: Array, y_squares: float, limits: RelationLimits) -> bool:
-    """Whether y = M x does not hold with an M near the identity.
+def _is_contradicted(
+    yx: Array, xx: Array, y_squares: float, noise: float, limits: RelationLimits
+) -> bool:
+    """Whether no M near the identity satisfies y = M x.
 
     Args:
-        yx: Weighted sums of products (3, 3).
-        xx: The same of x alone.
+        yx: Weighted sums of products y x' (3, 3).
+        xx: Weighted sums of products x x' (3, 3).
         y_squares: Weighted sum of the squares of y.
-        limits: Of the relation.
+        noise: Mean square of the noise in x or y.
+        limits: Limits of the relation.
     """
     difference = y_squares - 2.0 * _trace(yx) + _trace(xx)
-    prior = limits.floor**2 * _MEMORY + limits.share**2 * (_trace(xx) + difference)
+    prior = (limits.floor**2 + noise) * _MEMORY + limits.share**2 * (_trace(xx) + difference)
     A, M = xx.copy(), np.zeros((3, 3))
     for k in range(3):
         A[k, k] += prior
@@ -743,10 +764,10 @@ def _is_contradicted(yx: Array, xx: Array, y_squares: float, limits: RelationLim
         0.5 * (M[0, 2] + M[2, 0]),
         0.5 * (M[1, 2] + M[2, 1]),
     )
-    # All leading minors of the symmetric part less the limit are positive.
+    # Positive definite: all leading minors of the symmetric part less the limit are positive.
     determinant = a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)
     above = a > 0.0 and a * b - d * d > 0.0 and determinant > 0.0
-    # Not of M: across the main direction its entries are the least certain.
+    # From the sums instead of M, whose entries across the main direction are uncertain.
     twist = 0.0
     for i, j in ((0, 1), (0, 2), (1, 2)):
         turn = (yx[j, i] - yx[i, j]) / (xx[i, i] + xx[j, j] + 2.0 * prior)
@@ -755,8 +776,8 @@ def _is_contradicted(yx: Array, xx: Array, y_squares: float, limits: RelationLim
 
 
 @compiled
-def _anchor(track: Track, v: kernels.Vector, R: kernels.Matrix) -> None:
-    """Begin dead reckoning at a velocity, none if it is small, and an attitude."""
+def _start_track(track: Track, v: kernels.Vector, R: kernels.Matrix) -> None:
+    """Start dead reckoning at an attitude and a velocity, 0 if it is small."""
     small = kernels.dot(v, v) < _SMALL_SPEED**2
     begun = kernels.scaled(0.0 if small else 1.0, v)
     kernels.store_vector(begun, track.v_WB_W)
@@ -771,27 +792,31 @@ def _smaller(a: kernels.Vector, b: kernels.Vector) -> kernels.Vector:
 
 
 @compiled
-def _carry(
+def _dead_reckon(
     track: Track,
-    seen: Evidence,
+    state: ConsistencyState,
     nominal: ModelParameters,
     R_reported: kernels.Matrix,
     duration: float,
 ) -> None:
-    """Carry a track on by the commands: turn, thrust, gravity and drag."""
-    turn = kernels.scaled(duration, kernels.vector(seen.rates))
+    """Dead reckon a track by the commands: rotation, thrust, gravity and drag."""
+    turn = kernels.scaled(duration, kernels.vector(state.rates))
     R = kernels.multiply(kernels.matrix(track.R_WB), kernels.exp(turn))
     kernels.store_matrix(R, track.R_WB)
-    _accelerate(track.v_WB_W, seen, nominal, kernels.column(R, 2), duration)
-    _accelerate(track.v_attitude_W, seen, nominal, kernels.column(R_reported, 2), duration)
+    _accelerate(track.v_WB_W, state, nominal, kernels.column(R, 2), duration)
+    _accelerate(track.v_attitude_W, state, nominal, kernels.column(R_reported, 2), duration)
 
 
 @compiled
 def _accelerate(
-    v: Array, seen: Evidence, nominal: ModelParameters, up: kernels.Vector, duration: float
+    v: Array,
+    state: ConsistencyState,
+    nominal: ModelParameters,
+    up: kernels.Vector,
+    duration: float,
 ) -> None:
-    """Carry a velocity (3,) on with the thrust along a direction."""
-    thrust = max(modelled_thrust(nominal, seen.throttle), 0.0)
+    """Integrate a velocity (3,) with the thrust along a direction."""
+    thrust = max(modelled_thrust(nominal, state.throttle), 0.0)
     for k in range(3):
         v[k] += duration * (thrust * up[k] - nominal.drag * v[k])
     v[2] -= duration * nominal.gravity

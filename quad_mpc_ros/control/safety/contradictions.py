@@ -1,12 +1,12 @@
-"""The most likely cause of a contradiction: which known mistake explains what was measured.
+"""The most likely cause of a contradiction: the known mistake that fits the measurements best.
 
 Each mistake predicts the matrix M of y = M x for every relation of :mod:`.consistency`, for a
-vehicle near level that heads along x. The likeliest is the one with the smallest sum of squares
+level vehicle with heading x. The most likely mistake has the smallest sum of squares
 
     sum of |y - M x|^2 = tr(S_yy - 2 M S_yx' + M S_xx M'),
 
-relative to what the relation holds in all, so that a relation with little motion says little. Of
-two that explain it equally well the one that changes fewer relations is the likelier.
+relative to the total of the relation. Of mistakes with equal fit, the one that changes fewer
+relations is more likely.
 """
 
 from __future__ import annotations
@@ -31,64 +31,71 @@ def _diagonal(x: float, y: float, z: float) -> Array:
     return np.diag([x, y, z])
 
 
-_SAME, _NOTHING, _BACK = np.eye(3), np.zeros((3, 3)), -np.eye(3)
+_IDENTITY, _ZERO, _NEGATED = np.eye(3), np.zeros((3, 3)), -np.eye(3)
 _FLU_FRD = _diagonal(1.0, -1.0, -1.0)
 _ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-_SWAPPED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-_LEFT = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+_SWAP_XY = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+_TURN_LEFT = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 _WXYZ = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-_AROUND = _diagonal(-1.0, -1.0, 1.0)
-_X, _Y, _Z = _diagonal(-1.0, 1.0, 1.0), _diagonal(1.0, -1.0, 1.0), _diagonal(1.0, 1.0, -1.0)
-_DEGREES, _CENTI = np.degrees(1.0) * _SAME, 100.0 * _SAME
-_ODOMETRY = "expected ENU world and FLU body"
+_TURN_AROUND = _diagonal(-1.0, -1.0, 1.0)
+_FLIP_X, _FLIP_Y, _FLIP_Z = (
+    _diagonal(-1.0, 1.0, 1.0),
+    _diagonal(1.0, -1.0, 1.0),
+    _diagonal(1.0, 1.0, -1.0),
+)
+_IN_DEGREES, _IN_CENTIMETRES = np.degrees(1.0) * _IDENTITY, 100.0 * _IDENTITY
+_EXPECTED_FRAMES = "expected ENU world and FLU body"
 
 
 class _Mistake(NamedTuple):
-    """A mistake, and the matrix of each relation that it makes other than the identity."""
+    """A mistake, and the matrices of the relations that it changes."""
 
     cause: str
     gains: Mapping[str, Array]
     z_is_mirrored: bool = False
-    """Whether up is reported as down, and gravity with it."""
+    """Whether up is reported as down."""
 
 
 _MISTAKES = (
     _Mistake(
-        f"z and thrust disagree: is the odometry in NED and FRD? {_ODOMETRY}",
-        {"rates": _FLU_FRD, "force": _BACK},
+        f"z and thrust disagree: is the odometry in NED and FRD? {_EXPECTED_FRAMES}",
+        {"rates": _FLU_FRD, "force": _NEGATED},
         z_is_mirrored=True,
     ),
     _Mistake(
-        f"the position disagrees with the velocity: is the position in NED? {_ODOMETRY}",
+        f"the position disagrees with the velocity: is the position in NED? {_EXPECTED_FRAMES}",
         {"position": _ENU_NED},
     ),
     _Mistake(
-        f"twist and attitude disagree: is the twist in FRD? {_ODOMETRY}",
+        f"twist and attitude disagree: is the twist in FRD? {_EXPECTED_FRAMES}",
         {"attitude": _FLU_FRD, "position": _FLU_FRD, "rates": _FLU_FRD, "force": _FLU_FRD},
         z_is_mirrored=True,
     ),
     _Mistake(
-        f"attitude and thrust disagree: is the body frame FRD? {_ODOMETRY}",
-        {"rates": _FLU_FRD, "force": _BACK},
+        f"attitude and thrust disagree: is the body frame FRD? {_EXPECTED_FRAMES}",
+        {"rates": _FLU_FRD, "force": _NEGATED},
     ),
     _Mistake(
-        f"attitude and thrust disagree: is the attitude in NED? {_ODOMETRY}", {"force": _BACK}
+        f"attitude and thrust disagree: is the attitude in NED? {_EXPECTED_FRAMES}",
+        {"force": _NEGATED},
     ),
-    _Mistake("z and thrust disagree: does z of the odometry point down?", {"force": _Z}, True),
-    _Mistake("z disagrees with the velocity: does z point down?", {"position": _Z}),
-    _Mistake("x and tilt disagree: is x of the odometry reversed?", {"force": _X}),
-    _Mistake("y and tilt disagree: is y of the odometry reversed?", {"force": _Y}),
-    _Mistake("x disagrees with the velocity: is it reversed?", {"position": _X}),
-    _Mistake("y disagrees with the velocity: is it reversed?", {"position": _Y}),
-    _Mistake("x, y and tilt disagree: are x and y swapped?", {"force": _SWAPPED}),
-    _Mistake("x and y disagree with the velocity: are they swapped?", {"position": _SWAPPED}),
+    _Mistake(
+        "z and thrust disagree: does z of the odometry point down?", {"force": _FLIP_Z}, True
+    ),
+    _Mistake("z disagrees with the velocity: does z point down?", {"position": _FLIP_Z}),
+    _Mistake("x and tilt disagree: is x of the odometry reversed?", {"force": _FLIP_X}),
+    _Mistake("y and tilt disagree: is y of the odometry reversed?", {"force": _FLIP_Y}),
+    _Mistake("x disagrees with the velocity: is it reversed?", {"position": _FLIP_X}),
+    _Mistake("y disagrees with the velocity: is it reversed?", {"position": _FLIP_Y}),
+    _Mistake("x, y and tilt disagree: are x and y swapped?", {"force": _SWAP_XY}),
+    _Mistake("x and y disagree with the velocity: are they swapped?", {"position": _SWAP_XY}),
     *(
         _Mistake(
             f"heading and {what} disagree: is the heading off by {angle} degrees, or is "
             "odometry.twist_frame wrong?",
             {relation: turn},
         )
-        for angle, turn in (("90", _LEFT), ("-90", _LEFT.T), ("180", _AROUND))
+        for angle, turn in (("90", _TURN_LEFT), ("-90", _TURN_LEFT.T), ("180", _TURN_AROUND))
         for what, relation in (("velocity", "position"), ("acceleration", "force"))
     ),
     _Mistake(
@@ -98,44 +105,44 @@ _MISTAKES = (
     ),
     _Mistake(
         "attitude and body rates disagree: is the attitude inverted (world to body, conjugated)?",
-        {"attitude": _BACK, "force": _AROUND},
+        {"attitude": _NEGATED, "force": _TURN_AROUND},
     ),
     _Mistake(
         "body rates are too large for the attitude: are they in deg/s? expected rad/s",
-        {"attitude": _DEGREES, "rates": _DEGREES},
+        {"attitude": _IN_DEGREES, "rates": _IN_DEGREES},
     ),
     _Mistake(
         "body rates are zero while the attitude turns: does the source leave them empty?",
-        {"attitude": _NOTHING, "rates": _NOTHING},
+        {"attitude": _ZERO, "rates": _ZERO},
     ),
     _Mistake(
         "attitude and body rates disagree: is the sign of the rates reversed?",
-        {"attitude": _BACK, "rates": _BACK},
+        {"attitude": _NEGATED, "rates": _NEGATED},
     ),
     *(
         _Mistake(
             f"attitude and {name} rate disagree: is the sign of the {name} rate reversed?",
             {"attitude": flip, "rates": flip},
         )
-        for name, flip in (("roll", _X), ("pitch", _Y), ("yaw", _Z))
+        for name, flip in (("roll", _FLIP_X), ("pitch", _FLIP_Y), ("yaw", _FLIP_Z))
     ),
     _Mistake(
         "velocity and position disagree: is the sign of the velocity reversed?",
-        {"position": _BACK, "force": _BACK},
+        {"position": _NEGATED, "force": _NEGATED},
         z_is_mirrored=True,
     ),
     _Mistake(
         "the velocity is zero while the position changes: does the source leave it empty?",
-        {"position": _NOTHING, "force": _NOTHING},
+        {"position": _ZERO, "force": _ZERO},
     ),
     _Mistake(
         "the velocity is too large for the position: is it in cm/s? expected m/s",
-        {"position": _CENTI, "force": _CENTI},
+        {"position": _IN_CENTIMETRES, "force": _IN_CENTIMETRES},
     ),
     *(
         _Mistake(
             f"the position changes too fast for the velocity: is it in {unit}? expected m",
-            {"position": share * _SAME},
+            {"position": share * _IDENTITY},
         )
         for unit, share in (("cm", 0.01), ("mm", 0.001), ("feet", 0.3048))
     ),
@@ -145,22 +152,22 @@ _MISTAKES = (
             "way to the motors?",
             {"rates": flip},
         )
-        for name, flip in (("roll", _X), ("pitch", _Y), ("yaw", _Z))
+        for name, flip in (("roll", _FLIP_X), ("pitch", _FLIP_Y), ("yaw", _FLIP_Z))
     ),
     _Mistake(
         "the vehicle answers commands of roll with pitch: are the axes swapped on the way to the "
         "motors, or is a rotor blocked?",
-        {"rates": _SWAPPED},
+        {"rates": _SWAP_XY},
     ),
     _Mistake(
         "the vehicle does not follow the commanded body rates: are the commands taken, is a rotor "
         "blocked, is the vehicle held?",
-        {"rates": _NOTHING},
+        {"rates": _ZERO},
     ),
     _Mistake(
         "the vehicle does not follow the thrust: is a motor, a propeller or the battery missing, "
         "is the vehicle held?",
-        {"force": _NOTHING},
+        {"force": _ZERO},
     ),
 )
 
@@ -170,12 +177,12 @@ def likely_cause(
     sums: Mapping[str, tuple[Array, Array, Array]],
     lift: tuple[float, float],
 ) -> str:
-    """Return the most likely cause in words, and what to check.
+    """Return the most likely cause as text, and what to check.
 
     Args:
-        contradicted: Names of relations, of which the cause explains one at least.
-        sums: S_xx, S_yx and S_yy of each relation, by its name.
-        lift: Vertical force commanded and measured, as shares of the weight.
+        contradicted: Names of contradicted relations; the cause explains at least one.
+        sums: S_xx, S_yx and S_yy of each relation, by name.
+        lift: Commanded and measured vertical force, as shares of the weight.
     """
     mistakes = [
         mistake for mistake in _MISTAKES if not mistake.gains.keys().isdisjoint(contradicted)
@@ -186,20 +193,19 @@ def likely_cause(
 def _misfit(
     mistake: _Mistake, sums: Mapping[str, tuple[Array, Array, Array]], lift: tuple[float, float]
 ) -> float:
-    """Return the share of the measured motion that a mistake leaves unexplained."""
-    misfit = _EACH_RELATION * len(mistake.gains)
+    """Return the share of the measured motion that a mistake does not explain."""
+    misfit = _COST_PER_RELATION * len(mistake.gains)
     for name, each in sums.items():
         xx, yx, yy = Sums(*each)
-        gain = mistake.gains.get(name, _SAME)
+        gain = mistake.gains.get(name, _IDENTITY)
         left = np.trace(yy - 2.0 * gain @ yx.T + gain @ xx @ gain.T)
-        # The larger of the two where the gain is a unit, so that both sides count.
-        misfit += float(left / (np.trace(yy) + np.trace(gain @ xx @ gain.T) + _SMALLEST[name]))
+        misfit += float(left / (np.trace(yy) + np.trace(gain @ xx @ gain.T) + _MIN_SQUARES[name]))
     asked, measured = lift
-    gain_z = float(mistake.gains.get("force", _SAME)[2, 2])
+    gain_z = float(mistake.gains.get("force", _IDENTITY)[2, 2])
     expected = 2.0 - asked if mistake.z_is_mirrored else gain_z * asked
-    return misfit + abs(measured - expected) / (abs(measured) + abs(expected) + _SMALL_LIFT)
+    return misfit + abs(measured - expected) / (abs(measured) + abs(expected) + _MIN_LIFT)
 
 
-_EACH_RELATION = 0.18
-_SMALL_LIFT = 0.1  # of the weight
-_SMALLEST = {"attitude": 0.01, "position": 0.02, "rates": 0.02, "force": 0.1}
+_COST_PER_RELATION = 0.18
+_MIN_LIFT = 0.1  # of the weight
+_MIN_SQUARES = {"attitude": 0.01, "position": 0.02, "rates": 0.02, "force": 0.1}

@@ -1,4 +1,4 @@
-"""The stage that decides who commands: limits, contradictions and the safety ladder."""
+"""The decision stage: limits, contradictions and the safety ladder."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from quad_mpc_ros.control.stage import Due, Stage
 from quad_mpc_ros.control.stage_log import StageLog
 
 _CRASHED = (
-    "crashed: it lies upside down, or does not rise with thrust; put it upright, then deactivate "
-    "and activate the MPC, or disengage and engage"
+    "crashed: the vehicle is upside down, or does not rise with thrust; put it upright, then "
+    "deactivate and activate the MPC, or disengage and engage"
 )
 
 
 class Decided(NamedTuple):
-    """Who commands, and the plan that may be flown.
+    """The active source, and the plan that can be flown.
 
     Attributes:
-        decision: The source of the command and the reason for it.
-        plan: The new plan, None if there is none that may be flown.
-        blind_ns: How long nothing but dead reckoning has flown [ns], None while it does not.
+        decision: The source of the command and its reason.
+        plan: The new plan, None if there is none to fly.
+        blind_ns: Duration of the dead reckoned flight [ns], None outside of it.
     """
 
     decision: Decision
@@ -58,35 +58,35 @@ class DecideStage(Stage):
 
     @property
     def stages(self) -> tuple[Stage, ...]:
-        """This stage and the monitors that it asks."""
+        """This stage and its monitors."""
         return self, self.limits, self._oscillation, self.consistency
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over changed timeouts."""
+        """Apply changed timeouts."""
         self._timeouts = ladder.timeouts_of(config)
 
-    def may_foresee(self, *, now_ns: int) -> bool:
-        """Whether the MPC may plan from where a vehicle without odometry should be.
+    def may_predict_without_odometry(self, *, now_ns: int) -> bool:
+        """Whether the MPC may plan from a state predicted without odometry.
 
-        For a while, in flight, and only as long as nothing else has had to command.
+        In flight, for at most ``odom_gap``, and only while the MPC is the active source.
         """
-        seen_ns = self._inputs.odometry_ns or 0
+        odometry_ns = self._inputs.odometry_ns or 0
         return (
             self._source is Source.MPC
-            and not self._lies_or_stands
-            and 0 <= now_ns - seen_ns <= self._timeouts.gap
+            and not self._is_down
+            and 0 <= now_ns - odometry_ns <= self._timeouts.gap
         )
 
     def step(
         self, due: Due, planned: Planned, *, flown: ReferenceWindow | None, acting: Input | None
     ) -> Decided:
-        """Return who commands.
+        """Return the decision.
 
         Args:
-            due: What is answered.
+            due: The control step.
             planned: The plan, or why there is none.
-            flown: The window flown in place of the reference, None for the reference itself.
-            acting: The command in force, None before the first.
+            flown: The window flown instead of the reference, None for the reference itself.
+            acting: The active command, None before the first.
         """
         fault = "" if planned.failure is None else planned.failure.reason
         if due.odometry is not None:
@@ -94,18 +94,18 @@ class DecideStage(Stage):
         else:
             breach = self.consistency.breach
             if not fault and planned.step is not None:
-                fault = self.foreseen_fault(planned.step.state)
+                fault = self.predicted_breach(planned.step.state)
         plan = None if fault else planned.plan
         crashed = self._ground.state is GroundState.CRASHED
         decision, self._ladder = ladder.decide(
-            ladder.Inputs(
+            ladder.LadderInputs(
                 now_ns=due.now_ns,
                 odometry_ns=self._inputs.odometry_ns,
-                reference_ns=self._inputs.reference_seen_ns(due.now_ns),
+                reference_ns=self._inputs.reference_valid_ns(due.now_ns),
                 plan_fault=_CRASHED if crashed else fault,
                 breach=breach,
-                standing=self._lies_or_stands,
-                foreseen=due.odometry is None and plan is not None,
+                on_ground=self._is_down,
+                is_predicted=due.odometry is None and plan is not None,
                 jumped=self._inputs.jumps.fault,
             ),
             self._ladder,
@@ -116,8 +116,8 @@ class DecideStage(Stage):
         return Decided(decision, plan, None if since_ns is None else due.now_ns - since_ns)
 
     @property
-    def _lies_or_stands(self) -> bool:
-        return self._ground.state.stands or self._ground.state is GroundState.CRASHED
+    def _is_down(self) -> bool:
+        return self._ground.state.is_on_ground or self._ground.state is GroundState.CRASHED
 
     def _breach(
         self,
@@ -127,7 +127,7 @@ class DecideStage(Stage):
         *,
         now_ns: int,
     ) -> Breach | None:
-        """Return the gravest limit that is broken, None if none is."""
+        """Return the gravest breach, None without a breach."""
         window = self._inputs.reference
         reference = None if window is None else window.pose_at(odometry.stamp_ns)
         followed = reference if flown is None else flown.pose_at(odometry.stamp_ns)
@@ -148,8 +148,8 @@ class DecideStage(Stage):
             self._log.warn(found.reason)
         return max(filter(None, breaches), key=lambda each: each.action, default=None)
 
-    def foreseen_fault(self, state: PredictedState) -> str:
-        """Return which limit a vehicle without odometry is about to break, empty if none."""
+    def predicted_breach(self, state: PredictedState) -> str:
+        """Return which limit the predicted vehicle breaches, empty if none."""
         x = state.x
         ahead = OdometrySample(
             stamp_ns=state.stamp_ns,
@@ -158,5 +158,5 @@ class DecideStage(Stage):
             v_WB_B=x.v_WB_B,
             w_WB_B=state.w_WB_B,
         )
-        breach = self.limits.foreseen(ahead)
+        breach = self.limits.predicted_breach(ahead)
         return breach.reason if breach is not None and breach.action > Action.WARN else ""

@@ -1,8 +1,8 @@
 """Controllers that need no solver: hover in place, and level and descend without odometry.
 
 The hover law is geometric attitude control (Lee, Leok, McClamroch 2010) with body rates as the
-input: a PID law on position asks for a specific force, the thrust axis is turned towards it, and
-yaw is left as it is. What the disturbance EKF had learned of thrust and wind goes on to count.
+input: a PID law on the position gives a specific force, the thrust axis turns towards it, yaw is
+free. The estimated thrust scale and disturbance are compensated.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from quad_mpc_ros.control.model.state import Input, State
 from quad_mpc_ros.control.safety.command_limits import clamped
 from quad_mpc_ros.control.stage import Stage
 
-# Horizontally and vertically. They hold vehicles whose rates and thrust lag by 20 to 80 ms behind
-# commands that are up to 80 ms late, thrust 0.7 to 1.3 times the modelled, in wind.
+# Gains (x, y, z) for rate and thrust lags of 20 to 80 ms, delays up to 80 ms, 0.7 to 1.3 times
+# the modelled thrust, and wind.
 _POSITION_GAIN = np.array([2.2, 2.2, 5.0])  # 1/s^2
 VELOCITY_GAIN = np.array([3.2, 3.2, 4.5])  # 1/s
 _INTEGRAL_GAIN = np.array([0.6, 0.6, 3.0])  # 1/s^3
@@ -29,19 +29,19 @@ _INTEGRAL_LIMIT = np.array([3.0, 3.0, 5.0])  # m/s^2
 _TILT_GAIN = 7.0  # 1/s
 # Dead reckoning has no feedback, so no delay makes it oscillate.
 _BLIND_TILT_GAIN = 10.0  # 1/s
-# Of the acceleration that is asked for: keeps the tilt below 40 degrees.
+# Limits of the commanded acceleration, which keep the tilt below 40 degrees.
 _HORIZONTAL_LIMIT, _VERTICAL_LIMIT = 8.0, 5.0  # m/s^2
 ACCELERATION_LIMIT = np.array([_HORIZONTAL_LIMIT, _HORIZONTAL_LIMIT, _VERTICAL_LIMIT])
 _TURNING_TIME = 0.15  # s, until the thrust brakes
-_BLIND_DESCENT = 0.1  # fraction of the hover throttle given up by the end of the blind time
-_DESCENT_SPEED = 2.0  # m/s, as a fall from 0.2 m, where the velocity is dead reckoned
+_BLIND_DESCENT = 0.1  # reduction of the hover throttle at the end of the blind time, a share
+_DESCENT_SPEED = 2.0  # m/s, as after a fall from 0.2 m, with a dead reckoned velocity
 
 
-class Learned(NamedTuple):
-    """What the disturbance EKF has learned that a fallback can use as well.
+class DisturbanceEstimate(NamedTuple):
+    """Estimated thrust scale and disturbance, for the fallbacks.
 
-    ``thrust_scale`` is the true thrust over the modelled, ``a_W`` (3,) [m/s^2] the acceleration of
-    the disturbance. They belong together: in hover only what they do together is known.
+    ``thrust_scale`` is the true over the modelled thrust, ``a_W`` (3,) [m/s^2] the disturbance
+    acceleration. In hover only their combined effect is observable, so use both.
     """
 
     thrust_scale: float = 1.0
@@ -58,16 +58,16 @@ class HoverFallback(Stage):
         self._integral = np.zeros(3)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over changed bounds; the held position stays."""
+        """Apply changed bounds; the held position stays."""
         self._config = config
 
     def release(self) -> None:
         """Forget the held position; the next call holds where the vehicle is then."""
-        if self._p_hold is not None:  # most of the time nothing is held
+        if self._p_hold is not None:
             self._p_hold, self._integral = None, np.zeros(3)
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Move the held position, and what holds it there, with the estimate."""
+        """Transform the held position and the integral by a step of the estimate."""
         if self._p_hold is not None:
             self._p_hold = reset.points(self._p_hold)
         self._integral = reset.vectors(self._integral)
@@ -81,17 +81,17 @@ class HoverFallback(Stage):
         x: State,
         *,
         p_hold: Array | None = None,
-        learned: Learned | None = None,
+        learned: DisturbanceEstimate | None = None,
         duration: float = 0.0,
     ) -> Input:
-        """Return the command that brakes and holds the position where it was engaged.
+        """Return the command that brakes and holds the position of the first call.
 
-        Or ``p_hold`` (3,), as given with the first call after the release. It acts for
-        ``duration`` [s], over which the error is integrated.
+        If the first call after the release has ``p_hold`` (3,), that position is held. The error
+        is integrated over ``duration`` [s].
         """
         if self._p_hold is None:
             self._p_hold = (x.p_WB if p_hold is None else p_hold).copy()
-        error, (scale, a_W) = self._p_hold - x.p_WB, learned or Learned()
+        error, (scale, a_W) = self._p_hold - x.p_WB, learned or DisturbanceEstimate()
         wanted = _POSITION_GAIN * error - VELOCITY_GAIN * x.v_WB_W
         self._integrate(error, wanted, duration)
         wanted += self._integral
@@ -107,14 +107,14 @@ class HoverFallback(Stage):
         return clamped(u, self._config)
 
     def _integrate(self, error: Array, wanted: Array, duration: float) -> None:
-        """Integrate the error where what is wanted of the axis is not too much already."""
+        """Integrate the error of axes whose commanded acceleration is within its limit."""
         free = np.abs(wanted) < ACCELERATION_LIMIT
         grown = self._integral + duration * _INTEGRAL_GAIN * np.where(free, error, 0.0)
         self._integral = np.clip(grown, -_INTEGRAL_LIMIT, _INTEGRAL_LIMIT)
 
 
 class BlindFallback(Stage):
-    """Levels the attitude that dead reckoning still knows, and lets the vehicle sink slowly."""
+    """Levels the dead reckoned attitude, and descends slowly."""
 
     def __init__(self, config: MpcConfig) -> None:
         self._config = config
@@ -122,45 +122,45 @@ class BlindFallback(Stage):
         self._R_WB: Array | None = None
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over changed bounds; the attitude stays."""
+        """Apply changed bounds; the attitude stays."""
         self._config = config
 
     def release(self) -> None:
-        """Forget the attitude by dead reckoning: there is odometry."""
+        """Forget the dead reckoned attitude, as there is odometry."""
         self._R_WB = None
 
     def dead_reckon(self, R_WB: Array, w_WB_B: Array, *, duration: float) -> None:
-        """Turn on at body rates (3,) [rad/s] for ``duration`` [s].
+        """Rotate the attitude at body rates (3,) [rad/s] for ``duration`` [s].
 
-        The first call after the release begins at ``R_WB`` (3, 3), the last attitude seen.
+        The first call after the release starts at ``R_WB`` (3, 3), the last measured attitude.
         """
-        seen = R_WB if self._R_WB is None else self._R_WB
-        self._R_WB = dead_reckoned(seen, w_WB_B, duration=duration)
+        last = R_WB if self._R_WB is None else self._R_WB
+        self._R_WB = dead_reckoned(last, w_WB_B, duration=duration)
 
     def command(
         self,
         R_WB: Array,
         *,
         elapsed: float,
-        learned: Learned | None = None,
+        learned: DisturbanceEstimate | None = None,
         v_WB_W: Array | None = None,
     ) -> Input:
-        """Return the command ``elapsed`` seconds after going blind.
+        """Return the command ``elapsed`` seconds after the loss of odometry.
 
-        ``R_WB`` (3, 3) is the last attitude seen, from which dead reckoning may have gone on. With
-        a dead reckoned velocity ``v_WB_W`` (3,) [m/s] it brakes first.
+        ``R_WB`` (3, 3) is the last measured attitude, used if there is no dead reckoned one. With
+        a dead reckoned velocity ``v_WB_W`` (3,) [m/s] the vehicle brakes first.
         """
         if self._R_WB is not None:
             R_WB = self._R_WB
         share = min(elapsed / max(self._config.blind_time, 1e-9), 1.0)
-        scale, a_W = learned or Learned()
+        scale, a_W = learned or DisturbanceEstimate()
         force = np.array([0.0, 0.0, self._vehicle.gravity - a_W[2]])
         turn = levelling(R_WB, gain=_BLIND_TILT_GAIN)
         if v_WB_W is not None:
             braking = -VELOCITY_GAIN * (v_WB_W + np.array([0.0, 0.0, _DESCENT_SPEED]))
             most, gravity = ACCELERATION_LIMIT, self._vehicle.gravity
             force += np.clip(braking, (-most[0], -most[1], -gravity), most)
-            # Falling freely it tilts no further than it would in hover.
+            # In free fall the tilt is limited as in hover.
             towards = np.array([force[0], force[1], max(force[2], gravity)])
             turn = _BLIND_TILT_GAIN * tilt_to(towards, R_WB)
         thrust = self._vehicle.mass * force[2] / scale
@@ -169,9 +169,9 @@ class BlindFallback(Stage):
 
 
 def stop_within(corridor: Corridor, p_W: Array, *, v_WB_W: Array) -> Array:
-    """Return a place (3,) to hold so that a vehicle at ``p_W`` stops inside of a corridor.
+    """Return the position (3,) to hold so that a vehicle at ``p_W`` stops inside a corridor.
 
-    It is moved back from the planes of the first stages by what braking takes beyond them.
+    It is moved back from the planes of the first stage by the braking distance beyond them.
     """
     held = p_W.copy()
     for n, b in zip(corridor.normals[0], corridor.offsets[0], strict=True):
@@ -190,7 +190,7 @@ def tilt_to(direction_W: Array, R_WB: Array) -> Array:
 
 
 def idle(config: MpcConfig) -> Input:
-    """Return the command of a vehicle that is to stay on the ground."""
+    """Return the idle command for a vehicle on the ground."""
     return Input(throttle=config.throttle_min, w_WB_B=np.zeros(3))
 
 

@@ -1,8 +1,8 @@
 """The fence and the envelope: limits on where and how the vehicle may fly.
 
-A fence with the action hover is broken as soon as the vehicle could no longer stop inside of it.
-A limit that was broken counts as broken until the vehicle has kept all of them, with a margin, for
-a second, and the reference is inside the fence again: what brought it out would do so at once.
+A fence with the action hover is breached as soon as the vehicle could no longer stop inside it. A
+breach lasts until the vehicle has kept all limits, with a margin, for a second and the reference
+is inside the fence again.
 """
 
 from __future__ import annotations
@@ -18,64 +18,62 @@ from quad_mpc_ros.control.safety.fallbacks import ACCELERATION_LIMIT, VELOCITY_G
 from quad_mpc_ros.control.safety.ladder import Action, Breach
 from quad_mpc_ros.control.stage import Stage
 
-_CALM_NS = 1_000_000_000
-# Of a limit of the envelope, and from a wall of the fence [m].
-_CALM_SHARE, _CALM_DISTANCE = 0.9, 0.1
-_TURN_TIME = 0.4  # s: until the hover controller has turned the vehicle to brake
-# Where to hover after leaving the fence: this far inside [m], or in the middle of a narrow one.
-_INSET = 0.5
+_RECOVERY_NS = 1_000_000_000
+# Margins of the recovery: share of a limit of the envelope, distance to the fence [m].
+_RECOVERY_SHARE, _RECOVERY_DISTANCE = 0.9, 0.1
+_TURN_TIME = 0.4  # s, until the hover controller has turned the vehicle to brake
+_FENCE_INSET = 0.5  # m, distance of the hover position to the fence; less in a narrow fence
 
 
 class FlightLimits(Stage):
-    """Watches the vehicle, and remembers a breach until it is over."""
+    """Monitors the limits, and keeps a breach until the vehicle has recovered."""
 
     def __init__(self, config: MpcConfig) -> None:
         self._breach: Breach | None = None
-        self._calm_since_ns: int | None = None
+        self._kept_since_ns: int | None = None
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over changed limits, and count breaches again from zero."""
+        """Apply changed limits; breaches have to be found again."""
         self._fence, self._envelope = config.fence, config.envelope
         self._low, self._high = config.fence.walls
-        # Whether there are walls that it is to stop in front of.
         self._fenced = config.fence.has_walls
-        self._foresees = config.fence.action == "hover" and self._fenced
+        self._checks_stopping = config.fence.action == "hover" and self._fenced
 
     def check(
         self, odometry: OdometrySample, *, p_reference: Array | None, now_ns: int
     ) -> Breach | None:
-        """Return the breach in force, given where the reference is now (3,), if there is one."""
+        """Return the active breach, if any; ``p_reference`` (3,) is the present reference."""
         found = self._found(odometry, share=1.0, distance=0.0)
         if found is not None:
-            self._calm_since_ns = None
+            self._kept_since_ns = None
             if self._breach is None or found.action >= self._breach.action:
                 self._breach = found
         elif self._breach is not None and self._is_over(odometry, p_reference, now_ns):
             self._breach = None
         return self._breach
 
-    def foreseen(self, odometry: OdometrySample) -> Breach | None:
-        """Return the breach that there will be where the vehicle should be soon, if any."""
+    def predicted_breach(self, odometry: OdometrySample) -> Breach | None:
+        """Return the breach at a predicted odometry, if any."""
         return self._found(odometry, share=1.0, distance=0.0)
 
     def inside(self, p_WB: Array) -> Array:
-        """Return the point (3,) nearest to a position and well inside the fence."""
+        """Return the point (3,) nearest to a position inside the fence, with a margin."""
         low, high = np.array(self._low), np.array(self._high)
-        inset = np.minimum(_INSET, (high - low) / 2.0)
+        inset = np.minimum(_FENCE_INSET, (high - low) / 2.0)
         return np.clip(p_WB, low + inset, high - inset)
 
     def _is_over(self, odometry: OdometrySample, p_reference: Array | None, now_ns: int) -> bool:
-        calm = self._found(odometry, share=_CALM_SHARE, distance=_CALM_DISTANCE) is None
-        if not calm or p_reference is None or self._wall(p_reference, 0.0) is not None:
-            self._calm_since_ns = None
+        kept = self._found(odometry, share=_RECOVERY_SHARE, distance=_RECOVERY_DISTANCE) is None
+        if not kept or p_reference is None or self._wall(p_reference, 0.0) is not None:
+            self._kept_since_ns = None
             return False
-        if self._calm_since_ns is None:
-            self._calm_since_ns = now_ns
-        return now_ns - self._calm_since_ns >= _CALM_NS
+        if self._kept_since_ns is None:
+            self._kept_since_ns = now_ns
+        return now_ns - self._kept_since_ns >= _RECOVERY_NS
 
     def _found(self, odometry: OdometrySample, *, share: float, distance: float) -> Breach | None:
-        """Return the gravest breach of limits scaled by a share, of walls moved by a distance."""
+        """Return the gravest breach of limits times ``share`` and walls moved by ``distance``."""
         gravest: Breach | None = None
         for action, reason in (
             (self._fence.action, self._outside(odometry, distance) if self._fenced else None),
@@ -89,10 +87,10 @@ class FlightLimits(Stage):
 
     def _outside(self, odometry: OdometrySample, distance: float) -> str | None:
         outside = self._wall(odometry.p_WB, distance)
-        if outside is not None or not self._foresees:
+        if outside is not None or not self._checks_stopping:
             return outside
         stop = self._wall(_stopping_point(odometry), distance)
-        return f"{stop}, where it would come to a stop" if stop is not None else None
+        return f"{stop}, at the stopping point" if stop is not None else None
 
     def _wall(self, p_WB: Array, distance: float) -> str | None:
         for axis, p, low, high in zip("xyz", p_WB.tolist(), self._low, self._high, strict=True):
@@ -101,7 +99,7 @@ class FlightLimits(Stage):
         return None
 
     def _excess(self, odometry: OdometrySample, share: float) -> str | None:
-        """Return which limit of the envelope is exceeded."""
+        """Return which limit of the envelope is exceeded, None if none is."""
         limits = self._envelope
         if limits.tilt_max < math.pi:
             tilt = math.acos(min(max(odometry.up, -1.0), 1.0))
@@ -116,12 +114,12 @@ class FlightLimits(Stage):
 
 
 def _stopping_point(odometry: OdometrySample) -> Array:
-    """Return where the hover controller would bring the vehicle to a stop (3,)."""
+    """Return the stopping point (3,) of the hover controller."""
     R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
     v_WB_W = R_WB @ odometry.v_WB_B
     speed = np.abs(v_WB_W)
     braking, slowing = ACCELERATION_LIMIT, VELOCITY_GAIN
-    # With all the braking that there is down to the speed braking / slowing, then exponentially.
+    # Full braking down to the speed braking / slowing, then exponential.
     quick = speed**2 / (2.0 * braking) + braking / (2.0 * slowing**2)
     distance = np.where(speed > braking / slowing, quick, speed / slowing)
     return np.asarray(odometry.p_WB + _TURN_TIME * v_WB_W + np.sign(v_WB_W) * distance)

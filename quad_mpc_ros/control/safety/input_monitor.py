@@ -1,4 +1,4 @@
-"""The newest odometry and reference that are fit to be used, and how old they are."""
+"""The newest valid odometry and reference, and their ages."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from quad_mpc_ros.control.safety.window_validation import reference_fault
 from quad_mpc_ros.control.stage import Failure, Stage
 from quad_mpc_ros.control.stage_log import StageLog
 
-# Of a measurement of the accelerometer before the newest odometry, which may have stopped.
-_FARTHEST_AHEAD_NS = 1_000_000_000
+# Largest lead of an IMU stamp over the newest odometry, which may have stopped.
+_MAX_IMU_LEAD_NS = 1_000_000_000
 
 
 class InputMonitor(Stage):
-    """Takes what is fit to be used; of what is not it says why, and keeps the last good one.
+    """Keeps the last valid inputs, and logs why others are rejected.
 
-    ``odometry`` has its twist in the body frame, in whichever it came, and without what jumped;
-    ``jumps`` says so. ``odometry_ns`` and ``reference_ns`` are the times of arrival.
+    ``odometry`` has its twist in the body frame, and jumps replaced (``jumps``). ``odometry_ns``
+    and ``reference_ns`` are the times of arrival.
     """
 
     def __init__(self, config: MpcConfig, log: StageLog | None = None) -> None:
@@ -37,32 +37,32 @@ class InputMonitor(Stage):
         self.jumps = OdometryJumps()
         self._horizon_ns = round(config.horizon_steps * config.horizon_step * 1e9)
         self.reported: OdometrySample | None = None
-        """The newest odometry before jumps are replaced, twist in the body frame."""
+        """The newest odometry with jumps, twist in the body frame."""
         self.odometry: OdometrySample | None = None
         self.odometry_ns: int | None = None
         self.reference: ReferenceWindow | None = None
         self.reference_ns: int | None = None
         self.idle_wanted = False
-        """Whether the reference asks for idle motors; in the air it is one that rests."""
+        """Whether the reference requests idle motors; in the air it is a rest."""
         self._lockstep = config.lockstep
         self._reported_slow = False
         self.imu_stamp_ns: int | None = None
-        """Stamp of the newest measurement of the accelerometer."""
+        """Stamp of the newest accelerometer sample."""
         self.reconfigure(config)
 
     @property
     def stages(self) -> tuple[Stage, ...]:
-        """The monitor, and the checks that it makes."""
+        """The monitor and its checks."""
         return self, self.gate, self.jumps
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over changed timeouts."""
+        """Apply changed timeouts."""
         self._control_period = 1.0 / config.control_rate
         self._odometry_timeout_ns = timeouts_of(config).odometry
         self._reference_timeout_ns = timeouts_of(config).reference
 
     def accept_odometry(self, odometry: OdometrySample, *, now_ns: int) -> OdometrySample | None:
-        """Take an odometry and return it, the twist in the body frame; None if it is unfit."""
+        """Take an odometry; return it with the twist in the body frame, None if it is rejected."""
         refusal = self.gate.refusal(odometry, now_ns=now_ns)
         if refusal is not None:
             self._log.reject(refusal)
@@ -79,7 +79,7 @@ class InputMonitor(Stage):
         return self.odometry
 
     def accept_imu(self, sample: ImuSample) -> bool:
-        """Take what an accelerometer measured if it is fit to be used."""
+        """Take an accelerometer sample; return whether it is valid."""
         fault = self._imu_fault(sample)
         if fault:
             self._log.reject(fault)
@@ -88,7 +88,7 @@ class InputMonitor(Stage):
         return fault is None
 
     def accept_reference(self, window: ReferenceWindow, *, now_ns: int) -> bool:
-        """Take a reference window that arrives now if it is fit to be used."""
+        """Take a reference window that arrives now; return whether it is valid."""
         fault = reference_fault(window, frame_id=self._parameters.frame_id)
         if fault is not None:
             self._log.reject(fault)
@@ -100,78 +100,82 @@ class InputMonitor(Stage):
         return True
 
     def _imu_fault(self, sample: ImuSample) -> str | None:
-        """Return why a measurement cannot be used, "" of one that comes again in lockstep."""
+        """Return why a sample is unusable, "" for a repeated one in lockstep, else None."""
         odometry, newest_ns, stamp_ns = self.odometry, self.imu_stamp_ns, sample.stamp_ns
         fault = imu_fault(sample, body=BODY if odometry is None else odometry.child_frame_id)
         if fault is not None:
             return fault
-        # A clock that was set is another matter.
+        # Beyond the timeout, a clock was set.
         if newest_ns is not None and 0 <= newest_ns - stamp_ns <= self._odometry_timeout_ns:
             return "" if self._lockstep else "imu stamp does not run forwards"
         if odometry is not None and not self._lockstep:
             ahead_ns = stamp_ns - odometry.stamp_ns
-            if ahead_ns < -self._odometry_timeout_ns or ahead_ns > _FARTHEST_AHEAD_NS:
+            if ahead_ns < -self._odometry_timeout_ns or ahead_ns > _MAX_IMU_LEAD_NS:
                 side = "ahead of" if ahead_ns > 0 else "behind"
                 return f"imu stamp is {1e-9 * abs(ahead_ns):.2f} s {side} that of the odometry"
         return None
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Move the odometry, and the reference until another comes, with the estimate."""
+        """Transform odometry and reference by an announced step of the estimate."""
         if self.odometry is not None and self.odometry.stamp_ns < reset.stamp_ns:
             self.odometry = reset.odometry(self.odometry)
         if self.reference is not None:
             self.reference = reset.window(self.reference)
 
-    def is_unseen(self, *, now_ns: int) -> bool:
-        """Whether odometry is missing for longer than its timeout, after a first one."""
-        seen_ns = self.odometry_ns
-        return seen_ns is not None and abs(now_ns - seen_ns) > self._odometry_timeout_ns
+    def is_odometry_lost(self, *, now_ns: int) -> bool:
+        """Whether odometry has been missing for longer than its timeout, after a first one."""
+        arrived_ns = self.odometry_ns
+        return arrived_ns is not None and abs(now_ns - arrived_ns) > self._odometry_timeout_ns
 
-    def seconds_until_unseen(self, *, now_ns: int) -> float:
-        """Return for how long the vehicle will not be unseen yet."""
+    def seconds_until_odometry_lost(self, *, now_ns: int) -> float:
+        """Return the time until odometry would be lost [s]."""
         age_ns = 0 if self.odometry_ns is None else now_ns - self.odometry_ns
         return max(self._odometry_timeout_ns + 1 - age_ns, 0) * 1e-9 if age_ns >= 0 else 0.0
 
     def reference_at(self, stamp_ns: int, *, now_ns: int) -> ReferenceWindow | Failure:
-        """Return the reference to follow at a stamp, or why there is none.
+        """Return the reference at a stamp, or why there is none.
 
-        One that came long ago is followed as long as it reaches over the horizon.
+        A reference older than its timeout is used while it covers the horizon.
         """
         timeout_ns = self._reference_timeout_ns
         if self.reference is None:
             return Failure("validate", "no usable reference")
         old = now_ns - (self.reference_ns or 0) > timeout_ns
-        if old and not self._reaches(self.reference, stamp_ns):
+        if old and not self._covers_horizon(self.reference, stamp_ns):
             return Failure("validate", "no usable reference")
         fault = coverage_fault(self.reference, stamp_ns, tolerance_ns=timeout_ns)
         return self.reference if fault is None else Failure("validate", fault)
 
-    def reference_seen_ns(self, now_ns: int) -> int | None:
-        """Return when the reference came; now, as long as it reaches over the horizon."""
+    def reference_valid_ns(self, now_ns: int) -> int | None:
+        """Return the arrival of the reference; now, while it covers the horizon."""
         window, odometry = self.reference, self.odometry
-        if window is None or odometry is None or not self._reaches(window, odometry.stamp_ns):
+        if (
+            window is None
+            or odometry is None
+            or not self._covers_horizon(window, odometry.stamp_ns)
+        ):
             return self.reference_ns
         return now_ns
 
-    def _reaches(self, window: ReferenceWindow, stamp_ns: int) -> bool:
+    def _covers_horizon(self, window: ReferenceWindow, stamp_ns: int) -> bool:
         return window.stamp_ns + int(window.offset_ns[-1]) - stamp_ns >= self._horizon_ns
 
     def ages_ns(self, now_ns: int) -> tuple[int, int]:
         """Return the age of the odometry by its stamp and of the reference since its arrival.
 
-        Without an odometry that is zero, without a reference the time since the clock began.
+        Without odometry the age is 0, without reference the time itself.
         """
         odometry_ns = self.odometry.stamp_ns if self.odometry is not None else now_ns
         return now_ns - odometry_ns, now_ns - (self.reference_ns or 0)
 
     def report(self) -> None:
-        """Warn of odometries that come too rarely."""
+        """Warn of a low rate of the odometry."""
         warning = self.rate_warning()
         if warning is not None:
             self._log.warn(warning)
 
     def rate_warning(self) -> str | None:
-        """Return a warning when the odometry comes so rarely that it limits the flight, once."""
+        """Return a warning, once, if the rate of the odometry limits the control rate."""
         period = self.gate.period
         slow = period is not None and period > SLOW * self._control_period
         if period is None or not slow or self._reported_slow:

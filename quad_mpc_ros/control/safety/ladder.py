@@ -1,7 +1,7 @@
 """The safety ladder: which source commands the vehicle, and why (docs/explanation/safety.md).
 
-A pure state machine: it takes what is known now and its state, and returns a decision and the new
-state. It reads no clock; all times are in nanoseconds of whatever one clock the caller uses.
+A pure state machine from inputs and state to a decision and the new state. It reads no clock; all
+times are in nanoseconds of one clock of the caller.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import NamedTuple
 from quad_mpc_ros.control.config import MpcConfig
 
 _SECOND = 1_000_000_000
-_FORESEEN = "odometry is late: foreseen"
+_PREDICTED = "odometry is late: predicted"
 
 
 class Source(enum.IntEnum):
-    """Who commands the vehicle. Higher is further from normal; the last two publish nothing."""
+    """The source of the command. Higher is graver; the last two publish nothing."""
 
     MPC = 0
     PLAN = 1
@@ -28,7 +28,7 @@ class Source(enum.IntEnum):
 
 
 class Action(enum.IntEnum):
-    """What a breach of a limit asks for; higher is graver."""
+    """The action on a breach of a limit; higher is graver."""
 
     WARN = 0
     HOVER = 1
@@ -37,21 +37,21 @@ class Action(enum.IntEnum):
 
 
 class Breach(NamedTuple):
-    """A limit of the flight that is broken (``control/safety/flight_limits.py``)."""
+    """A breached limit of the flight (``control/safety/flight_limits.py``)."""
 
     action: Action
     reason: str
 
 
 class Decision(NamedTuple):
-    """The rung of the ladder and the reason for it; empty when all is well."""
+    """The failsafe level and its reason, empty in normal operation."""
 
     source: Source
     reason: str = ""
 
 
 class Timeouts(NamedTuple):
-    """How long what may last [ns]; ``gap`` is for odometry that is foreseen instead of seen."""
+    """Timeouts [ns]; ``gap`` is the longest prediction without odometry."""
 
     odometry: int
     gap: int
@@ -60,14 +60,13 @@ class Timeouts(NamedTuple):
     blind: int
 
 
-class Inputs(NamedTuple):
-    """What is known now.
+class LadderInputs(NamedTuple):
+    """Inputs of a decision.
 
-    ``odometry_ns`` and ``reference_ns`` are when the last usable ones arrived. ``plan_fault`` is
-    empty when a new plan is at hand, otherwise why there is none. ``foreseen`` says that the plan
-    begins where the vehicle should be by now, and not where it was seen. ``standing`` says that
-    the vehicle stands on the ground, or lies there. ``jumped`` says why the position of the
-    odometry was replaced, empty if it was not.
+    ``odometry_ns`` and ``reference_ns`` are the arrivals of the last usable messages.
+    ``plan_fault`` is why there is no new plan, empty if there is one. ``on_ground`` includes a
+    crashed vehicle. ``is_predicted``: the plan starts at a state predicted without odometry.
+    ``jumped`` is why the position of the odometry was replaced, empty if it was not.
     """
 
     now_ns: int
@@ -75,16 +74,16 @@ class Inputs(NamedTuple):
     reference_ns: int | None
     plan_fault: str = ""
     breach: Breach | None = None
-    standing: bool = False
-    foreseen: bool = False
+    on_ground: bool = False
+    is_predicted: bool = False
     jumped: str = ""
 
 
 class LadderState(NamedTuple):
-    """What the ladder keeps from decision to decision.
+    """State of the ladder.
 
-    The time of the last plan of what was seen, since when nothing but dead reckoning flies, and
-    why it was stopped for good.
+    ``planned_ns`` is the time of the last plan from an odometry, ``blind_since_ns`` since when the
+    vehicle flies by dead reckoning, ``stopped`` why it was stopped for good.
     """
 
     planned_ns: int | None = None
@@ -103,16 +102,18 @@ def timeouts_of(config: MpcConfig) -> Timeouts:
     )
 
 
-def decide(inputs: Inputs, state: LadderState, timeouts: Timeouts) -> tuple[Decision, LadderState]:
-    """Return who commands now, and the next state."""
+def decide(
+    inputs: LadderInputs, state: LadderState, timeouts: Timeouts
+) -> tuple[Decision, LadderState]:
+    """Return the decision and the next state."""
     sighted = _is_within(inputs.odometry_ns, inputs.now_ns, timeouts.odometry)
     fault = _input_fault(inputs, timeouts) or inputs.plan_fault
-    # What was foreseen gives no more time to the fallbacks.
-    planned_ns = state.planned_ns if fault or inputs.foreseen else inputs.now_ns
+    # Plans from predicted states give the fallbacks no more time.
+    planned_ns = state.planned_ns if fault or inputs.is_predicted else inputs.now_ns
     if planned_ns is None:
         return Decision(Source.WAITING, fault), state
     holding = _is_within(planned_ns, inputs.now_ns, timeouts.plan_hold)
-    # Where the vehicle was when it was last seen says nothing of where it is.
+    # Without odometry, the last known position breaches nothing.
     descends = inputs.breach is not None and inputs.breach.action is Action.DESCEND
     breach = inputs.breach if sighted or descends else None
     seeing = (sighted or holding or not fault) and not descends
@@ -124,11 +125,11 @@ def decide(inputs: Inputs, state: LadderState, timeouts: Timeouts) -> tuple[Deci
         blind_since_ns=None if seeing else blind_since_ns,
         stopped=state.stopped or stopped,
     )
-    return _rung(inputs, state, timeouts, fault=fault, breach=breach, holding=holding), state
+    return _level(inputs, state, timeouts, fault=fault, breach=breach, holding=holding), state
 
 
-def _rung(
-    inputs: Inputs,
+def _level(
+    inputs: LadderInputs,
     state: LadderState,
     timeouts: Timeouts,
     *,
@@ -139,25 +140,25 @@ def _rung(
     if state.stopped:
         return Decision(Source.SILENT, state.stopped)
     if breach is not None and breach.action is Action.HOVER:
-        return Decision(Source.IDLE if inputs.standing else Source.HOVER, breach.reason)
+        return Decision(Source.IDLE if inputs.on_ground else Source.HOVER, breach.reason)
     if breach is not None and breach.action is Action.DESCEND:
         fault = breach.reason
     elif not fault:
-        unseen = _FORESEEN if inputs.foreseen else inputs.jumped
-        return Decision(Source.MPC, breach.reason if breach is not None else unseen)
-    elif holding and not inputs.standing:  # a plan may take off later
+        note = _PREDICTED if inputs.is_predicted else inputs.jumped
+        return Decision(Source.MPC, breach.reason if breach is not None else note)
+    elif holding and not inputs.on_ground:  # a plan may take off later
         return Decision(Source.PLAN, fault)
     if state.blind_since_ns is None:
-        return Decision(Source.IDLE if inputs.standing else Source.HOVER, fault)
+        return Decision(Source.IDLE if inputs.on_ground else Source.HOVER, fault)
     if _is_within(state.blind_since_ns, inputs.now_ns, timeouts.blind):
-        return Decision(Source.IDLE if inputs.standing else Source.BLIND, fault)
+        return Decision(Source.IDLE if inputs.on_ground else Source.BLIND, fault)
     return Decision(Source.SILENT, fault)
 
 
-def _input_fault(inputs: Inputs, timeouts: Timeouts) -> str:
+def _input_fault(inputs: LadderInputs, timeouts: Timeouts) -> str:
     if inputs.odometry_ns is None:
         return "no odometry yet"
-    longest_ns = timeouts.gap if inputs.foreseen else timeouts.odometry
+    longest_ns = timeouts.gap if inputs.is_predicted else timeouts.odometry
     if not _is_within(inputs.odometry_ns, inputs.now_ns, longest_ns):
         return f"odometry is {_seconds(inputs.now_ns - inputs.odometry_ns)} old"
     if inputs.reference_ns is None:
@@ -168,7 +169,7 @@ def _input_fault(inputs: Inputs, timeouts: Timeouts) -> str:
 
 
 def _is_within(since_ns: int | None, now_ns: int, duration_ns: int) -> bool:
-    """Whether something is at most so old, and not of a time to come, by a clock set back."""
+    """Whether a time is at most a duration away, in the future too: clocks may be set back."""
     return since_ns is not None and -duration_ns <= now_ns - since_ns <= duration_ns
 
 

@@ -20,8 +20,8 @@ from quad_mpc_ros.control.safety.consistency import ConsistencyMonitor
 from quad_mpc_ros.control.safety.decide_stage import Decided
 from quad_mpc_ros.control.safety.fallbacks import (
     BlindFallback,
+    DisturbanceEstimate,
     HoverFallback,
-    Learned,
     idle,
     levelling,
     stop_within,
@@ -32,14 +32,14 @@ from quad_mpc_ros.control.safety.ladder import Source
 from quad_mpc_ros.control.stage import Due, Stage
 from quad_mpc_ros.control.stage_log import StageLog
 
-# They turn for where the vehicle is to be; the others, if at all, to make it level.
-_STEERING = (Source.MPC, Source.PLAN, Source.HOVER)
+# Sources that track a position; their tilt is replaced near the ground.
+_POSITION_SOURCES = (Source.MPC, Source.PLAN, Source.HOVER)
 
-# Of the weight, until it has left the ground: enough for a vehicle with half of the modelled
+# Largest thrust over weight before lift-off: enough for a vehicle with half of the modelled
 # thrust, and slow enough to stop a take-off when odometry and commands disagree.
-_MOST_LIFT = 2.2
+_MAX_TAKEOFF_LIFT = 2.2
 # The estimate is kept once a second, so that the oldest is from before a contradiction was found.
-_KEPT_EVERY_NS, _KEPT_ESTIMATES = 1_000_000_000, 3
+_ESTIMATE_PERIOD_NS, _KEPT_ESTIMATES = 1_000_000_000, 3
 
 
 class _HeldPlan(NamedTuple):
@@ -47,13 +47,13 @@ class _HeldPlan(NamedTuple):
     planned_ns: int
 
 
-class _Sent(NamedTuple):
+class _SentCommand(NamedTuple):
     command: Input
     sent_ns: int
 
 
 class LimitStage(Stage):
-    """Owns the plan that is held, the fallbacks, and the command in force."""
+    """Owns the held plan, the fallbacks, and the active command."""
 
     def __init__(
         self,
@@ -70,13 +70,13 @@ class LimitStage(Stage):
         self._limits, self._consistency = limits, consistency
         vehicle = config.vehicle()
         weight = vehicle.mass * vehicle.gravity
-        self._throttle_near_ground = vehicle.nearest_throttle(_MOST_LIFT * weight)
+        self._throttle_near_ground = vehicle.nearest_throttle(_MAX_TAKEOFF_LIFT * weight)
         self._hover = HoverFallback(config)
         self._blind = BlindFallback(config)
         self._plan: _HeldPlan | None = None
-        self._sent: _Sent | None = None
-        # Vertical parts alone are read, which no reset of the estimate turns.
-        self._kept: deque[Learned] = deque(maxlen=_KEPT_ESTIMATES)
+        self._sent: _SentCommand | None = None
+        # Only vertical parts are used, which no reset of the estimate changes.
+        self._kept: deque[DisturbanceEstimate] = deque(maxlen=_KEPT_ESTIMATES)
         self._kept_ns: int | None = None
 
     @property
@@ -85,17 +85,17 @@ class LimitStage(Stage):
         return self, self._hover, self._blind
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over changed limits; what is known stays."""
+        """Apply changed limits."""
         self._config = config
 
     @property
     def acting(self) -> Input | None:
-        """The command in force, None before the first."""
+        """The active command, None before the first."""
         return None if self._sent is None else self._sent.command
 
     def replace(self, u: Input, *, now_ns: int) -> None:
-        """Take a command that is in force in place of the last one."""
-        self._sent = _Sent(u, now_ns)
+        """Replace the active command."""
+        self._sent = _SentCommand(u, now_ns)
 
     def step(
         self,
@@ -103,17 +103,17 @@ class LimitStage(Stage):
         decided: Decided,
         *,
         corridor: Corridor | None,
-        learned: Callable[[], Learned],
+        learned: Callable[[], DisturbanceEstimate],
     ) -> Input | None:
-        """Return the command within every limit, which is then in force; None for nothing.
+        """Return the limited command, which becomes active; None to publish nothing.
 
         Args:
-            due: What is answered.
-            decided: Who commands, and the plan that may be flown.
-            corridor: Where the vehicle may be, None for anywhere.
-            learned: Returns what the fallbacks use of the estimate.
+            due: The control step.
+            decided: The active source, and the plan that can be flown.
+            corridor: The free region, None for no constraint.
+            learned: Returns the estimate for the fallbacks.
         """
-        self._follow(due)
+        self._dead_reckon(due)
         if decided.plan is not None:
             self._plan = _HeldPlan(decided.plan, due.now_ns)
         wanted = self._wanted(due, decided, corridor, learned)
@@ -122,14 +122,14 @@ class LimitStage(Stage):
         source = decided.decision.source
         allowed = self._ground.allowed
         if self._ground.state is GroundState.UNKNOWN and source is not Source.MPC:
-            allowed = AllowedCommand.ALL  # it may be in the air, and may not be seen to fall
+            allowed = AllowedCommand.ALL  # the vehicle may be in the air
         u = self._limited(self._allowed(wanted, allowed, source), due.now_ns)
-        self._sent = _Sent(u, due.now_ns)
+        self._sent = _SentCommand(u, due.now_ns)
         self._log.command(by_fallback=source is not Source.MPC)
         return u
 
-    def _follow(self, due: Due) -> None:
-        """Let dead reckoning follow a vehicle without odometry."""
+    def _dead_reckon(self, due: Due) -> None:
+        """Update dead reckoning in steps without odometry."""
         newest = self._inputs.odometry
         if due.odometry is not None:
             self._blind.release()
@@ -145,9 +145,9 @@ class LimitStage(Stage):
         due: Due,
         decided: Decided,
         corridor: Corridor | None,
-        learned: Callable[[], Learned],
+        learned: Callable[[], DisturbanceEstimate],
     ) -> Input | None:
-        """Return the command of who commands, before any limit."""
+        """Return the command of the active source, before any limit."""
         source, newest = decided.decision.source, self._inputs.odometry
         if source is not Source.HOVER:
             self._hover.release()
@@ -176,30 +176,33 @@ class LimitStage(Stage):
                 return None
 
     def _descend(self, odometry: OdometrySample, *, elapsed: float) -> Input:
-        """Return the command that descends although odometry and commands disagree."""
-        at = self._consistency.reckoned(odometry)
+        """Return the command that descends while odometry and commands disagree."""
+        at = self._consistency.descent_state(odometry)
         if at is None:
             return idle(self._config)
         return self._blind.command(
             np.eye(3) if at.R_WB is None else at.R_WB,
             v_WB_W=at.v_WB_W,
             elapsed=elapsed,
-            learned=self._kept[0] if self._kept else Learned(),
+            learned=self._kept[0] if self._kept else DisturbanceEstimate(),
         )
 
-    def _keep(self, learned: Callable[[], Learned], now_ns: int) -> None:
+    def _keep(self, learned: Callable[[], DisturbanceEstimate], now_ns: int) -> None:
         """Keep the estimate for a descent, once a second."""
-        if self._kept_ns is None or not -_KEPT_EVERY_NS < now_ns - self._kept_ns < _KEPT_EVERY_NS:
+        if (
+            self._kept_ns is None
+            or not -_ESTIMATE_PERIOD_NS < now_ns - self._kept_ns < _ESTIMATE_PERIOD_NS
+        ):
             self._kept_ns = now_ns
             self._kept.append(learned())
 
     def _allowed(self, wanted: Input, allowed: AllowedCommand, source: Source) -> Input:
-        """Return what may go to the motors of the command that a source wants."""
+        """Return the part of a source's command that may be sent to the motors."""
         newest = self._inputs.odometry
         match allowed:
             case AllowedCommand.IDLE:
                 return idle(self._config)
-            case AllowedCommand.LEVEL if newest is not None and source in _STEERING:
+            case AllowedCommand.LEVEL if newest is not None and source in _POSITION_SOURCES:
                 turn = levelling(state_from_odometry(newest).R_WB)
                 throttle = min(wanted.throttle, self._throttle_near_ground)
                 return Input(throttle=throttle, w_WB_B=turn)
@@ -207,7 +210,7 @@ class LimitStage(Stage):
                 return wanted
 
     def _limited(self, wanted: Input, now_ns: int) -> Input:
-        """Return a command within its own bounds and, after the one in force, its rates."""
+        """Return the command within its bounds and slew limits."""
         if self._sent is not None:
             elapsed = max(now_ns - self._sent.sent_ns, 0) * 1e-9
             wanted = rate_limited(wanted, self._sent.command, self._config.slew, duration=elapsed)

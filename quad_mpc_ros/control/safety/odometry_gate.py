@@ -1,10 +1,9 @@
-"""Which odometry to accept.
+"""Acceptance of odometry by its stamps.
 
-Besides being valid, an odometry needs a stamp that fits its arrival: one from the future or from
-long ago, one that runs backwards, and an estimator that repeats itself are refused. A clock that
-was set, or a source that was restarted, is accepted as soon as it has been consistent for the
-odometry's timeout. The first odometries may have waited in a queue: until they have been
-consistent for as long, a faster one is accepted at once.
+A valid odometry is refused if its stamp does not fit its arrival, if stamps run backwards, or if
+the source repeats its values. After a clock was set or a source was restarted, odometry is
+accepted again once its offset has been constant for the odometry's timeout. The first odometries
+may have waited in a queue, so until then a faster one is accepted at once.
 """
 
 from __future__ import annotations
@@ -19,42 +18,41 @@ from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.control.stage import Stage
 
 _SECOND = 1_000_000_000
-STANDS = "odometry stamps do not advance"
+NOT_ADVANCING = "odometry stamps do not advance"
 _BACKWARDS = "odometry stamp runs backwards"
-# Moving at this speed [m/s, rad/s] for a timeout shows in every odometry.
-_MOVING = 1e-3
-_PERIODS = 5
+_MOVING_SPEED = 1e-3  # m/s, rad/s; at this speed successive odometries must differ
+_MIN_PERIODS = 5
 SLOW = 1.1
-"""Odometry is too slow for the control if its period is longer than so many control periods."""
+"""Period of the odometry over the control period above which the odometry is too slow."""
 
 
 class OdometryGate(Stage):
-    """Refuses odometry that does not fit what came before it."""
+    """Refuses odometry that does not fit the previous ones."""
 
     def __init__(self, config: MpcConfig) -> None:
         self._frame_id = config.odometry.frame_id
         self._lockstep = config.lockstep
         self._newest: OdometrySample | None = None
         self.changed_ns = 0
-        """When the last odometry arrived that did not repeat the one before."""
+        """Arrival of the last odometry that did not repeat the previous one."""
         self.checks_stamps = True
         """Whether stamps are compared with arrivals."""
         self._offset = ClockOffset()
         self._began_ns = 0
-        self._confirmed = False  # the offset, by what came later
+        self._confirmed = False  # the offset, by later odometries
         self._misfits = PersistentOffset()
         self._steps_ns: list[int] = []
-        self._measured_ns = 0  # their sum
+        self._measured_ns = 0  # sum of the steps
         self.period: float | None = None
-        """Usual time between two odometries [s], by their stamps; None until it is known."""
+        """Median time between stamps [s]; None until it is known."""
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over a changed timeout."""
+        """Apply a changed timeout."""
         self._timeout_ns = round(config.odom_timeout * _SECOND)
 
     def refusal(self, odometry: OdometrySample, *, now_ns: int) -> str | None:
-        """Return why an odometry that arrives now is not to be used; None when it is taken."""
+        """Return why an odometry that arrives now is refused; None if it is accepted."""
         reason = odometry_fault(odometry, frame_id=self._frame_id)
         if reason is None and self._newest is not None and self.checks_stamps:
             misfit = self._misfit_in_lockstep if self._lockstep else self._misfit
@@ -80,10 +78,10 @@ class OdometryGate(Stage):
         self._misfits.clear()
 
     def _measure_period(self, step_ns: int) -> None:
-        """Take the median of a second and five periods or more: losses and gaps count little."""
+        """Set the median over at least a second and five periods, robust against losses."""
         self._steps_ns.append(step_ns)
         self._measured_ns += step_ns
-        if self._measured_ns >= _SECOND and len(self._steps_ns) >= _PERIODS:
+        if self._measured_ns >= _SECOND and len(self._steps_ns) >= _MIN_PERIODS:
             self.period = statistics.median(self._steps_ns) / _SECOND
             self._steps_ns.clear()
             self._measured_ns = 0
@@ -97,7 +95,7 @@ class OdometryGate(Stage):
 
     def _misfit(self, odometry: OdometrySample, newest: OdometrySample, now_ns: int) -> str | None:
         if odometry.stamp_ns == newest.stamp_ns:
-            return STANDS
+            return NOT_ADVANCING
         if now_ns - self.changed_ns > self._timeout_ns and _repeats(odometry, newest):
             return "odometry reports motion but its values do not change"
         ahead_ns = -self._offset.age_ns(odometry.stamp_ns, now_ns=now_ns)
@@ -105,7 +103,7 @@ class OdometryGate(Stage):
         if not backwards and -self._timeout_ns <= ahead_ns <= self._timeout_ns:
             return None
         if not backwards and ahead_ns > 0 and not self._confirmed:
-            return None  # those before had waited in a queue
+            return None  # the previous ones had waited in a queue
         behind_ns, timeout_ns = now_ns - odometry.stamp_ns, self._timeout_ns
         lasting_ns = self._misfits.duration_ns(behind_ns, now_ns=now_ns, tolerance_ns=timeout_ns)
         if lasting_ns > timeout_ns:
@@ -118,11 +116,13 @@ class OdometryGate(Stage):
 
 
 def _repeats(odometry: OdometrySample, before: OdometrySample) -> bool:
-    """Whether an odometry that reports motion equals the one before, bit by bit."""
+    """Whether an odometry that reports motion equals the previous one, bit by bit."""
     return (
         odometry.p_WB.tobytes() == before.p_WB.tobytes()
         and odometry.q_WB_xyzw.tobytes() == before.q_WB_xyzw.tobytes()
         and odometry.v_WB_B.tobytes() == before.v_WB_B.tobytes()
         and odometry.w_WB_B.tobytes() == before.w_WB_B.tobytes()
-        and (odometry.speed > _MOVING or math.hypot(*odometry.w_WB_B.tolist()) > _MOVING)
+        and (
+            odometry.speed > _MOVING_SPEED or math.hypot(*odometry.w_WB_B.tolist()) > _MOVING_SPEED
+        )
     )

@@ -1,22 +1,21 @@
-"""Unannounced jumps of the odometry: attitude, velocity or position that the rest contradicts.
+"""Unannounced jumps of the odometry: attitude, velocity or position that other fields contradict.
 
-From one odometry to the next the attitude should turn by the mean of both body rates, the velocity
-change by no more than forces can make of it, and the position by the mean of both velocities. A
-difference beyond
+Between two odometries the attitude should change by the mean body rates, the velocity by possible
+accelerations, and the position by the mean velocity. A difference beyond
 
     s + 4 e + m + d t
 
-is a jump and is rejected: s is the largest jump that is flown at once, e the root mean square of
-the differences so far (the noise), m the motion that is possible between the two odometries, d how
-fast an integrated velocity drifts and t for how long positions have been rejected. Only the
-quantity that jumped is replaced: the attitude by the one that the rates lead to, the velocity by
-the one without its jump, the position by the integrated velocity. The MPC flies on with the rest.
+is a jump and is rejected. s is the largest jump that is tolerated, e the root mean square of the
+previous differences (the noise), m the motion possible between the two odometries, d the drift of
+an integrated velocity and t how long positions have been rejected. Only the quantity that jumped
+is replaced: the attitude by the integrated rates, the velocity by the velocity without its jump,
+the position by the integrated velocity.
 
-A jump is over when the quantity is back. A jump of position or heading that lasts for three
-seconds is accepted: estimators do correct themselves. For 30 s after that a jump back is accepted
-at once, and another jump after nine seconds, so that an estimate that jumps back and forth is not
-followed. A jump of velocity is accepted as soon as the positions agree with it. A jump of roll or
-pitch is never accepted: a vehicle that hovers at the former tilt does not hover at another.
+A jump ends when the quantity is back. A jump of position or heading is accepted after three
+seconds, as estimators correct themselves. For 30 s after that, a jump back is accepted at once,
+and another jump after nine seconds, so that an estimate that jumps back and forth is not tracked.
+A jump of velocity is accepted as soon as the positions agree with it. A jump of roll or pitch is
+never accepted, because a hovering vehicle cannot change its tilt.
 """
 
 from __future__ import annotations
@@ -36,30 +35,28 @@ from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.stage import Stage
 
-_NOISES = 4.0
-_ACCELERATION = 20.0  # m/s^2, of what moves the position
-_LARGEST_ACCELERATION = 40.0  # m/s^2, of what changes the velocity
+_NOISE_FACTOR = 4.0
+_POSITION_ACCELERATION = 20.0  # m/s^2, largest expected between positions
+_VELOCITY_ACCELERATION = 40.0  # m/s^2, largest expected between velocities
 _ANGULAR_ACCELERATION = 200.0  # rad/s^2
-_DRIFT = 0.2  # m/s
-# s; another jump within the memory of one that was accepted has to last so many times as long
-_LASTS, _AGAIN, _MEMORY = 3.0, 3.0, 30.0
-# Of the noise: it is learned from so long at first, with everything accepted, then over so long.
-_LEARNING, _FORGETTING = 1.0, 2.0  # s
-_EVIDENCE = 0.2  # s, over which positions show which of two velocities is right
-# Of attitude, velocity and position: jumps up to this are flown at once, and the largest
-# difference that counts as noise.
+_DRIFT = 0.2  # m/s, of the integrated velocity
+# Time after which a jump is accepted [s], factor for another jump within the last time [s].
+_ACCEPT_AFTER, _REPEAT_FACTOR, _REPEAT_TIME = 3.0, 3.0, 30.0
+# Estimation of the noise: initial time in which everything is accepted, and time constant.
+_LEARNING_TIME, _NOISE_TIME = 1.0, 2.0  # s
+_COMPARISON_TIME = 0.2  # s, over which positions are compared with two velocities
+# Attitude, velocity and position: largest tolerated jump, and largest difference of the noise.
 _SMALL_TURN, _MOST_TURN = 0.2, 0.2  # rad
 _SMALL_CHANGE, _MOST_CHANGE = 2.0, 3.0  # m/s
 _SMALL_STEP, _MOST_STEP = 0.75, 3.0  # m
 
-# What becomes of a value: it is used, rejected for a new or for a known jump, or used again since
-# it is back or has lasted.
+# Outcomes: used, rejected by a new or a known jump, used again because it is back or has lasted.
 _USED, _JUMPED, _REJECTED, _BACK, _LASTED = range(5)
 _ALL_USED = (_USED, _USED, _USED)
 
 
 class Tracked(Record):
-    """The odometry that is used, and its position as reported."""
+    """The odometry in use, and the reported position."""
 
     p_WB: Vector3
     q_WB_xyzw: Vector4
@@ -69,44 +66,44 @@ class Tracked(Record):
 
 
 class Jumps(Record):
-    """By how much a quantity that may jump is off: a quaternion, or a vector and 0."""
+    """Jumps of a quantity; offsets are a quaternion, or a vector and 0."""
 
-    rejected: int  # whether it is, by ``offset`` since ``since_ns``
-    rejected_ns: int  # since when it has been off, by whatever
+    rejected: int  # whether a jump by ``offset`` is rejected since ``since_ns``
+    rejected_ns: int  # since when any jump has been rejected
     since_ns: int
     offset: Vector4
-    accepted: int  # whether a jump has been, the last one at ``accepted_ns``
+    accepted: int  # whether a jump was accepted, the last one at ``accepted_ns``
     accepted_ns: int
-    returns: int  # whether ``back``, the jump that undoes it, is accepted at once
+    returns: int  # whether ``back``, the jump back, is accepted at once
     back: Vector4
     count: int  # of the differences
-    square: float  # of the differences, averaged
+    square: float  # mean square of the differences
     size: float  # of the last jump, for the log
-    lasted: float  # s, the same
+    lasted: float  # s, duration of the last jump, for the log
 
 
 class PositionErrors(Record):
-    """How far [m] two velocities are off that the reported positions may agree with."""
+    """Errors [m] of the reported positions against the integrals of two velocities."""
 
     first_W: Vector3
     second_W: Vector3
 
 
 class Tracking(Record):
-    """All that is remembered of odometries."""
+    """State of the detection."""
 
     now: Tracked
     before: Tracked
     attitude: Jumps
     velocity: Jumps
     position: Jumps
-    of_attitude: PositionErrors  # of the velocity as in the world or as in the body
-    of_velocity: PositionErrors  # of the velocity without its jump or with it
-    turn: float  # rad, of the heading that was accepted last
+    of_attitude: PositionErrors  # of the velocity constant in the world, or in the body
+    of_velocity: PositionErrors  # of the velocity without its jump, or with it
+    turn: float  # rad, last accepted jump of the heading
 
 
 class _Quantity(NamedTuple):
-    """How a log line puts a jump."""
+    """Texts of a jump in log lines."""
 
     name: str
     text: Callable[[float], str]
@@ -132,7 +129,7 @@ _QUANTITIES = (_POSITION, _ATTITUDE, _VELOCITY)  # the gravest first
 
 
 class OdometryJumps(Stage):
-    """Follows odometries with their twist in the body frame and replaces what jumped."""
+    """Replaces quantities that jumped, in odometries with the twist in the body frame."""
 
     def __init__(self) -> None:
         self._notes: list[str] = []
@@ -147,31 +144,31 @@ class OdometryJumps(Stage):
         self._began_ns = 0
         self._faults = dict.fromkeys(_QUANTITIES, "")
         self.fault = ""
-        """Why the last odometry was changed, empty if it was not."""
+        """Why the last odometry was changed, else empty."""
 
     def engage(self, engaged: bool) -> None:
-        """Set whether commands act: while they do not, every odometry is used as it is."""
+        """Set whether commands act; otherwise every odometry is used unchanged."""
         self._engaged = engaged
 
     def take_notes(self) -> list[str]:
-        """Return which jumps were accepted since the last call, for the log."""
+        """Return log lines of jumps accepted since the last call."""
         notes, self._notes = self._notes, []
         return notes
 
     def take_resets(self) -> list[EstimateReset]:
-        """Return the turns of the heading that were accepted since the last call.
+        """Return the jumps of the heading accepted since the last call.
 
-        The vehicle did not turn: what is known in the world's directions turns instead.
+        The vehicle did not turn, so vectors in the world turn instead.
         """
         resets, self._resets = self._resets, []
         return resets
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Take an announced step of the estimate: the tracked odometry moves along."""
+        """Transform the tracked odometry by an announced step of the estimate."""
         quantities = [self._tracking[quantity.name] for quantity in _QUANTITIES]
         rejects = any(jumps["rejected"] for jumps in quantities)
         if self._stamp_ns is None or not (rejects or self._stamp_ns < reset.stamp_ns):
-            return  # the odometry in the new coordinates has come already
+            return  # the odometry in the new frame has already arrived
         now = self._tracking["now"]
         for position in (now["p_WB"], now["reported_W"]):
             position[:] = reset.points(position)
@@ -182,7 +179,7 @@ class OdometryJumps(Stage):
             jumps["rejected"] = jumps["returns"] = False
 
     def checked(self, odometry: OdometrySample) -> OdometrySample:
-        """Return an odometry in which what jumped is replaced; ``fault`` says what and why."""
+        """Return the odometry with jumps replaced; ``fault`` is the reason."""
         before_ns, stamp_ns = self._stamp_ns, odometry.stamp_ns
         if before_ns == stamp_ns:
             return self._used or odometry  # sent again
@@ -190,14 +187,14 @@ class OdometryJumps(Stage):
             self._begin()
             before_ns = self._began_ns = stamp_ns
         self._stamp_ns, self._used, self.fault = stamp_ns, None, ""
-        outcomes = _follow(
+        outcomes = _check_step(
             buffer=self._tracking,
             p_WB=odometry.p_WB,
             q_WB_xyzw=odometry.q_WB_xyzw,
             v_WB_B=odometry.v_WB_B,
             w_WB_B=odometry.w_WB_B,
             stamps_ns=(before_ns, stamp_ns),
-            learning=1e-9 * (stamp_ns - self._began_ns) < _LEARNING,
+            learning=1e-9 * (stamp_ns - self._began_ns) < _LEARNING_TIME,
         )
         if outcomes == _ALL_USED:
             return odometry
@@ -209,7 +206,7 @@ class OdometryJumps(Stage):
         return self._used or odometry
 
     def _report(self, outcomes: tuple[int, int, int]) -> None:
-        """Say what jumped, and note what is accepted."""
+        """Set the faults, and add log lines of accepted jumps."""
         for quantity, outcome in zip(_QUANTITIES, outcomes, strict=True):
             jumps, name = self._tracking[quantity.name], quantity.name
             text, lasted = quantity.text(float(jumps["size"])), float(jumps["lasted"])
@@ -230,7 +227,7 @@ class OdometryJumps(Stage):
         self._resets.append(dataclasses.replace(about, step_W=step_W, frame_id=odometry.frame_id))
 
     def _replaced(self, odometry: OdometrySample) -> OdometrySample:
-        """Return an odometry with the position, attitude and velocity that are used."""
+        """Return the odometry with position, attitude and velocity in use."""
         now = self._tracking["now"].copy()
         R_WB = np.reshape(formulas.rotation(now["q_WB_xyzw"].tolist()), (3, 3))
         return dataclasses.replace(
@@ -242,7 +239,7 @@ class OdometryJumps(Stage):
 
 
 class Step(NamedTuple):
-    """From one odometry to the next, ``duration`` [s] later; while ``learning`` all is used."""
+    """Step of ``duration`` [s] to the next odometry; while ``learning`` nothing is rejected."""
 
     stamp_ns: int
     duration: float
@@ -250,7 +247,7 @@ class Step(NamedTuple):
 
 
 @compiled
-def _follow(
+def _check_step(
     buffer: RecordArray[Tracking],
     p_WB: Array,
     q_WB_xyzw: Array,
@@ -274,17 +271,17 @@ def _follow(
     if before_ns == stamp_ns:
         return _ALL_USED
     step = Step(stamp_ns, 1e-9 * (stamp_ns - before_ns), learning)
-    attitude = _judge_attitude(tracking, kernels.vector(v_WB_B), step)
-    velocity = _judge_velocity(tracking, step)
-    return _judge_position(tracking, step), attitude, velocity
+    attitude = _check_attitude(tracking, kernels.vector(v_WB_B), step)
+    velocity = _check_velocity(tracking, step)
+    return _check_position(tracking, step), attitude, velocity
 
 
 @compiled
-def _judge_attitude(tracking: Tracking, v_WB_B: Vector, step: Step) -> int:
-    """Judge the attitude, and replace it if it jumped."""
+def _check_attitude(tracking: Tracking, v_WB_B: Vector, step: Step) -> int:
+    """Check the attitude, and replace it if it jumped."""
     before, now, jumps = tracking.before, tracking.now, tracking.attitude
     w_before, w_now = kernels.vector(before.w_WB_B), kernels.vector(now.w_WB_B)
-    # Rates that follow commands without a lag may have changed at once, at any time.
+    # Rates without lag may change abruptly, at any time of the step.
     changed = 0.5 * kernels.distance(before.w_WB_B, now.w_WB_B)
     turn = kernels.quaternion_exp(
         kernels.scaled(0.5 * step.duration, kernels.plus(w_before, w_now))
@@ -295,14 +292,14 @@ def _judge_attitude(tracking: Tracking, v_WB_B: Vector, step: Step) -> int:
     _, _, z, w = offset
     tilts = 2.0 * math.acos(min(math.hypot(z, w), 1.0)) > _SMALL_TURN
     motion = (0.5 * _ANGULAR_ACCELERATION * step.duration + changed) * step.duration
-    outcome = _judge(
+    outcome = _outcome_of(
         jumps,
         offset,
         sizes=(kernels.angle(offset), _turn(offset, jumps.offset), _turn(offset, jumps.back)),
         possible=_SMALL_TURN + motion,
         drift=0.0,
         most=_MOST_TURN,
-        lasting=math.inf if tilts else _LASTS,
+        lasting=math.inf if tilts else _ACCEPT_AFTER,
         step=step,
     )
     if not jumps.rejected:
@@ -310,22 +307,22 @@ def _judge_attitude(tracking: Tracking, v_WB_B: Vector, step: Step) -> int:
         return outcome
     q_WB = kernels.product(kernels.conjugate(kernels.quaternion_in(jumps.offset)), q_WB)
     kernels.store_quaternion(q_WB, now.q_WB_xyzw)
-    # The velocity was measured in the body, or in the world and turned by the attitude.
+    # The velocity was measured in the body, or in the world and rotated by the attitude.
     v_before, in_world_W = kernels.vector(before.v_WB_W), kernels.vector(now.v_WB_W)
     in_body_W, errors = kernels.apply(kernels.rotation(q_WB), v_WB_B), tracking.of_attitude
     if not was_rejected:
-        # As if each had been off for as long by what it changed at the jump.
+        # Start with the errors of a constant difference.
         for k in range(3):
-            errors.first_W[k] = _EVIDENCE * (v_before[k] - in_world_W[k])
-            errors.second_W[k] = _EVIDENCE * (v_before[k] - in_body_W[k])
+            errors.first_W[k] = _COMPARISON_TIME * (v_before[k] - in_world_W[k])
+            errors.second_W[k] = _COMPARISON_TIME * (v_before[k] - in_body_W[k])
     if _prefers_second(errors, tracking, in_world_W, in_body_W, step.duration):
         kernels.store_vector(in_body_W, now.v_WB_W)
     return outcome
 
 
 @compiled
-def _judge_velocity(tracking: Tracking, step: Step) -> int:
-    """Judge the velocity, and replace it if it jumped."""
+def _check_velocity(tracking: Tracking, step: Step) -> int:
+    """Check the velocity, and replace it if it jumped."""
     now, jumps, errors = tracking.now, tracking.velocity, tracking.of_velocity
     v_WB_W, agrees = kernels.vector(now.v_WB_W), False
     if jumps.rejected:
@@ -334,14 +331,14 @@ def _judge_velocity(tracking: Tracking, step: Step) -> int:
     else:
         errors.first_W[:], errors.second_W[:] = 0.0, 0.0
     change_W = kernels.minus(v_WB_W, kernels.vector(tracking.before.v_WB_W))
-    outcome = _judge(
+    outcome = _outcome_of(
         jumps,
         (change_W[0], change_W[1], change_W[2], 0.0),
         sizes=_distances(change_W, jumps),
-        possible=_SMALL_CHANGE + _LARGEST_ACCELERATION * step.duration,
+        possible=_SMALL_CHANGE + _VELOCITY_ACCELERATION * step.duration,
         drift=0.0,
         most=_MOST_CHANGE,
-        lasting=_EVIDENCE if agrees else math.inf,
+        lasting=_COMPARISON_TIME if agrees else math.inf,
         step=step,
     )
     if jumps.rejected:
@@ -351,23 +348,23 @@ def _judge_velocity(tracking: Tracking, step: Step) -> int:
 
 
 @compiled
-def _judge_position(tracking: Tracking, step: Step) -> int:
-    """Judge the position, and replace it if it jumped."""
+def _check_position(tracking: Tracking, step: Step) -> int:
+    """Check the position, and replace it if it jumped."""
     before, now, jumps = tracking.before, tracking.now, tracking.position
     v_WB_W, duration = kernels.vector(now.v_WB_W), step.duration
     twice_W = kernels.plus(kernels.vector(before.v_WB_W), v_WB_W)
     moved_W = kernels.scaled(0.5 * duration, twice_W)
     expected_W = kernels.plus(kernels.vector(before.p_WB), moved_W)
     off_W = kernels.minus(kernels.vector(now.p_WB), expected_W)
-    motion = (kernels.norm(v_WB_W) + 0.5 * _ACCELERATION * duration) * duration
-    outcome = _judge(
+    motion = (kernels.norm(v_WB_W) + 0.5 * _POSITION_ACCELERATION * duration) * duration
+    outcome = _outcome_of(
         jumps,
         (off_W[0], off_W[1], off_W[2], 0.0),
         sizes=_distances(off_W, jumps),
         possible=_SMALL_STEP + motion,
         drift=_DRIFT,
         most=_MOST_STEP,
-        lasting=_LASTS,
+        lasting=_ACCEPT_AFTER,
         step=step,
     )
     if jumps.rejected:
@@ -376,7 +373,7 @@ def _judge_position(tracking: Tracking, step: Step) -> int:
 
 
 @compiled
-def _judge(
+def _outcome_of(
     jumps: Jumps,
     offset: Quaternion,
     sizes: Vector,
@@ -386,37 +383,37 @@ def _judge(
     lasting: float,
     step: Step,
 ) -> int:
-    """Take the difference between a value and the expected one; return what becomes of it.
+    """Take the difference of a value from the expected one; return the outcome.
 
-    ``sizes`` are that of the difference, and of how far it is from the rejected jump and from the
-    one back. ``possible`` is s + m, ``most`` of it counts as noise. A jump that has been
-    ``lasting`` [s] is accepted.
+    ``sizes`` are the magnitudes of the difference and of its distances to the rejected jump and to
+    the jump back. ``possible`` is s + m, ``most`` bounds the noise. A jump is accepted after
+    ``lasting`` [s].
     """
     (size, from_rejected, from_back), stamp_ns = sizes, step.stamp_ns
     rejected = 1e-9 * (stamp_ns - jumps.rejected_ns) if jumps.rejected else 0.0
-    within = possible + _NOISES * math.sqrt(jumps.square) + drift * rejected
-    if size <= within or step.learning:
+    tolerance = possible + _NOISE_FACTOR * math.sqrt(jumps.square) + drift * rejected
+    if size <= tolerance or step.learning:
         jumps.count += 1
-        share = max(1.0 / jumps.count, min(step.duration / _FORGETTING, 0.2))
+        share = max(1.0 / jumps.count, min(step.duration / _NOISE_TIME, 0.2))
         noise = min(size, most)
         jumps.square += share * (noise * noise - jumps.square)
         jumps.rejected = 0
         return _USED
     jumps.size = size
     since_accepted = 1e-9 * (stamp_ns - jumps.accepted_ns)
-    recent = jumps.accepted and since_accepted < _MEMORY
-    if recent and jumps.returns and from_back <= within + drift * since_accepted:
+    recent = jumps.accepted and since_accepted < _REPEAT_TIME
+    if recent and jumps.returns and from_back <= tolerance + drift * since_accepted:
         _accept(jumps, stamp_ns)
         return _BACK
     outcome = _REJECTED
     if not jumps.rejected:
         jumps.rejected_ns = stamp_ns
-    if not jumps.rejected or from_rejected > within:
+    if not jumps.rejected or from_rejected > tolerance:
         outcome = _JUMPED
         jumps.rejected, jumps.since_ns = 1, stamp_ns
         kernels.store_quaternion(offset, jumps.offset)
     jumps.lasted = 1e-9 * (stamp_ns - jumps.since_ns)
-    if jumps.lasted < (_AGAIN * lasting if recent else lasting):
+    if jumps.lasted < (_REPEAT_FACTOR * lasting if recent else lasting):
         return outcome
     _accept(jumps, stamp_ns)
     jumps.returns = 1
@@ -433,9 +430,9 @@ def _accept(jumps: Jumps, stamp_ns: int) -> None:
 def _prefers_second(
     errors: PositionErrors, tracking: Tracking, first_W: Vector, second_W: Vector, duration: float
 ) -> bool:
-    """Whether the reported positions agree better with the second of two velocities."""
+    """Whether the second of two velocities agrees better with the reported positions."""
     now, before = tracking.now, tracking.before
-    kept = math.exp(-duration / _EVIDENCE)
+    kept = math.exp(-duration / _COMPARISON_TIME)
     for k in range(3):
         moved = now.reported_W[k] - before.reported_W[k]
         errors.first_W[k] = kept * errors.first_W[k] + moved - duration * first_W[k]
@@ -450,7 +447,7 @@ def _turn(offset: Quaternion, other: Array) -> float:
 
 @compiled
 def _distances(offset: Vector, jumps: Jumps) -> Vector:
-    """Return the length of an offset, and how far it is from the rejected one and the one back."""
+    """Return the length of an offset, and its distances to the rejected one and the one back."""
     from_rejected = kernels.minus(offset, kernels.vector(jumps.offset))
     from_back = kernels.minus(offset, kernels.vector(jumps.back))
     return kernels.norm(offset), kernels.norm(from_rejected), kernels.norm(from_back)

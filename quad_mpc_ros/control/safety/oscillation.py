@@ -1,8 +1,7 @@
-"""Detecting a limit cycle: a vehicle oscillates because it answers later than the model does.
+"""Detection of a limit cycle, which occurs if lags or delay are longer than modelled.
 
-Where lags or delay are longer than those modelled, every correction comes too late and the next
-one has to undo it. Then the thrust leans to one side of what the reference asks for, and to the
-other, again and again. A controller whose gains bear that delay, the hover fallback, ends it.
+Every correction then comes too late, and the thrust axis swings to both sides of the reference's.
+The hover fallback, whose gains tolerate that delay, ends the oscillation.
 """
 
 from __future__ import annotations
@@ -19,19 +18,19 @@ from quad_mpc_ros.control.safety.ladder import Action, Breach
 from quad_mpc_ros.control.stage import Stage
 
 _SECOND = 1_000_000_000
-_WITHIN_NS = 3 * _SECOND
-_REVERSALS = 6  # within that, and since the reference jumped, after which it may well oscillate
-_JUMP, _TILT_JUMP = 0.5, 0.3  # m, rad, from tick to tick
-_NEAR = 5.0  # m from the reference; farther away it is on its way there, and tilts for that
-_QUICKEST_NS = _SECOND // 10  # no vehicle leans to the other side faster; upside down sides blur
-_LONGER, _LONGEST_NS = 3, 300 * _SECOND
-_FORGOTTEN_NS = 30 * _SECOND  # after so long without it is for the first time again
+_WINDOW_NS = 3 * _SECOND
+_MAX_REVERSALS = 6  # within the window, since the last jump of the reference
+_JUMP, _TILT_JUMP = 0.5, 0.3  # m, rad, of the reference from tick to tick
+_MAX_DISTANCE = 5.0  # m from the reference; farther away the vehicle tilts to approach it
+_MIN_SWING_NS = _SECOND // 10  # no vehicle swings faster; upside down the sides are ambiguous
+_HOLD_GROWTH, _MAX_HOLD_NS = 3, 300 * _SECOND  # of the hold time of repeated oscillations
+_MEMORY_NS = 30 * _SECOND  # after so long an oscillation counts as the first one
 
 _Pose = tuple[Array, Array]  # position (3,) and quaternion (4,)
 
 
 class OscillationMonitor(Stage):
-    """Watches the tilt, and remembers for a while that it swung."""
+    """Monitors the tilt, and keeps the breach for the hold time."""
 
     def __init__(self, config: MpcConfig) -> None:
         self._reversals = (_Reversals(), _Reversals())
@@ -42,18 +41,18 @@ class OscillationMonitor(Stage):
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over changed parameters."""
+        """Apply changed parameters."""
         self._config = config.oscillation
         self._action = Action[self._config.action.upper()]
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Move the reference of the tick before: it has not jumped."""
+        """Transform the previous reference, which has not jumped."""
         if self._reference is not None:
             p_WB, q_WB_xyzw = self._reference
             self._reference = reset.points(p_WB), reset.attitudes(q_WB_xyzw)
 
     def engage(self, engaged: bool) -> None:
-        """Set whether commands act; a pilot may tilt as he likes."""
+        """Set whether commands act; a pilot may tilt the vehicle."""
         if engaged is not self._engaged:
             self._engaged, self._until_ns = engaged, None
             self._forget()
@@ -61,9 +60,9 @@ class OscillationMonitor(Stage):
     def check(
         self, odometry: OdometrySample, reference: _Pose | None, *, now_ns: int
     ) -> Breach | None:
-        """Return the breach in force, if there is one.
+        """Return the active breach, if any.
 
-        ``reference`` is where the vehicle should be, position (3,) and quaternion (4,).
+        ``reference`` is the present reference, position (3,) and quaternion (4,).
         """
         if not self._engaged:
             return None
@@ -74,22 +73,22 @@ class OscillationMonitor(Stage):
         return Breach(self._action, "it oscillates: lags or delay may be longer than the model's")
 
     def _is_oscillation(self, odometry: OdometrySample, reference: _Pose, now_ns: int) -> bool:
-        """Count swings, but for those before a jump of the reference or far from it."""
+        """Count swings near the reference since its last jump."""
         pose, threshold = (odometry.p_WB, odometry.q_WB_xyzw), self._config.tilt_amplitude
         before, self._reference = self._reference or reference, reference
-        lean_x, lean_y, elsewhere = _leans(pose=pose, reference=reference, before=before)
-        if elsewhere:
+        lean_x, lean_y, restarts = _leans(pose=pose, reference=reference, before=before)
+        if restarts:
             self._forget()
         about_x, about_y = self._reversals
         x = about_x.count(lean_x, threshold=threshold, now_ns=now_ns)
         y = about_y.count(lean_y, threshold=threshold, now_ns=now_ns)
-        return x >= _REVERSALS or y >= _REVERSALS
+        return x >= _MAX_REVERSALS or y >= _MAX_REVERSALS
 
     def _begin(self, now_ns: int) -> None:
-        """Hold, and longer where it did not help the last time."""
-        again = self._until_ns is not None and now_ns - self._until_ns < _FORGOTTEN_NS
+        """Start the hold time, longer after a recent oscillation."""
+        again = self._until_ns is not None and now_ns - self._until_ns < _MEMORY_NS
         first_ns = round(self._config.hold_time * _SECOND)
-        self._hold_ns = min(_LONGER * self._hold_ns, _LONGEST_NS) if again else first_ns
+        self._hold_ns = min(_HOLD_GROWTH * self._hold_ns, _MAX_HOLD_NS) if again else first_ns
         self._until_ns = now_ns + self._hold_ns
         self._forget()
 
@@ -99,10 +98,10 @@ class OscillationMonitor(Stage):
 
 
 class _Reversals:
-    """When a value has changed from beyond a threshold to beyond it on the other side."""
+    """Times at which a value changed from beyond a threshold to beyond the opposite one."""
 
     def __init__(self) -> None:
-        self._times_ns: deque[int] = deque(maxlen=_REVERSALS)
+        self._times_ns: deque[int] = deque(maxlen=_MAX_REVERSALS)
         self._side, self._since_ns = 0.0, 0
 
     def forget(self) -> None:
@@ -110,23 +109,23 @@ class _Reversals:
         self._side = 0.0
 
     def count(self, value: float, *, threshold: float, now_ns: int) -> int:
-        """Take a value, and return how many changes there were lately."""
+        """Take a value; return the number of recent changes."""
         if value > threshold or value < -threshold:
             side = math.copysign(1.0, value)
-            if side == -self._side and now_ns - self._since_ns >= _QUICKEST_NS:
+            if side == -self._side and now_ns - self._since_ns >= _MIN_SWING_NS:
                 self._times_ns.append(now_ns)
             if side != self._side:
                 self._side, self._since_ns = side, now_ns
-        while self._times_ns and not 0 <= now_ns - self._times_ns[0] <= _WITHIN_NS:
+        while self._times_ns and not 0 <= now_ns - self._times_ns[0] <= _WINDOW_NS:
             self._times_ns.popleft()
         return len(self._times_ns)
 
 
 @compiled
 def _leans(pose: _Pose, reference: _Pose, before: _Pose) -> tuple[float, float, bool]:
-    """Return how far a pose leans from its reference [rad]; whether that jumped or is far away.
+    """Return the lean of a pose from its reference [rad]; whether that jumped or is far away.
 
-    The local path around obstacles changes now and then, and may jump in its tilt alone.
+    Local paths around obstacles may jump in the tilt alone.
     """
     (p_WB, q_WB_xyzw), (p_before, q_before_xyzw) = pose, before
     p_reference, q_reference_xyzw = reference
@@ -134,15 +133,12 @@ def _leans(pose: _Pose, reference: _Pose, before: _Pose) -> tuple[float, float, 
     jumped = math.hypot(tilt_x, tilt_y) > _TILT_JUMP
     jumped |= kernels.distance(p_reference, p_before) > _JUMP
     x, y = _lean(q_WB_xyzw, q_reference_xyzw)
-    return x, y, jumped or kernels.distance(p_WB, p_reference) > _NEAR
+    return x, y, jumped or kernels.distance(p_WB, p_reference) > _MAX_DISTANCE
 
 
 @compiled
 def _lean(q_WB_xyzw: Array, q_reference_xyzw: Array) -> tuple[float, float]:
-    """Return how far the thrust leans from the reference's, about world x and y [rad].
-
-    The horizontal part of the rotation vector between the two.
-    """
+    """Return the angle of the thrust axis to the reference's, about world x and y [rad]."""
     x, y, z = _thrust_axis(q_WB_xyzw)
     asked_x, asked_y, asked_z = _thrust_axis(q_reference_xyzw)
     about_x, about_y = asked_y * z - asked_z * y, asked_z * x - asked_x * z

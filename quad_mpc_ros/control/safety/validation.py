@@ -1,4 +1,4 @@
-"""Is an input fit to be used? Each check returns the reason why not, or None."""
+"""Validation of inputs: each check returns why an input is unusable, or None."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample, Refere
 
 BODY = "base_link"
 QUATERNION_TOLERANCE = 1e-3
-LARGEST = 1e8  # room for map coordinates in metres, none for what would overflow when squared
+LARGEST = 1e8  # above map coordinates in metres; squares do not overflow
 
 UNUSABLE = "holds a number that is not finite or beyond 1e8"
 NOT_UNIT = "quaternion is not of unit length"
 
 
 def odometry_fault(odometry: OdometrySample, *, frame_id: str) -> str | None:
-    """Return why an odometry cannot be used, whatever came before it."""
+    """Return why an odometry is unusable, independently of previous ones."""
     x, y, z, w = odometry.q_WB_xyzw.tolist()
     vectors = (*odometry.p_WB.tolist(), *odometry.v_WB_B.tolist(), *odometry.w_WB_B.tolist())
     for value in (*vectors, x, y, z, w):
-        if not -LARGEST <= value <= LARGEST:  # NaN compares with nothing, and so is not within it
+        if not -LARGEST <= value <= LARGEST:  # also true for NaN
             return f"odometry {_unusable_field(odometry)} is not finite or beyond 1e8"
     if abs(math.sqrt(x * x + y * y + z * z + w * w) - 1.0) > QUATERNION_TOLERANCE:
         return f"odometry {NOT_UNIT}"
@@ -32,7 +32,7 @@ def odometry_fault(odometry: OdometrySample, *, frame_id: str) -> str | None:
 
 
 def _unusable_field(odometry: OdometrySample) -> str:
-    """Return the first field of a message that :func:`odometry_fault` cannot use."""
+    """Return the name of the first unusable field."""
     fields = {
         "pose.pose.position": odometry.p_WB,
         "twist.twist.linear": odometry.v_WB_B,
@@ -48,9 +48,9 @@ def _unusable_field(odometry: OdometrySample) -> str:
 
 
 def imu_fault(sample: ImuSample, *, body: str) -> str | None:
-    """Return why what an accelerometer measured cannot be used.
+    """Return why an accelerometer sample is unusable.
 
-    It has to be in the frame ``body`` of the odometry's twist, or in ``base_link``.
+    Its frame must be ``body``, that of the odometry's twist, or ``base_link``.
     """
     if not all(abs(value) <= LARGEST for value in sample.f_B.tolist()):
         return f"imu {UNUSABLE}"
@@ -62,10 +62,10 @@ def imu_fault(sample: ImuSample, *, body: str) -> str | None:
 def pose_fault(
     *, frame_id: str, expected_frame_id: str, p_WB: Array, q_WB_xyzw: Array
 ) -> str | None:
-    """Return why poses, positions (n, 3) and quaternions (n, 4), cannot be used."""
+    """Return why poses, positions (n, 3) and quaternions (n, 4), are unusable."""
     if not is_frame(frame_id, expected_frame_id):
         return f"it is in frame '{frame_id}', expected '{expected_frame_id}'"
-    # Written so that NaN, which compares with nothing, is refused.
+    # Comparisons with NaN are false, so that NaN is refused.
     if not ((np.abs(p_WB) <= LARGEST).all() and (np.abs(q_WB_xyzw) <= LARGEST).all()):
         return f"it holds a number that is not finite or beyond {LARGEST:g}"
     if (np.abs(np.linalg.norm(q_WB_xyzw, axis=1) - 1.0) > QUATERNION_TOLERANCE).any():
@@ -74,7 +74,7 @@ def pose_fault(
 
 
 def coverage_fault(window: ReferenceWindow, stamp_ns: int, *, tolerance_ns: int) -> str | None:
-    """Return why a reference says nothing of a time: it is over, or still to begin."""
+    """Return why a reference does not cover a time: it has ended, or begins later."""
     begins_ns = window.stamp_ns + int(window.offset_ns[0])
     ends_ns = window.stamp_ns + int(window.offset_ns[-1])
     if stamp_ns - ends_ns > tolerance_ns:
@@ -84,6 +84,6 @@ def coverage_fault(window: ReferenceWindow, stamp_ns: int, *, tolerance_ns: int)
     return None
 
 
-def is_frame(given: str, expected: str) -> bool:
-    """Return whether a frame is the expected one; tf's old leading slash does not matter."""
-    return given == expected or given.removeprefix("/") == expected.removeprefix("/")
+def is_frame(frame_id: str, expected: str) -> bool:
+    """Return whether a frame is the expected one, ignoring tf's old leading slash."""
+    return frame_id == expected or frame_id.removeprefix("/") == expected.removeprefix("/")

@@ -1,4 +1,4 @@
-"""Is a reference window fit to be used? Compiled: it has hundreds of numbers, and comes often."""
+"""Validation of reference windows, compiled because they are large and frequent."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FAULTS = {_UNUSABLE: UNUSABLE, _NOT_UNIT: NOT_UNIT, _BACKWARDS: "times run back
 
 
 def reference_fault(window: ReferenceWindow, *, frame_id: str) -> str | None:
-    """Return why a reference window cannot be used."""
+    """Return why a reference window is unusable, None if it is usable."""
     if window.offset_ns.size == 0:
         return "reference is empty"
     fault = _reference_fault(
@@ -50,7 +50,7 @@ def _reference_fault(
     a_WB_W: Array,
     w_WB_W: Array,
 ) -> int:
-    """Return the first fault of samples one after another, all looked at in one call."""
+    """Return the first fault of the samples."""
     for i in range(1, len(offset_ns)):
         if offset_ns[i] < offset_ns[i - 1]:
             return _BACKWARDS
@@ -73,7 +73,7 @@ def _reference_fault(
 
 @compiled
 def _are_usable(rows: Array) -> bool:
-    """Whether all of (n, m) are."""
+    """Whether all elements of an (n, m) array are finite and at most ``LARGEST``."""
     usable = True
     for i in range(rows.shape[0]):
         for k in range(rows.shape[1]):

@@ -20,7 +20,7 @@ import numpy as np
 
 from quad_mpc_ros.configuration import UserError, files, ros_yaml
 from quad_mpc_ros.configuration.box import FARTHEST
-from quad_mpc_ros.configuration.errors import shown
+from quad_mpc_ros.configuration.errors import text_of
 from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.obstacles.surfaces import area
@@ -47,11 +47,11 @@ def scene_of_file(file: str) -> Scene:
 def scene_of(content: object, where: str) -> Scene:
     """Return the scene in the content of a file; ``where`` is the prefix of errors."""
     if not isinstance(content, Mapping):
-        raise UserError(f"{where}: given {shown(content)}, expected 'obstacles:' with a list")
+        raise UserError(f"{where}: given {text_of(content)}, expected 'obstacles:' with a list")
     _refuse_unknown(content, _FILE_KEYS, where)
     entries = content.get("obstacles", [])
     if not isinstance(entries, list):
-        raise UserError(f"{where}: obstacles: given {shown(entries)}, expected a list")
+        raise UserError(f"{where}: obstacles: given {text_of(entries)}, expected a list")
     shapes = [
         _shape(entry, f"{where}: obstacle {number}") for number, entry in enumerate(entries, 1)
     ]
@@ -67,11 +67,11 @@ def scene_of(content: object, where: str) -> Scene:
 
 def _shape(entry: object, where: str) -> Shape:
     if not isinstance(entry, Mapping):
-        raise UserError(f"{where}: given {shown(entry)}, expected {{shape: box, position: …}}")
+        raise UserError(f"{where}: given {text_of(entry)}, expected {{shape: box, position: …}}")
     kind = entry.get("shape")
     if not isinstance(kind, str) or kind not in _SHAPE_KEYS:
         raise UserError(
-            f"{where}: shape: given {shown(kind)}, expected one of {', '.join(_SHAPE_KEYS)}"
+            f"{where}: shape: given {text_of(kind)}, expected one of {', '.join(_SHAPE_KEYS)}"
             f"{did_you_mean(str(kind), _SHAPE_KEYS)}"
         )
     _refuse_unknown(entry, (*_COMMON_KEYS, *_SHAPE_KEYS[kind]), where)
@@ -84,7 +84,9 @@ def _shape(entry: object, where: str) -> Shape:
     if kind == "box":
         size = _vector(entry, "size", where)
         if not (size > 0.0).all():
-            raise UserError(f"{where}: size: given {shown(entry['size'])}, expected 3 numbers > 0")
+            raise UserError(
+                f"{where}: size: given {text_of(entry['size'])}, expected 3 numbers > 0"
+            )
         return Box(size=size, **common)
     radius = _number(entry, "radius", where, above=0.0)
     if kind == "sphere":
@@ -100,13 +102,13 @@ def rotation_about_z(yaw: float) -> Array:
 
 def _volume(given: object, where: str) -> Volume:
     if not isinstance(given, Mapping):
-        raise UserError(f"{where}: given {shown(given)}, expected {{minimum: …, maximum: …}}")
+        raise UserError(f"{where}: given {text_of(given)}, expected {{minimum: …, maximum: …}}")
     _refuse_unknown(given, ("minimum", "maximum"), where)
     minimum, maximum = (_vector(given, name, where) for name in ("minimum", "maximum"))
     if not (minimum < maximum).all():
         raise UserError(
-            f"{where}: minimum: given {shown(given['minimum'])}, expected 3 numbers below maximum "
-            f"{shown(given['maximum'])}"
+            f"{where}: minimum: given {text_of(given['minimum'])}, expected 3 numbers below "
+            f"maximum {text_of(given['maximum'])}"
         )
     return Volume(minimum=minimum, maximum=maximum)
 
@@ -115,7 +117,7 @@ def _refuse_unknown(given: Mapping[Any, Any], known: tuple[str, ...], where: str
     for name in given:
         if name not in known:
             raise UserError(
-                f"{where}: given {shown(name)}, expected {', '.join(known)}"
+                f"{where}: given {text_of(name)}, expected {', '.join(known)}"
                 f"{did_you_mean(str(name), known)}"
             )
 
@@ -148,7 +150,7 @@ def _number(
 
 
 def _given(given: Mapping[Any, Any], name: str) -> str:
-    return f"given {shown(given[name])}" if name in given else "given none"
+    return f"given {text_of(given[name])}" if name in given else "given none"
 
 
 def _usable(value: object) -> bool:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.configuration.compilation import compiled, compiled_beside_others
+from quad_mpc_ros.configuration.compilation import compiled, compiled_without_gil
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.obstacles.moving import Movers
 
@@ -61,7 +61,7 @@ class SearchBuffers(NamedTuple):
         return SearchBuffers(np.zeros(size), np.zeros(size), parent, closed)
 
 
-@compiled_beside_others
+@compiled_without_gil
 def fill(points: Array, grid: Grid) -> None:
     """Write the distances to points (n, 3) into an empty grid."""
     nx, ny, nz = grid.distances.shape

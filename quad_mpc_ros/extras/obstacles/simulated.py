@@ -17,10 +17,10 @@ from quad_mpc_ros.messages.point_cloud import PointCloud
 from quad_mpc_ros.simulation.scene import Scene
 from quad_mpc_ros.simulation.shapes import Shape
 from quad_mpc_ros.simulation.surroundings import (
-    NOTHING_SEEN,
+    NOTHING_SENSED,
     Collision,
     ObstacleSensorParameters,
-    Seen,
+    SensedObstacles,
 )
 
 _AZIMUTH_COUNT, _ELEVATION_COUNT = 240, 31  # rays: a pillar of 0.2 m is hit at 6 m
@@ -52,15 +52,15 @@ class SimulatedSurroundings:
                 f"the vehicle's radius, {self._radius:g} m; move the start or the obstacle"
             )
 
-    def look(self, truth: OdometrySample, time_ns: int) -> Seen:
+    def look(self, truth: OdometrySample, time_ns: int) -> SensedObstacles:
         """Return the sensor message of an odometry, if the sensor is due."""
         if self._config.sensor == "none" or not self.scene.shapes or time_ns < self._due_ns:
-            return NOTHING_SEEN
+            return NOTHING_SENSED
         self._due_ns += self._period_ns * max(1, -(-(time_ns - self._due_ns) // self._period_ns))
         seconds, reach = 1e-9 * time_ns, self._config.sensor_range
         if self._config.sensor == "markers":
-            return Seen(markers=self._marked(truth, seconds, reach))
-        return Seen(cloud=scan(self.scene, truth, seconds=seconds, reach=reach))
+            return SensedObstacles(markers=self._marked(truth, seconds, reach))
+        return SensedObstacles(cloud=scan(self.scene, truth, seconds=seconds, reach=reach))
 
     def collision(self, truth: OdometrySample, time_ns: int) -> Collision | None:
         """Return the collision since the last odometry, if any."""

@@ -76,7 +76,7 @@ class ObstacleWorld:
         radius: float = 0.0,
     ) -> None:
         """Initialise with a scene; ``radius`` [m] is that of neighbours."""
-        self._scene = (scene or Scene()).standing
+        self._scene = (scene or Scene()).static
         self._radius, self._resolution = radius, config.resolution
         self._frames = Frames(frame_id)
         self._clouds = Clouds(config, self._frames)

@@ -28,7 +28,7 @@ import numpy as np
 
 from quad_mpc_ros.configuration import UserError, files, ros_yaml
 from quad_mpc_ros.configuration.box import FARTHEST
-from quad_mpc_ros.configuration.errors import shown
+from quad_mpc_ros.configuration.errors import text_of
 from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.references.course import OFF_UNIT, Course, Finish, Gate
@@ -80,7 +80,7 @@ def _content(given: str) -> tuple[Mapping[Any, Any], str]:
                 raise UserError(f"{error} (shipped: {', '.join(shipped)})") from error
             raise
     if not isinstance(content, Mapping):
-        raise UserError(f"{source}: given {shown(content)}, expected start, end and gates")
+        raise UserError(f"{source}: given {text_of(content)}, expected start, end and gates")
     if _TOGT_KEYS & content.keys():
         raise UserError(
             f"{source}: this is a track of TOGT-Planner ({', '.join(sorted(_TOGT_KEYS))}), "
@@ -128,7 +128,7 @@ class _Entries:
 
     def error(self, entry: str, given: object, expected: str) -> UserError:
         """Return the error for an entry."""
-        return UserError(f"{self._source}: {entry}: given {shown(given)}, expected {expected}")
+        return UserError(f"{self._source}: {entry}: given {text_of(given)}, expected {expected}")
 
     def check_keys(self, entry: str, given: Any, known: Sequence[str]) -> None:
         """Reject other types than a mapping, and unknown keys."""

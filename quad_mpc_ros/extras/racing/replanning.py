@@ -119,7 +119,7 @@ class GateReplanner:
             self._lead_time = max(_MIN_LEAD_TIME, _LEAD_TIME_FACTOR * (time.monotonic() - since))
         if isinstance(result, GateTrajectory):
             start_ns = phase.start_ns + round(1e9 * request.leave_seconds)
-            reply = self._live.change_way(phase, result.trajectory, start_ns)
+            reply = self._live.replace_trajectory(phase, result.trajectory, start_ns)
             if reply.accepted:
                 return Reply(accepted=True, text=self._race.take(request, result))
             result = reply.text

@@ -20,8 +20,8 @@ from quad_mpc_ros.control.estimation.ground_state import (
     LEFT_GROUND,
     LEFT_GROUND_UNPOWERED,
     NO_LIFT,
+    GroundHeight,
     GroundState,
-    StandingHeight,
 )
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample
@@ -134,19 +134,21 @@ class Ground:
     def __init__(self) -> None:
         self.landed: bool | None = None
         """Whether the vehicle is on the ground; None while unknown."""
-        self._standing_height = StandingHeight(LEFT_GROUND)
+        self._standing_height = GroundHeight(LEFT_GROUND)
 
     def update(
         self, p_WB: Array, *, armed: bool, state: GroundState = GroundState.UNKNOWN
     ) -> None:
         """Update with a position (3,) [m], the arming state and the MPC's ground state."""
         height = float(p_WB[2])
-        if not armed or state.stands:
+        if not armed or state.is_on_ground:
             self.landed = True
-            self._standing_height.stand(height)
+            self._standing_height.set(height)
         else:
-            self._standing_height.see(height)
-            self.landed = self.landed is True and not (state.flies or self._standing_height.left)
+            self._standing_height.update(height)
+            self.landed = self.landed is True and not (
+                state.is_flying or self._standing_height.was_left
+            )
 
 
 class LatestStatus:

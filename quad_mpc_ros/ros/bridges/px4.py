@@ -17,7 +17,7 @@ import numpy as np
 
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.control.lie import so3
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, given_variance
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, reported_variance
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.bridge import (
@@ -81,7 +81,7 @@ def odometry_from_vehicle_odometry(message: Any) -> OdometrySample:
         q_WB_xyzw=q_WB_xyzw,
         v_WB_B=v_WB_B,
         w_WB_B=flu_from_frd(message.angular_velocity),
-        v_variance=given_variance(message.velocity_variance),
+        v_variance=reported_variance(message.velocity_variance),
     )
 
 

@@ -137,7 +137,7 @@ class MpcNode(ManagedNode[MpcConfig]):
     def activation_blocker(self) -> str | None:
         """Return the missing input or the other active node that blocks activation, or None."""
         config, now_ns = self._controller.config, self._time.now_ns()
-        blocker = self._standby.obstacle(config, now_ns=now_ns)
+        blocker = self._standby.activation_blocker(config, now_ns=now_ns)
         if blocker is None:
             return self._ownership.activation_blocker()
         missing = self._standby.missing
@@ -162,7 +162,7 @@ class MpcNode(ManagedNode[MpcConfig]):
     def deactivate(self) -> None:
         """Discard the flight state; no commands until the next activation."""
         self._ownership.end()
-        self._controller, self._tick = self._controller.renewed(), None
+        self._controller, self._tick = self._controller.fresh_copy(), None
         if self._engaged is not None:
             self._controller.engage(self._engaged)
         self._controller.landed(self._landed)
@@ -170,7 +170,7 @@ class MpcNode(ManagedNode[MpcConfig]):
 
     def loss_in_flight(self) -> str | None:
         """Return that commands stop; None if commands do not act or the vehicle has landed."""
-        if self._engaged is False or self._controller.ground_state.stands:
+        if self._engaged is False or self._controller.ground_state.is_on_ground:
             return None
         return "no more commands, the autopilot's failsafe takes over"
 
@@ -288,7 +288,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         period = 1.0 / self._controller.config.control_rate
         if self._time.is_simulated:  # simulated time may run faster than the timer
             return period
-        pause = min(self._controller.seconds_until_unseen(now_ns=now_ns), _MAX_PAUSE)
+        pause = min(self._controller.seconds_until_odometry_lost(now_ns=now_ns), _MAX_PAUSE)
         return max(pause, period)
 
     def _finish(self, tick: Tick | None) -> None:

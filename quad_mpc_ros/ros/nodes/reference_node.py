@@ -124,7 +124,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         """Start, or continue at the time at which it stopped."""
         self._time.resume(self._now_ns())
         self._sent = None
-        self._publish_path(self._live.course(self._flight_ns()))
+        self._publish_path(self._live.planned_samples(self._flight_ns()))
 
     def deactivate(self) -> None:
         """Stop the time of the flight."""
@@ -214,7 +214,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._live.landed(bool(message.data))
 
     def _on_ground_state(self, message: Any) -> None:
-        self._live.tell_ground(conversions.ground_state_from_message(message))
+        self._live.set_ground_state(conversions.ground_state_from_message(message))
 
     def _on_odometry_reset(self, reset: EstimateReset) -> None:
         with self._publishing:
@@ -262,7 +262,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         if reply is not None:
             self._report_request("race", reply)
             if reply.accepted:
-                self._publish_path(self._live.course(self._flight_ns()))
+                self._publish_path(self._live.planned_samples(self._flight_ns()))
 
     def _on_velocity(self, message: Any) -> None:
         """Follow a velocity; log its start and refusals."""
@@ -297,7 +297,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         reply = self._planned(request) if self.active else _INACTIVE
         self._report_request(name, reply)
         if reply.accepted:
-            self._publish_path(self._live.course(self._flight_ns()))
+            self._publish_path(self._live.planned_samples(self._flight_ns()))
         return reply
 
     def _planned(self, request: Callable[[int], Reply]) -> Reply:

@@ -34,7 +34,7 @@ from quad_mpc_ros.ros.spin import run, stop
 from quad_mpc_ros.simulation.config import SimulatorConfig, compile_plant, make_plant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant, Powered
 from quad_mpc_ros.simulation.sensors import OdometryStream, SentOdometry
-from quad_mpc_ros.simulation.surroundings import NOTHING_SEEN, configured_surroundings
+from quad_mpc_ros.simulation.surroundings import NOTHING_SENSED, configured_surroundings
 
 # s: in lockstep an odometry without command is sent again after new matches, otherwise later:
 # on a busy machine the command may be slow.
@@ -220,7 +220,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         if measured_ns <= self._newest_ns:  # sent again
             return
         self._newest_ns = measured_ns
-        perception, collision = NOTHING_SEEN, None
+        perception, collision = NOTHING_SENSED, None
         if self._surroundings is not None:
             perception = self._surroundings.look(sent.truth, measured_ns)
             collision = self._surroundings.collision(sent.truth, measured_ns)

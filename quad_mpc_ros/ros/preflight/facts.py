@@ -12,7 +12,7 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.messages.diagnostics import OK, PEERS_KEY
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.feasibility import Verdict
+from quad_mpc_ros.references.feasibility import Feasibility
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 
 C = TypeVar("C", bound=Configuration)
@@ -55,7 +55,7 @@ class ReferenceSamples:
     """Samples along the reference, as odometry, and the verdict of the reference check."""
 
     samples: tuple[OdometrySample, ...]
-    verdict: Verdict
+    verdict: Feasibility
 
 
 @dataclass(frozen=True, kw_only=True)

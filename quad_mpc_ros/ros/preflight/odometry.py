@@ -14,7 +14,7 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.consistency import motion_contradiction
-from quad_mpc_ros.control.safety.odometry_gate import STANDS, OdometryGate
+from quad_mpc_ros.control.safety.odometry_gate import NOT_ADVANCING, OdometryGate
 from quad_mpc_ros.ros.preflight.facts import SIMULATOR_NODE, Arrival, Facts
 from quad_mpc_ros.ros.preflight.finding import Finding, error, ok, unknown, warning
 from quad_mpc_ros.simulation.config import SimulatorConfig
@@ -41,7 +41,7 @@ def rate_findings(facts: Facts) -> list[Finding]:
     steps = [1e-9 * (b.odometry.stamp_ns - a.odometry.stamp_ns) for a, b in pairwise(arrivals)]
     duration = sum(steps)
     if duration <= 0.0:
-        return [error(STANDS, "set header.stamp to the time of each measurement")]
+        return [error(NOT_ADVANCING, "set header.stamp to the time of each measurement")]
     if mpc is None or (len(arrivals) < _MIN_ODOMETRIES and duration < _MIN_DURATION):
         return [unknown(f"{len(arrivals)} odometries came, too few to judge their rate")]
     rate, found = len(steps) / duration, []

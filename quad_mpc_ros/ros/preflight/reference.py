@@ -153,5 +153,5 @@ def _resting(p_WB: Array) -> OdometrySample:
 
 
 def _worst_breach(limits: FlightLimits, samples: Sequence[OdometrySample]) -> Breach | None:
-    found = [each for sample in samples if (each := limits.foreseen(sample)) is not None]
+    found = [each for sample in samples if (each := limits.predicted_breach(sample)) is not None]
     return max(found, key=lambda breach: breach.action, default=None)

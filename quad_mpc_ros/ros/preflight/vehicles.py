@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from quad_mpc_ros.configuration.vehicle import CARRIES, disagreements
+from quad_mpc_ros.configuration.vehicle import LIFT_PARAMETERS, disagreements
 from quad_mpc_ros.ros.preflight.finding import Finding, error, warning
 
 # The simulator may simulate another vehicle than the controller's, for tests.
@@ -17,7 +17,9 @@ def vehicle_findings(vehicles: Mapping[str, Mapping[str, Any]]) -> list[Finding]
     """Return errors and warnings for different vehicle parameters of nodes."""
     graver = carried_differently(vehicles)
     others = [
-        text for name, text in disagreements(vehicles).items() if name not in CARRIES or not graver
+        text
+        for name, text in disagreements(vehicles).items()
+        if name not in LIFT_PARAMETERS or not graver
     ]
     found = [*graver]
     if others:
@@ -33,7 +35,7 @@ def carried_differently(vehicles: Mapping[str, Mapping[str, Any]]) -> list[Findi
     Other parameters affect only the tracking.
     """
     carried = {
-        node: {name: values[name] for name in CARRIES if name in values}
+        node: {name: values[name] for name in LIFT_PARAMETERS if name in values}
         for node, values in vehicles.items()
         if node != _SIMULATOR
     }

@@ -13,7 +13,7 @@ from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
 
 
 class DrivenPlant(RotorsPlant):
-    """The plant ``rotors``, whose loop is another one, asked once a period."""
+    """The plant ``rotors`` with another rate loop, run once a period."""
 
     def __init__(self, config: RotorsPlantParameters, *, period_ns: int) -> None:
         self._period_ns = period_ns
@@ -22,7 +22,7 @@ class DrivenPlant(RotorsPlant):
 
     @abstractmethod
     def _run_loop(self) -> None:
-        """Let the loop see where the vehicle is, and set the speeds that it wants."""
+        """Run the loop on the state of the vehicle, and set the wanted speeds."""
 
     def _start(self) -> None:
         super()._start()
@@ -50,7 +50,7 @@ class DrivenPlant(RotorsPlant):
         )
 
     def _specific_force_B(self) -> Array:
-        """Return the specific force of the last period (3,) [m/s^2]; once a loop."""
+        """Return the mean specific force of the last period (3,) [m/s^2]; call once per loop."""
         v_W = self.v_WB_W
         a_W = (v_W - self._v_before_W) / (1e-9 * self._period_ns)
         self._v_before_W = v_W

@@ -42,7 +42,7 @@ def derivative(
 
     ``wanted`` (n,) are the speeds that the autopilot asks for [rad/s], at a full battery.
     """
-    wind_W, push_W = outside
+    wind_W, external_force_W = outside
     voltage, current = battery(_power(speeds, craft), used=body.charge_used, craft=craft)
     rate.charge_used = current
     _follow(speeds, wanted=wanted, charge=voltage, craft=craft, accelerations=accelerations)
@@ -57,7 +57,7 @@ def derivative(
         rotors=rotors,
         accelerations=accelerations,
     )
-    total_W = kernels.plus(kernels.apply(R_WB, force), push_W)
+    total_W = kernels.plus(kernels.apply(R_WB, force), external_force_W)
     a_W = kernels.scaled(1.0 / craft.mass, total_W)
     momentum = kernels.plus(momentum, kernels.apply(kernels.matrix(craft.inertia), w))
     torque = kernels.plus(torque, kernels.cross(momentum, w))

@@ -9,7 +9,7 @@ from quad_mpc_ros.configuration.records import Record, RecordArray
 from quad_mpc_ros.control.lie import Array
 
 
-class Section(Record):
+class FilterSection(Record):
     """Coefficients b and a (a_0 = 1) of a filter of second order."""
 
     b0: float
@@ -19,12 +19,12 @@ class Section(Record):
     a2: float
 
 
-def butterworth(cutoff: float, rate: float) -> RecordArray[Section]:
+def butterworth(cutoff: float, rate: float) -> RecordArray[FilterSection]:
     """Return a low-pass of second order, ``cutoff`` and ``rate`` in Hz; 0 lets everything pass.
 
     The bilinear transform of 1 / (s^2 + sqrt(2) s + 1), bent so that the cut-off stays.
     """
-    section = Section.zeros()
+    section = FilterSection.zeros()
     own = section[()]
     if cutoff == 0.0:
         own.b0 = 1.0
@@ -39,13 +39,13 @@ def butterworth(cutoff: float, rate: float) -> RecordArray[Section]:
 
 
 def smoothing(cutoff: float, rate: float) -> float:
-    """Return which share of a new value a low-pass of first order takes; Hz, 0 takes all."""
+    """Return the weight of a new value in a low-pass of first order; Hz, 1 if the cutoff is 0."""
     return 1.0 - math.exp(-2.0 * math.pi * cutoff / rate) if cutoff > 0.0 else 1.0
 
 
 @compiled
-def filtered(value: float, section: Section, held: Array) -> float:
-    """Return what a filter of second order makes of the next value; ``held`` (2,) is its state."""
+def filtered(value: float, section: FilterSection, held: Array) -> float:
+    """Return the output of a filter of second order; ``held`` (2,) is its state."""
     out = section.b0 * value + held[0]
     held[0] = section.b1 * value - section.a1 * out + held[1]
     held[1] = section.b2 * value - section.a2 * out
@@ -53,7 +53,7 @@ def filtered(value: float, section: Section, held: Array) -> float:
 
 
 @compiled
-def settle(value: float, section: Section, held: Array) -> None:
-    """Set the state (2,) of a filter as if a value had always been there."""
+def initialize(value: float, section: FilterSection, held: Array) -> None:
+    """Set the state (2,) of a filter to the steady state of a value."""
     held[1] = (section.b2 - section.a2) * value
     held[0] = (section.b1 - section.a1) * value + held[1]

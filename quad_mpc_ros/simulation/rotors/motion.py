@@ -1,7 +1,7 @@
-"""The motion of the plant ``rotors`` while neither command nor wind changes, compiled.
+"""The motion of the plant ``rotors`` at constant command and wind, compiled.
 
-One call moves it over any time: the rate loop runs at its own regular times, and between two of
-them Runge-Kutta steps of order 4 integrate the equations. The ground is at height 0.
+The rate loop runs at regular times; between them Runge-Kutta steps of order 4 integrate the
+equations. The ground is at height 0.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from quad_mpc_ros.simulation.rotors.mixer import Share
 from quad_mpc_ros.simulation.rotors.state import (
     BodyState,
     add,
+    on_ground,
     origin_height,
     put,
     rotation_of,
-    stands,
 )
 
 _BODY = BodyState.dtype
 
 
-class Inputs(records.Inputs):
-    """What acts on the vehicle, held over a time."""
+class RotorInputs(records.PlantInputs):
+    """Constant inputs of the vehicle."""
 
-    push_W: Vector3  # force at the centre of mass [N]
+    external_force_W: Vector3  # force at the centre of mass [N]
 
 
 @compiled
@@ -42,14 +42,14 @@ def advance(
     speeds: Array,
     memory: RecordArray[rate_loop.Memory],
     wanted: Array,
-    inputs: RecordArray[Inputs],
+    inputs: RecordArray[RotorInputs],
     craft: RecordArray[Craft],
     rotors: RecordArray[Rotor],
     loop: RecordArray[rate_loop.Loop],
     mix: RecordArray[Share],
     duration_ns: int,
 ) -> None:
-    """Move body, speeds (n,), the loop's memory and the wanted speeds (n,) over a time."""
+    """Advance body, speeds (n,), the loop's memory and the wanted speeds (n,) over a time."""
     command, held = inputs[()], memory[()]
     center_B = kernels.vector(craft[()].center_B)
     left = duration_ns
@@ -60,7 +60,7 @@ def advance(
                 w_WB_B=body[()].w_WB_B,
                 throttle=command.throttle,
                 rates=command.w_WB_B,
-                stands=stands(body[()], center_B),
+                on_ground=on_ground(body[()], center_B),
                 loop=loop[()],
                 mix=mix,
                 out=wanted,
@@ -85,29 +85,26 @@ def coast(
     body: RecordArray[BodyState],
     speeds: Array,
     wanted: Array,
-    inputs: RecordArray[Inputs],
+    inputs: RecordArray[RotorInputs],
     craft: RecordArray[Craft],
     rotors: RecordArray[Rotor],
     duration_ns: int,
 ) -> None:
-    """Move body and speeds (n,) over a time in which the wanted speeds (n,) stay.
-
-    Nothing sinks into the ground.
-    """
-    outside = kernels.vector(inputs[()].wind_W), kernels.vector(inputs[()].push_W)
+    """Advance body and speeds (n,) at constant wanted speeds (n,), above the ground."""
+    outside = kernels.vector(inputs[()].wind_W), kernels.vector(inputs[()].external_force_W)
     x, center_B = body[()], kernels.vector(craft[()].center_B)
     steps = -(-duration_ns // craft[()].longest_step_ns)
     duration = duration_ns * 1e-9 / steps
     before = np.empty((), _BODY)
     for _ in range(steps):
-        stood = stands(x, center_B)
+        was_on_ground = on_ground(x, center_B)
         before[()] = x
         runge_kutta(body, speeds, wanted, outside, craft=craft, rotors=rotors, duration=duration)
         above = origin_height(x, center_B) > 0.0
-        if stood and not (above and x.v_WC_W[2] > 0.0):  # lifted, and not just tipped over
+        if was_on_ground and not (above and x.v_WC_W[2] > 0.0):  # not lifted off
             used = x.charge_used
             body[()] = before[()]
-            x.charge_used = used  # the ground holds the body, not the battery
+            x.charge_used = used
         elif not above:
             _land(x, center_B)
 
@@ -122,7 +119,7 @@ def runge_kutta(
     rotors: RecordArray[Rotor],
     duration: float,
 ) -> None:
-    """Move body and speeds (n,) in free flight by one Runge-Kutta step of order 4 [s]."""
+    """Advance body and speeds (n,) in free flight by one Runge-Kutta step of order 4 [s]."""
     bodies, rows = np.zeros(3, _BODY), np.zeros((3, speeds.shape[0]))
     rate, at, mean = bodies[0], bodies[1], bodies[2]
     accelerations, at_speeds, mean_accelerations = rows[0], rows[1], rows[2]
@@ -158,20 +155,20 @@ def measure(
     body: RecordArray[BodyState], craft: RecordArray[Craft], out: RecordArray[records.Measured]
 ) -> None:
     """Write the true motion of the body's origin."""
-    x, seen = body[()], out[()]
+    x, measured = body[()], out[()]
     R_WB, w = rotation_of(x), kernels.vector(x.w_WB_B)
     to_origin = kernels.scaled(-1.0, kernels.vector(craft[()].center_B))
     p = kernels.plus(kernels.vector(x.p_WC), kernels.apply(R_WB, to_origin))
     v = kernels.apply_transposed(R_WB, kernels.vector(x.v_WC_W))
-    kernels.store_vector(p, seen.p_WB)
-    records.store_quaternion(kernels.quaternion(R_WB), seen.q_WB_xyzw)
-    kernels.store_vector(kernels.plus(v, kernels.cross(w, to_origin)), seen.v_WB_B)
-    kernels.store_vector(w, seen.w_WB_B)
+    kernels.store_vector(p, measured.p_WB)
+    records.store_quaternion(kernels.quaternion(R_WB), measured.q_WB_xyzw)
+    kernels.store_vector(kernels.plus(v, kernels.cross(w, to_origin)), measured.v_WB_B)
+    kernels.store_vector(w, measured.w_WB_B)
 
 
 @compiled
 def _land(x: BodyState, center_B: kernels.Vector) -> None:
-    """Set a body down: at rest, level, heading kept."""
+    """Set the state after a touchdown: at rest, level, same heading."""
     R_WB = rotation_of(x)
     cosine, sine, _ = kernels.column(R_WB, 0)
     half_yaw = 0.5 * math.atan2(sine, cosine)

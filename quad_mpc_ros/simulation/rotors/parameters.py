@@ -1,4 +1,4 @@
-"""The parameters of the plant ``rotors``, beside those of every plant.
+"""The parameters of the plant ``rotors``, in addition to those of every plant.
 
 By default it is the paper's quadrotor; what the paper does not say is as ``config/vehicles``
 says where it is from.

@@ -43,7 +43,7 @@ class RotorsPlant(DelayedPlant):
         begin_ns = round(1e9 * config.push.begin)
         lasting_ns = round(1e9 * config.push.duration) or NEVER_NS - begin_ns
         self._push_ns = begin_ns, begin_ns + lasting_ns
-        self._inputs = motion.Inputs.zeros()
+        self._inputs = motion.RotorInputs.zeros()
         self._inputs["throttle"] = config.initial_throttle
         self._inputs["w_WB_B"] = config.initial_body_rates
         self._wanted, self._speeds = np.zeros((2, config.motor_count))
@@ -99,7 +99,7 @@ class RotorsPlant(DelayedPlant):
         edges = [edge for edge in self._push_ns if self.time_ns < edge < end_ns]
         for from_ns, to_ns in pairwise([self.time_ns, *edges, end_ns]):
             pushed = self._push_ns[0] <= from_ns < self._push_ns[1]
-            self._inputs["push_W"] = self._config.push.force if pushed else 0.0
+            self._inputs["external_force_W"] = self._config.push.force if pushed else 0.0
             self._move(duration_ns=to_ns - from_ns)
 
     def _move(self, *, duration_ns: int) -> None:

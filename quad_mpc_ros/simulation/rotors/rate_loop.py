@@ -37,7 +37,7 @@ class Loop(Record):
     integral_max: Vector3
     torque_max: Vector3
     inertia: Vector3  # diagonal [kg m^2]
-    gyro: filters.Section
+    gyro: filters.FilterSection
     smoothing: float
     airmode: int
     thrust_curve: Vector3  # of all rotors together [N]
@@ -47,30 +47,27 @@ class Loop(Record):
 
 
 class Memory(Record):
-    """What a rate loop remembers from run to run, of each axis."""
+    """State of a rate loop."""
 
     integral: Vector3  # rad/s^2
     gyro: Annotated[Array, (3, 2)]  # state of the filter
     before: Vector3  # filtered rate of the last run [rad/s]
-    slope: Vector3  # filtered rate's derivative, filtered [rad/s^2]
-    until_run_ns: int  # how long until the loop runs next
+    slope: Vector3  # filtered derivative of the filtered rate [rad/s^2]
+    until_run_ns: int  # time until the next run
 
 
 def loop_of(config: RotorsPlantParameters) -> RecordArray[Loop]:
-    """Return a configured rate loop.
-
-    It knows the rotors as they are meant to be, not how strong they truly are.
-    """
-    given, rotors, loop = config.rate_loop, config.rotors, Loop.zeros()
+    """Return the configured rate loop, with nominal rotors."""
+    settings, rotors, loop = config.rate_loop, config.rotors, Loop.zeros()
     own = loop[()]
-    own.period, own.period_ns = 1.0 / given.rate, round(1e9 / given.rate)
-    own.p[:], own.i[:], own.d[:] = given.p, given.i, given.d
-    own.feed_forward[:], own.integral_max[:] = given.feed_forward, given.integral_max
+    own.period, own.period_ns = 1.0 / settings.rate, round(1e9 / settings.rate)
+    own.p[:], own.i[:], own.d[:] = settings.p, settings.i, settings.d
+    own.feed_forward[:], own.integral_max[:] = settings.feed_forward, settings.integral_max
     xx, yy, zz, *_ = config.airframe.inertia
-    own.torque_max[:], own.inertia[:] = given.torque_max, (xx, yy, zz)
-    own.gyro = filters.butterworth(given.gyro_cutoff, given.rate)[()]
-    own.smoothing = filters.smoothing(given.d_cutoff, given.rate)
-    own.airmode = given.airmode
+    own.torque_max[:], own.inertia[:] = settings.torque_max, (xx, yy, zz)
+    own.gyro = filters.butterworth(settings.gyro_cutoff, settings.rate)[()]
+    own.smoothing = filters.smoothing(settings.d_cutoff, settings.rate)
+    own.airmode = settings.airmode
     own.thrust_curve[:] = [config.motor_count * each for each in config.thrust_curve]
     own.thrust_coefficient = rotors.thrust_coefficient
     own.least = rotors.thrust_coefficient * rotors.speed_min**2
@@ -79,12 +76,12 @@ def loop_of(config: RotorsPlantParameters) -> RecordArray[Loop]:
 
 
 def begun(w_WB_B: Array, loop: RecordArray[Loop]) -> RecordArray[Memory]:
-    """Return the memory of a loop that begins at rates (3,) [rad/s] that have lasted."""
+    """Return the memory of a loop at constant rates (3,) [rad/s]."""
     memory = Memory.zeros()
     own = memory[()]
     own.before[:] = w_WB_B
     for axis in range(3):
-        filters.settle(w_WB_B[axis], section=loop[()].gyro, held=own.gyro[axis])
+        filters.initialize(w_WB_B[axis], section=loop[()].gyro, held=own.gyro[axis])
     return memory
 
 
@@ -94,7 +91,7 @@ def run(
     w_WB_B: Array,
     throttle: float,
     rates: Array,
-    stands: bool,
+    on_ground: bool,
     loop: Loop,
     mix: RecordArray[Share],
     out: Array,
@@ -112,12 +109,12 @@ def run(
         alpha += loop.feed_forward[axis] * rates[axis]
         wanted[axis] = loop.inertia[axis] * alpha
     asked = _limited(wanted, loop.torque_max)
-    airmode = loop.airmode != 0 and not stands
+    airmode = loop.airmode != 0 and not on_ground
     turn, yaw = speeds(throttle, asked, airmode=airmode, loop=loop, mix=mix, out=out)
     for axis in range(3):
         share = turn if axis < 2 else yaw
         saturated = share < 1.0 or asked[axis] != wanted[axis]
-        if stands:
+        if on_ground:
             memory.integral[axis] = 0.0
         elif not (saturated and error[axis] * wanted[axis] > 0.0):
             step = loop.period * loop.i[axis] * error[axis]
@@ -127,7 +124,7 @@ def run(
 
 @compiled
 def _measured(memory: Memory, axis: int, gyro: float, loop: Loop) -> float:
-    """Return the filtered rate of an axis [rad/s]; renew its filtered slope [rad/s^2]."""
+    """Return the filtered rate of an axis [rad/s]; update its filtered slope [rad/s^2]."""
     rate = filters.filtered(gyro, section=loop.gyro, held=memory.gyro[axis])
     slope = (rate - memory.before[axis]) / loop.period
     memory.before[axis] = rate

@@ -45,7 +45,7 @@ def rotation_of(body: BodyState) -> kernels.Matrix:
 
 @compiled
 def put(body: BodyState, p_WB: kernels.Vector, center_B: kernels.Vector) -> None:
-    """Put the body's origin somewhere [m], its attitude as it is."""
+    """Set the position of the body's origin [m]; the attitude stays."""
     offset = kernels.apply(rotation_of(body), center_B)
     kernels.store_vector(kernels.plus(p_WB, offset), body.p_WC)
 
@@ -57,7 +57,7 @@ def origin_height(body: BodyState, center_B: kernels.Vector) -> float:
 
 
 @compiled
-def stands(body: BodyState, center_B: kernels.Vector) -> bool:
-    """Whether the body rests on the ground."""
+def on_ground(body: BodyState, center_B: kernels.Vector) -> bool:
+    """Whether the body is at rest on the ground."""
     x, y, z = kernels.vector(body.v_WC_W)
     return origin_height(body, center_B) <= 0.0 and x == 0.0 and y == 0.0 and z == 0.0

@@ -1,4 +1,4 @@
-"""Gates are drawn where they stood when they were passed, their openings as they were turned."""
+"""Gates are drawn with their pose at the passage."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ COURSE = {
 }
 
 
-def told(flight: Flight, at: int, *, x: float, yaw: float, ball: float) -> GatePoses:
+def gates_at(flight: Flight, at: int, *, x: float, yaw: float, ball: float) -> GatePoses:
     """Return the gate in its plane at ``x``, turned by ``yaw``, and the other one at ``ball``."""
     turned = [0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)]
     return GatePoses(
@@ -68,12 +68,12 @@ def test_gates_that_stand_are_drawn_once_where_their_file_has_them(racing: Fligh
 
 
 def test_gates_that_moved_are_drawn_where_they_were_passed(racing: Flight) -> None:
-    """In the second round further out and turned; what comes after the last passage is not."""
+    """The gates of the second lap are further out and turned; later poses are not drawn."""
     flight = dataclasses.replace(
         racing,
         gates=(
-            told(racing, COUNT // 2, x=3.0, yaw=math.pi / 2 + 0.3, ball=-3.0),
-            told(racing, COUNT - 10, x=7.0, yaw=math.pi / 2, ball=-7.0),
+            gates_at(racing, COUNT // 2, x=3.0, yaw=math.pi / 2 + 0.3, ball=-3.0),
+            gates_at(racing, COUNT - 10, x=7.0, yaw=math.pi / 2, ball=-7.0),
         ),
     )
     assert [gate["passed"] for gate in race_figures(flight)["gates"]] == [True] * 4
@@ -88,7 +88,7 @@ def test_gates_that_moved_are_drawn_where_they_were_passed(racing: Flight) -> No
 
 
 def test_draws_a_missed_gate_at_its_last_published_place(racing: Flight) -> None:
-    flight = dataclasses.replace(racing, gates=(told(racing, 0, x=5.0, yaw=0.1, ball=-2.0),))
+    flight = dataclasses.replace(racing, gates=(gates_at(racing, 0, x=5.0, yaw=0.1, ball=-2.0),))
     course = drawn_course(flight)
     assert course is not None
     assert [gate.p_WG[0] for _, gate in space.drawn_gates(course)] == [5.0, -2.0]
@@ -97,7 +97,7 @@ def test_draws_a_missed_gate_at_its_last_published_place(racing: Flight) -> None
 def test_the_picture_draws_them_there(
     racing: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    moved = told(racing, 0, x=5.0, yaw=0.1, ball=-2.0)
+    moved = gates_at(racing, 0, x=5.0, yaw=0.1, ball=-2.0)
     flight = dataclasses.replace(racing, gates=(moved,))
     lines: list[Array] = []
     draw_room = space.draw_room

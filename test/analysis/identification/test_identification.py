@@ -1,4 +1,4 @@
-"""What is fitted to a flight of the simulator is what the simulator was given."""
+"""Identification recovers the parameters of the simulator from its flights."""
 
 from __future__ import annotations
 
@@ -447,7 +447,7 @@ def test_twenty_noisy_seconds_identify_drag_and_lag_of_each_axis(seed: int) -> N
 
 
 def test_distinguishes_rotor_drag_from_body_drag() -> None:
-    """By a flight whose thrust varies with its speed; without noise, which hides it for long."""
+    """The thrust varies with the speed; there is no noise, which would hide the drag."""
     found = identified(flown(**{**EACH_AXIS, **ROTORS}, duration=20.0, lively=1.5))
     for name, truth in ROTORS.items():
         estimates = getattr(found, name)
@@ -461,7 +461,7 @@ def test_distinguishes_rotor_drag_from_body_drag() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_identifies_rotor_drag_through_noise(seed: int) -> None:
-    """What of the drag is theirs the intervals tell roughly, how much there is of both well."""
+    """The intervals of rotor drag are wide, those of the total drag narrow."""
     truth = {"drag": (0.05, 0.05, 0.05), "rotor_drag": (0.8, 0.7, 0.9)}
     flight = flown(**{**EACH_AXIS, **truth}, duration=20.0, lively=1.5, seed=seed)
     found = identified(noisy(flight, seed=seed))
@@ -485,7 +485,7 @@ def test_does_not_report_rotor_drag_where_there_is_none() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_does_not_take_noise_for_rotor_drag(seed: int) -> None:
-    """What is found for it before it is held as given is not used, either."""
+    """The estimates before the drag is fixed are not used either."""
     found = identified(noisy(flown(**EACH_AXIS, duration=20.0, seed=seed), seed=seed))
     assert not any(estimate.observable for estimate in found.rotor_drag)
     parameters = parameter_file(found, GIVEN, bag=Path("bag"), keep="mass")

@@ -1,4 +1,4 @@
-"""What is learned of body rates: lags of loops that are not of first order, and offsets."""
+"""Estimates from body rates: lags of rate loops that are not of first order, and offsets."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy.signal import cont2discrete
 from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.ekf import VehicleEkf
 from quad_mpc_ros.control.estimation.filter_state import Filter
-from quad_mpc_ros.control.estimation.turning_update import update_turning
+from quad_mpc_ros.control.estimation.rate_update import update_rates
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
@@ -34,11 +34,11 @@ class Rates:
     def follow(
         self, commands: Array, rates: Array, *, period: float = PERIOD, learns: bool = True
     ) -> list[ModelParameters]:
-        """Tell of commands (n, 4) and the rates (n, 3) before them; return what is learned."""
+        """Update with commands (n, 4) and the rates (n, 3) before them; return the estimates."""
         found = []
         for k in range(1, len(commands)):
             mode = UpdateMode.LEARN if learns else UpdateMode.VELOCITY_ONLY
-            update_turning(
+            update_rates(
                 self._state,
                 state_of(actuators=[0.0, *rates[k]]),
                 Acting(durations=np.array([period]), commands=commands[k - 1 : k]),
@@ -104,7 +104,7 @@ def test_lag_is_estimated_up_to_its_bound(delay: float, longest: float) -> None:
 
 @pytest.mark.parametrize("gain", [60.0, 100.0])
 def test_short_lag_is_estimated_down_to_a_fifth_of_the_configured(gain: float) -> None:
-    """As a racer's, which the default expects to be 70 ms; what is below is found as a fifth."""
+    """A racer's lag is far below the default of 70 ms; the estimate ends at a fifth of it."""
     commands = 2.0 * np.sin(6.0 * PERIOD * np.arange(1500))
     rates = np.column_stack([rates_of_a_loop(commands, gain=gain, rotor_lag=0.0001)] * 3)
     learned = Rates(lagging(0.07), delay=USUAL_DELAY).follow(alike(commands), rates)[-1]
@@ -201,10 +201,10 @@ def test_reset_clears_offsets_and_recall_restores_them() -> None:
     rates, _ = off_centre_rates(throttle, commands, integral=0.0, off=OFF_CENTRE)
     filtered = Rates(quick())
     pitch_offsets(throttle, commands, rates, rates_of=filtered)
-    before, kept = filtered.ekf.parameters(), filtered.ekf.memory()
+    before, kept = filtered.ekf.parameters(), filtered.ekf.snapshot()
     filtered.ekf.start_over()
     assert not filtered.ekf.parameters().rate_offset.any()
-    filtered.ekf.recall(kept)
+    filtered.ekf.restore(kept)
     np.testing.assert_array_equal(filtered.ekf.parameters().rate_offset, before.rate_offset)
 
 

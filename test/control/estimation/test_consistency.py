@@ -28,7 +28,7 @@ from quad_mpc_ros.control.model.vehicle import Vehicle
 
 FLIGHTS, STEPS, PERIOD = 24, 400, 0.02
 SETTLED = 150  # steps: until then the noise is not known
-FLYING = Conditions(acts=True, flies=True, may_touch=False)
+FLYING = Conditions(acts=True, is_flying=True, may_touch=False)
 KINEMATIC = slice(MOTION.position, MOTION.disturbance)
 LEARNED = slice(MOTION.disturbance, MOTION.lag)
 
@@ -54,9 +54,9 @@ def flown(seed: int, drift: float) -> list[tuple[float, ...]]:
     nominal = parameters_of(vehicle, rate_time_constant=0.05, thrust_time_constant=0.04)[()]
     state = Filter.zeros()[()]
     ekf = VehicleEkf(nominal, throttle=vehicle.hover_throttle, delay=0.05, state=state)
-    walk, vertical_time = error_state.DISTURBANCE.walk, error_state.VERTICAL_TIME
-    vertical = error_state.VERTICAL.walk * math.sqrt(vertical_time / 2.0)
-    scale = 1.0 + error_state.SCALE.spread * float(np.clip(rng.normal(), -2.0, 2.0))
+    walk, vertical_time = error_state.DISTURBANCE.random_walk, error_state.VERTICAL_TIME
+    vertical = error_state.VERTICAL.random_walk * math.sqrt(vertical_time / 2.0)
+    scale = 1.0 + error_state.SCALE.initial * float(np.clip(rng.normal(), -2.0, 2.0))
     d = np.array([*rng.normal(size=2), vertical * rng.normal()])
     b = drift * rng.normal(size=3)
     body = Body(
@@ -91,7 +91,7 @@ def flown(seed: int, drift: float) -> list[tuple[float, ...]]:
         acting = Acting(durations=np.array([PERIOD]), commands=np.array([command]))
         mode = update(state, before, measured, acting, FLYING, 0.0)
         assert mode == UpdateMode.LEARN
-        x, P = state.motion.x, state.motion.P
+        x, P = state.translation.x, state.translation.P
         motion = x[KINEMATIC] - np.array([*body.p, *body.v])
         learned = x[LEARNED] - np.array([*d, scale])
         found.append(

@@ -171,7 +171,7 @@ def test_the_ladder_idles_counts_and_says_why() -> None:
     assert last.command.throttle == MpcConfig().throttle_min
     assert np.all(last.command.w_WB_B == 0.0)
     assert last.stats.source == "idle" and last.stats.ground == "crashed"
-    assert last.stats.reason.startswith("crashed: it lies upside down")
+    assert last.stats.reason.startswith("crashed: the vehicle is upside down")
     assert last.stats.fallbacks > 60
 
 

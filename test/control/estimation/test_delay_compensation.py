@@ -1,4 +1,4 @@
-"""Which command acts when, and the state in which the next one will."""
+"""The acting command at each time, and the prediction of the state when the next one acts."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def test_learns_only_from_acting_commands(
 
 
 def test_disengaging_recalls_earlier_estimate() -> None:
-    """Who disarms at the touchdown leaves no time to see that the vehicle stands."""
+    """Disarming at the touchdown leaves no time to detect the ground."""
     compensation = DelayCompensation(agile())
     learned, p_WB = [], np.array([0.0, 0.0, 5.0])
     for k in range(600):
@@ -181,14 +181,14 @@ def test_continuous_jumps_reset_estimate() -> None:
     assert statuses[-1][:2] == ("reset", 1)
 
 
-class Told(GroundDetector):
-    """Whether something may be learned is set."""
+class FakeGround(GroundDetector):
+    """A ground detector whose permission to learn is set by the test."""
 
     learning = Learning.HOLD  # type: ignore[assignment]
 
 
 def test_learns_only_in_flight() -> None:
-    ground = Told()
+    ground = FakeGround()
     compensation = DelayCompensation(agile(), ground=ground)
     statuses = []
     for k in range(150):
@@ -252,7 +252,7 @@ def test_tick_makes_two_calls_into_compiled_code(
         calls.clear()
         compensation.predict(_odometry(stamp_ns=20 * MS * k))
         if k >= 5:
-            assert calls == ["_follow", "_ahead"]
+            assert calls == ["_update_filter", "_predict_ahead"]
         compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
     assert compensation.status.text == "learn"
 
@@ -277,7 +277,7 @@ def _odometry(*, stamp_ns: int, v_WB_B: np.ndarray | None = None) -> OdometrySam
     )
 
 
-def test_what_an_odometry_is_late_by_is_delay() -> None:
+def test_adds_the_lateness_of_an_odometry_to_the_delay() -> None:
     """One that was late by 40 ms, as one in time of a vehicle whose delay is 40 ms longer."""
     known = agile(input_delay=0.02, estimate_disturbance=False)
     slower = dataclasses.replace(known, input_delay=0.06)

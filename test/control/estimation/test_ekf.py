@@ -34,8 +34,8 @@ def parameters(
     return parameters_of(vehicle, rate_time_constant=rate, thrust_time_constant=thrust)[()]
 
 
-FLYING = Conditions(acts=True, flies=True, may_touch=False)
-HELD = Conditions(acts=True, flies=False, may_touch=False)
+FLYING = Conditions(acts=True, is_flying=True, may_touch=False)
+HELD = Conditions(acts=True, is_flying=False, may_touch=False)
 
 
 class Ekf(VehicleEkf):
@@ -58,7 +58,7 @@ class Ekf(VehicleEkf):
         after: StateRecord,
         acting: Acting,
         conditions: Conditions = FLYING,
-        given_variance: float = 0.0,
+        reported_variance: float = 0.0,
     ) -> UpdateMode:
         """Go on; what was measured before of position and velocity is what came last.
 
@@ -74,7 +74,7 @@ class Ekf(VehicleEkf):
             after=after,
             acting=acting,
             conditions=conditions,
-            given_variance=given_variance,
+            reported_variance=reported_variance,
         )
 
 
@@ -177,7 +177,7 @@ def test_estimates_time_constants(rate: float, thrust: float) -> None:
     assert learned.rate_time_constants[0] == pytest.approx(rate, rel=0.02)
     assert learned.thrust_time_constant == pytest.approx(thrust, rel=0.1)
     assert ekf.parameters().thrust_scale == pytest.approx(0.9, abs=0.02)
-    assert ekf.state.motion.x[MOTION.throttle] == pytest.approx(_lagging(thrust), abs=0.01)
+    assert ekf.state.translation.x[MOTION.throttle] == pytest.approx(_lagging(thrust), abs=0.01)
 
 
 @pytest.mark.parametrize("slower", [1.0, 2.5, 4.0])
@@ -216,7 +216,7 @@ def test_drag_keeps_its_proportions() -> None:
     ekf = Ekf(parameters(vehicle=modelled), throttle=0.29)
     # The same air along all axes is as much as this on average, as far as its motion shows.
     learned = flown(ekf, drag=0.6).parameters()
-    along = np.add(learned.drag, learned.uneven_drag)
+    along = np.add(learned.drag, learned.anisotropic_drag)
     np.testing.assert_allclose(along / learned.drag, [1.0 / 3.0, 1.0, 5.0 / 3.0])
     np.testing.assert_allclose(along - learned.learned_drag, modelled.drag)
 
@@ -232,9 +232,9 @@ def test_learns_no_drag_at_rest() -> None:
 
 
 @pytest.mark.parametrize(
-    ("lag", "delay", "closer"), [(0.06, 0.02, 1), (0.02, 0.01, 4), (0.02, 0.0, 4)]
+    ("lag", "delay", "scale"), [(0.06, 0.02, 1), (0.02, 0.01, 4), (0.02, 0.0, 4)]
 )
-def test_fast_vehicle_is_estimated_faster(lag: float, delay: float, closer: float) -> None:
+def test_fast_vehicle_is_estimated_faster(lag: float, delay: float, scale: float) -> None:
     level, push = under(Input(throttle=HOVER, w_WB_B=np.zeros(3))), 2.0
     ekf = Ekf(parameters(rate=lag, thrust=lag), throttle=HOVER, delay=delay)
     speed, drag = 0.0, VEHICLE.drag
@@ -247,7 +247,7 @@ def test_fast_vehicle_is_estimated_faster(lag: float, delay: float, closer: floa
             acting=level,
         )
     found = ekf.parameters().a_W[0] / push
-    assert 0.85 < found < 1.15 if closer > 1 else found < 0.8
+    assert 0.85 < found < 1.15 if scale > 1 else found < 0.8
 
 
 def test_held_estimate_does_not_change() -> None:
@@ -260,12 +260,12 @@ def test_held_estimate_does_not_change() -> None:
 def test_recall_restores_estimate_and_keeps_velocity() -> None:
     ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     flown(ekf, rate=0.03, thrust=0.03, a_W=np.array([0.6, -0.4, 0.2]))
-    before, kept = ekf.parameters(), ekf.memory()
+    before, kept = ekf.parameters(), ekf.snapshot()
     idle = Input(throttle=0.1, w_WB_B=np.zeros(3))
     for _ in range(50):  # what carries it is not the thrust
         ekf.update(before=measured(), after=measured(), acting=under(idle))
     assert np.abs(ekf.parameters().a_W).max() > 2.0
-    ekf.recall(kept)
+    ekf.restore(kept)
     np.testing.assert_array_equal(numbers(ekf.parameters()), numbers(before))
     flown(ekf, rate=0.03, thrust=0.03, a_W=np.array([0.6, -0.4, 0.2]))
     np.testing.assert_allclose(ekf.parameters().a_W, [0.6, -0.4, 0.2], atol=0.1)

@@ -1,4 +1,4 @@
-"""Standing on the ground is detected, and never in the air."""
+"""The detector of the ground: no false detection in the air."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import (
     TRANSITIONS,
     AllowedCommand,
-    Evidence,
+    GroundEvidence,
     GroundState,
     Learning,
     idles,
@@ -70,7 +70,7 @@ def judge() -> Judge:
 @pytest.fixture
 def standing(judge: Judge) -> Judge:
     judge.see(2.0)
-    assert judge.ground.state.stands
+    assert judge.ground.state.is_on_ground
     return judge
 
 
@@ -90,7 +90,7 @@ def test_hover_is_not_standing_for_any_thrust_scale(judge: Judge, share: float) 
 def test_learns_in_hover_after_spool_up(judge: Judge) -> None:
     said = judge.see(3.0, thrust=1.0, height=2.0)
     assert 1.5 < said.index(GroundState.FLYING) * PERIOD < 2.0
-    assert judge.ground.state.flies
+    assert judge.ground.state.is_flying
 
 
 def test_drift_is_not_lift_off(standing: Judge) -> None:
@@ -119,7 +119,7 @@ def test_leaving_its_place_means_flying(judge: Judge) -> None:
 def test_little_thrust_pauses_learning(judge: Judge) -> None:
     judge.see(3.0, thrust=1.0, height=2.0)
     judge.see(thrust=0.2, height=2.0)
-    assert judge.ground.state.flies
+    assert judge.ground.state.is_flying
     assert judge.ground.learning is Learning.PAUSE
 
 
@@ -134,7 +134,7 @@ def test_landing_pauses_learning_below_half_a_metre(standing: Judge) -> None:
         (0.3, ABOVE, False),
     ]:
         standing.see(thrust=1.0, height=height, window=window)
-        assert standing.ground.state.flies
+        assert standing.ground.state.is_flying
         assert (standing.ground.learning is Learning.PAUSE) is might
 
 
@@ -154,7 +154,7 @@ def test_it_stands_until_it_has_risen(standing: Judge) -> None:
 
 
 def test_detects_take_off_after_height_drifted_down(standing: Judge) -> None:
-    """As that of PX4, by 0.2 m as its motors spool up; then it climbs by 0.5 m/s^2."""
+    """PX4's height drifts by 0.2 m during spool-up; then the vehicle climbs with 0.5 m/s^2."""
     for k in range(50):
         standing.see(thrust=0.01 * k + 0.45, height=-0.004 * k, window=ABOVE)
     times = PERIOD * np.arange(80)
@@ -234,7 +234,7 @@ def test_idles_on_request_where_nothing_is_known(judge: Judge) -> None:
 
 @pytest.mark.parametrize("height", [0.0, 50.0])
 def test_idling_in_the_air_ends_as_it_falls(judge: Judge, height: float) -> None:
-    """Whoever asks for it: after 0.3 s, less than half a metre, it flies again."""
+    """Requested idling in the air ends after 0.3 s, less than half a metre of fall."""
     judge.see(2.0, thrust=1.0, height=height, window=ReferenceWindow.hover([0.0, 0.0, height]))
     judge.ground.idle_wanted, speed, start = True, 0.0, height
     states = []
@@ -260,8 +260,8 @@ def test_table_is_complete_and_unambiguous() -> None:
         evidence = {row.evidence} if row.present else set()
         assert next_state(row.state, evidence) is row.then
     onto = {row.evidence for row in TRANSITIONS if row.then is GroundState.ON_GROUND}
-    assert onto == {Evidence.RESTS, Evidence.CLIMBS}
-    back = [row for row in TRANSITIONS if row[1:] == (Evidence.CLIMBS, False, row.then)]
+    assert onto == {GroundEvidence.RESTS, GroundEvidence.CLIMBS}
+    back = [row for row in TRANSITIONS if row[1:] == (GroundEvidence.CLIMBS, False, row.then)]
     assert [row.state for row in back] == [GroundState.LIFTING_OFF]
 
 
@@ -304,7 +304,7 @@ def test_does_not_turn_when_carried_with_reduced_thrust(standing: Judge, carryin
     for _ in range(20):
         standing.see(thrust=0.65 * carrying, height=0.2, window=down)
     assert standing.ground.state is GroundState.TOUCHING_DOWN
-    assert not standing.ground.state.stands
+    assert not standing.ground.state.is_on_ground
 
 
 @pytest.mark.parametrize("carrying", [0.7, 1.0, 1.5])
@@ -333,17 +333,17 @@ def land(judge: Judge, carrying: float) -> ReferenceWindow:
     down = ReferenceWindow.through([0.0, 1.0, 2.0], [[0, 0, 0.0], [0, 0, -0.3], [0, 0, -0.6]])
     sinking = np.array([0.0, 0.0, -0.3])
     judge.see(0.2, thrust=carrying, height=0.3, velocity=sinking, window=down)
-    assert judge.ground.state.flies
+    assert judge.ground.state.is_flying
     assert judge.ground.state is not GroundState.TOUCHING_DOWN
     return down
 
 
 @pytest.mark.parametrize("says", [False, None])
 def test_accepts_landed_but_not_airborne_from_stack(judge: Judge, says: bool | None) -> None:
-    judge.ground.tell_landed(True)
+    judge.ground.set_landed(True)
     said = judge.see(1.0)
     assert said.index(GroundState.ON_GROUND) * PERIOD == pytest.approx(0.2, abs=0.021)
-    judge.ground.tell_landed(says)
+    judge.ground.set_landed(says)
     assert judge.see()[-1] is GroundState.ON_GROUND
 
 
@@ -351,7 +351,7 @@ def test_accepts_landed_but_not_airborne_from_stack(judge: Judge, says: bool | N
     ("thrust", "speed"), [(1.0, 0.0), (0.0, 2.0)], ids=["with thrust", "in motion"]
 )
 def test_ignores_landed_from_stack_in_flight(judge: Judge, thrust: float, speed: float) -> None:
-    judge.ground.tell_landed(True)
+    judge.ground.set_landed(True)
     said = judge.see(5.0, thrust=thrust, height=2.0, velocity=np.array([0.0, 0.0, -speed]))
     assert GroundState.ON_GROUND not in said
 
@@ -365,7 +365,7 @@ def test_ignores_commands_while_disengaged(judge: Judge) -> None:
 
 @pytest.mark.parametrize("noise", [0.05, 0.2, 0.4])
 def test_detects_standing_with_noisy_velocity(judge: Judge, noise: float) -> None:
-    """As estimators make them: correlated for a second, and the height drifts with them."""
+    """The noise is correlated over a second, as from estimators, and the height drifts with it."""
     rng = np.random.default_rng(1)
     keep = np.exp(-PERIOD / 1.0)
     velocity, height, said = np.zeros(3), 0.0, []
@@ -400,7 +400,7 @@ def test_free_fall_is_never_standing(
             height=height + 0.02 * noise * rng.normal(),
             velocity=np.array([0.0, 0.0, speed]) + noise * rng.normal(size=3),
         )
-        assert not judge.ground.state.stands
+        assert not judge.ground.state.is_on_ground
 
 
 def test_accepts_landed_state_from_stack_until_engaged(
@@ -408,12 +408,12 @@ def test_accepts_landed_state_from_stack_until_engaged(
 ) -> None:
     judge.ground.engage(False)
     assert set(judge.see(1.0, thrust=0.9)) == {GroundState.UNKNOWN}
-    judge.ground.tell_landed(True)
+    judge.ground.set_landed(True)
     assert judge.see()[-1] is GroundState.ON_GROUND
     judge.ground.engage(True)
     assert set(judge.see(1.0)) == {GroundState.ON_GROUND}
     judge.ground.engage(False)
-    judge.ground.tell_landed(False)
+    judge.ground.set_landed(False)
     assert judge.see(height=2.0)[-1] is GroundState.UNKNOWN
     judge.ground.engage(True)
     assert judge.see(thrust=1.0, height=2.0)[-1] is GroundState.UNKNOWN
@@ -421,9 +421,9 @@ def test_accepts_landed_state_from_stack_until_engaged(
 
 def test_engaged_in_flight_lands_like_after_take_off(judge: Judge) -> None:
     judge.ground.engage(False)
-    judge.ground.tell_landed(True)
+    judge.ground.set_landed(True)
     judge.see(1.0)
-    judge.ground.tell_landed(False)
+    judge.ground.set_landed(False)
     for engaged in (True, False, True):
         judge.ground.engage(engaged)
         judge.see(1.0, thrust=1.0, height=2.0, window=ReferenceWindow.hover([0.0, 0.0, 2.0]))
@@ -441,7 +441,7 @@ def test_air_may_push_more_than_assumed(judge: Judge, up: float) -> None:
         velocity = np.array([0.0, 0.0, up - fall * time])
         height = float(up * time - 0.5 * fall * time**2)
         judge.see(thrust=share, height=height, velocity=velocity)
-        assert not judge.ground.state.stands
+        assert not judge.ground.state.is_on_ground
 
 
 def test_it_stands_with_as_much_thrust_as_is_little(judge: Judge) -> None:
@@ -450,7 +450,7 @@ def test_it_stands_with_as_much_thrust_as_is_little(judge: Judge) -> None:
 
 @pytest.mark.parametrize(("gap", "flies"), [(0.4, True), (0.7, False)])
 def test_what_it_did_in_a_long_gap_is_not_known(judge: Judge, gap: float, flies: bool) -> None:
-    """That it hovered counts across half a second at most."""
+    """An earlier hover counts for half a second at most."""
     judge.see(1.4, thrust=1.0, height=2.0)
     judge.wait(gap)
     judge.see(0.1, thrust=1.0, height=2.0)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from quad_mpc_ros.control.estimation.ground_motion import FilteredMotion
+from quad_mpc_ros.control.estimation.ground_motion import MotionFilter
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 
@@ -16,7 +16,7 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 def test_speeds_are_those_of_the_world(seed: int) -> None:
     rng = np.random.default_rng(seed)
     R_WB, v_WB_W = so3.exp(rng.normal(size=3)), rng.normal(size=3)
-    motion = FilteredMotion(9.81)
+    motion = MotionFilter(9.81)
     odometry = OdometrySample(
         stamp_ns=0,
         p_WB=np.zeros(3),
@@ -24,21 +24,21 @@ def test_speeds_are_those_of_the_world(seed: int) -> None:
         v_WB_B=R_WB.T @ v_WB_W,
         w_WB_B=np.zeros(3),
     )
-    motion.follow(odometry, thrust=1.0, duration=0.0, flies=False)
+    motion.follow(odometry, thrust=1.0, duration=0.0, is_flying=False)
     assert motion.now.climb == pytest.approx(v_WB_W[2])
     assert motion.now.aside == pytest.approx(math.hypot(*v_WB_W[:2]))
 
 
 def test_steps_are_followed_with_a_tenth_of_a_second() -> None:
-    motion = FilteredMotion(9.81)
+    motion = MotionFilter(9.81)
     still = OdometrySample.at_rest([0.0, 0.0, 0.0])
-    motion.follow(still, thrust=0.0, duration=0.0, flies=False)
+    motion.follow(still, thrust=0.0, duration=0.0, is_flying=False)
     moved = OdometrySample.at_rest([3.0, 0.0, 4.0])
     for _ in range(10):
-        motion.follow(moved, thrust=1.0, duration=0.02, flies=False)
+        motion.follow(moved, thrust=1.0, duration=0.02, is_flying=False)
     followed = 1.0 - math.exp(-0.2 / 0.1)
     assert motion.now.height == pytest.approx(4.0 * followed)
-    assert motion.now.way == pytest.approx(5.0 * followed)
+    assert motion.now.displacement == pytest.approx(5.0 * followed)
     assert motion.now.lift == pytest.approx(1.0 - math.exp(-0.2 / 0.3))
     for _ in range(100):
         motion.draw_ground(fast=False)
@@ -47,14 +47,14 @@ def test_steps_are_followed_with_a_tenth_of_a_second() -> None:
 
 def carried_after(falls: float) -> float | None:
     """Return when it seems carried [s] that falls by a share of what 0.7 of its thrust leave."""
-    motion, climb = FilteredMotion(9.81), 0.0
+    motion, climb = MotionFilter(9.81), 0.0
     for k in range(550):
         reduced = k >= 500
         climb -= falls * 0.3 * 9.81 * 0.02 * reduced
         odometry = OdometrySample.at_rest([0.0, 0.0, 1.0])
         odometry.v_WB_B[2] = climb
         thrust = 0.7 if reduced else 1.0
-        motion.follow(odometry, thrust=thrust, duration=0.02 if k else 0.0, flies=True)
+        motion.follow(odometry, thrust=thrust, duration=0.02 if k else 0.0, is_flying=True)
         if motion.now.carried:
             assert reduced
             return 0.02 * (k - 499)

@@ -19,7 +19,7 @@ def found(velocity_errors: Array, least: float = measurement_noise.USUAL) -> flo
     noise = WhiteNoise.zeros()[()]
     measurement_noise.start(noise, least)
     for change in np.diff(velocity_errors, axis=0):
-        measurement_noise.follow(noise, tuple(change.tolist()), PERIOD)
+        measurement_noise.update_white_noise(noise, tuple(change.tolist()), PERIOD)
     return math.sqrt(measurement_noise.variance_in(noise))
 
 
@@ -61,7 +61,7 @@ def drift_found(p: Array, v: Array, *, white: float) -> float:
     measurement_noise.start_drift(drift)
     measurement_noise.begin_drift(drift, p[0], v[0])
     for position, velocity in zip(p[1:], v[1:], strict=True):
-        measurement_noise.follow_drift(drift, position, velocity, white**2, PERIOD)
+        measurement_noise.update_drift(drift, position, velocity, white**2, PERIOD)
     return math.sqrt(measurement_noise.drift_variance_in(drift, 0.0))
 
 

@@ -11,9 +11,9 @@ from fixtures.records import changed, state_of
 from quad_mpc_ros.control.estimation import ekf, kalman
 from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.ekf import VehicleEkf
-from quad_mpc_ros.control.estimation.error_state import MOTION, MotionEstimate
+from quad_mpc_ros.control.estimation.error_state import MOTION, TranslationEstimate
 from quad_mpc_ros.control.estimation.filter_state import Filter
-from quad_mpc_ros.control.estimation.process_model import predict_motion
+from quad_mpc_ros.control.estimation.process_model import predict_translation
 from quad_mpc_ros.control.estimation.specific_force import (
     SpecificForce,
     SpecificForces,
@@ -32,11 +32,11 @@ VEHICLE = Vehicle(drag=(0.2, 0.3, 0.4), rotor_drag=(0.1, 0.1, 0.05), translation
 NOMINAL = parameters_of(VEHICLE, rate_time_constant=0.0, thrust_time_constant=0.04)[()]
 HOVER, GRAVITY = VEHICLE.hover_throttle, VEHICLE.gravity
 LEVEL = np.eye(3)
-FLYING = Conditions(acts=True, flies=True, may_touch=False)
+FLYING = Conditions(acts=True, is_flying=True, may_touch=False)
 
 
 def mean_shape() -> Array:
-    return np.asarray(NOMINAL.uneven_drag / NOMINAL.drag)
+    return np.asarray(NOMINAL.anisotropic_drag / NOMINAL.drag)
 
 
 def state_at(**values: float | Array) -> Array:
@@ -58,7 +58,7 @@ def parameters_at(x: Array) -> ModelParameters:
         thrust_scale=x[MOTION.scale],
         thrust_time_constant=x[MOTION.lag],
         drag=x[MOTION.drag],
-        uneven_drag=NOMINAL.uneven_drag + learned * mean_shape(),
+        anisotropic_drag=NOMINAL.anisotropic_drag + learned * mean_shape(),
         a_W=x[MOTION.disturbance : MOTION.scale],
     )
 
@@ -67,7 +67,7 @@ def seen_of(
     x: Array, *, f_B: Array, throttle: float = HOVER, R_before: Array = LEVEL, turn: Array
 ) -> kalman.Innovation:
     """Return what a measurement says of a state under a throttle, while it turns."""
-    estimate = MotionEstimate.zeros()[()]
+    estimate = TranslationEstimate.zeros()[()]
     estimate.x[:] = x
     before, after = state_of(R_WB=R_before), state_of(R_WB=R_before @ so3.exp(turn))
     acting = Acting(
@@ -77,7 +77,7 @@ def seen_of(
     if throttle == HOVER:
         acting.commands[:, 0] = HOVER
     F, force = np.empty((MOTION.size, MOTION.size)), SpecificForce.zeros()[()]
-    predict_motion(parameters_at(x), mean_shape(), estimate, acting, before, after, F)
+    predict_translation(parameters_at(x), mean_shape(), estimate, acting, before, after, F)
     force.f_B[:], force.variance = f_B, 0.25
     later, P = np.array(estimate.x), np.eye(MOTION.size)
     return force_innovation(x, P, F, later, (before, after), PERIOD, GRAVITY, force)
@@ -95,7 +95,7 @@ MOVING = state_at(
 
 
 def test_jacobian_is_that_of_finite_differences() -> None:
-    """Of every state; a covariance of one makes P H' the Jacobian's transpose."""
+    """Every state is tested; with a covariance of one, P H' is the Jacobian's transpose."""
     arguments = {"throttle": 0.4, "R_before": so3.exp([0.3, -0.5, 1.0]), "turn": np.full(3, 0.1)}
     seen = seen_of(MOVING, f_B=STILL, **arguments)
     step = 1e-6
@@ -170,7 +170,11 @@ class Flown:
             uses_accelerometer=uses_accelerometer,
             state=self.state,
         )
-        self._feels, self._bias, self._rng = uses_accelerometer, bias, np.random.default_rng(3)
+        self._uses_accelerometer, self._bias, self._rng = (
+            uses_accelerometer,
+            bias,
+            np.random.default_rng(3),
+        )
         self._model = changed(NOMINAL, thrust_scale=scale)
         self._body = Body((0.0,) * 3, (0.0,) * 3, tuple(LEVEL.ravel()), (HOVER, 0.0, 0.0, 0.0))
         self._measured = self._odometry()
@@ -187,7 +191,7 @@ class Flown:
             self.state.specific_force.f_B[:] = (
                 f_B + self._bias + force + 0.1 * self._rng.normal(size=3)
             )
-            self.state.specific_force.variance = 0.25 if self._feels else 0.0
+            self.state.specific_force.variance = 0.25 if self._uses_accelerometer else 0.0
             before, self._measured = self._measured, self._odometry()
             acting = Acting(durations=np.array([PERIOD]), commands=np.array([command]))
             mode = ekf.update(self.state, before, self._measured, acting, FLYING, 0.0)
@@ -222,13 +226,13 @@ def test_distinguishes_bias_from_wind() -> None:
     bias = np.array([0.2, -0.2, 0.2])
     flown = Flown(uses_accelerometer=True, bias=bias)
     flown.go_on(20.0)
-    np.testing.assert_allclose(flown.state.motion.x[MOTION.accelerometer :], bias, atol=0.06)
+    np.testing.assert_allclose(flown.state.translation.x[MOTION.accelerometer :], bias, atol=0.06)
     np.testing.assert_allclose(flown.ekf.parameters().a_W[:2], 0.0, atol=0.1)
     flown.ekf.start_over()
-    assert not flown.state.motion.x[MOTION.accelerometer :].any()
+    assert not flown.state.translation.x[MOTION.accelerometer :].any()
 
 
-def test_nonsense_is_refused_by_the_gate() -> None:
+def test_the_innovation_gate_rejects_contradicting_measurements() -> None:
     """A sensor mounted upside down."""
     flown = Flown(uses_accelerometer=True)
     flown.go_on(2.0)
@@ -241,5 +245,5 @@ def test_nonsense_is_refused_by_the_gate() -> None:
 def test_without_an_accelerometer_its_bias_is_no_state() -> None:
     flown = Flown(uses_accelerometer=False)
     flown.go_on(1.0)
-    assert not flown.state.motion.P[MOTION.accelerometer :].any()
-    assert not flown.state.motion.x[MOTION.accelerometer :].any()
+    assert not flown.state.translation.P[MOTION.accelerometer :].any()
+    assert not flown.state.translation.x[MOTION.accelerometer :].any()

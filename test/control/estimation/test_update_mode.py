@@ -11,7 +11,7 @@ from quad_mpc_ros.control.estimation.update_mode import (
     update_mode,
 )
 
-FREE_FLIGHT = Conditions(acts=True, flies=True, may_touch=False)
+FREE_FLIGHT = Conditions(acts=True, is_flying=True, may_touch=False)
 NEAR_GROUND = FREE_FLIGHT._replace(may_touch=True)
 
 
@@ -25,7 +25,7 @@ def test_learns_in_free_flight() -> None:
     assert mode(FREE_FLIGHT, gaps=1.5) is UpdateMode.LEARN
 
 
-@pytest.mark.parametrize("lacking", ["acts", "flies"])
+@pytest.mark.parametrize("lacking", ["acts", "is_flying"])
 def test_holds_without_acting_commands_or_flight(lacking: str) -> None:
     assert mode(FREE_FLIGHT._replace(**{lacking: False})) is UpdateMode.HOLD
 

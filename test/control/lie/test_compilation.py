@@ -19,7 +19,7 @@ PACKAGE = Path(quad_mpc_ros.__file__).parent
 ROTATE = """
 from quad_mpc_ros.configuration import compilation
 from quad_mpc_ros.control.lie import kernels
-print(kernels.exp((0.0, 0.0, 0.0))[0], compilation.compiled_here())
+print(kernels.exp((0.0, 0.0, 0.0))[0], compilation.functions_compiled())
 """
 
 

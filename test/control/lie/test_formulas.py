@@ -1,4 +1,4 @@
-"""The formulas give the same bits in Python and compiled, so whoever uses which flies the same."""
+"""The formulas give the same bits in Python and in compiled code."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def rotations() -> list[formulas.Matrix]:
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
-def test_python_and_compiled_code_agree_to_the_bit(
+def test_python_and_compiled_code_give_the_same_bits(
     plain: Callable[..., Any], compiled: Callable[..., Any], arguments: list[tuple[Any, ...]]
 ) -> None:
     for given in arguments:

@@ -63,7 +63,7 @@ def difference(after: Body, before: Body) -> Array:
 
 
 def with_drag(model: ModelParameters, drag: float) -> ModelParameters:
-    return changed(model, drag=drag, uneven_drag=drag / model.drag * model.uneven_drag)
+    return changed(model, drag=drag, anisotropic_drag=drag / model.drag * model.anisotropic_drag)
 
 
 def by_number(name: str) -> Callable[[ModelParameters, float], ModelParameters]:
@@ -84,7 +84,7 @@ PARAMETERS: dict[int, Any] = {
 
 def derivatives(model: ModelParameters, x: Body) -> MotionDerivatives:
     found = no_motion()
-    shape = tuple(model.uneven_drag / model.drag)
+    shape = tuple(model.anisotropic_drag / model.drag)
     for command, duration in zip(COMMANDS, DURATIONS, strict=True):
         x = propagated_with_derivatives(model, shape, command, duration, LONGEST, x, found)
     np.testing.assert_array_equal(difference(x, flown(model, start())), 0.0)

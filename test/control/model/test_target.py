@@ -151,8 +151,8 @@ def test_target_compensates_learned_drag(vehicle: Vehicle, more: float) -> None:
     model = changed(
         expected,
         drag=factor * expected.drag,
-        uneven_drag=factor * expected.uneven_drag,
-        learned_drag=more * (1.0 + expected.uneven_drag / expected.drag),
+        anisotropic_drag=factor * expected.anisotropic_drag,
+        learned_drag=more * (1.0 + expected.anisotropic_drag / expected.drag),
     )
     window = eight(1.0, vehicle)
     target = target_of(window, model)

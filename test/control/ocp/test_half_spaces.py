@@ -23,7 +23,7 @@ from quad_mpc_ros.control.ocp.limits import Limits, limits_cost
 from quad_mpc_ros.control.ocp.manifold import ManifoldProblem
 from quad_mpc_ros.control.ocp.plan import PlannedTrajectory
 from quad_mpc_ros.control.ocp.qp_solver import QpSolver
-from quad_mpc_ros.control.ocp.settings import Settings
+from quad_mpc_ros.control.ocp.settings import ProblemSettings
 
 ROWS = {"obstacles.half_spaces": 8}
 START_NS = 10**9
@@ -153,7 +153,7 @@ def test_commands_without_corridor_are_the_same_bits() -> None:
 
 def test_half_spaces_hold_at_their_times() -> None:
     """Those of a corridor that began earlier are taken so much later, the last one held."""
-    limits = Limits.zeros(Settings.zeros()[()], 4, half_spaces=3)
+    limits = Limits.zeros(ProblemSettings.zeros()[()], 4, half_spaces=3)
     normals = np.zeros((5, 1, 3))
     normals[..., 0] = 1.0
     offsets = np.arange(5.0)[:, None]
@@ -164,7 +164,7 @@ def test_half_spaces_hold_at_their_times() -> None:
 
 
 def test_penalty_pays_for_the_plane_that_is_broken_most() -> None:
-    limits = Limits.zeros(Settings.zeros()[()], 1, half_spaces=3)
+    limits = Limits.zeros(ProblemSettings.zeros()[()], 1, half_spaces=3)
     limits.weights[:] = 10.0
     limits.bounds["tilt"] = limits.bounds["speed"] = limits.bounds["throttle_max"] = 1e9
     limits.bounds["rate_change_max"] = 1e9

@@ -10,12 +10,12 @@ from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.target import TargetStage
 from quad_mpc_ros.control.ocp.problem import tracking_cost, write_tracking_cost
-from quad_mpc_ros.control.ocp.settings import Settings
+from quad_mpc_ros.control.ocp.settings import ProblemSettings
 
 STEPS = 3
 RNG = np.random.default_rng(2)
 SETTINGS = changed(
-    Settings.zeros()[()],
+    ProblemSettings.zeros()[()],
     Q=[10.0, 9.0, 8.0, 1.0, 2.0, 3.0, 0.5, 0.7, 0.9],
     R=[0.1, 0.001, 0.002, 0.003],
     terminal_weight=30.0,

@@ -1,4 +1,4 @@
-"""Fence and envelope: what breaks them, what that asks for, and when it is over."""
+"""Fence and envelope: breaches, their actions, and their end."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def test_hover_action_leaves_room_to_stop_inside(
     watch = Watch(CONFIG, make_odometry)
     action, reported = watch.look(0, **at(x=2.0), **velocity)
     assert (action == "HOVER") == broken
-    assert ("come to a stop" in reported) == broken
+    assert ("stopping point" in reported) == broken
 
 
 def test_reports_most_severe_breach(watch: Watch) -> None:
@@ -143,7 +143,7 @@ def test_breach_ends_after_a_second_well_inside(watch: Watch) -> None:
     assert watch.look(5000, **at(x=4.95))[0] == "HOVER"
     assert watch.look(5100, **at(x=4.8))[0] == "HOVER"
     assert watch.look(5900, **at(x=4.8))[0] == "HOVER"
-    assert watch.look(6000, **tilted(0.95))[0] == "HOVER"  # not calm: counted anew
+    assert watch.look(6000, **tilted(0.95))[0] == "HOVER"  # not calm: the count restarts
     assert watch.look(6100)[0] == "HOVER"
     assert watch.look(7099)[0] == "HOVER"
     assert watch.look(7100) == ("", "")

@@ -1,7 +1,7 @@
-"""The safety ladder as stories: what is known at which time, and who has to command then.
+"""Scenarios of the failsafe: inputs over time and the expected source of commands.
 
-Each test takes the module as a fixture, so that ``test_ladder_mutations.py`` can tell the same
-stories to a module in which a condition has been changed.
+Each test takes the module as a fixture, so that ``test_ladder_mutations.py`` can repeat the
+scenarios with a module in which a condition has been changed.
 """
 
 from __future__ import annotations
@@ -76,14 +76,14 @@ class Flight:
         if breach is not None:
             broken = self._ladder.Breach(self._ladder.Action[breach[0]], breach[1])
         decision, self._state = self._ladder.decide(
-            self._ladder.Inputs(
+            self._ladder.LadderInputs(
                 now_ns=stamp(None),
                 odometry_ns=None if "odometry" in never else stamp(odometry),
                 reference_ns=None if "reference" in never else stamp(reference),
                 plan_fault=fault,
                 breach=broken,
-                standing=standing,
-                foreseen=foreseen,
+                on_ground=standing,
+                is_predicted=foreseen,
             ),
             self._state,
             self._timeouts,
@@ -100,7 +100,7 @@ def test_mpc_commands_without_reason_when_all_is_well(ladder: ModuleType) -> Non
     assert Flight(ladder).decide(0) == (MPC, "")
 
 
-def test_before_the_first_plan_it_waits(ladder: ModuleType) -> None:
+def test_waits_before_the_first_plan(ladder: ModuleType) -> None:
     for known, reason in (
         ({"never": "odometry"}, "no odometry yet"),
         ({"never": "reference"}, "no reference yet"),
@@ -165,7 +165,7 @@ def test_predicted_state_does_not_extend_plan_timeout(
     flight.decide(0)
     assert flight.decide(120, odometry=0, foreseen=True) == (
         MPC,
-        "odometry is late: foreseen",
+        "odometry is late: predicted",
     )
     flight.follow([(200, MPC), (400, MPC)], odometry=0, foreseen=True)
     assert flight.decide(401, odometry=0, foreseen=True) == (BLIND, "odometry is 0.40 s old")
@@ -248,7 +248,7 @@ def test_on_the_ground_without_odometry_it_idles_then_falls_silent(ladder: Modul
     flight.follow(expected, odometry=0, standing=True)
 
 
-def test_a_warning_does_not_change_who_commands(ladder: ModuleType) -> None:
+def test_a_warning_does_not_change_the_source(ladder: ModuleType) -> None:
     flight = Flight(ladder)
     warning = ("WARN", "high")
     assert flight.decide(0, breach=warning) == (MPC, "high")
@@ -352,7 +352,7 @@ _MOMENT = st.fixed_dictionaries(
 @settings(max_examples=300, deadline=None)
 @given(moments=st.lists(_MOMENT, min_size=1, max_size=20))
 def test_invariants_hold_in_random_scenarios(moments: list[dict[str, Any]]) -> None:
-    """What holds at every moment, whatever came before."""
+    """The invariants hold at every moment, whatever the history."""
     flight, at, stopped, flown = Flight(real_ladder), 0, False, False
     for moment in moments:
         at += moment["wait"]

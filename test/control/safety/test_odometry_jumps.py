@@ -1,4 +1,4 @@
-"""Jumps of the odometry are not followed; noise, small and announced steps are flown as ever."""
+"""Jumps of the odometry are rejected; noise, small and announced steps are accepted."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Source:
         self.time = 0.0
 
     def see(self, seconds: float, offset: Where | None = None) -> list[Array]:
-        """Return by how much the position believed is off the true one, each time."""
+        """Return the errors of the accepted positions, one per odometry."""
         off = []
         for _ in range(round(seconds / self._period)):
             self.time += self._period
@@ -71,7 +71,7 @@ def test_never_accepts_a_jump_to_and_fro(rate: float) -> None:
     assert np.abs(source.see(20.0, flips(2.0))).max() < 1e-6
 
 
-def test_a_place_that_lasts_is_taken_after_three_seconds() -> None:
+def test_accepts_a_lasting_position_after_three_seconds() -> None:
     source = Source()
     source.see(2.0)
     off = np.linalg.norm(source.see(4.0, lambda _: FAR), axis=1)
@@ -82,7 +82,7 @@ def test_a_place_that_lasts_is_taken_after_three_seconds() -> None:
     assert "30.0 m aside has lasted for 3.0 s: accepted" in note
 
 
-def test_a_step_back_is_taken_at_once_and_another_one_later() -> None:
+def test_accepts_a_step_back_at_once_and_another_one_later() -> None:
     source = Source()
     source.see(2.0)
     source.see(4.0, lambda _: FAR)
@@ -91,13 +91,13 @@ def test_a_step_back_is_taken_at_once_and_another_one_later() -> None:
     assert np.linalg.norm(source.see(2.0, lambda _: FAR)[-1]) == pytest.approx(30.0)
 
 
-def test_places_that_do_not_agree_are_not_taken() -> None:
+def test_rejects_positions_that_do_not_agree() -> None:
     source = Source()
     source.see(2.0)
     assert np.abs(source.see(8.0, lambda seconds: FAR * (1.0 + seconds // 1.0))).max() < 1e-6
 
 
-def test_says_at_once_what_jumped() -> None:
+def test_names_the_jumped_quantity_at_once() -> None:
     source = Source()
     source.see(2.0)
     source.see(0.02, lambda _: FAR)
@@ -107,7 +107,7 @@ def test_says_at_once_what_jumped() -> None:
 
 
 @pytest.mark.parametrize("step", [0.1, 0.5, 0.7])
-def test_a_small_step_is_flown_at_once(step: float) -> None:
+def test_accepts_a_small_step_at_once(step: float) -> None:
     source = Source()
     source.see(2.0)
     off = source.see(0.02, lambda _: np.array([0.0, step, 0.0]))
@@ -136,7 +136,7 @@ def test_a_gap_allows_for_what_may_have_happened_in_it() -> None:
 
 
 @pytest.mark.parametrize("order", ["before", "after"])
-def test_an_announced_step_is_taken_at_once(order: str) -> None:
+def test_accepts_an_announced_step_at_once(order: str) -> None:
     """Also when it is announced after the first odometry in the new coordinates."""
     source = Source()
     source.see(2.0)
@@ -152,7 +152,7 @@ def test_an_announced_step_is_taken_at_once(order: str) -> None:
     assert np.linalg.norm(off, axis=1) == pytest.approx(30.0)
 
 
-def test_while_commands_do_not_act_every_place_is_taken() -> None:
+def test_accepts_every_position_while_commands_do_not_act() -> None:
     source = Source()
     source.see(2.0)
     source.jumps.engage(False)
@@ -160,7 +160,7 @@ def test_while_commands_do_not_act_every_place_is_taken() -> None:
 
 
 def flown(offset: Where) -> tuple[Array, list[CommandSample], set[str], list[str]]:
-    """Hover with an offset of the positions told: distances from where, commands, reasons, log."""
+    """Hover with an offset of the odometry; return distances, commands, reasons and log."""
     mpc = MpcConfig(lockstep=False)
     controller, begin_ns = Controller(mpc), 0
     commands: list[CommandSample] = []
@@ -170,8 +170,8 @@ def flown(offset: Where) -> tuple[Array, list[CommandSample], set[str], list[str
         nonlocal begin_ns
         begin_ns = begin_ns or odometry.stamp_ns
         seconds = 1e-9 * (odometry.stamp_ns - begin_ns)
-        told = dataclasses.replace(odometry, p_WB=odometry.p_WB + offset(seconds))
-        tick = controller.step(told, window)
+        measured = dataclasses.replace(odometry, p_WB=odometry.p_WB + offset(seconds))
+        tick = controller.step(measured, window)
         log.extend(controller.take_warnings())
         if tick is None or tick.command is None:
             return None
@@ -197,7 +197,7 @@ def test_a_flight_is_not_disturbed_by_a_position_that_jumps_by_30_m() -> None:
     assert "position jumped by 30.0 m" in log[0]
 
 
-TURNING = np.array([0.3, -0.4, 0.5])  # rad/s
+RATES = np.array([0.3, -0.4, 0.5])  # rad/s
 
 
 def used(
@@ -215,7 +215,7 @@ def used(
     """
     jumps, p_WB, errors, off = OdometryJumps(), np.zeros(3), [], []
     for k, seconds in enumerate(times):
-        R_WB, v_WB_W = so3.exp(seconds * TURNING), np.array([2.0, 0.0, 0.0])
+        R_WB, v_WB_W = so3.exp(seconds * RATES), np.array([2.0, 0.0, 0.0])
         pushed = np.zeros(3) if push is None else push(seconds)
         p_WB = p_WB + 0.02 * (v_WB_W + (pushed if follows_push else 0.0)) if k else p_WB
         R_off = R_WB if turn is None else so3.exp(turn(seconds)) @ R_WB
@@ -224,7 +224,7 @@ def used(
             p_WB=p_WB,
             q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_off),
             v_WB_B=(R_off if twist_in_world else R_WB).T @ (v_WB_W + pushed),
-            w_WB_B=TURNING,
+            w_WB_B=RATES,
         )
         checked = jumps.checked(odometry)
         R_used = so3.rotation_from_quaternion_xyzw(checked.q_WB_xyzw)
@@ -247,7 +247,7 @@ TIMES = np.arange(0.0, 12.0, 0.02)
 def test_flies_on_by_the_rates_when_the_attitude_jumps(
     turn: list[float], twist_in_world: bool
 ) -> None:
-    """Whether the velocity was measured in the body, or turns with the attitude."""
+    """The velocity is measured in the body frame, or turns with the attitude."""
     jumps, errors, off = used(
         TIMES, turn=between(3.0, 5.9, np.array(turn)), twist_in_world=twist_in_world
     )
@@ -258,7 +258,7 @@ def test_flies_on_by_the_rates_when_the_attitude_jumps(
 
 @pytest.mark.parametrize("measures_the_next", [False, True])
 def test_body_rates_that_change_at_once_are_no_jump(measures_the_next: bool) -> None:
-    """As those of a vehicle without lags, whichever of the two rates is reported."""
+    """A vehicle without lags has such rates; either of the two rates is reported."""
     jumps, R_WB = OdometryJumps(), np.eye(3)
     for k in range(200):
         before, after = (np.array([20.0 * (-1.0) ** ((k + n) // 3), 0.0, 0.0]) for n in (0, 1))

@@ -1,4 +1,4 @@
-"""A limit cycle is noticed and ended by a rung that bears the delay; other flights are none."""
+"""The detector of oscillations ends limit cycles and ignores other flights."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def tilt(step: LoopStep) -> float:
 
 
 def test_a_reference_that_leans_from_side_to_side_in_jumps_is_no_oscillation() -> None:
-    """As ways around obstacles do: the vehicle leans to the other side of the new one at once."""
+    """Paths around obstacles cause such references: the tilt changes its side at once."""
     monitor = OscillationMonitor(agile())
     attitude, position = 0.0, np.zeros(3)
     for tick in range(300):

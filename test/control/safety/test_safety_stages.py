@@ -1,4 +1,4 @@
-"""Validate, decide and limit without a solver: what is accepted, who commands, what is sent."""
+"""Safety stages without a solver: accepted inputs, active source, limited command."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.ocp.qp_solver import QpSolution
 from quad_mpc_ros.control.plan_stage import Planned, PlanStage
 from quad_mpc_ros.control.safety.decide_stage import DecideStage
-from quad_mpc_ros.control.safety.fallbacks import Learned
+from quad_mpc_ros.control.safety.fallbacks import DisturbanceEstimate
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
 from quad_mpc_ros.control.safety.limit_stage import LimitStage
 from quad_mpc_ros.control.stage import Due, Failure
@@ -81,7 +81,7 @@ class Flight:
     def tick(
         self, plan: Plan | None = None, *, fault: str = "", **odometry: Array
     ) -> tuple[str, Input | None]:
-        """Return who commands, and the command; then a period passes."""
+        """Return the active source and the command; then a period passes."""
         now = self.now
         assert self.inputs.accept_reference(self._make_window(now), now_ns=now)
         accepted = self.inputs.accept_odometry(self._make_odometry(now, **odometry), now_ns=now)
@@ -89,7 +89,7 @@ class Flight:
         return self._commanded(accepted, plan, Failure("plan", fault) if fault else None)
 
     def watch(self) -> tuple[str, Input | None]:
-        assert self.inputs.is_unseen(now_ns=self.now)
+        assert self.inputs.is_odometry_lost(now_ns=self.now)
         return self._commanded(None, None, Failure("estimate", "not run without odometry"))
 
     def _commanded(
@@ -98,7 +98,7 @@ class Flight:
         due = Due(odometry, self.now, self.now, self.now, 0.02)
         planned = Planned(None if plan is None else step_of(plan), failure)
         decided = self.deciding.step(due, planned, flown=None, acting=self.limiting.acting)
-        u = self.limiting.step(due, decided, corridor=None, learned=Learned)
+        u = self.limiting.step(due, decided, corridor=None, learned=DisturbanceEstimate)
         self.now += PERIOD
         return decided.decision.source.name, u
 
@@ -133,7 +133,7 @@ MakeFlight = Callable[[MpcConfig], Flight]
 
 def test_nothing_is_sent_before_the_first_plan(make_flight: MakeFlight) -> None:
     flight = make_flight(MpcConfig())
-    assert not flight.inputs.is_unseen(now_ns=START)
+    assert not flight.inputs.is_odometry_lost(now_ns=START)
     assert flight.tick(fault="solver: none yet") == ("WAITING", None)
     assert flight.limiting.acting is None
     assert flight.log.counts.commands == 0
@@ -262,14 +262,14 @@ def test_blind_after_a_touchdown_it_levels_by_dead_reckoning(standing: Standing)
 @pytest.mark.parametrize("age", [0 * MS, 7 * MS, 39 * MS, 40 * MS, 41 * MS, 900 * MS])
 def test_states_time_until_odometry_is_too_old(make_flight: MakeFlight, age: int) -> None:
     flight = make_flight(MpcConfig(odom_timeout=0.04))
-    assert flight.inputs.seconds_until_unseen(now_ns=START) > 0.0
+    assert flight.inputs.seconds_until_odometry_lost(now_ns=START) > 0.0
     seen = flight.now
     flight.tick(planned(0.3))
-    pause = round(flight.inputs.seconds_until_unseen(now_ns=seen + age) * 1e9)
+    pause = round(flight.inputs.seconds_until_odometry_lost(now_ns=seen + age) * 1e9)
     assert pause == max(40 * MS + 1 - age, 0)
     if pause:
-        assert not flight.inputs.is_unseen(now_ns=seen + age + pause - 1)
-    assert flight.inputs.is_unseen(now_ns=seen + age + pause)
+        assert not flight.inputs.is_odometry_lost(now_ns=seen + age + pause - 1)
+    assert flight.inputs.is_odometry_lost(now_ns=seen + age + pause)
 
 
 @pytest.mark.parametrize(
@@ -347,5 +347,5 @@ def test_prediction_is_rejected_beyond_acting_limit(action: str, rejected: bool)
         prediction[()].state = state_of(p_WB=(x, 0.0, 1.0), v_WB_W=(0.5, 0.0, 0.0))
         return PredictedState(0, prediction)
 
-    assert deciding.foreseen_fault(state(0.0)) == ""
-    assert ("outside the fence" in deciding.foreseen_fault(state(2.1))) == rejected
+    assert deciding.predicted_breach(state(0.0)) == ""
+    assert ("outside the fence" in deciding.predicted_breach(state(2.1))) == rejected

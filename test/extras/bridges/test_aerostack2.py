@@ -1,4 +1,4 @@
-"""Aerostack2, against what it documents: ENU, FLU and newton."""
+"""The bridge to Aerostack2, compared with its documentation: ENU, FLU and newton."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from fixtures.bridges import AXES, SECOND, T0, command, set_q, tell, vector
+from fixtures.bridges import AXES, SECOND, T0, command, deliver, set_q, vector
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.lie import so3
@@ -62,10 +62,10 @@ def test_aerostack2_poses_and_twists_are_paired_by_time(new: New) -> None:
     pose.header.stamp.sec = 100
     twist.header.stamp.sec, twist.header.stamp.nanosec = 99, 980_000_000
     names = "/drone0/self_localization/pose", "/drone0/self_localization/twist"
-    assert tell(bridge, names[0], pose, T0) is None
-    assert tell(bridge, names[1], twist, T0) is None
+    assert deliver(bridge, names[0], pose, T0) is None
+    assert deliver(bridge, names[1], twist, T0) is None
     twist.header.stamp.sec, twist.header.stamp.nanosec = 100, 0
-    odometry = tell(bridge, names[1], twist, T0)
+    odometry = deliver(bridge, names[1], twist, T0)
     assert odometry is not None
     assert odometry.stamp_ns == 100 * SECOND
-    assert tell(bridge, names[1], twist, T0) is None  # each is used once
+    assert deliver(bridge, names[1], twist, T0) is None  # each is used once

@@ -1,4 +1,4 @@
-"""Betaflight: curves, frames, and who has the sticks when."""
+"""The bridge to Betaflight: rate curves, MSP frames, and the handover of the sticks."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_beyond_the_curve_the_stick_is_full() -> None:
 
 
 class Controller:
-    """A flight controller that is told in words, at the other end of a bridge's line."""
+    """A fake flight controller at the other end of a bridge's line."""
 
     def __init__(self, **parameters: Any) -> None:
         self.bridge = BetaflightBridge(BetaflightBridge.Config.build(parameters), new_message)
@@ -97,7 +97,7 @@ class Controller:
         self.modes: Sequence[int] = ()
         self.blocks = 0
         self.tilt = 0.0, 0.0
-        self.told = True
+        self.sends = True
         self.first = boxids() + rc_tuning()
         self.sticks: tuple[int, ...] = ()
         self.height = 2.0
@@ -109,7 +109,7 @@ class Controller:
             self.now_ns += STEP
             said = self.first + status(self.modes, self.blocks) + attitude(*self.tilt)
             self.first = b""
-            out = self.bridge.exchange(said if self.told else b"", now_ns=self.now_ns)
+            out = self.bridge.exchange(said if self.sends else b"", now_ns=self.now_ns)
             message = sound_message("nav_msgs/msg/Odometry", self.now_ns)
             message.pose.pose.position.z = self.height
             self.bridge.subscriptions[0].receive(message, self.now_ns)
@@ -274,12 +274,12 @@ def test_keeps_attitude_without_telemetry() -> None:
     controller = flying()
     controller.tilt = 20.0, 0.0
     controller.live(0.1, throttle=HOVER)
-    controller.told = False
+    controller.sends = False
     controller.live(1.0)
     assert controller.sticks[:2] == (1500, 1500)
 
 
-def test_disarmed_by_itself_it_is_not_armed_again() -> None:
+def test_does_not_arm_again_after_the_stack_disarmed() -> None:
     controller = flying()
     controller.arm()
     controller.live(0.1, throttle=HOVER)
@@ -291,15 +291,15 @@ def test_disarmed_by_itself_it_is_not_armed_again() -> None:
 
 
 @pytest.mark.parametrize(
-    ("modes", "told"),
+    ("modes", "reason"),
     [((ARM, FAILSAFE), "in failsafe"), ((ARM, ANGLE), "fly acro"), ((ARM, 2), "fly acro")],
 )
-def test_refuses_levelling_modes_and_failsafe(modes: Sequence[int], told: str) -> None:
+def test_refuses_levelling_modes_and_failsafe(modes: Sequence[int], reason: str) -> None:
     controller = Controller(receiver="bridge")
     controller.modes = modes
     controller.live(0.2, throttle=HOVER)
     answer = controller.engage()
-    assert not answer.accepted and told in answer.text
+    assert not answer.accepted and reason in answer.text
 
 
 def test_rates_of_an_unknown_kind_are_refused() -> None:

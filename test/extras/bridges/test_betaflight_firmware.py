@@ -1,4 +1,4 @@
-"""The bridge and real Betaflight at the two ends of a pseudo-terminal.
+"""Fly real Betaflight with the bridge over a pseudo-terminal.
 
 The bridge's bytes go through pyserial into the terminal, from there to the firmware's UART1, and
 its answers back; the body and the rotors are those of the plant ``betaflight``. Time is the
@@ -74,7 +74,7 @@ class Bridged(BetaflightPlant):
     def __init__(
         self, config: SimulatorConfig, *, is_armed: bool = True, **parameters: Any
     ) -> None:
-        """Begin armed by somebody else, or leave that to the bridge."""
+        """Begin armed by a pilot, or leave arming to the bridge."""
         self.controller, device = os.openpty()
         tty.setraw(device, termios.TCSANOW)
         os.set_blocking(self.controller, False)
@@ -248,7 +248,7 @@ def test_from_the_ground_it_is_armed_and_after_silence_disarmed() -> None:
         height, leaning = plant.state.p_WB[2], plant.odometry(0).up
         assert height > 0.3 and leaning < 0.97
         plant.live(1.0)
-        assert plant.odometry(0).up > 0.995  # level by the attitude that the firmware tells
+        assert plant.odometry(0).up > 0.995  # level by the attitude of the firmware
         assert min(plant.pulses) > 1040.0
         plant.live(3.5)
         assert max(plant.pulses) == 1000.0  # disarmed

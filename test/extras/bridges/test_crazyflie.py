@@ -1,4 +1,4 @@
-"""The Crazyflie's bridge: packets against what its firmware documents and what one has said."""
+"""The bridge to the Crazyflie, compared with the firmware's documentation and recorded packets."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fixtures import crazyflie
-from fixtures.bridges import AXES, HOVER, SECOND, T0, command, engage, hear, tell
+from fixtures.bridges import AXES, HOVER, SECOND, T0, command, deliver, deliver_all, engage
 from fixtures.stack_messages import sound_message
 
 from quad_mpc_ros.control.lie import so3
@@ -73,7 +73,7 @@ def test_thrust_is_in_pwm_and_cut(new: New, throttle: float, pwm: int) -> None:
 
 
 def test_body_rates_of_a_leaning_vehicle_turn_its_heading(new: New) -> None:
-    """By the difference of headings before and after a short turn."""
+    """The test compares the headings before and after a short turn."""
     bridge, random_state, now_ns = ready(new), np.random.default_rng(SEED), T0
     for _ in range(20):
         R_WB = so3.exp(random_state.uniform(-0.6, 0.6, 3))
@@ -82,7 +82,7 @@ def test_body_rates_of_a_leaning_vehicle_turn_its_heading(new: New) -> None:
         message = sound_message("nav_msgs/msg/Odometry", now_ns)
         q = message.pose.pose.orientation
         q.x, q.y, q.z, q.w = map(float, so3.quaternion_xyzw_from_rotation(R_WB))
-        tell(bridge, "stack_odom", message, now_ns)
+        deliver(bridge, "stack_odom", message, now_ns)
         turned = R_WB @ so3.exp(1e-6 * w)
         before, after = (math.atan2(R[1, 0], R[0, 0]) for R in (R_WB, turned))
         yaw = setpoint(bridge, w, now_ns=now_ns)[2]
@@ -106,7 +106,7 @@ def test_modes_are_set_until_they_are_confirmed_and_again_after_silence(new: New
     wanted = [b"\0" + name + b"\x08\0" for name in crazyflie.MODES]
     assert modes(T0) == wanted
     assert modes(T0 + SECOND // 4) == wanted
-    hear(bridge, T0 + SECOND // 2)
+    deliver_all(bridge, T0 + SECOND // 2)
     assert modes(T0 + SECOND // 2 + SECOND // 4) == []
     assert modes(T0 + 2 * SECOND) == wanted
 
@@ -115,8 +115,8 @@ def test_a_refused_mode_is_reported_and_prevents_engaging(new: New) -> None:
     bridge = CrazyflieBridge(CrazyflieBridge.Config(), new)
     bridge.exchange(crazyflie.modes_set(error=2), now_ns=T0)
     assert "refuses to set flightmode.stabModeRoll: error 2" in bridge.take_warnings()[0]
-    hearing = crazyflie.contents((2, "supervisor.info"), (7, "pm.vbat"))
-    bridge.exchange(hearing, now_ns=T0)
+    contents = crazyflie.contents((2, "supervisor.info"), (7, "pm.vbat"))
+    bridge.exchange(contents, now_ns=T0)
     bridge.exchange(crazyflie.logged(), now_ns=T0)
     refused = bridge.engage(True, now_ns=T0)
     assert not refused.accepted and "modes of rates" in refused.text
@@ -126,7 +126,7 @@ def test_a_refused_mode_is_reported_and_prevents_engaging(new: New) -> None:
     ("info", "reason"),
     [(crazyflie.TUMBLED, "upside down"), (crazyflie.LOCKED, "locked: restart it")],
 )
-def test_what_the_supervisor_reports_ends_the_flight(new: New, info: int, reason: str) -> None:
+def test_reports_of_the_supervisor_end_the_flight(new: New, info: int, reason: str) -> None:
     bridge = ready(new)
     bridge.exchange(crazyflie.logged(info=crazyflie.ARMED | info), now_ns=T0)
     assert not bridge.engaged(now_ns=T0)
@@ -148,7 +148,7 @@ def test_the_pose_goes_to_the_estimator_on_board(
     message = sound_message("nav_msgs/msg/Odometry", T0)
     p = message.pose.pose.position
     p.x, p.y, p.z = 1.0, 2.0, 3.0
-    tell(bridge, "stack_odom", message, T0)
+    deliver(bridge, "stack_odom", message, T0)
     sent = [
         data
         for number, data in crazyflie.packets(bridge.exchange(b"", now_ns=T0))
@@ -168,7 +168,7 @@ def test_commands_that_stop_in_flight_are_followed_by_a_request_to_land_once(new
     sent = b""
     for elapsed_ns in range(0, SECOND, SECOND // 100):
         now_ns = T0 + elapsed_ns
-        tell(bridge, "stack_odom", sound_message("nav_msgs/msg/Odometry", now_ns), now_ns)
+        deliver(bridge, "stack_odom", sound_message("nav_msgs/msg/Odometry", now_ns), now_ns)
         sent += bridge.exchange(crazyflie.logged(), now_ns=now_ns)
     landing = [(port, data) for port, data in crazyflie.packets(sent) if port in (0x71, 0x80)]
     assert [port for port, _ in landing] == [0x71, 0x80]
@@ -245,8 +245,8 @@ def test_fuzzed_frames_change_nothing_that_they_should_not(new: New) -> None:
         bridge.exchange(crazyflie.framed(header, data), now_ns=T0)
         after = bridge._session.telemetry
         expected = struct.unpack("<4xHf", data) if is_block else (before.info, before.voltage)
-        told = (after.info, after.voltage)
-        wrong += told != expected and not all(map(math.isnan, (told[1], expected[1])))
+        found = (after.info, after.voltage)
+        wrong += found != expected and not all(map(math.isnan, (found[1], expected[1])))
         wrong += after.takes_rates is not before.takes_rates
     assert wrong == 0
 
@@ -302,7 +302,7 @@ def test_reports_an_address_of_another_kind() -> None:
 def test_the_server_of_crazyswarm2_makes_the_same_packet(
     new: New, axis: tuple[float, ...]
 ) -> None:
-    """Of the other bridge's message: roll is linear.y, pitch -linear.x, yaw angular.z."""
+    """In the other bridge's message, roll is linear.y, pitch -linear.x, yaw angular.z."""
     message = new("geometry_msgs/msg/Twist")
     crazyswarm2.fill_setpoint(message, command(w=axis), throttle=0.5)
     data = struct.pack(

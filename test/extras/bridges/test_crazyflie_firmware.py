@@ -1,4 +1,4 @@
-"""The bridge and the Crazyflie's firmware: CRTP over UDP by cflib, flown with our rotors and body.
+"""Fly the plant ``rotors`` with the Crazyflie's firmware over CRTP, by UDP and cflib.
 
 The firmware runs in real time at most, and its rate loop in step with the plant: a busy machine
 makes the flights longer, not worse.
@@ -80,10 +80,10 @@ class Bridged(FirmwarePlant):
 
     @property
     def info(self) -> int:
-        """What the supervisor has reported last."""
+        """The last report of the supervisor."""
         return self.bridge._session.telemetry.info  # type: ignore[attr-defined, no-any-return]
 
-    def _hear(self, truth: OdometrySample) -> None:
+    def _send_odometry(self, truth: OdometrySample) -> None:
         message = new_message("nav_msgs/msg/Odometry")
         conversions.fill_odometry(message, truth)
         self.bridge.subscriptions[0].receive(message, self.now_ns)
@@ -151,7 +151,7 @@ def test_the_throttle_of_hover_hovers() -> None:
 
 
 def test_silence_where_the_bridge_is_gone_levels_and_then_locks_it() -> None:
-    """Its clock may run ahead of the plant's here, so only the order is tested."""
+    """The firmware's clock may run ahead of the plant's, so only the order is tested."""
     with bridged() as plant:
         plant.take_over(HOVER)
         plant.live(0.3, HOVER, (1.0, 0.0, 0.0))
@@ -271,7 +271,7 @@ FOUND: dict[str, Any] = {
     ],
     ids=["hover", "lemniscate with guessed lags", "identified", "a quick one identified"],
 )
-def test_it_follows(assignments: Any, mpc: Any, most: float) -> None:
+def test_follows_the_reference(assignments: Any, mpc: Any, most: float) -> None:
     flight, _ = flown(vehicle(*assignments, **mpc), Bridged, duration=20.0 if not mpc else 12.0)
     assert np.sqrt(np.mean(errors(flight)[100:] ** 2)) < most
     assert flight.stats["thrust_scale"][-1] == pytest.approx(1.0, abs=0.05)

@@ -1,4 +1,4 @@
-"""Crazyswarm2, against what it documents: degrees and PWM."""
+"""The bridge to Crazyswarm2, compared with its documentation: degrees and PWM."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fixtures.bridges import AXES, SECOND, T0, command, engage, ready_to_fly, set_q, tell
+from fixtures.bridges import AXES, SECOND, T0, command, deliver, engage, ready_to_fly, set_q
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.lie import Array, so3
@@ -120,5 +120,5 @@ def test_sends_nothing_to_tumbled_or_locked_crazyflie(new: New, bit: int) -> Non
     bridge = ready_to_fly(Crazyswarm2Bridge, T0)
     status = new("crazyflie_interfaces/msg/Status")
     status.supervisor_info = 2 | bit
-    tell(bridge, "/cf231/status", status, T0)
+    deliver(bridge, "/cf231/status", status, T0)
     assert bridge.receive_command(command(T0), now_ns=T0) == []

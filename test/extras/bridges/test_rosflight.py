@@ -1,4 +1,4 @@
-"""ROSflight, against what it documents: NED and FRD."""
+"""The bridge to ROSflight, compared with its documentation: NED and FRD."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from fixtures.bridges import (
     SECOND,
     T0,
     command,
-    hear,
+    deliver,
+    deliver_all,
     message_of,
     ready_to_fly,
     set_q,
-    tell,
 )
 from fixtures.stack_messages import sound_message
 from numpy.testing import assert_allclose
@@ -83,28 +83,28 @@ def test_rosflight_leaves_arming_and_handing_over_to_the_pilot(new: New) -> None
     status = new("rosflight_msgs/msg/Status")
     status.armed = True
     bridge = RosflightBridge(RosflightBridge.Config(), new)
-    hear(bridge, T0)
+    deliver_all(bridge, T0)
     bridge.receive_command(command(T0, HOVER), now_ns=T0)
-    tell(bridge, "/status", status, T0)
+    deliver(bridge, "/status", status, T0)
     assert bridge.engage(True, now_ns=T0).accepted
     now_ns = T0
     for now_ns in range(T0, T0 + 10 * SECOND, SECOND // 50):  # he takes his time
-        hear(bridge, now_ns)
-        tell(bridge, "/status", status, now_ns)
+        deliver_all(bridge, now_ns)
+        deliver(bridge, "/status", status, now_ns)
         assert bridge.receive_command(command(now_ns, HOVER), now_ns=now_ns)
         assert not bridge.engaged(now_ns=now_ns)
     status.offboard = True
-    tell(bridge, "/status", status, now_ns)
+    deliver(bridge, "/status", status, now_ns)
     assert bridge.engaged(now_ns=now_ns)
     status.offboard = False
-    tell(bridge, "/status", status, now_ns)
+    deliver(bridge, "/status", status, now_ns)
     assert bridge.receive_command(command(now_ns, HOVER), now_ns=now_ns) == []
 
 
 def engageable(new: New, **status: Any) -> RosflightBridge:
-    """Return a bridge that has heard everything but RC, and a status with these values."""
+    """Return a bridge that has received all messages but RC, and a status with these values."""
     bridge = RosflightBridge(RosflightBridge.Config(), new)
-    hear(bridge, T0 - 2 * SECOND)
+    deliver_all(bridge, T0 - 2 * SECOND)
     bridge.receive_command(command(T0, HOVER), now_ns=T0)
     for each in bridge.subscriptions:
         if each.topic.name not in ("/rc_raw", "/status"):
@@ -112,14 +112,14 @@ def engageable(new: New, **status: Any) -> RosflightBridge:
     message = sound_message("rosflight_msgs/msg/Status", T0)
     for name, value in status.items():
         setattr(message, name, value)
-    tell(bridge, "/status", message, T0)
+    deliver(bridge, "/status", message, T0)
     return bridge
 
 
 def frames(bridge: RosflightBridge, new: New, *, rate: float) -> None:
     for number in range(20):
         now_ns = T0 - round((19 - number) * SECOND / rate)
-        tell(bridge, "/rc_raw", new("rosflight_msgs/msg/RCRaw"), now_ns)
+        deliver(bridge, "/rc_raw", new("rosflight_msgs/msg/RCRaw"), now_ns)
 
 
 def test_rosflight_without_rc_frames_is_not_engaged(new: New) -> None:

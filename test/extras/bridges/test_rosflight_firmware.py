@@ -1,4 +1,4 @@
-"""The bridge and ROSflight's firmware, flown with our rotors and body, in steps.
+"""Fly the plant ``rotors`` with ROSflight's firmware and the bridge, in steps.
 
 The bridge's messages become the firmware's MAVLink here as rosflight_io makes them. Acceleration
 and rates go in, outputs of motors come out; a pilot holds the transmitter.
@@ -106,7 +106,7 @@ class Bridged(FirmwarePlant):
         if not self.is_cut:
             self.firmware.send(OFFBOARD, offboard(outgoing.message))
 
-    def _hear(self, truth: OdometrySample) -> None:
+    def _send_odometry(self, truth: OdometrySample) -> None:
         message = new_message("roscopter_msgs/msg/State")
         set_stamp(message, truth.stamp_ns)
         message.p_n, message.p_e, message.p_d = map(float, ENU_FROM_NED.T @ truth.p_WB)

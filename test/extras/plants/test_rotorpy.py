@@ -1,4 +1,4 @@
-"""The plant of somebody else: that commands mean there what they mean here."""
+"""The plant ``rotorpy``: commands have the same meaning as in other plants."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When and where a path passes gates, by paths of which that is known."""
+"""Gate passages of paths with known passages."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_separates_the_laps_of_a_circle() -> None:
     assert lap.missed == 0
 
 
-def test_order_is_that_of_the_course() -> None:
+def test_gates_count_in_the_order_of_the_course() -> None:
     lap = flown(course(ball(6.0, 0.0), ball(3.0, 0.0)), straight())
     assert [passage.passed for passage in lap.passages].count(True) == 1
 
@@ -145,7 +145,7 @@ def test_no_other_choice_passes_more(seed: int) -> None:
 
 
 def test_a_gate_that_moves_is_passed_where_it_is_by_then() -> None:
-    """It is told to be aside from 3 s on; the path passes its first place at 2 s or at 5 s."""
+    """The gate moves aside at 3 s; the path passes its first place at 2 s or at 5 s."""
     before = course(opening(2.0), opening(8.0))
     after = before.moved(
         np.array([[2.0, 1.5, 1.0], [8.0, 1.5, 1.0]]), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))

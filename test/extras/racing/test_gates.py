@@ -144,11 +144,11 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
 
 @pytest.mark.parametrize("mistake", REFUSED)
 def test_refuses_in_a_sentence(mistake: str) -> None:
-    changes, told = REFUSED[mistake]
+    changes, reason = REFUSED[mistake]
     with pytest.raises(UserError) as error:
         course_from(changed(**changes), source="course.yaml")
     assert str(error.value).startswith("course.yaml: ")
-    assert told in str(error.value)
+    assert reason in str(error.value)
     assert "\n" not in str(error.value)
 
 
@@ -158,7 +158,7 @@ def test_stacked_openings_do_not_overlap() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reason"),
     [
         ("[1, 2]", "given [1, 2], expected start, end and gates"),
         ("gates: [", "not YAML"),
@@ -171,12 +171,12 @@ def test_stacked_openings_do_not_overlap() -> None:
         (b"\xff\xfe\x00", "not UTF-8 at byte 0"),
     ],
 )
-def test_refuses_what_is_no_course(text: str | bytes, told: str, tmp_path: Path) -> None:
+def test_refuses_a_file_that_is_no_course(text: str | bytes, reason: str, tmp_path: Path) -> None:
     file = tmp_path / "course.yaml"
     file.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(UserError, match=r"course\.yaml") as error:
         read_course(file)
-    assert told in str(error.value)
+    assert reason in str(error.value)
 
 
 def test_reads_numbers_of_yaml_1_2(tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ def test_no_half_spaces_where_the_plan_is_well_inside(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", GATES)
-def test_nor_where_it_leads_elsewhere(kind: str) -> None:
+def test_no_half_spaces_where_the_plan_leads_elsewhere(kind: str) -> None:
     assert guided(GATES[kind], straight(4.0, 2.0))[0].corridor is None
 
 
@@ -126,7 +126,7 @@ def test_gates_are_held_in_their_order() -> None:
         ([[5.0, 0.0, 2.0], [20.0, 0.0, 2.0]], [[0.0, 0.0, 0.0, 0.5]] * 2, "unit quaternion"),
     ],
 )
-def test_refuses_what_are_no_poses(p_WG: object, q_WG: object, said: str) -> None:
+def test_refuses_invalid_poses(p_WG: object, q_WG: object, said: str) -> None:
     held = HeldGates(course_of(DOOR), radius=RADIUS)
     with pytest.raises(UserError, match=said):
         held.move(np.array(p_WG), np.array(q_WG))
@@ -134,7 +134,7 @@ def test_refuses_what_are_no_poses(p_WG: object, q_WG: object, said: str) -> Non
 
 @pytest.mark.parametrize("shift", [(0.0, 0.7, 0.0), (0.0, -0.4, 0.4)])
 def test_flies_through_a_gate_that_has_moved(shift: tuple[float, float, float]) -> None:
-    """The reference goes by where the gate was; told of it, the MPC passes where it is."""
+    """The reference passes the old place of the gate, the MPC the received one."""
     course = {
         "start": [0.0, 0.0, 2.0],
         "gates": [
@@ -160,15 +160,15 @@ def test_flies_through_a_gate_that_has_moved(shift: tuple[float, float, float]) 
     )
     there = dataclasses.replace(course_now, gates=gates)
 
-    def missed(*, told: bool) -> int:
+    def missed(*, is_received: bool) -> int:
         guided = guidance(config.mpc)
         assert guided.gates is not None
-        if told:
+        if is_received:
             guided.gates.move(np.array(moved), turned)
         controller = warmed_up(config.mpc, guide=guided.guide)
         flight = simulate(*config, controller=controller, on_reference=True)
         assert (flight.stats["solver_status"] == "solved").all()
         return passages(there, seconds=flight.time, p_WB=flight.p_WB).missed
 
-    assert missed(told=False) == 1
-    assert missed(told=True) == 0
+    assert missed(is_received=False) == 1
+    assert missed(is_received=True) == 0

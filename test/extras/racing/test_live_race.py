@@ -131,7 +131,7 @@ def test_a_way_is_taken_only_for_what_is_flown_and_in_time() -> None:
     director = Director.flying(CONFIG, trajectory, start_ns=SECOND)
     phase, other = director.timeline.last, configured_trajectory(CONFIG)
     director.too_late = lambda start_ns: start_ns < 2 * SECOND
-    assert director.change_way(phase, other, from_ns=SECOND) is TOO_LATE
-    assert director.change_way(phase, other, from_ns=3 * SECOND).accepted
+    assert director.replace_trajectory(phase, other, from_ns=SECOND) is TOO_LATE
+    assert director.replace_trajectory(phase, other, from_ns=3 * SECOND).accepted
     assert director.timeline.last.trajectory is other
-    assert not director.change_way(phase, trajectory, from_ns=3 * SECOND).accepted
+    assert not director.replace_trajectory(phase, trajectory, from_ns=3 * SECOND).accepted

@@ -1,4 +1,4 @@
-"""The figures of merit, of flights whose figures can be told by hand."""
+"""Figures of merit, compared with hand calculations."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ class TestObstacles:
         assert summary["collision"]["position_m"][0] == pytest.approx(2.7, abs=0.021)
         assert summary["collision"]["speed_m_s"] == 1.0
 
-    def test_what_moves_is_where_it_is_at_each_time(self, make_flight: FlightMaker) -> None:
+    def test_moving_obstacles_count_at_their_place_in_time(self, make_flight: FlightMaker) -> None:
         ahead = Sphere(
             p_WO=np.array([1.0, 0.0, 2.0]), radius=0.3, v_WO_W=np.array([1.0, 0.0, 0.0])
         )

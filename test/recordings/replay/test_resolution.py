@@ -1,4 +1,4 @@
-"""A flight in real time, recorded as a recorder hears it, is resolved to the same commands."""
+"""A flight in real time is recorded and resolved to the same commands."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def flown_in_real_time(
     changes: dict[int, dict[str, object]] | None = None,
     mpc: MpcConfig = MPC,
 ) -> tuple[RecordedRun, list[Tick]]:
-    """Fly as the node does: everything arrives when it does, and the recorder hears it later.
+    """Fly as the node does: messages arrive late, and at the recorder later still.
 
     Odometry is withheld from the controller over ``silent`` seconds, when its watchdog acts; the
     first ones come before any reference. ``engaged`` and ``landed`` are by the time in
@@ -88,10 +88,10 @@ def flown_in_real_time(
             commands.append(recorded(tick.command, now_ns, later_ns=MS // 2))
 
     engagements = [
-        recorded(told, START_NS + time_ms * MS) for time_ms, told in (engaged or {}).items()
+        recorded(value, START_NS + time_ms * MS) for time_ms, value in (engaged or {}).items()
     ]
     landings = [
-        recorded(told, START_NS + time_ms * MS) for time_ms, told in (landed or {}).items()
+        recorded(value, START_NS + time_ms * MS) for time_ms, value in (landed or {}).items()
     ]
     due, due_landings = list(engagements), list(landings)
     resets = [] if reset is None else [recorded(reset, reset.stamp_ns)]
@@ -118,7 +118,7 @@ def flown_in_real_time(
         while next_window_ns < now_ns:
             window = server.window(next_window_ns)
             received_ns = next_window_ns + int(random.uniform(0.05, 0.2) * MS)
-            # The recorder is slow now and then, and hears it after the next odometry.
+            # The recorder is sometimes slow and receives the window after the next odometry.
             windows.append(
                 recorded(window, next_window_ns, later_ns=int(random.choice([1, 1, 8]) * MS))
             )
@@ -233,7 +233,7 @@ def test_resolves_real_time_bit_for_bit(odom_rate: float) -> None:
 
 @pytest.mark.parametrize("shift", [407, -393])
 def test_answers_what_was_answered_despite_refusals(shift: int) -> None:
-    """Whether an odometry fits its arrival is judged by those that were refused before it, too."""
+    """The check of stamps against arrivals includes rejected odometries."""
     run, ticks = flown_in_real_time(shifted=(1.0, 2.0, shift))
     refused = [tick.stats.rejected_inputs for tick in ticks]
     assert refused[-1] >= 8

@@ -1,4 +1,4 @@
-"""What every registered bridge obeys."""
+"""Rules for all registered bridges."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from fixtures import crazyflie, mavlink
 from fixtures.betaflight import set_raw_rc
-from fixtures.bridges import BRIDGES, HOVER, SECOND, T0, command, hear, ready_to_fly, topics
+from fixtures.bridges import BRIDGES, HOVER, SECOND, T0, command, deliver_all, ready_to_fly, topics
 
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.ros.bridges.bridge import (
@@ -157,7 +157,7 @@ def test_disarming_stops_the_motors_in_the_air_and_ends_the_engagement(
     assert answer.accepted and STOPS[name](bridge, answer)
     assert bridge.handover == ("released", "released by disarming: call the service engage")
     later = T0 + SECOND // 50
-    hear(bridge, later)  # still armed and in the mode for setpoints, as far as it reports
+    deliver_all(bridge, later)  # still armed and in the mode for setpoints, as far as it reports
     assert bridge.receive_command(command(later, HOVER), now_ns=later) == []
 
 
@@ -175,9 +175,9 @@ def test_answers_that_it_is_armed_only_when_the_stack_reports_it(name: str, new:
     assert bridge.arm(False, now_ns=T0).accepted
     for elapsed in range(30):
         now_ns = T0 + elapsed * SECOND // 10
-        hear(bridge, now_ns)
+        deliver_all(bridge, now_ns)
         assert bridge.arming_outcome(now_ns=now_ns) is None
-    hear(bridge, T0 + 3 * SECOND)
+    deliver_all(bridge, T0 + 3 * SECOND)
     outcome = bridge.arming_outcome(now_ns=T0 + 3 * SECOND)
     assert outcome is not None and not outcome.accepted
     assert "not reported that it is disarmed within 3 s" in outcome.text

@@ -178,7 +178,7 @@ def test_refuses_handover_with_two_command_sources(peer: Peer, tmp_path: Path) -
         asked = peer.engage.call_async(SetBool.Request(data=True))
         assert peer.fly(asked.done)
         assert not asked.result().success
-        # Of nodes that were killed the discovery tells for a while yet.
+        # Discovery reports killed nodes for a while.
         assert re.search("[2-9] publishers on command, expected one", asked.result().message)
         peer.node.destroy_publisher(rival)
         assert peer.fly(lambda: peer.asked_to_engage())
@@ -193,9 +193,9 @@ class Others:
     def __init__(self, peer: Peer) -> None:
         self.vehicles = {name: BridgeConfig().vehicle_values() for name in ("mpc", "reference")}
         self._publisher = peer.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        peer.node.create_timer(0.1, self._tell)
+        peer.node.create_timer(0.1, self._publish)
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         for name, values in self.vehicles.items():
             stated = KeyValue(key=VEHICLE_KEY, value=json.dumps(values))
             status = DiagnosticStatus(name=f"/{name}", values=[stated])
@@ -264,7 +264,9 @@ class RefusingPx4:
     def live(self) -> None:
         """Report the state and answer what came."""
         state = {"autopilot": mavlink.PX4, "mode": mavlink.POSITION, "armed": False}
-        self._send(self._speaker.told(time.monotonic_ns(), land=mavlink.ON_GROUND, **state))
+        self._send(
+            self._speaker.state_messages(time.monotonic_ns(), land=mavlink.ON_GROUND, **state)
+        )
         with contextlib.suppress(BlockingIOError):
             while data := self._socket.recv(65536):
                 for request in mavlink.requests(data):
@@ -325,7 +327,7 @@ ON_REQUEST = ("/fmu/in/vehicle_command", "/drone0/alert_event")
 
 
 class StandIn:
-    """In place of a publisher to a stack whose messages are not installed: when was it used?"""
+    """A fake publisher to a stack without installed messages; it records the times of use."""
 
     def __init__(self, used: dict[str, list[float]], name: str) -> None:
         self._times = used.setdefault(name, [])
@@ -457,18 +459,18 @@ def test_rosflight_flies_in_the_root_namespace(
     )
     peer.engage = node.create_client(SetBool, f"{prefix}/rosflight_bridge/engage")
 
-    def told() -> bool:
-        told_status, told_state = messages.Status(armed=True), states.State()
-        told_state.header.stamp = node.get_clock().now().to_msg()
-        told_state.quat.w = 1.0
-        status.publish(told_status)
-        state.publish(told_state)
+    def publish() -> bool:
+        sent_status, sent_state = messages.Status(armed=True), states.State()
+        sent_state.header.stamp = node.get_clock().now().to_msg()
+        sent_state.quat.w = 1.0
+        status.publish(sent_status)
+        state.publish(sent_state)
         return peer.asked_to_engage()
 
     process = start("rosflight", "-r", f"__ns:={namespace}", log=tmp_path / "log")
     try:
-        assert peer.fly(told), (tmp_path / "log").read_text()
-        assert peer.fly(lambda: told() and len(commands) > 10)
+        assert peer.fly(publish), (tmp_path / "log").read_text()
+        assert peer.fly(lambda: publish() and len(commands) > 10)
         assert commands[-1].u[2] == pytest.approx(HOVER)
     finally:
         code = end(process)

@@ -1,7 +1,7 @@
-"""The square through the rates bridge, whose messages are installed: every part a process.
+"""Fly the square through the rates bridge over DDS, with every node as a process.
 
-In real time, and so for a machine that keeps it. Errors are against the reference as the MPC heard
-it, in the last lap: when the reference begins depends on who has heard of whom.
+The flight is in real time. Errors are relative to the reference that the MPC received, in the last
+lap, because the start of the reference depends on discovery.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 
 Process = subprocess.Popen[bytes]
 
-# A lap and more until everybody has heard of everybody and it is engaged, and one that counts.
+# More than a lap for discovery and engaging, and the lap that is measured.
 DURATION = 20.0
 LAP_NS = 8_000_000_000
 VEHICLE = Vehicle()
@@ -68,7 +68,7 @@ class FakeStack:
         self.node.create_subscription(MultiDOFJointTrajectory, "reference", self._on_reference, 10)
         self.errors: dict[int, float] = {}  # [m] by stamp
         self._wanted: Array | None = None
-        self._heard_ns: int | None = None
+        self._received_ns: int | None = None
 
     def close(self) -> None:
         self.node.destroy_node()
@@ -90,8 +90,8 @@ class FakeStack:
         assert self.spin(future.done), service
         return future.result()
 
-    def hears_everybody(self) -> bool:
-        """Return whether each topic is announced by who publishes it and by who listens."""
+    def is_connected(self) -> bool:
+        """Return whether each topic has its publishers and subscribers."""
         topics = ("stack_odom", "motors", "command", "odom", "reference")
         return all(
             self.node.count_publishers(topic) and self.node.count_subscribers(topic)
@@ -101,8 +101,8 @@ class FakeStack:
     def _on_truth(self, message: Odometry) -> None:
         stamp_ns = conversions.nanoseconds(message.header.stamp)
         position = message.pose.pose.position
-        if self._heard_ns is not None:
-            assert stamp_ns - self._heard_ns <= TIMEOUT_NS, "setpoints timed out"
+        if self._received_ns is not None:
+            assert stamp_ns - self._received_ns <= TIMEOUT_NS, "setpoints timed out"
         if self._wanted is not None:
             p_WB = np.array([position.x, position.y, position.z])
             self.errors[stamp_ns] = float(np.linalg.norm(self._wanted - p_WB))
@@ -112,7 +112,7 @@ class FakeStack:
         self._wanted = conversions.reference_from_message(message).p_WB[0]
 
     def _on_setpoint(self, message: TwistStamped) -> None:
-        self._heard_ns = conversions.nanoseconds(message.header.stamp)
+        self._received_ns = conversions.nanoseconds(message.header.stamp)
         newton, w = -message.twist.linear.z, message.twist.angular
         lowest, highest = VEHICLE.thrust(0.0), VEHICLE.thrust(1.0)
         assert lowest <= newton <= highest
@@ -149,7 +149,7 @@ def last_lap(errors: dict[int, float]) -> float:
 def test_a_stack_of_other_units_flies_the_square_as_well_as_without_a_bridge(
     stack: FakeStack, processes: dict[str, Process], matching: float
 ) -> None:
-    assert stack.spin(stack.hears_everybody, timeout=120.0)
+    assert stack.spin(stack.is_connected, timeout=120.0)
     assert stack.call(Trigger, "simulator/start", Trigger.Request(), matching=matching).success
     engage, refusals = SetBool.Request(data=True), []
     while not (answer := stack.call(SetBool, "rates_bridge/engage", engage, matching=0.0)).success:

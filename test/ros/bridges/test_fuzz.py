@@ -1,4 +1,4 @@
-"""Whatever a stack or a controller sends: no exception escapes, and nothing absurd is sent on."""
+"""Invalid messages cause no exception in a bridge and no invalid output."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Sound = Callable[[str, int], Any]
 
 SEED = 20
 MESSAGES = 10_000
-AGAIN = 20  # messages until it is engaged anew
+AGAIN = 20  # messages until it is engaged again
 PER_BRIDGE = 500  # messages until the next configuration is taken
 SECOND = 1_000_000_000
 
@@ -261,12 +261,12 @@ class Run:
             engage(self.bridge, self.clock.now_ns)
 
     def failed(self, error: BaseException, message: Any) -> AssertionError:
-        told = {
+        values = {
             ".".join(path): functools.reduce(getattr, path, message) for path in leaves(message)
         }
         return AssertionError(
             f"{self.case}, seed {SEED}, message {self.number} ({type(message).__name__}): "
-            f"{error!r}: {told}"
+            f"{error!r}: {values}"
         )
 
 
@@ -301,8 +301,8 @@ def test_bridges_never_send_invalid_values(case: str, new: New, sound: Sound) ->
         with np.errstate(all="ignore"):
             for subscription in bridge.subscriptions:
                 if run.random.random() < 0.1:
-                    told = run.messages.make(subscription.topic.type_name, now_ns)
-                    subscription.receive(told, now_ns)
+                    state = run.messages.make(subscription.topic.type_name, now_ns)
+                    subscription.receive(state, now_ns)
             message = run.messages.make("geometry_msgs/msg/TwistStamped", now_ns)
         try:
             command = conversions.command_from_message(message)

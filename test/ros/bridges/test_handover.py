@@ -1,4 +1,4 @@
-"""Who flies: the state machine by itself, and that every bridge keeps to it."""
+"""The state machine of the handover, and its use in every bridge."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_follows_the_documented_transitions() -> None:
     [
         (Stack(armed=True, exit_reason="PX4 switched to hold"), "PX4 switched to hold"),
         (Stack(takes_setpoints=True), "disarming"),
-        (Stack(fault="nothing is heard"), "nothing is heard"),
+        (Stack(fault="no status"), "no status"),
     ],
 )
 def test_takeover_releases_for_good(stack: Stack, reason: str) -> None:
@@ -147,7 +147,7 @@ def test_stands_from_disarming_until_it_leaves_its_height() -> None:
 
 @dataclasses.dataclass
 class Scene:
-    """What a handover begins with; by default a hover at the reference."""
+    """The state at the start of a handover; by default a hover at the reference."""
 
     tilt: float = 0.0
     away: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""The controller dies, or hangs, in flight: the stack hears nothing more."""
+"""A bridge sends no setpoints after the MPC is killed or hangs in flight."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _PATIENCE = 90.0
 
 
 class Listener:
-    """A node that hears the stack's setpoints and what the bridge says of itself."""
+    """A node that receives the stack's setpoints and the bridge's diagnostics."""
 
     def __init__(self) -> None:
         rclpy.init()
@@ -48,7 +48,7 @@ class Listener:
         self.executor.add_node(self.node)
         self.sent_ns: list[int] = []
         self.height = 0.0
-        self.told: dict[str, str] = {}
+        self.health: dict[str, str] = {}
         make = self.node.create_subscription
         make(TwistStamped, "rates_setpoint", self.on_setpoint, 100)
         make(Odometry, "stack_odom", self.on_odometry, qos_profile_sensor_data)
@@ -69,8 +69,8 @@ class Listener:
     def on_diagnostics(self, message: Any) -> None:
         for status in message.status:
             if status.name.endswith("rates_bridge"):
-                self.told = {pair.key: pair.value for pair in status.values}
-                self.told["text"] = status.message
+                self.health = {pair.key: pair.value for pair in status.values}
+                self.health["text"] = status.message
 
     def spin(self, until: Callable[[], object], timeout: float = _PATIENCE) -> bool:
         deadline = time.monotonic() + timeout
@@ -113,7 +113,7 @@ def test_stack_gets_nothing_from_killed_or_hanging_controller(
 ) -> None:
     listener.take_over(matching=matching)
     assert listener.spin(lambda: listener.height > 0.5), "it does not fly"
-    assert listener.spin(lambda: listener.told.get("engaged") == "true")
+    assert listener.spin(lambda: listener.health.get("engaged") == "true")
     before = len(listener.sent_ns)
     assert listener.spin(lambda: len(listener.sent_ns) >= before + 10)
 
@@ -124,15 +124,15 @@ def test_stack_gets_nothing_from_killed_or_hanging_controller(
     assert listener.sent_ns[-1] - signalled_ns <= SILENT_AFTER_NS
     # It was flying until then, and the bridge has not gone with it.
     assert signalled_ns - listener.sent_ns[-1] <= SECOND // 2
-    assert listener.spin(lambda: listener.told["text"] == "silent: no commands from the mpc")
+    assert listener.spin(lambda: listener.health["text"] == "silent: no commands from the mpc")
     assert processes["rates_bridge"].poll() is None
     if number == signal.SIGSTOP:
-        heard = len(listener.sent_ns)
+        count = len(listener.sent_ns)
         processes["mpc_node"].send_signal(signal.SIGCONT)
-        # It commands again, and nothing comes of it until somebody asks for it.
-        assert listener.spin(lambda: "engage" in listener.told["text"])
+        # Its commands have no effect until the bridge is engaged again.
+        assert listener.spin(lambda: "engage" in listener.health["text"])
         listener.spin(lambda: False, timeout=1.0)
-        assert len(listener.sent_ns) == heard
-        assert listener.told["handover"] == "released"
+        assert len(listener.sent_ns) == count
+        assert listener.health["handover"] == "released"
         listener.take_over(matching=matching)
-        assert listener.spin(lambda: len(listener.sent_ns) > heard + 10), "it does not fly again"
+        assert listener.spin(lambda: len(listener.sent_ns) > count + 10), "it does not fly again"

@@ -1,4 +1,4 @@
-"""MAVLink: frames of all messages, and what is sent when to PX4 and to ArduPilot."""
+"""Frames of MAVLink messages, and the messages that the bridge sends to PX4 and ArduPilot."""
 
 from __future__ import annotations
 
@@ -51,18 +51,20 @@ def made(**parameters: Any) -> MavlinkBridge:
     return MavlinkBridge(MavlinkBridge.Config.build(parameters), new_message)
 
 
-def heard(data: bytes, bridge: MavlinkBridge | None = None, now_ns: int = T0) -> OdometrySample:
-    """Return the one odometry that follows from what ArduPilot or PX4 says."""
+def odometry_from(
+    data: bytes, bridge: MavlinkBridge | None = None, now_ns: int = T0
+) -> OdometrySample:
+    """Return the one odometry that the bridge makes of messages of the autopilot."""
     bridge = bridge or made()
     bridge.exchange(data, now_ns=now_ns)
     ((odometry, _),) = bridge.take_odometries()
     return odometry
 
 
-def engaged(speaker: Speaker, now_ns: int = T0, bridge: Any = None, **told: Any) -> MavlinkBridge:
+def engaged(speaker: Speaker, now_ns: int = T0, bridge: Any = None, **state: Any) -> MavlinkBridge:
     """Return a bridge that flies."""
     bridge = bridge or made()
-    bridge.exchange(speaker.told(now_ns, **told), now_ns=now_ns)
+    bridge.exchange(speaker.state_messages(now_ns, **state), now_ns=now_ns)
     bridge.receive_command(command(now_ns, HOVER), now_ns=now_ns)
     answer = bridge.engage(True, now_ns=now_ns)
     assert answer.accepted, answer.text
@@ -85,29 +87,29 @@ def setpoint(bridge: MavlinkBridge, now_ns: int = T0, **given: Any) -> Setpoint:
 
 
 @pytest.mark.parametrize("axis", AXES)
-def test_an_odometry_axis_by_axis(axis: tuple[float, float, float]) -> None:
+def test_converts_odometry_axis_by_axis(axis: tuple[float, float, float]) -> None:
     ned, frd = NED[axis], FRD[axis]
     x, y, z = ned
     rates = dict(zip(("rollspeed", "pitchspeed", "yawspeed"), frd, strict=True))
     velocity = dict(zip(("vx", "vy", "vz"), frd, strict=True))
     speaker = Speaker()
     head = speaker.heartbeat(autopilot=PX4)
-    seen = heard(head + speaker.odometry(T0, x=x, y=y, z=z, **velocity, **rates))
+    seen = odometry_from(head + speaker.odometry(T0, x=x, y=y, z=z, **velocity, **rates))
     assert_allclose(seen.p_WB, axis)
     assert_allclose(seen.v_WB_B, axis)
     assert_allclose(seen.w_WB_B, axis)
 
     velocity = dict(zip(("vx", "vy", "vz"), ned, strict=True))
-    seen = heard(head + speaker.odometry(T0, child_frame_id=1, **velocity))
+    seen = odometry_from(head + speaker.odometry(T0, child_frame_id=1, **velocity))
     R_WB = so3.rotation_from_quaternion_xyzw(seen.q_WB_xyzw)
     assert_allclose(R_WB @ seen.v_WB_B, axis, atol=1e-7)
 
 
 @pytest.mark.parametrize("axis", AXES)
-def test_position_and_attitude_axis_by_axis(axis: tuple[float, float, float]) -> None:
+def test_converts_position_and_attitude_axis_by_axis(axis: tuple[float, float, float]) -> None:
     speaker = Speaker()
-    told = speaker.heartbeat() + speaker.attitude(T0, w=FRD[axis])
-    seen = heard(told + speaker.position(T0, p=NED[axis], v=NED[axis]))
+    data = speaker.heartbeat() + speaker.attitude(T0, w=FRD[axis])
+    seen = odometry_from(data + speaker.position(T0, p=NED[axis], v=NED[axis]))
     assert_allclose(seen.p_WB, axis)
     assert_allclose(seen.w_WB_B, axis)
     R_WB = so3.rotation_from_quaternion_xyzw(seen.q_WB_xyzw)
@@ -134,7 +136,7 @@ def test_position_and_attitude_axis_by_axis(axis: tuple[float, float, float]) ->
     ],
 )
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
-def test_where_the_nose_points_and_the_thrust_pulls(
+def test_attitude_turns_nose_and_thrust_axis(
     autopilot: int, q_wxyz: Any, nose: Any, up: Any
 ) -> None:
     speaker = Speaker()
@@ -143,7 +145,7 @@ def test_where_the_nose_points_and_the_thrust_pulls(
         if autopilot == PX4
         else speaker.attitude(T0, q_wxyz) + speaker.position(T0)
     )
-    seen = heard(speaker.heartbeat(autopilot=autopilot) + state)
+    seen = odometry_from(speaker.heartbeat(autopilot=autopilot) + state)
     R_WB = so3.rotation_from_quaternion_xyzw(seen.q_WB_xyzw)
     assert_allclose(R_WB[:, 0], nose, atol=1e-6)
     assert_allclose(R_WB[:, 2], up, atol=1e-6)
@@ -152,8 +154,8 @@ def test_where_the_nose_points_and_the_thrust_pulls(
 def test_an_attitude_is_turned_to_the_time_of_the_position() -> None:
     speaker, bridge = Speaker(), made()
     before = T0 - 10 * MILLISECOND
-    told = speaker.heartbeat() + speaker.attitude(before, w=(0.0, 0.0, 2.0))
-    seen = heard(told + speaker.position(T0), bridge)
+    data = speaker.heartbeat() + speaker.attitude(before, w=(0.0, 0.0, 2.0))
+    seen = odometry_from(data + speaker.position(T0), bridge)
     # Turning to the right from north: 0.02 rad towards the east.
     R_WB = so3.rotation_from_quaternion_xyzw(seen.q_WB_xyzw)
     assert_allclose(R_WB[:, 0], (math.sin(0.02), math.cos(0.02), 0.0), atol=1e-6)
@@ -162,7 +164,7 @@ def test_an_attitude_is_turned_to_the_time_of_the_position() -> None:
 
 
 @pytest.mark.parametrize("axis", AXES)
-def test_setpoints_axis_by_axis(axis: tuple[float, float, float]) -> None:
+def test_converts_setpoints_axis_by_axis(axis: tuple[float, float, float]) -> None:
     for autopilot, mode in ((ARDUPILOT, GUIDED), (PX4, OFFBOARD)):
         bridge = engaged(Speaker(), autopilot=autopilot, mode=mode)
         found = setpoint(bridge, throttle=0.4, w=1.5 * np.array(axis))
@@ -219,7 +221,7 @@ def level_of(thrust: float, *, up: float, boost: bool, expo: float) -> float:
     st.sampled_from((-0.3, 0.0, 0.4, 0.65, 1.0)),
 )
 @settings(deadline=None, max_examples=60)
-def test_what_ardupilot_does_to_the_throttle_is_undone(
+def test_compensates_what_ardupilot_changes_of_the_throttle(
     level: float, tilt: float, boost: bool, expo: float
 ) -> None:
     speaker = Speaker()
@@ -233,13 +235,13 @@ def test_what_ardupilot_does_to_the_throttle_is_undone(
     assert made_of_it == pytest.approx(level, abs=1e-5)
 
 
-def test_the_boost_is_undone_for_the_tilt_at_which_it_acts() -> None:
+def test_compensates_the_boost_at_the_predicted_tilt() -> None:
     """Turning at 2 rad/s, 20 ms after the attitude: 30 ms until it acts."""
     speaker, known = Speaker(), {"ATC_ANGLE_BOOST": 1.0, "MOT_THST_EXPO": 0.0}
     bridge = engaged(speaker, settings=known)
     q_wxyz = math.cos(0.25), math.sin(0.25), 0.0, 0.0
-    told = speaker.attitude(T0 + STEP, q_wxyz, w=(2.0, 0.0, 0.0)) + speaker.position(T0 + STEP)
-    bridge.exchange(told, now_ns=T0 + STEP)
+    data = speaker.attitude(T0 + STEP, q_wxyz, w=(2.0, 0.0, 0.0)) + speaker.position(T0 + STEP)
+    bridge.exchange(data, now_ns=T0 + STEP)
     thrust = setpoint(bridge, T0 + 2 * STEP, throttle=0.55).thrust
     assert thrust == pytest.approx(0.5 * math.cos(0.5 + 2.0 * 0.03), abs=1e-5)
 
@@ -264,21 +266,21 @@ def test_a_connection_begins_with_heartbeat_intervals_and_parameters() -> None:
 
 
 @pytest.mark.parametrize(("autopilot", "state"), [(ARDUPILOT, 32.0), (PX4, 331.0)])
-def test_of_what_comes_by_itself_the_rate_is_asked_for_once(autopilot: int, state: float) -> None:
+def test_requests_the_rate_of_periodic_messages_once(autopilot: int, state: float) -> None:
     speaker, bridge = Speaker(), made()
     for k in range(200):
         now_ns = T0 + k * STEP
-        asked = bridge.exchange(speaker.told(now_ns, autopilot=autopilot), now_ns=now_ns)
+        asked = bridge.exchange(speaker.state_messages(now_ns, autopilot=autopilot), now_ns=now_ns)
         if k == 0:
             assert (state, 10_000.0) in [each.parameters[:2] for each in requests(asked)]
         else:
             assert requests(asked) == asked_for(asked) == []
 
 
-def test_it_is_not_engaged_before_the_parameters_have_come() -> None:
+def test_refuses_to_engage_before_the_parameters_are_received() -> None:
     speaker, bridge = Speaker(), made()
-    told = speaker.heartbeat() + speaker.land() + speaker.attitude(T0) + speaker.position(T0)
-    bridge.exchange(told, now_ns=T0)
+    data = speaker.heartbeat() + speaker.land() + speaker.attitude(T0) + speaker.position(T0)
+    bridge.exchange(data, now_ns=T0)
     bridge.receive_command(command(T0, HOVER), now_ns=T0)
     refused = bridge.engage(True, now_ns=T0)
     assert not refused.accepted and "has not sent its parameters yet" in refused.text
@@ -297,9 +299,9 @@ def test_it_is_not_engaged_before_the_parameters_have_come() -> None:
         ({"GUID_OPTIONS": 64.0}, "set it to 72 (bit 3)"),
     ],
 )
-def test_settings_with_which_it_must_not_fly(known: dict[str, float], said: str) -> None:
+def test_refuses_to_engage_with_unsafe_settings(known: dict[str, float], said: str) -> None:
     bridge = made()
-    bridge.exchange(Speaker().told(T0, settings=known), now_ns=T0)
+    bridge.exchange(Speaker().state_messages(T0, settings=known), now_ns=T0)
     bridge.receive_command(command(T0, HOVER), now_ns=T0)
     refused = bridge.engage(True, now_ns=T0)
     assert not refused.accepted and said in refused.text
@@ -317,11 +319,11 @@ def test_settings_with_which_it_must_not_fly(known: dict[str, float], said: str)
 )
 def test_warns_of_odd_settings_once(autopilot: int, known: dict[str, float], said: str) -> None:
     bridge = made(**{"thrust_map.battery_voltage": 15.0})
-    told = Speaker().told(T0, autopilot=autopilot, settings=known)
-    bridge.exchange(told, now_ns=T0)
+    data = Speaker().state_messages(T0, autopilot=autopilot, settings=known)
+    bridge.exchange(data, now_ns=T0)
     (warning,) = bridge.take_warnings()
     assert said in warning
-    bridge.exchange(told, now_ns=T0 + STEP)
+    bridge.exchange(data, now_ns=T0 + STEP)
     assert bridge.take_warnings() == []
 
 
@@ -334,9 +336,9 @@ def test_a_setting_that_is_changed_in_flight_counts() -> None:
 
 def test_integers_of_px4_travel_in_the_bytes_of_a_float() -> None:
     speaker, bridge = Speaker(), made()
-    told = speaker.heartbeat(autopilot=PX4) + speaker.parameter("COM_OF_LOSS_T", 5, integer=True)
-    told += speaker.parameter("NAV_DLL_ACT", 0, integer=True)
-    bridge.exchange(told + speaker.parameter("MPC_THR_HOVER", 0.3), now_ns=T0)
+    data = speaker.heartbeat(autopilot=PX4) + speaker.parameter("COM_OF_LOSS_T", 5, integer=True)
+    data += speaker.parameter("NAV_DLL_ACT", 0, integer=True)
+    bridge.exchange(data + speaker.parameter("MPC_THR_HOVER", 0.3), now_ns=T0)
     assert any("COM_OF_LOSS_T is 5 s" in each for each in bridge.take_warnings())
 
 
@@ -357,8 +359,8 @@ def test_stamps_are_right_to_half_of_the_round_trip(there: int, back: int) -> No
             state = speaker.attitude(now_ns - behind) + speaker.position(now_ns - behind)
             on_the_way.append((now_ns + back * MILLISECOND, state + speaker.heartbeat()))
         for sent_ns in asked:
-            told = speaker.say("timesync", sent_ns + there * MILLISECOND - behind, sent_ns)
-            on_the_way.append((sent_ns + (there + back) * MILLISECOND, told))
+            data = speaker.say("timesync", sent_ns + there * MILLISECOND - behind, sent_ns)
+            on_the_way.append((sent_ns + (there + back) * MILLISECOND, data))
         arrived = b"".join(data for at_ns, data in on_the_way if at_ns <= now_ns)
         on_the_way = [each for each in on_the_way if each[0] > now_ns]
         asked = asked_time(bridge.exchange(arrived, now_ns=now_ns))
@@ -391,29 +393,31 @@ def test_stamps_follow_a_drifting_clock_by_answers_that_take_long(drift: float) 
 
 def test_ardupilot_is_asked_for_guided_and_flown_in_no_other_mode() -> None:
     speaker, bridge = Speaker(), made()
-    bridge.exchange(speaker.told(T0, mode=LOITER), now_ns=T0)
+    bridge.exchange(speaker.state_messages(T0, mode=LOITER), now_ns=T0)
     assert sent(bridge, T0) == b""
     assert bridge.engage(True, now_ns=T0).accepted
     (asked,) = requests(sent(bridge, T0))
     assert (asked.command, asked.parameters[:2]) == (176, (1.0, 4.0))
-    bridge.exchange(speaker.told(T0 + STEP), now_ns=T0 + STEP)
+    bridge.exchange(speaker.state_messages(T0 + STEP), now_ns=T0 + STEP)
     assert len(setpoints(sent(bridge, T0 + STEP))) == 1
-    bridge.exchange(speaker.told(T0 + 2 * STEP, mode=LOITER), now_ns=T0 + 2 * STEP)
+    bridge.exchange(speaker.state_messages(T0 + 2 * STEP, mode=LOITER), now_ns=T0 + 2 * STEP)
     assert sent(bridge, T0 + 2 * STEP) == b""
     assert "ArduPilot switched to LOITER for a pilot" in bridge.handover[1]
-    bridge.exchange(speaker.told(T0 + 3 * STEP), now_ns=T0 + 3 * STEP)  # and back
+    bridge.exchange(speaker.state_messages(T0 + 3 * STEP), now_ns=T0 + 3 * STEP)  # and back
     assert sent(bridge, T0 + 3 * STEP) == b""
 
 
 def test_px4_gets_setpoints_before_it_is_asked_for_offboard() -> None:
     speaker, bridge = Speaker(), made()
-    bridge.exchange(speaker.told(T0, autopilot=PX4, mode=POSITION), now_ns=T0)
+    bridge.exchange(speaker.state_messages(T0, autopilot=PX4, mode=POSITION), now_ns=T0)
     sent(bridge, T0)
     assert bridge.engage(True, now_ns=T0).accepted
     asked_ns = None
     for k in range(1, 80):
         now_ns = T0 + k * STEP
-        bridge.exchange(speaker.told(now_ns, autopilot=PX4, mode=POSITION), now_ns=now_ns)
+        bridge.exchange(
+            speaker.state_messages(now_ns, autopilot=PX4, mode=POSITION), now_ns=now_ns
+        )
         data = sent(bridge, now_ns)
         assert len(setpoints(data)) == 1
         if asked_ns is None and requests(data):
@@ -448,7 +452,7 @@ def test_engaging_is_refused_in_a_failsafe_and_without_a_heartbeat() -> None:
     bridge = made()
     answer = bridge.arm(True, now_ns=T0)
     assert not answer.accepted and "no heartbeat" in answer.text
-    bridge.exchange(Speaker().told(T0, status=CRITICAL), now_ns=T0)
+    bridge.exchange(Speaker().state_messages(T0, status=CRITICAL), now_ns=T0)
     bridge.receive_command(command(T0, HOVER), now_ns=T0)
     refused = bridge.engage(True, now_ns=T0)
     assert not refused.accepted and "failsafe" in refused.text
@@ -457,10 +461,10 @@ def test_engaging_is_refused_in_a_failsafe_and_without_a_heartbeat() -> None:
 
 def test_ignores_vehicles_other_than_the_configured_one() -> None:
     bridge = made(target_system=2)
-    bridge.exchange(Speaker(system=1).told(T0), now_ns=T0)
+    bridge.exchange(Speaker(system=1).state_messages(T0), now_ns=T0)
     assert bridge.take_odometries() == []
     ground_station = Speaker(system=2, component=190).say("heartbeat", 6, 8, 0, 0, 4, 3)
-    bridge.exchange(ground_station + Speaker(system=2).told(T0), now_ns=T0)
+    bridge.exchange(ground_station + Speaker(system=2).state_messages(T0), now_ns=T0)
     assert len(bridge.take_odometries()) == 1
 
 
@@ -485,17 +489,19 @@ def test_unknown_targets_end_the_engagement(autopilot: int, strange: int, ends: 
     late: list[Setpoint] = []
     for k in range(150):
         now_ns = T0 + k * STEP
-        bridge.exchange(speaker.told(now_ns, autopilot=autopilot, mode=mode), now_ns=now_ns)
+        bridge.exchange(
+            speaker.state_messages(now_ns, autopilot=autopilot, mode=mode), now_ns=now_ns
+        )
         w = np.array([dice.uniform(-1, 1) for _ in range(3)])
         late += setpoints(sent(bridge, now_ns, throttle=dice.uniform(0.25, 0.35), w=w))
         if k > 5:
             target = late[-5]
             off = 0.11 if k % 4 == 0 and 80 <= k < 80 + 4 * strange else 0.0
             rates = [rate + off for rate in target.rates]
-            told = speaker.say(
+            data = speaker.say(
                 "attitude_target", 0, 0, [1.0, 0.0, 0.0, 0.0], *rates, target.thrust + off
             )
-            bridge.exchange(told, now_ns=now_ns)
+            bridge.exchange(data, now_ns=now_ns)
     assert bridge.handover[0] == ("released" if ends else "engaged")
     assert ("setpoints that were not sent here" in bridge.handover[1]) is ends
 
@@ -503,14 +509,16 @@ def test_unknown_targets_end_the_engagement(autopilot: int, strange: int, ends: 
 @pytest.mark.parametrize(("autopilot", "wait"), [(ARDUPILOT, 1.0), (ARDUPILOT, 0.0), (PX4, 1.0)])
 def test_ardupilot_is_asked_for_land_once_it_has_landed(autopilot: int, wait: float) -> None:
     speaker, mode = Speaker(), GUIDED if autopilot == ARDUPILOT else OFFBOARD
-    told = {"autopilot": autopilot, "mode": mode}
-    bridge = engaged(speaker, bridge=made(land_mode_after=wait), **told)
+    reported = {"autopilot": autopilot, "mode": mode}
+    bridge = engaged(speaker, bridge=made(land_mode_after=wait), **reported)
     asked_ns = None
     states = 20 * ["on_ground"] + 50 * ["flying"] + 20 * ["touching_down"] + 100 * ["on_ground"]
     for k, state in enumerate(states):
         now_ns = T0 + k * STEP
         bridge.receive_ground(GroundState(state))
-        found = requests(bridge.exchange(speaker.told(now_ns, **told), now_ns=now_ns))
+        found = requests(
+            bridge.exchange(speaker.state_messages(now_ns, **reported), now_ns=now_ns)
+        )
         sent(bridge, now_ns)
         modes = [each.parameters[:2] for each in found if each.command == 176]
         if modes:
@@ -523,11 +531,11 @@ def test_ardupilot_is_asked_for_land_once_it_has_landed(autopilot: int, wait: fl
         assert "after landing" in bridge.handover[1]
 
 
-# How soon it knows the mode, and why it was left.
+# Mode changes.
 
 
 def tick(bridge: MavlinkBridge, data: bytes, now_ns: int) -> bytes:
-    """Let a bridge hear something, and return what goes out for it and for a command."""
+    """Deliver bytes and a command to a bridge, and return the bytes that it sends."""
     out = bridge.exchange(data, now_ns=now_ns)
     return out + sent(bridge, now_ns)
 
@@ -538,7 +546,7 @@ def test_requests_ten_heartbeats_a_second(autopilot: int) -> None:
     count = 0
     for k in range(100):
         now_ns = T0 + k * STEP
-        asked = bridge.exchange(speaker.told(now_ns, autopilot=autopilot), now_ns=now_ns)
+        asked = bridge.exchange(speaker.state_messages(now_ns, autopilot=autopilot), now_ns=now_ns)
         count += heartbeat_requests(asked)
     assert count == 20  # in 2 s
 
@@ -588,7 +596,7 @@ def test_strange_targets_are_judged_by_the_mode_that_is_reported_after_them(
     now_ns = T0
     for k in range(1, 40):
         now_ns = T0 + k * STEP
-        tick(bridge, speaker.told(now_ns, autopilot=autopilot, mode=mode), now_ns)
+        tick(bridge, speaker.state_messages(now_ns, autopilot=autopilot, mode=mode), now_ns)
     target = speaker.say("attitude_target", 0, 0, [1.0, 0.0, 0.0, 0.0], 2.0, 2.0, 2.0, 0.9)
     for _ in range(5):
         now_ns += STEP
@@ -617,8 +625,8 @@ def test_stale_heartbeats_end_the_engagement() -> None:
 @pytest.mark.parametrize("text_first", [True, False])
 def test_a_refusal_to_arm_is_answered_with_the_reason_of_the_autopilot(text_first: bool) -> None:
     speaker, bridge = Speaker(), made()
-    told = {"autopilot": PX4, "mode": POSITION, "armed": False, "land": ON_GROUND}
-    bridge.exchange(speaker.told(T0, **told), now_ns=T0)
+    reported = {"autopilot": PX4, "mode": POSITION, "armed": False, "land": ON_GROUND}
+    bridge.exchange(speaker.state_messages(T0, **reported), now_ns=T0)
     assert bridge.arm(True, now_ns=T0).accepted
     text = speaker.say("statustext", 2, b"Arming denied: no valid position\t")
     refusal = speaker.say("command_ack", 400, 1)
@@ -646,15 +654,15 @@ def test_stands_in_for_a_ground_station_only_where_its_loss_has_no_consequences(
     types: list[tuple[int, int]] = []
     for k in range(100):
         now_ns = T0 + k * STEP
-        told = speaker.told(now_ns, autopilot=autopilot, settings=known)
-        types += heartbeat_types(bridge.exchange(told, now_ns=now_ns))
+        data = speaker.state_messages(now_ns, autopilot=autopilot, settings=known)
+        types += heartbeat_types(bridge.exchange(data, now_ns=now_ns))
     onboard, station = (191, 18), (190, 6)
     assert types.count(onboard) == 2 and types.count(station) == 2 * announces
     if on_loss:
         assert any("receives no texts of PX4" in each for each in bridge.take_warnings())
 
 
-# What else is told.
+# Landed state, battery and texts.
 
 
 def test_joins_the_parts_of_a_long_text() -> None:
@@ -670,7 +678,7 @@ def test_joins_the_parts_of_a_long_text() -> None:
 def test_landed_battery_refusals_and_texts() -> None:
     speaker = Speaker()
     bridge = made(**{"thrust_map.battery_voltage": 16.0})
-    bridge.exchange(speaker.told(T0), now_ns=T0)
+    bridge.exchange(speaker.state_messages(T0), now_ns=T0)
     assert bridge.landed(now_ns=T0) is False
     bridge.exchange(speaker.land(ON_GROUND), now_ns=T0)
     assert bridge.landed(now_ns=T0) is True
@@ -689,7 +697,7 @@ def test_landed_battery_refusals_and_texts() -> None:
 
 
 @pytest.mark.parametrize("device", ["udpin:14550", "tcp:host:port", "udpout::99999", "tcp:a:0"])
-def test_an_address_that_is_none_is_refused(device: str) -> None:
+def test_refuses_an_invalid_address(device: str) -> None:
     with pytest.raises(ConfigurationError, match=r"mavlink_bridge\.device"):
         MavlinkBridge.Config(device=device)
 
@@ -741,7 +749,7 @@ def test_2000_absurd_but_sound_frames_break_nothing() -> None:
     for k in range(2000):
         now_ns = T0 + k * STEP
         if k % 50 == 0:
-            bridge.exchange(speaker.told(now_ns), now_ns=now_ns)
+            bridge.exchange(speaker.state_messages(now_ns), now_ns=now_ns)
             bridge.receive_command(command(now_ns, HOVER), now_ns=now_ns)
             bridge.engage(True, now_ns=now_ns)
         with np.errstate(all="ignore"):
@@ -753,7 +761,7 @@ def test_2000_absurd_but_sound_frames_break_nothing() -> None:
 
 
 def absurd(speaker: Speaker, kind: str, dice: random.Random) -> bytes:
-    """Return a message of a kind with numbers that nobody should send."""
+    """Return a message of a kind with invalid numbers."""
     from pymavlink.dialects.v20 import development
 
     message = getattr(development, f"MAVLink_{kind}_message")

@@ -1,8 +1,8 @@
-"""What real firmware says over MAVLink, recorded in its simulation.
+"""MAVLink recorded from real firmware in its simulation.
 
-It is connected to, climbs and flies an eight. How it moves is held against itself: positions
-against velocities, attitudes against body rates, the direction of the thrust against the
-acceleration. A sign or an axis that is wrong breaks one of them.
+The recordings have a connection, a climb and a figure eight. Their motion must agree: positions
+with velocities, attitudes with body rates, the direction of the thrust with the
+acceleration. A wrong sign or axis breaks one of these.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ CHUNK = 200  # bytes, as a line gives them
 
 
 def replayed(name: str) -> tuple[MavlinkBridge, list[OdometrySample], list[str]]:
-    """Return the bridge that has heard all of a recording, by the vehicle's own clock."""
+    """Return a bridge after a whole recording, with the vehicle's clock."""
     bridge = MavlinkBridge(MavlinkBridge.Config(), new_message)
     clock, now_ns = Codec(system=1), 0
     odometries: list[OdometrySample] = []

@@ -1,4 +1,4 @@
-"""MAVROS with PX4 and ArduPilot, against what they document."""
+"""The bridge to MAVROS with PX4 and ArduPilot, compared with their documentation."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from fixtures.bridges import (
     SECOND,
     T0,
     command,
+    deliver,
     engage,
     message_of,
     ready_to_fly,
-    tell,
     topics,
     vector,
 )
@@ -31,7 +31,7 @@ NOW_NS = 5_250_000_000
 
 
 @pytest.mark.parametrize("axis", AXES)
-def test_mavros_takes_flu_as_it_is(new: New, axis: tuple[float, ...]) -> None:
+def test_sends_flu_rates_to_mavros_unchanged(new: New, axis: tuple[float, ...]) -> None:
     message = new("mavros_msgs/msg/AttitudeTarget")
     mavros.fill_attitude_target(message, command(w=axis), throttle=0.42, now_ns=NOW_NS)
     assert vector(message.body_rate) == axis
@@ -42,13 +42,13 @@ def test_mavros_takes_flu_as_it_is(new: New, axis: tuple[float, ...]) -> None:
 
 
 def test_sends_ardupilot_nothing_outside_guided(new: New) -> None:
-    for mode, heard in (("LOITER", False), ("GUIDED", True), ("GUIDED_NOGPS", True)):
+    for mode, sends in (("LOITER", False), ("GUIDED", True), ("GUIDED_NOGPS", True)):
         bridge = ready_to_fly(MavrosBridge, T0, autopilot="ardupilot")
         state = new("mavros_msgs/msg/State")
         state.connected, state.mode, state.armed = True, mode, True
-        tell(bridge, "/mavros/state", state, T0)
+        deliver(bridge, "/mavros/state", state, T0)
         targets = topics(bridge.receive_command(command(T0), now_ns=T0))
-        assert bool(targets) is heard
+        assert bool(targets) is sends
         state.connected = False
         assert bridge.receive_command(command(T0), now_ns=T0) == []
 
@@ -59,23 +59,23 @@ def test_ardupilot_setpoints_stop_with_first_status_of_another_mode(
     bridge = ready_to_fly(MavrosBridge, T0, autopilot="ardupilot")
     state = new("mavros_msgs/msg/State")
     state.connected, state.mode, state.armed = True, "GUIDED", True
-    tell(bridge, "/mavros/state", state, T0)
+    deliver(bridge, "/mavros/state", state, T0)
     assert bridge.receive_command(command(T0), now_ns=T0)
     assert bridge.engaged(now_ns=T0)
     state.mode = "LOITER"
-    tell(bridge, "/mavros/state", state, T0)
+    deliver(bridge, "/mavros/state", state, T0)
     assert not bridge.engaged(now_ns=T0)
     state.mode = "GUIDED"  # and it is not taken up again by itself
-    tell(bridge, "/mavros/state", state, T0)
+    deliver(bridge, "/mavros/state", state, T0)
     assert bridge.receive_command(command(T0), now_ns=T0) == []
-    # Released on request, it hears nothing from then on, whatever the status says.
+    # After a release on request the bridge sends nothing, whatever the status.
     again = ready_to_fly(MavrosBridge, T0, autopilot="ardupilot")
     (call,) = again.engage(False, now_ns=T0).calls
     assert call.request.custom_mode == "LOITER"
     assert again.receive_command(command(T0), now_ns=T0) == []
 
 
-def told(**parameters: int | float | None) -> Any:
+def parameters_response(**parameters: int | float | None) -> Any:
     """Return MAVROS's answer: a parameter of each value, not set where it is None."""
     values = [
         SimpleNamespace(
@@ -97,11 +97,11 @@ def asked(new: New, tilt: float) -> tuple[MavrosBridge, Callable[[Any], None]]:
     assert list(question.request.names) == ["GUID_OPTIONS", "ATC_ANGLE_BOOST"]
     state = new("mavros_msgs/msg/State")
     state.connected, state.mode, state.armed = True, "GUIDED", True
-    tell(bridge, "/mavros/state", state, T0)
+    deliver(bridge, "/mavros/state", state, T0)
     message = sound_message("nav_msgs/msg/Odometry", T0 + SECOND // 50)
     message.pose.pose.orientation.x = math.sin(0.5 * tilt)
     message.pose.pose.orientation.w = math.cos(0.5 * tilt)
-    tell(bridge, "/mavros/local_position/odom", message, T0 + SECOND // 50)
+    deliver(bridge, "/mavros/local_position/odom", message, T0 + SECOND // 50)
     assert question.receive is not None
     return bridge, question.receive
 
@@ -116,32 +116,32 @@ def thrust_of(bridge: MavrosBridge) -> float:
 def test_compensates_the_reported_angle_boost(new: New, boost: float) -> None:
     bridge, answer = asked(new, tilt=0.6)
     plain = thrust_of(bridge)
-    answer(told(options=8, boost=boost))
+    answer(parameters_response(options=8, boost=boost))
     assert thrust_of(bridge) == pytest.approx(plain * (math.cos(0.6) if boost else 1.0), rel=1e-6)
     assert bridge.take_warnings() == []
 
 
 def test_thrust_that_would_be_a_climb_rate_is_not_sent(new: New) -> None:
     bridge, answer = asked(new, tilt=0.0)
-    answer(told(options=0, boost=1))
+    answer(parameters_response(options=0, boost=1))
     now_ns = T0 + SECOND // 50
     assert bridge.receive_command(command(now_ns), now_ns=now_ns) == []
     assert "GUID_OPTIONS is 0" in bridge.silence
-    # Mended, it may be engaged, and is asked again.
+    # With the parameter fixed, the bridge can be engaged and requests it again.
     again = bridge.engage(True, now_ns=now_ns)
     assert again.accepted and any(call.receive for call in again.calls)
 
 
-def test_what_mavros_does_not_know_yet_is_said(new: New) -> None:
+def test_warns_of_parameters_that_mavros_does_not_report(new: New) -> None:
     bridge, answer = asked(new, tilt=0.6)
     plain = thrust_of(bridge)
-    answer(told(options=8, boost=None))
+    answer(parameters_response(options=8, boost=None))
     assert thrust_of(bridge) == plain
     (warning,) = bridge.take_warnings()
     assert "ATC_ANGLE_BOOST" in warning and "GUID_OPTIONS" not in warning
-    # What it told once holds on.
-    answer(told(options=8, boost=1))
-    answer(told(options=8, boost=None))
+    # A reported value stays valid.
+    answer(parameters_response(options=8, boost=1))
+    answer(parameters_response(options=8, boost=None))
     assert thrust_of(bridge) == pytest.approx(plain * math.cos(0.6), rel=1e-6)
 
 

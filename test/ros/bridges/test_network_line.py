@@ -1,4 +1,4 @@
-"""A line over UDP and TCP: it waits for nobody, and begins anew when the other end does."""
+"""A line over UDP and TCP sends without a receiver and reconnects."""
 
 from __future__ import annotations
 
@@ -69,13 +69,13 @@ def test_a_device_is_a_serial_port() -> None:
     assert isinstance(Line(device="/dev/ttyACM9", baud=9600).open(), SerialLine)
 
 
-def test_who_calls_first_is_answered_until_it_is_silent(
+def test_answers_the_first_sender_until_it_is_silent(
     other: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     port = free_port()
     with opened(f"udpin:127.0.0.1:{port}") as line, socket.socket(type=socket.SOCK_DGRAM) as third:
         line.read()
-        line.write(b"to nobody yet")
+        line.write(b"no receiver yet")
         other.sendto(b"one", ("127.0.0.1", port))
         assert until(lambda: line.read() == b"one")
         third.sendto(b"stranger", ("127.0.0.1", port))
@@ -141,7 +141,7 @@ def test_reconnects_by_tcp() -> None:
             assert until(lambda: line.read() == b"" and line.fault != "")
 
 
-def test_one_reading_ends_however_much_comes(other: socket.socket) -> None:
+def test_a_read_ends_despite_continuous_input(other: socket.socket) -> None:
     port = free_port()
     with opened(f"udpin:127.0.0.1:{port}") as line:
         line.read()
@@ -171,7 +171,7 @@ def test_a_node_flies_an_autopilot_at_the_other_end(other: socket.socket) -> Non
         while not (found and odometries):
             assert time.monotonic() < deadline, (node.report(), len(odometries))
             now = peer.get_clock().now()
-            other.sendto(speaker.told(now.nanoseconds), ("127.0.0.1", port))
+            other.sendto(speaker.state_messages(now.nanoseconds), ("127.0.0.1", port))
             wanted = TwistStamped()
             wanted.header.stamp = now.to_msg()
             wanted.twist.linear.z, wanted.twist.angular.x = HOVER, 0.5

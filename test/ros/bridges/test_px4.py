@@ -14,10 +14,10 @@ from fixtures.bridges import (
     SECOND,
     T0,
     command,
+    deliver,
     engage,
     message_of,
     ready_to_fly,
-    tell,
     topics,
 )
 from fixtures.stack_messages import new_message
@@ -248,13 +248,15 @@ def px4_odometry(new: New, now_ns: int, **fields: Any) -> Any:
     return message
 
 
-def told(bridge: Px4Bridge, now_ns: int, *, nav_state: int = 14, armed: bool = True) -> None:
-    """Let PX4 say its mode and whether it is armed, by both its messages."""
+def report_status(
+    bridge: Px4Bridge, now_ns: int, *, nav_state: int = 14, armed: bool = True
+) -> None:
+    """Deliver both messages of PX4 with its mode and arming state."""
     status, mode = px4_status(new_message, nav_state), new_message(f"{PX4}/VehicleControlMode")
     status.arming_state = 2 if armed else 1
     mode.flag_control_offboard_enabled, mode.flag_armed = nav_state == 14, armed
-    tell(bridge, "/fmu/out/vehicle_status_v4", status, now_ns)
-    tell(bridge, "/fmu/out/vehicle_control_mode", mode, now_ns)
+    deliver(bridge, "/fmu/out/vehicle_status_v4", status, now_ns)
+    deliver(bridge, "/fmu/out/vehicle_control_mode", mode, now_ns)
 
 
 def flown(
@@ -263,8 +265,8 @@ def flown(
     """Let PX4 and the MPC speak for a while; return what was sent, and when."""
     sent: list[tuple[int, Outgoing]] = []
     for now_ns in range(begin_ns, begin_ns + round(seconds * SECOND), SECOND // 50):
-        tell(bridge, "/fmu/out/vehicle_odometry", px4_odometry(new_message, now_ns), now_ns)
-        told(bridge, now_ns, **state)
+        deliver(bridge, "/fmu/out/vehicle_odometry", px4_odometry(new_message, now_ns), now_ns)
+        report_status(bridge, now_ns, **state)
         made = bridge.receive_command(command(now_ns, throttle), now_ns=now_ns)
         sent += [(now_ns, each) for each in made]
     return sent
@@ -314,21 +316,21 @@ def test_requests_offboard_only_after_a_second_of_heartbeats(new: New) -> None:
 
 
 def test_px4_is_released_by_first_message_of_another_mode(new: New) -> None:
-    for tells in ("status", "control_mode"):
+    for message_kind in ("status", "control_mode"):
         bridge = ready_to_fly(Px4Bridge, T0)
         assert bridge.engaged(now_ns=T0)
-        if tells == "status":
-            tell(bridge, "/fmu/out/vehicle_status_v4", px4_status(new, 2), T0)
+        if message_kind == "status":
+            deliver(bridge, "/fmu/out/vehicle_status_v4", px4_status(new, 2), T0)
         else:
             mode = new(f"{PX4}/VehicleControlMode")
             mode.flag_armed = True
-            tell(bridge, "/fmu/out/vehicle_control_mode", mode, T0)
+            deliver(bridge, "/fmu/out/vehicle_control_mode", mode, T0)
         assert not bridge.engaged(now_ns=T0)
         assert bridge.receive_command(command(T0), now_ns=T0) == []
 
 
 def test_sends_no_heartbeat_after_the_mpc_returns(new: New) -> None:
-    """Its intention stays offboard: one heartbeat, and it would fly whatever comes."""
+    """PX4's intended mode stays offboard: after one heartbeat it would follow any setpoint."""
     bridge = ready_to_fly(Px4Bridge, T0)
     assert flown(bridge, T0, seconds=1.0)
     back = T0 + 3 * SECOND
@@ -349,7 +351,7 @@ def test_refuses_arming_into_offboard_after_landing(new: New) -> None:
     assert "engage it first" in bridge.arm(True, now_ns=later).text
     land = new(f"{PX4}/VehicleLandDetected")
     land.landed = True
-    tell(bridge, "/fmu/out/vehicle_land_detected", land, later)
+    deliver(bridge, "/fmu/out/vehicle_land_detected", land, later)
     # Engaged on the ground, but the MPC would take off at once, and turn at once.
     assert "of the weight as thrust" in bridge.engage(True, now_ns=later).text
     flown(bridge, later, seconds=0.1, throttle=0.0, armed=False)
@@ -372,7 +374,7 @@ def test_land_detector_has_priority_over_arming(new: New) -> None:
     assert bridge.landed(now_ns=T0) is False
     land = new(f"{PX4}/VehicleLandDetected")
     land.landed = True
-    tell(bridge, "/fmu/out/vehicle_land_detected", land, T0)
+    deliver(bridge, "/fmu/out/vehicle_land_detected", land, T0)
     assert bridge.landed(now_ns=T0) is True
 
 
@@ -396,7 +398,7 @@ def test_px4_topics_end_in_the_version_of_their_message(new: New) -> None:
 def test_px4_state_marked_invalid_is_not_passed_on(new: New, field: str) -> None:
     bridge = made(new)
     message = px4_odometry(new, T0, **{field: [math.nan, 0.0, 0.0]})
-    assert tell(bridge, "/fmu/out/vehicle_odometry", message, T0) is None
+    assert deliver(bridge, "/fmu/out/vehicle_odometry", message, T0) is None
     (warning,) = bridge.take_warnings()
     assert "the stack's state is not valid" in warning
     assert "not finite" in warning
@@ -408,7 +410,7 @@ def test_px4_frame_changes_are_passed_on_as_a_jump(new: New) -> None:
     for i, (pose, velocity) in enumerate(frames):
         now_ns = T0 + i * SECOND // 50
         message = px4_odometry(new, now_ns, pose_frame=pose, velocity_frame=velocity)
-        odometry = tell(bridge, "/fmu/out/vehicle_odometry", message, now_ns)
+        odometry = deliver(bridge, "/fmu/out/vehicle_odometry", message, now_ns)
         assert odometry is not None
         assert (odometry.frame_id, odometry.child_frame_id) == ("odom", "base_link")
     assert bridge.jumps == 1
@@ -418,7 +420,7 @@ def test_reports_px4_refusals(new: New) -> None:
     bridge = made(new)
     ack = new("px4_msgs/msg/VehicleCommandAck")
     ack.command, ack.result = 400, 1
-    tell(bridge, "/fmu/out/vehicle_command_ack_v1", ack, T0)
+    deliver(bridge, "/fmu/out/vehicle_command_ack_v1", ack, T0)
     (warning,) = bridge.take_warnings()
     assert "PX4 refuses to arm or disarm (temporarily rejected)" in warning
 
@@ -430,6 +432,6 @@ def test_commands_take_the_newest_battery_into_account(new: New) -> None:
     engage(bridge, T0)
     battery = new("px4_msgs/msg/BatteryStatus")
     battery.voltage_v = 15.0
-    tell(bridge, "/fmu/out/battery_status_v1", battery, T0)
+    deliver(bridge, "/fmu/out/battery_status_v1", battery, T0)
     rates = message_of(bridge.receive_command(command(T0), now_ns=T0), "vehicle_rates_setpoint")
     assert 0.3 < -rates.thrust_body[2] < 0.4

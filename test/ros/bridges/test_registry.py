@@ -1,4 +1,4 @@
-"""Bridges are found by entry point: ours, other people's, and those that do not load."""
+"""Bridges are found by entry point, also those of other packages and those that do not load."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_the_bridge_of_contributing_passes_commands_on() -> None:
 
 
 def test_bridges_import_no_ros() -> None:
-    # Whoever tests or simulates with a codec needs none of it.
+    # Tests and simulations of a codec need no ROS.
     script = (
         "import sys\n"
         + "".join(f"import {target.split(':')[0]}\n" for target in declared(BRIDGES).values())

@@ -1,4 +1,4 @@
-"""Nodes as processes of their own, and a node of the test's to talk with them."""
+"""Nodes as processes, and a node of the test that talks with them."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ class Feed:
         peer.node.create_timer(0.02, self.send)
 
     def send(self) -> None:
-        """Send what is switched on, of this moment."""
+        """Send the enabled messages with the current time."""
         stamp_ns = int(self._peer.node.get_clock().now().nanoseconds)
         if self.reference:
             self._reference.publish(self._window(stamp_ns))
@@ -223,7 +223,7 @@ class Managed:
         result = self._peer.call(self._set, request).result
         return "" if result.successful else str(result.reason)
 
-    def tells(self, state: str, text: str = "") -> bool:
+    def reports(self, state: str, text: str = "") -> bool:
         """Wait until ``/diagnostics`` shows a state and a text."""
         return self._peer.wait(
             lambda: self.health.get("state") == state and text in self.health["text"]

@@ -78,11 +78,11 @@ def test_bad_messages_are_refused_in_a_line_each_and_the_flight_goes_on(
     assert peer.wait(lambda: int(node.health["rejected_inputs"]) > 0)
     assert silent()
 
-    def heard() -> bool:
+    def is_received() -> bool:
         send()
         return node.health["accelerometer"] != "missing"
 
-    assert peer.wait(heard)
+    assert peer.wait(is_received)
     assert "Traceback" not in log.read_text()
 
 

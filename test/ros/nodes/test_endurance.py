@@ -114,7 +114,7 @@ def test_endures_lost_odometries_and_changed_parameters(
     memory: list[tuple[float, float]] = []
     try:
         mpc = managed("mpc")
-        assert mpc.tells("active")
+        assert mpc.reports("active")
         began = time.monotonic()
         for change in good_changes(MpcConfig()):
             peer.wait(lambda: flight.poll() is not None, timeout=CHANGE_PERIOD)

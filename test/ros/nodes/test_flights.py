@@ -67,7 +67,7 @@ def test_in_one_process_mpc_and_reference_fly_the_same(lockstep: Path, tmp_path:
     given = ["--lockstep", "--together", "--config", "paper"]
     assert main(["fly", *given, "--out", str(together)]) == 0
     assert _commands(together) == _commands(lockstep)
-    with AnyReader([together / "bag"]) as reader:  # which others hear as before
+    with AnyReader([together / "bag"]) as reader:  # which other nodes still receive
         counts = {each.topic: each.msgcount for each in reader.connections}
     assert counts["/reference"] == 500
 
@@ -102,7 +102,7 @@ def test_a_lockstep_flight_resolves_to_the_same_commands(lockstep: Path, tmp_pat
 def test_a_real_time_flight_resolves_nearly_to_the_same_commands(
     real_time: Path, tmp_path: Path
 ) -> None:
-    """Nearly: which of two references came first, the recording does not always tell."""
+    """Nearly: the recording does not always have the order of two references."""
     assert main(["resolve", str(real_time), "--out", str(tmp_path / "again")]) == 0
     summary = json.loads((tmp_path / "again" / "summary.json").read_text())
     # After the last odometry, until the nodes have ended, what is commanded answers none.

@@ -1,4 +1,4 @@
-"""The lifecycle of the nodes, as somebody in another process sees it over DDS."""
+"""The lifecycle of the nodes, as another process sees it over DDS."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ ACTIVATE_NUMBER = 3
 GROWTH_KIB = 4000  # 80 controllers take 6400
 
 
-class Heard:
+class Outputs:
     """Counts what is published on the topics of the MPC."""
 
     def __init__(self, peer: Any) -> None:
@@ -65,17 +65,17 @@ class Heard:
 
 
 @pytest.fixture
-def heard(peer: Any) -> Heard:
-    return Heard(peer)
+def outputs(peer: Any) -> Outputs:
+    return Outputs(peer)
 
 
 def test_mpc_commands_only_while_it_is_active(
-    start: Start, peer: Any, feed: Any, heard: Heard, managed: Any, tmp_path: Path
+    start: Start, peer: Any, feed: Any, outputs: Outputs, managed: Any, tmp_path: Path
 ) -> None:
     process, mpc = start("mpc", *WAIT), managed("mpc")
     feed.odometry = feed.reference = False
     assert mpc.state == "unconfigured"
-    assert mpc.tells("unconfigured")
+    assert mpc.reports("unconfigured")
     assert not peer.node.count_publishers("command")
 
     assert not mpc.to("activate")
@@ -84,27 +84,27 @@ def test_mpc_commands_only_while_it_is_active(
     assert mpc.state == "unconfigured"
 
     assert mpc.to("configure")
-    assert mpc.tells("inactive", "no odometry yet")
+    assert mpc.reports("inactive", "no odometry yet")
     assert not mpc.to("activate")
     feed.odometry = True
-    assert mpc.tells("inactive", "no reference yet")
+    assert mpc.reports("inactive", "no reference yet")
     assert not mpc.to("activate")
     feed.reference = True
     assert peer.wait(lambda: mpc.health["text"] == "inactive")
-    assert not heard.anything(0.3), "an inactive node publishes"
+    assert not outputs.anything(0.3), "an inactive node publishes"
 
     assert mpc.to("activate")
-    assert heard.anything(0.2)
-    assert mpc.tells("active", "flying")
+    assert outputs.anything(0.2)
+    assert mpc.reports("active", "flying")
 
     assert mpc.to("deactivate")
-    assert not heard.anything(0.3), "a deactivated node publishes"
+    assert not outputs.anything(0.3), "a deactivated node publishes"
     feed.reference = False
     assert peer.wait(lambda: "reference is" in mpc.health["text"])
     assert not mpc.to("activate"), "the reference is stale"
     feed.reference = True
     assert peer.wait(lambda: mpc.to("activate"))
-    assert heard.anything(0.2)
+    assert outputs.anything(0.2)
 
     assert mpc.to("deactivate")
     assert mpc.to("cleanup")
@@ -122,7 +122,7 @@ def test_mpc_commands_only_while_it_is_active(
 def test_warns_of_a_deactivation_in_flight(
     acts: bool, start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
 ) -> None:
-    """Where commands do not act, nothing is lost."""
+    """There is no warning if commands do not act."""
     publishers = [
         peer.node.create_publisher(Bool, name, LATCHED) for name in ("engaged", "landed")
     ]
@@ -130,43 +130,43 @@ def test_warns_of_a_deactivation_in_flight(
         publisher.publish(Bool(data=value))
     start("mpc")
     mpc, log = managed("mpc"), tmp_path / "mpc.log"
-    assert mpc.tells("active")
+    assert mpc.reports("active")
     peer.deliver(*publishers)
     assert mpc.to("deactivate")
-    assert mpc.tells("inactive")
+    assert mpc.reports("inactive")
     warned = r"\[WARN\] .*inactive on request in flight: no more commands"
     assert bool(re.search(warned, log.read_text())) is acts
 
 
 def test_mpc_starts_by_itself_when_odometry_and_reference_are_there(
-    start: Start, peer: Any, feed: Any, heard: Heard, managed: Any
+    start: Start, peer: Any, feed: Any, outputs: Outputs, managed: Any
 ) -> None:
     feed.reference = False
     start("mpc")
     mpc = managed("mpc")
-    assert mpc.tells("inactive", "no reference yet")
-    assert not heard.anything(0.2)
+    assert mpc.reports("inactive", "no reference yet")
+    assert not outputs.anything(0.2)
     feed.reference = True
-    assert peer.wait(lambda: heard.commands)
-    assert mpc.tells("active", "flying")
+    assert peer.wait(lambda: outputs.commands)
+    assert mpc.reports("active", "flying")
 
     assert mpc.to("deactivate")
-    assert not heard.anything(0.3), "it must not start by itself again"
+    assert not outputs.anything(0.3), "it must not start by itself again"
     assert mpc.state == "inactive"
 
 
 def test_external_transition_ends_autostart(
-    start: Start, peer: Any, feed: Any, heard: Heard, managed: Any
+    start: Start, peer: Any, feed: Any, outputs: Outputs, managed: Any
 ) -> None:
     feed.odometry = feed.reference = False
     start("mpc")
     mpc = managed("mpc")
-    assert mpc.tells("inactive", "no odometry yet")
+    assert mpc.reports("inactive", "no odometry yet")
     assert mpc.to("cleanup")
     assert mpc.to("configure")
     feed.odometry = feed.reference = True
     assert peer.wait(lambda: mpc.health["text"] == "inactive")
-    assert not heard.anything(0.2)
+    assert not outputs.anything(0.2)
     assert mpc.state == "inactive"
 
 
@@ -183,7 +183,7 @@ def test_parameters_may_be_set_until_configured(
     # One after the other, of which the first alone does not go with the weight.
     assert mpc.set(throttle_max=0.29) == ""
     assert not mpc.to("configure")
-    assert mpc.tells("unconfigured", "mpc.throttle_max: given 0.29, expected a number above")
+    assert mpc.reports("unconfigured", "mpc.throttle_max: given 0.29, expected a number above")
     assert mpc.set(mass=0.3) == ""
     assert mpc.set(horizon_steps=7, terminal_weight=20, **{"limits.speed_max": 5.0}) == ""
     assert mpc.to("configure")
@@ -296,7 +296,7 @@ def test_reference_goes_on_where_it_stopped(start: Start, peer: Any, managed: An
     # A window comes every so often, from the place where the vehicle is to be then.
     assert np.linalg.norm(position() - last) < 1.0, "it has jumped ahead"
     assert peer.wait(lambda: np.linalg.norm(position() - last) > 0.3), "it goes on"
-    assert reference.tells("active", "flying")
+    assert reference.reports("active", "flying")
 
 
 def test_reference_reconfigures_with_another_trajectory(
@@ -306,13 +306,13 @@ def test_reference_reconfigures_with_another_trajectory(
     peer.node.create_subscription(MultiDOFJointTrajectory, "reference", windows.append, 10)
     start("reference")
     reference = managed("reference")
-    assert reference.tells("active")
+    assert reference.reports("active")
     assert "expected 'square' as long as" in reference.set(trajectory="hover")
     assert reference.to("deactivate")
     assert reference.to("cleanup")
     assert reference.set(trajectory="csv", file="/nowhere.csv") == ""
     assert not reference.to("configure")
-    assert reference.tells("unconfigured", "/nowhere.csv")
+    assert reference.reports("unconfigured", "/nowhere.csv")
     assert reference.set(trajectory="hover", height=3.5) == ""
     assert reference.to("configure")
     windows.clear()
@@ -326,7 +326,7 @@ def test_reference_reconfigures_with_another_trajectory(
 
 @pytest.fixture
 def counter(peer: Any) -> Iterator[Callable[[int], None]]:
-    """Return what publishes so many numbers, each one more than the last, to whoever listens."""
+    """Return a function that publishes a count of consecutive numbers."""
     publisher = peer.node.create_publisher(Int32, "/numbers", 100)
     count = 0
 
@@ -339,7 +339,7 @@ def counter(peer: Any) -> Iterator[Callable[[int], None]]:
         if publisher.get_subscription_count():
             peer.deliver(publisher)
 
-    publish.heard = publisher.get_subscription_count  # type: ignore[attr-defined]
+    publish.subscribers = publisher.get_subscription_count  # type: ignore[attr-defined]
     return publish
 
 
@@ -365,14 +365,14 @@ def test_recorder_pauses_and_goes_on_in_one_bag(
     assert not bag.exists(), "nothing on the disk before it records"
 
     assert recorder.to("activate")
-    assert peer.wait(counter.heard)
+    assert peer.wait(counter.subscribers)
     counter(10)  # 5 to 14
     assert recorder.to("deactivate")
     assert not (bag / "metadata.yaml").exists()
     assert _recorded(bag) == list(range(5, 15)), "what was recorded is on the disk"
-    counter(10)  # 15 to 24, which nobody hears
+    counter(10)  # 15 to 24, which are not recorded
     assert recorder.to("activate")
-    assert peer.wait(counter.heard)
+    assert peer.wait(counter.subscribers)
     counter(10)  # 25 to 34
     assert recorder.to("deactivate")
     assert recorder.to("cleanup")
@@ -382,16 +382,16 @@ def test_recorder_pauses_and_goes_on_in_one_bag(
 
     before = {path.name: path.read_bytes() for path in bag.iterdir()}
     assert not recorder.to("configure")
-    assert recorder.tells("unconfigured", "exists already")
+    assert recorder.reports("unconfigured", "exists already")
     assert {path.name: path.read_bytes() for path in bag.iterdir()} == before
     assert recorder.set(directory=str(other)) == ""
     assert recorder.to("configure")
     other.mkdir()
     assert not recorder.to("activate")
-    assert recorder.tells("inactive", "exists already")
+    assert recorder.reports("inactive", "exists already")
     other.rmdir()
     assert recorder.to("activate")
-    assert peer.wait(counter.heard)
+    assert peer.wait(counter.subscribers)
     counter(5)
     assert recorder.to("shutdown")
     assert peer.wait(lambda: (other / "metadata.yaml").exists())
@@ -404,7 +404,7 @@ def test_recorder_without_a_directory_makes_a_new_one_each_time(
     monkeypatch.chdir(tmp_path)
     start("recorder")
     recorder = managed("recorder")
-    assert recorder.tells("active")
+    assert recorder.reports("active")
     for _ in range(2):
         for transition in ("deactivate", "cleanup", "configure", "activate"):
             assert recorder.to(transition)
@@ -418,7 +418,7 @@ CYCLE = ("configure", "activate", "deactivate", "cleanup")
 
 
 def _status(process: subprocess.Popen[bytes], key: str) -> int:
-    """Return a number that Linux tells of a process: its threads, its memory [KiB]."""
+    """Return a field of ``/proc/PID/status``: threads, memory [KiB]."""
     text = Path(f"/proc/{process.pid}/status").read_text()
     return int(re.search(rf"^{key}:\s+(\d+)", text, re.MULTILINE)[1])  # type: ignore[index]
 
@@ -452,7 +452,7 @@ def test_hundred_cycles_leak_nothing(
             asked = {node: node.ask(transition) for node in nodes.values()}
             for node, answer in asked.items():
                 assert peer.wait(answer.done)
-                # The MPC has to hear its inputs first.
+                # The MPC has to receive its inputs first.
                 assert answer.result().success or peer.wait(lambda node=node: node.to("activate"))
 
     def used(key: str) -> dict[str, int]:
@@ -495,7 +495,7 @@ def unfrozen(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_cleanup_releases_everything(
     kind: type[Any], peer: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What is made is counted in this process, so that not even a timer can hide."""
+    """The test counts all objects of this process, so that not even a timer can leak."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(kind, "start", lambda _: None)
     monkeypatch.setattr(kind, "activation_blocker", lambda _: None)
@@ -529,7 +529,7 @@ def test_cleanup_releases_everything(
 def test_failing_transition_keeps_node_and_leaks_nothing(
     peer: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As is the answer to somebody else's request, through rclpy's own state machine."""
+    """The same holds for requests of other nodes, through rclpy's own state machine."""
 
     def broken(_: Any, __: Any) -> None:
         raise RuntimeError("a defect")

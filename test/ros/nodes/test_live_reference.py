@@ -1,4 +1,4 @@
-"""The reference node flown live: services, goals and trajectories over DDS."""
+"""Live flights with the reference node: services, goals and trajectories over DDS."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Pilot:
         self._raw: list[bytes] = []
         self.paths: list[PathMessage] = []
         self.requests: list[str] = []
-        self._told_before: dict[str, str] = {}
+        self._last_replies: dict[str, str] = {}
         self.odometries: list[Odometry] = []
         self.sources: list[str] = []
         self.throttles: list[float] = []
@@ -79,10 +79,10 @@ class Pilot:
         message.pose.position.x, message.pose.position.y, message.pose.position.z = p
         message.pose.orientation.z = math.sin(0.5 * yaw)
         message.pose.orientation.w = math.cos(0.5 * yaw)
-        return self._told("goal", lambda: self._goal.publish(message))
+        return self._replied("goal", lambda: self._goal.publish(message))
 
     def send_trajectory(self, message: MultiDOFJointTrajectory) -> str:
-        return self._told("trajectory", lambda: self._trajectory.publish(message))
+        return self._replied("trajectory", lambda: self._trajectory.publish(message))
 
     def send_velocity(self, *, frame_id: str, x: float = 0.3, yaw_rate: float = 0.0) -> None:
         message = TwistStamped()
@@ -110,18 +110,18 @@ class Pilot:
             for raw in self._raw
         ]
 
-    def _told(self, name: str, ask: Callable[[], None]) -> str:
-        """Ask; return what is told then. The diagnostics also repeat what was told before."""
-        before = self._told_before.get(name)
+    def _replied(self, name: str, ask: Callable[[], None]) -> str:
+        """Send a request and return the new reply; the diagnostics also repeat the last one."""
+        before = self._last_replies.get(name)
 
         def new() -> list[str]:
-            return [told for told in self.requests if told.startswith(name) and told != before]
+            return [reply for reply in self.requests if reply.startswith(name) and reply != before]
 
         self.requests.clear()
         ask()
         assert self._peer.wait(new)
-        self._told_before[name] = new()[-1]
-        return self._told_before[name]
+        self._last_replies[name] = new()[-1]
+        return self._last_replies[name]
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -132,7 +132,7 @@ class Pilot:
 
 
 def assert_nothing_jumps(windows: list[ReferenceWindow]) -> None:
-    """From window to window the pose moves as its velocities and the velocity as its acceleration.
+    """Between windows, poses change by their velocities and velocities by their accelerations.
 
     The tolerances are for what the slopes change by from one window to the next. Windows that a
     busy machine left far apart are not compared.
@@ -228,7 +228,7 @@ def test_bad_input_is_refused_with_its_reason_and_the_flight_goes_on(
     nan = float("nan")
     no_transform = trajectory_message([(0, 0, 1), (1, 0, 1)], [0, 2])
     no_transform.points[1].transforms = []
-    for told, reason in (
+    for request, reason in (
         (lambda: pilot.send_goal((1.0, 0.0, -1.0)), "1 m below the ground"),
         (lambda: pilot.send_goal((1000.0, 0.0, 1.0)), "more than reach"),
         (lambda: pilot.send_goal((1.0, nan, 1.0)), "not finite"),
@@ -246,17 +246,17 @@ def test_bad_input_is_refused_with_its_reason_and_the_flight_goes_on(
             "not finite",
         ),
         (lambda: pilot.send_trajectory(no_transform), "no transform"),
-        (lambda: pilot._told("velocity", lambda: pilot.send_velocity(frame_id="map")), "'map'"),
+        (lambda: pilot._replied("velocity", lambda: pilot.send_velocity(frame_id="map")), "'map'"),
         (
-            lambda: pilot._told("velocity", lambda: pilot.send_velocity(frame_id="", x=nan)),
+            lambda: pilot._replied("velocity", lambda: pilot.send_velocity(frame_id="", x=nan)),
             "expected finite numbers",
         ),
         (
-            lambda: pilot._told("velocity", lambda: pilot.send_velocity(frame_id="base_link")),
+            lambda: pilot._replied("velocity", lambda: pilot.send_velocity(frame_id="base_link")),
             "no velocity while in takeoff",
         ),
     ):
-        verdict = told()
+        verdict = request()
         assert " refused: " in verdict
         assert reason in verdict
     paths = len(pilot.paths)
@@ -338,8 +338,8 @@ def test_held_reference_moves_with_estimate_step(pilot: Pilot, peer: Any) -> Non
     step, message = np.array([2.0, -1.0, 0.5]), TransformStamped()
     reset = EstimateReset(stamp_ns=held.stamp_ns, turn=0.0, step_W=step)
     conversions.fill_reset(message, reset)
-    told = pilot._told("reset", lambda: steps.publish(message))
-    assert "accepted: the estimate steps by 2.29 m: moves along" in told
+    reply = pilot._replied("reset", lambda: steps.publish(message))
+    assert "accepted: the estimate steps by 2.29 m: moves along" in reply
     pilot.fly(0.3)
     assert np.allclose(pilot.windows()[-1].p_WB, held.p_WB[-1] + step)
 
@@ -374,7 +374,7 @@ def test_a_live_flight_from_the_ground_to_the_ground(start: Start, peer: Any) ->
     assert peer.wait(lambda: pilot.now > 0.0)
 
     pilot.fly(0.5)
-    assert max(pilot.throttles) < 0.01  # stands and idles until told
+    assert max(pilot.throttles) < 0.01  # idles on the ground until a request
     assert pilot.call("takeoff").success
     pilot.fly(4.5)
     assert pilot.call("start").success
@@ -382,7 +382,7 @@ def test_a_live_flight_from_the_ground_to_the_ground(start: Start, peer: Any) ->
     assert "accepted" in pilot.send_goal((2.0, -0.5, 0.0), yaw=1.5)
     pilot.fly(3.0)
     assert pilot.call("land").success
-    assert peer.wait(lambda: any("touchdown accepted" in told for told in pilot.requests), 30.0)
+    assert peer.wait(lambda: any("touchdown accepted" in reply for reply in pilot.requests), 30.0)
     touchdown = pilot.now  # the reference, below the ground by then, ends on it
     pilot.fly(2.0)
 

@@ -1,4 +1,4 @@
-"""What an inactive MPC waits for is in its log, as long as it lasts."""
+"""An inactive MPC logs missing and mismatched inputs."""
 
 from __future__ import annotations
 
@@ -35,8 +35,10 @@ def test_logs_missing_inputs_and_mismatched_publishers(
     message.header.frame_id = "map"
     message.pose.pose.orientation.w = 1.0
     peer.node.create_timer(0.02, lambda: odometry.publish(message))
-    told = "no reference yet: 1 publisher on /one/reference, not received: quality of service of"
-    assert peer.wait(lambda: f"{told} /test_peer: " in log.read_text())
+    expected = (
+        "no reference yet: 1 publisher on /one/reference, not received: quality of service of"
+    )
+    assert peer.wait(lambda: f"{expected} /test_peer: " in log.read_text())
 
 
 def test_says_again_that_odometry_is_in_a_wrong_frame(
@@ -44,10 +46,10 @@ def test_says_again_that_odometry_is_in_a_wrong_frame(
 ) -> None:
     start("mpc", "-p", "odometry.frame_id:=map")
     log = tmp_path / "mpc.log"
-    told = "inactive: odometry is in frame 'odom', expected 'map'"
-    assert peer.wait(lambda: told in log.read_text())
+    expected = "inactive: odometry is in frame 'odom', expected 'map'"
+    assert peer.wait(lambda: expected in log.read_text())
     first = time.monotonic()
-    assert peer.wait(lambda: log.read_text().count(told) == 2)
+    assert peer.wait(lambda: log.read_text().count(expected) == 2)
     assert time.monotonic() - first > 4.0
 
 
@@ -125,7 +127,7 @@ MISMATCHED: dict[str, dict[str, tuple[type[Any], QoSProfile, str]]] = {
 def test_reports_publishers_that_do_not_match_an_optional_input(
     node: str, start: Start, peer: Any, tmp_path: Path
 ) -> None:
-    """Once in the log, and in the health as long as they are there."""
+    """The log has the report once, the diagnostics as long as the publishers exist."""
     health: dict[str, str] = {}
 
     def on_diagnostics(message: DiagnosticArray) -> None:

@@ -1,4 +1,4 @@
-"""Gates that are moved while a race is flown over DDS: the reference leads where they are."""
+"""Gates that move during a race over DDS: the reference follows them."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def poses(p_WG: Any, *, frame_id: str = "odom") -> PoseArray:
 
 
 def test_a_gate_moved_in_flight_is_passed_where_it_is(peer: Any, tmp_path: Path) -> None:
-    """By 1.5 m, of an opening of 1.2 m: what was planned misses it."""
+    """The gate moves by 1.5 m, with an opening of 1.2 m: the old plan misses it."""
     gates = peer.node.create_publisher(PoseArray, "gates", 10)
     stamps: list[int] = []
     reference = peer.node.create_subscription(
@@ -100,18 +100,18 @@ def test_a_gate_moved_in_flight_is_passed_where_it_is(peer: Any, tmp_path: Path)
         (poses(np.full((9, 3), np.nan)), "expected finite numbers and a unit quaternion"),
     ],
 )
-def test_what_are_no_gates_is_refused_once(
+def test_refuses_invalid_gates_once(
     start: Callable[..., Any], peer: Any, tmp_path: Path, message: PoseArray, reason: str
 ) -> None:
     gates = peer.node.create_publisher(PoseArray, "gates", 10)
     start("reference", "-p", "trajectory:=gates", "-p", "gates:=seven_gates")
     log = tmp_path / "reference.log"
 
-    def told() -> bool:
+    def is_logged() -> bool:
         gates.publish(message)
         return reason in log.read_text()
 
-    assert peer.wait(told)
+    assert peer.wait(is_logged)
     peer.spin(0.5)
     assert log.read_text().count(reason) == 1
     assert "Traceback" not in log.read_text()

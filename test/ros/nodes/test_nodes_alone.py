@@ -47,11 +47,11 @@ def _arguments(node: str, tmp_path: Path) -> list[str]:
 def test_ends_cleanly_on_a_signal(
     node: str, number: int, start: Start, peer: Any, tmp_path: Path
 ) -> None:
-    told: list[DiagnosticArray] = []
-    peer.node.create_subscription(DiagnosticArray, "/diagnostics", told.append, 10)
+    received: list[DiagnosticArray] = []
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", received.append, 10)
     process = start(node, *_arguments(node, tmp_path))
     # Not when it is on the graph, where one of the same name that was killed may still be.
-    assert peer.wait(lambda: told)
+    assert peer.wait(lambda: received)
 
     process.send_signal(number)
 
@@ -80,8 +80,8 @@ def test_ends_cleanly_in_the_middle_of_a_flight(
 def test_warns_of_two_odometry_sources_and_zero_lags(
     start: Start, peer: Any, tmp_path: Path
 ) -> None:
-    told: list[DiagnosticArray] = []
-    peer.node.create_subscription(DiagnosticArray, "/diagnostics", told.append, 10)
+    received: list[DiagnosticArray] = []
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", received.append, 10)
     rivals = [
         peer.node.create_publisher(Odometry, "odom", qos_profile_sensor_data) for _ in range(2)
     ]
@@ -89,10 +89,12 @@ def test_warns_of_two_odometry_sources_and_zero_lags(
     start("mpc", *lags, "-p", "envelope.tilt_max:=0.5")
 
     def warned() -> bool:
-        return bool(told) and told[-1].status[0].message.startswith("2 publishers on odom,")
+        return bool(received) and received[-1].status[0].message.startswith(
+            "2 publishers on odom,"
+        )
 
     assert peer.wait(warned)
-    assert told[-1].status[0].level == DiagnosticStatus.WARN
+    assert received[-1].status[0].level == DiagnosticStatus.WARN
     peer.node.destroy_publisher(rivals[1])
     assert peer.wait(lambda: not warned())
     log = (tmp_path / "mpc.log").read_text()
@@ -104,13 +106,13 @@ def test_warns_of_two_odometry_sources_and_zero_lags(
 def test_bad_parameter_is_one_line_and_exit_code_2(
     node: str, start: Start, tmp_path: Path
 ) -> None:
-    argument, told = BAD_PARAMETERS[node]
+    argument, reason = BAD_PARAMETERS[node]
 
     process = start(node, "-p", argument)
 
     assert process.wait(PATIENCE) == 2
     (line,) = (tmp_path / f"{node}.log").read_text().strip().splitlines()
-    assert line.startswith(f"error: {told}")
+    assert line.startswith(f"error: {reason}")
     assert not (tmp_path / "bag").exists()
 
 
@@ -337,16 +339,16 @@ def test_bounds_that_only_fit_together_change_together(start: Start, peer: Any) 
 
 
 def test_reports_incompatible_publisher(start: Start, peer: Any, tmp_path: Path) -> None:
-    """The reference is heard reliably or not at all, the odometry either way."""
+    """The reference needs a reliable publisher, the odometry does not."""
     peer.node.create_publisher(MultiDOFJointTrajectory, "reference", qos_profile_sensor_data)
     reliable = peer.node.create_publisher(Odometry, "odom", 10)
     start("mpc")
     log = tmp_path / "mpc.log"
     assert peer.wait(lambda: "quality of service" in log.read_text())
     assert peer.wait(reliable.get_subscription_count)
-    told = [line for line in log.read_text().splitlines() if "quality of service" in line]
-    assert len(told) == 1
-    assert "reference: " in told[0]
+    lines = [line for line in log.read_text().splitlines() if "quality of service" in line]
+    assert len(lines) == 1
+    assert "reference: " in lines[0]
 
 
 def test_recorder_subscribes_before_a_topic_has_a_publisher(
@@ -364,7 +366,7 @@ def test_recorder_records_what_appears_later(
     bag = tmp_path / "bag"
     process = start("recorder", "-p", f"directory:={bag}", "-p", "topics:=[odom, /other/odom]")
     recorder = managed("recorder")
-    assert recorder.tells("active", "no publisher yet")
+    assert recorder.reports("active", "no publisher yet")
     publisher = peer.node.create_publisher(Odometry, "odom", 100)
     # A publisher matches a subscription before the subscription matches the publisher.
     assert peer.wait(lambda: recorder.health.get("peers./odom") == "1")

@@ -1,4 +1,4 @@
-"""The MPC node hears of obstacles from other processes, and outlives what is broken."""
+"""The MPC node receives obstacles from other processes, and tolerates invalid messages."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ON = ("-p", "obstacles.half_spaces:=4")
 
 
 class Surveyor:
-    """Publishes what is in the way of a vehicle at rest at the origin, and hears what it knows."""
+    """Publishes obstacles for a vehicle at rest at the origin, and receives its clearance."""
 
     def __init__(self, peer: Any) -> None:
         self._peer, node = peer, peer.node
@@ -74,7 +74,7 @@ def test_a_cloud_and_a_marker_of_another_process_are_known(
     surveyor, mpc = Surveyor(peer), managed("mpc")
     feed.height = 0.0
     start("mpc", *ON)
-    assert mpc.tells("active")
+    assert mpc.reports("active")
     assert surveyor.sees(1.8, lambda: surveyor.send_points([[0.0, 2.0, 0.0], [3.0, 0.0, 0.0]]))
     assert surveyor.sees(0.8, lambda: surveyor.send_ball(1.5))
     assert peer.wait(lambda: int(mpc.health.get("obstacles.clouds", 0)) > 0)
@@ -86,7 +86,7 @@ def test_broken_late_and_foreign_clouds_are_refused_and_the_mpc_flies_on(
 ) -> None:
     surveyor, mpc = Surveyor(peer), managed("mpc")
     start("mpc", *ON)
-    assert mpc.tells("active")
+    assert mpc.reports("active")
     log = tmp_path / "mpc.log"
     bad: dict[str, Callable[[], None]] = {
         "of which none is finite": lambda: surveyor.send_points(np.full((50, 3), np.nan)),
@@ -97,24 +97,24 @@ def test_broken_late_and_foreign_clouds_are_refused_and_the_mpc_flies_on(
     }
     for reason, send in bad.items():
 
-        def told(reason: str = reason, send: Callable[[], None] = send) -> bool:
+        def is_logged(reason: str = reason, send: Callable[[], None] = send) -> bool:
             send()
             return reason in log.read_text()
 
-        assert peer.wait(told), reason
+        assert peer.wait(is_logged), reason
     assert peer.wait(lambda: int(mpc.health.get("obstacles.refused", 0)) >= len(bad))
     assert "Traceback" not in log.read_text()
     surveyor.stats.clear()
     assert peer.wait(lambda: surveyor.stats.get("source") == "mpc")
 
 
-def test_gates_that_move_are_taken_and_what_are_none_refused(
+def test_accepts_moved_gates_and_refuses_invalid_ones(
     start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
 ) -> None:
     gates = peer.node.create_publisher(PoseArray, "gates", 10)
     mpc, log = managed("mpc"), tmp_path / "mpc.log"
     start("mpc", "-p", "formulation:=contouring", "-p", "gates:=split_s")
-    assert mpc.tells("active")
+    assert mpc.reports("active")
     for count, frame_id, reason in (
         (7, "moon", "gates are in frame 'moon', expected 'odom'"),
         (3, "odom", "given 3 poses, expected those of all 7 gates"),
@@ -122,11 +122,11 @@ def test_gates_that_move_are_taken_and_what_are_none_refused(
         message = PoseArray(poses=[Pose() for _ in range(count)])
         message.header.frame_id = frame_id
 
-        def told(message: PoseArray = message, reason: str = reason) -> bool:
+        def is_logged(message: PoseArray = message, reason: str = reason) -> bool:
             gates.publish(message)
             return reason in log.read_text()
 
-        assert peer.wait(told), reason
+        assert peer.wait(is_logged), reason
     assert "Traceback" not in log.read_text()
 
 
@@ -135,9 +135,9 @@ def test_diagnostics_report_a_sensor_that_stops(
 ) -> None:
     surveyor, mpc = Surveyor(peer), managed("mpc")
     start("mpc", *ON)
-    assert mpc.tells("active")
+    assert mpc.reports("active")
     assert surveyor.sees(1.8, lambda: surveyor.send_points([[0.0, 2.0, 0.0]]))
-    assert mpc.tells("active", "no usable cloud on obstacles for")
+    assert mpc.reports("active", "no usable cloud on obstacles for")
     assert peer.wait(lambda: math.isinf(surveyor.clearance))  # it is forgotten
     assert surveyor.sees(1.8, lambda: surveyor.send_points([[0.0, 2.0, 0.0]]))
 
@@ -148,9 +148,9 @@ def test_receives_a_neighbour_in_its_namespace(
     mpc = managed("mpc")
     odometry = peer.node.create_publisher(Odometry, "/uav2/odom", qos_profile_sensor_data)
     start("mpc", *ON, "-p", "obstacles.neighbours:=[uav2]")
-    assert mpc.tells("active")
+    assert mpc.reports("active")
 
-    def heard() -> bool:
+    def is_received() -> bool:
         message = Odometry()
         message.header.stamp = peer.node.get_clock().now().to_msg()
         message.header.frame_id, message.child_frame_id = "odom", "base_link"
@@ -159,7 +159,7 @@ def test_receives_a_neighbour_in_its_namespace(
         return mpc.health.get("obstacles.neighbours") == "1 of 1"
 
     assert mpc.health.get("obstacles.neighbours", "0 of 1") == "0 of 1"
-    assert peer.wait(heard)
+    assert peer.wait(is_received)
 
 
 def test_without_half_spaces_nothing_is_subscribed(
@@ -167,13 +167,13 @@ def test_without_half_spaces_nothing_is_subscribed(
 ) -> None:
     mpc = managed("mpc")
     start("mpc")
-    assert mpc.tells("active")
+    assert mpc.reports("active")
     peer.spin(0.5)
     for topic in ("obstacles", "obstacle_markers"):
         assert peer.node.count_subscribers(topic) == 0
 
 
-def test_a_file_that_is_wrong_keeps_the_node_from_starting(start: Start, tmp_path: Path) -> None:
+def test_does_not_start_with_an_invalid_file(start: Start, tmp_path: Path) -> None:
     file = tmp_path / "obstacles.yaml"
     file.write_text("obstacles: [{shape: cube}]")
     process = start("mpc", *ON, "-p", f"obstacles.file:={file}")

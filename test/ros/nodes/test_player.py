@@ -1,4 +1,4 @@
-"""The player as a process of its own, heard by a node of the test's and by the recorder."""
+"""The player as a process; a node of the test and the recorder receive its messages."""
 
 from __future__ import annotations
 
@@ -62,31 +62,31 @@ def write_numbers(bag: Path, count: int = 50, *, split: Split = ONE_FILE) -> Pat
 
 
 class Listener:
-    """Hears topics, and lets a paused player begin when the two have found each other."""
+    """Subscribes to topics, and resumes a paused player after discovery."""
 
     def __init__(self, peer: Any, *topics: str) -> None:
         self._peer = peer
-        self.heard: dict[str, list[int]] = {topic: [] for topic in topics}
+        self.received: dict[str, list[int]] = {topic: [] for topic in topics}
         self._subscriptions = {
-            topic: peer.node.create_subscription(Int32, topic, self._hearing(topic), BEST_EFFORT)
+            topic: peer.node.create_subscription(Int32, topic, self._callback(topic), BEST_EFFORT)
             for topic in topics
         }
         self._resume = peer.node.create_client(Trigger, "player/resume")
 
     def publishers(self, topic: str) -> int:
-        """Return how many publishers are heard on a topic."""
+        """Return the number of publishers on a topic."""
         return int(self._subscriptions[topic].get_publisher_count())
 
-    def hear_all(self, player: subprocess.Popen[bytes], *topics: str) -> int:
-        """Let the player begin when it is heard on some topics; return its exit code."""
+    def play_all(self, player: subprocess.Popen[bytes], *topics: str) -> int:
+        """Resume the player once topics have a publisher; return its exit code."""
         assert self._peer.wait(lambda: all(self.publishers(topic) for topic in topics))
         self._peer.spin(0.5)  # until the player knows too
         assert self._peer.call(self._resume, Trigger.Request()).success
         assert self._peer.wait(lambda: player.poll() is not None)
         return int(player.returncode)
 
-    def _hearing(self, topic: str) -> Callable[[Int32], None]:
-        return lambda message: self.heard[topic].append(message.data)
+    def _callback(self, topic: str) -> Callable[[Int32], None]:
+        return lambda message: self.received[topic].append(message.data)
 
 
 def test_replayed_bag_records_the_same_messages(tmp_path: Path) -> None:
@@ -105,7 +105,7 @@ def test_late_joiner_receives_latched_messages(start: Start, peer: Any, tmp_path
     bag = write_numbers(tmp_path / "bag")
     start("player", "-p", f"bag:={bag}", "-p", "rate:=0.1")
     listener = Listener(peer, "/fast")
-    assert peer.wait(lambda: listener.heard["/fast"])
+    assert peer.wait(lambda: listener.received["/fast"])
     late: list[int] = []
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     peer.node.create_subscription(Int32, "/latched", lambda m: late.append(m.data), latched)
@@ -122,19 +122,19 @@ def test_pause_and_resume(start: Start, peer: Any, tmp_path: Path) -> None:
     assert peer.wait(lambda: peer.node.count_publishers("/fast"))
     assert peer.wait(lambda: listener.publishers("/fast"))
     peer.spin(1.5)
-    assert listener.heard["/fast"] == []
+    assert listener.received["/fast"] == []
     assert peer.call(resume, Trigger.Request()).success
     assert not peer.call(resume, Trigger.Request()).success
-    assert peer.wait(lambda: len(listener.heard["/fast"]) > 20)
+    assert peer.wait(lambda: len(listener.received["/fast"]) > 20)
     assert peer.call(pause, Trigger.Request()).success
     peer.spin(0.1)
-    count = len(listener.heard["/fast"])
+    count = len(listener.received["/fast"])
     peer.spin(0.5)
-    assert len(listener.heard["/fast"]) == count < 100
+    assert len(listener.received["/fast"]) == count < 100
     assert peer.call(resume, Trigger.Request()).success
     assert peer.wait(lambda: player.poll() is not None)
     assert player.returncode == 0
-    assert listener.heard["/fast"] == list(range(100))
+    assert listener.received["/fast"] == list(range(100))
 
 
 def test_clock_start_rate_topics_and_remap(start: Start, peer: Any, tmp_path: Path) -> None:
@@ -149,8 +149,8 @@ def test_clock_start_rate_topics_and_remap(start: Start, peer: Any, tmp_path: Pa
         *("-p", f"bag:={bag}", "-p", "start:=1.0", "-p", "rate:=0.5", "-p", "clock_rate:=100"),
         *("-p", "topics:=[/fast]", "-r", "/fast:=/renamed", "-p", "paused:=true"),
     )
-    assert listener.hear_all(player, "/renamed") == 0
-    assert listener.heard == {"/fast": [], "/renamed": list(range(50, 100)), "/slow": []}
+    assert listener.play_all(player, "/renamed") == 0
+    assert listener.received == {"/fast": [], "/renamed": list(range(50, 100)), "/slow": []}
     assert clock[0] == START_NS + 10**9
     steps = np.diff([time_ns for time_ns in clock if time_ns > clock[0]])
     assert np.all(steps > 0)
@@ -172,8 +172,8 @@ def test_bags_of_every_kind(kind: str, start: Start, peer: Any, tmp_path: Path) 
         last.write_bytes(last.read_bytes()[:-50])
     listener = Listener(peer, "/fast")
     player = start("player", "-p", f"bag:={bag}", "-p", "rate:=2.0", "-p", "paused:=true")
-    assert listener.hear_all(player, "/fast") == 0, (tmp_path / "player.log").read_text()
-    assert listener.heard["/fast"] == list(range(50))
+    assert listener.play_all(player, "/fast") == 0, (tmp_path / "player.log").read_text()
+    assert listener.received["/fast"] == list(range(50))
 
 
 def write_as_rosbag2(bag: Path, kind: str) -> None:
@@ -284,14 +284,14 @@ BAD_BAGS: dict[str, tuple[Callable[[Path], None], str]] = {
 def test_a_bad_bag_is_one_line_and_exit_code_2(
     kind: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    spoil, told = BAD_BAGS[kind]
+    spoil, reason = BAD_BAGS[kind]
     bag = write_numbers(tmp_path / "bag")
     spoil(bag)
 
     assert main(["replay", str(bag)]) == 2
 
     error = capfd.readouterr().err
-    assert told in error
+    assert reason in error
     assert str(bag) in error
     assert "Traceback" not in error
     assert len(error.strip().splitlines()) == 1
@@ -317,13 +317,13 @@ MISTAKES = {
 def test_a_mistake_is_one_line_and_exit_code_2(
     mistake: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    arguments, told = MISTAKES[mistake]
+    arguments, reason = MISTAKES[mistake]
     bag = write_numbers(tmp_path / "bag")
 
     assert main(["replay", *(argument.format(bag=bag) for argument in arguments)]) == 2
 
     error = capfd.readouterr().err
-    assert told in error
+    assert reason in error
     assert len(error.strip().splitlines()) == 1
 
 
@@ -332,7 +332,7 @@ def test_ends_cleanly_while_playing(number: int, start: Start, peer: Any, tmp_pa
     bag = write_numbers(tmp_path / "bag")
     player = start("player", "-p", f"bag:={bag}", "-p", "rate:=0.1", "-p", "delay:=0.0")
     listener = Listener(peer, "/fast")
-    assert peer.wait(lambda: listener.heard["/fast"])
+    assert peer.wait(lambda: listener.received["/fast"])
     player.send_signal(number)
     assert player.wait(PATIENCE) == 0
     assert "Traceback" not in (tmp_path / "player.log").read_text()

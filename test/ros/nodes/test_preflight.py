@@ -23,7 +23,7 @@ VEHICLE = f"""
 /**/mpc:
   ros__parameters: {WALLS}
 """
-# Somebody else who commands, and a listener that the odometry cannot satisfy.
+# Another publisher of commands, and a subscriber with an incompatible QoS.
 INTRUDER = textwrap.dedent("""
     import contextlib
     import rclpy
@@ -96,7 +96,7 @@ def test_distinguishes_a_fit_vehicle_from_an_unfit_one(
     code, found = preflight(capsys, "--namespace", "/unfit", "--config", str(file))
     assert code == 1
     wrong = errors(found)
-    # Nobody takes odometry in another frame, and so the MPC does not begin.
+    # The MPC rejects odometry in another frame and stays inactive.
     assert "mpc is not active" in wrong.pop("nodes")
     assert wrong.pop("vehicles") == (
         "vehicles differ: mass 0.5 of mpc, 0.75 of reference; give every node the same vehicle "

@@ -1,4 +1,4 @@
-"""The recorder as a process of its own, on a graph of the test's."""
+"""The recorder as a process, with publishers of the test."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def numbers(bag: Path, topic: str) -> list[int]:
         ]
 
 
-def test_all_topics_but_those_excluded(start: Start, peer: Any, tmp_path: Path) -> None:
+def test_records_all_topics_but_the_excluded_ones(start: Start, peer: Any, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     publishers = {
         topic: peer.node.create_publisher(Int32, topic, RELIABLE)
@@ -76,7 +76,7 @@ def test_all_topics_but_those_excluded(start: Start, peer: Any, tmp_path: Path) 
     assert topics["/late"].type_name == "std_msgs/msg/String"
 
 
-def test_topics_by_name_and_by_regex(start: Start, peer: Any, tmp_path: Path) -> None:
+def test_records_topics_by_name_and_by_regex(start: Start, peer: Any, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     publishers = {
         topic: peer.node.create_publisher(Int32, topic, RELIABLE)
@@ -116,7 +116,7 @@ def test_further_signals_while_it_ends_leave_a_whole_bag(
         assert reader.message_count > 0
 
 
-def test_publishers_of_every_quality_of_service(
+def test_records_publishers_of_every_quality_of_service(
     start: Start, peer: Any, managed: Any, tmp_path: Path
 ) -> None:
     """A reliable publisher, then a best-effort one on the same topic: both without a gap."""
@@ -147,14 +147,14 @@ def test_publishers_of_every_quality_of_service(
     give_up = time.monotonic() + PATIENCE
     while status.health.get("peers./mixed") != "2" and time.monotonic() < give_up:
         publish_for(0.1)
-    heard_from = count
+    first_recorded = count
     publish_for(1.0, best_effort)
     peer.deliver(reliable)
     assert end(recorder) == 0
 
     recorded = numbers(bag, "/mixed")
     assert sorted(n for n in recorded if n >= 0) == list(range(count))
-    assert sorted(-n for n in recorded if n < 0) == list(range(heard_from, count))
+    assert sorted(-n for n in recorded if n < 0) == list(range(first_recorded, count))
     assert numbers(bag, "/latched") == [5]
     with AnyReader([bag]) as reader:
         ((latched_qos,),) = [
@@ -168,12 +168,12 @@ def test_publishers_of_every_quality_of_service(
 
 def test_reports_messages_lost_while_starved(start: Start, peer: Any, tmp_path: Path) -> None:
     """Stopped for longer than buffers last it loses messages, and knows how many."""
-    bag, told = tmp_path / "bag", {"lost": 0}
+    bag, health = tmp_path / "bag", {"lost": 0}
 
     def on_diagnostics(message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == "/recorder":
-                told.update((v.key, int(v.value)) for v in status.values if v.key == "lost")
+                health.update((v.key, int(v.value)) for v in status.values if v.key == "lost")
 
     peer.node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)
     publisher = peer.node.create_publisher(String, "/words", QoSProfile(depth=10))
@@ -187,7 +187,7 @@ def test_reports_messages_lost_while_starved(start: Start, peer: Any, tmp_path: 
             recorder.send_signal(signal.SIGCONT)
         publisher.publish(String(data=f"{count} " + 10_000 * "x"))
         time.sleep(0.0005 if 50 <= count < 1100 else 0.01)
-    assert peer.wait(lambda: told["lost"] > 0)
+    assert peer.wait(lambda: health["lost"] > 0)
     peer.deliver(publisher)
     assert end(recorder) == 0
     with AnyReader([bag]) as reader:
@@ -316,7 +316,7 @@ def test_nothing_is_lost_and_memory_is_flat(tmp_path: Path) -> None:
 def test_killed_at_any_moment_at_most_the_last_second_is_lost(
     start: Start, peer: Any, tmp_path: Path
 ) -> None:
-    """Judged from when the recorder has told that it hears: discovery is not its matter."""
+    """Counted from when the recorder reports its publishers, after discovery."""
     moments = random.Random(2)
     received: list[int] = []
 
@@ -373,7 +373,7 @@ def test_recorders_started_in_the_same_second_use_separate_bags(
     assert all((directory / "metadata.yaml").is_file() for directory in directories)
 
 
-def test_topics_that_a_flight_may_do_without_are_not_missed(peer: Any, tmp_path: Path) -> None:
+def test_does_not_warn_of_missing_optional_topics(peer: Any, tmp_path: Path) -> None:
     config = RecorderConfig.build({"directory": str(tmp_path / "bag")})
     missed = Recorder(peer.node, config, on_fault=lambda _: None).missing
     assert "/odom" in missed

@@ -1,4 +1,4 @@
-"""The reference flies by a clock that nobody sets, and its windows keep coming while it plans."""
+"""The reference uses a monotonic clock, and publishes windows while it plans."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a flying MPC has learned of its vehicle, saved while it flies."""
+"""Save the parameters that a flying MPC has estimated of its vehicle."""
 
 from __future__ import annotations
 
@@ -135,10 +135,10 @@ REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_refuses_flight_without_information(case: str) -> None:
-    parameters, changes, told = REFUSED[case]
+    parameters, changes, reason = REFUSED[case]
     ticks = [dataclasses.replace(TICK, **changes)] * 100
     assert learned([TICK] * 100, MpcConfig()).thrust_scale.value == pytest.approx(0.8)
-    with pytest.raises(UserError, match=told):
+    with pytest.raises(UserError, match=reason):
         learned(ticks, MpcConfig(**parameters))
     moving = [dataclasses.replace(TICK, thrust_scale=0.7 + 0.003 * k) for k in range(100)]
     with pytest.raises(UserError, match="has not settled"):

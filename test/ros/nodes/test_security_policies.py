@@ -13,8 +13,8 @@ POLICIES = Path(__file__).resolve().parents[3] / "config" / "security" / "polici
 # Not the root, where a node that another test has left would be taken for one of these.
 SPACE = "/policed"
 NODES = ("simulator", "reference", "mpc", "recorder", "visualisation")
-# Opened by some only: on simulated time or in lockstep, where tf2_msgs is installed, once somebody
-# publishes it, of a plant that has it.
+# Only opened in some cases: on simulated time or in lockstep, with tf2_msgs, once a publisher
+# exists, or with a plant that has it.
 SOMETIMES = {"/battery", "/clock", "/imu", "/tf", "/engaged", "/landed", "/odom_reset"}
 OPENED = {
     ("topics", "publish"): "get_publisher_names_and_types_by_node",
@@ -52,7 +52,7 @@ def test_nodes_use_exactly_what_policies_allow(
         start(node, "-r", f"__ns:={SPACE}", *more)
 
     def excess() -> list[str]:
-        """What is opened and not allowed, or allowed and not opened yet."""
+        """Endpoints that are opened and not allowed, or allowed and not opened."""
         found = []
         for node in NODES:
             for (kind, how), query in OPENED.items():

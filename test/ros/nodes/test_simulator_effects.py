@@ -45,7 +45,7 @@ def _payloads(run: Path, topic: str) -> list[bytes]:
 
 
 def test_lockstep_and_simulate_agree_with_every_effect(tmp_path: Path) -> None:
-    # It knows nothing of the lags, and swings: nobody else is to command for that.
+    # Without modelled lags the MPC oscillates: keep it in command nevertheless.
     swinging = "--set=mpc.advanced.oscillation.action=warn"
     options = ["--config", "paper_rigid_body", "--duration", "4", swinging, *_assignments()]
     flown, simulated = tmp_path / "flown", tmp_path / "simulated"

@@ -1,4 +1,4 @@
-"""MPC, reference and a bridge in one process, each the node that it is in a process of its own."""
+"""MPC, reference and a bridge as nodes of one process."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
 
 
-def peers_of(told: list[DiagnosticArray], node: str) -> dict[str, str]:
-    """Return what a node has last told of itself."""
+def peers_of(diagnostics: list[DiagnosticArray], node: str) -> dict[str, str]:
+    """Return the last diagnostics of a node."""
     found: dict[str, str] = {}
-    for message in told:
+    for message in diagnostics:
         for status in message.status:
             if status.name == node:
                 found = {pair.key: pair.value for pair in status.values}
@@ -41,22 +41,22 @@ def peers_of(told: list[DiagnosticArray], node: str) -> dict[str, str]:
 
 
 def test_windows_reach_the_mpc_without_dds(start: Start, peer: Any, feed: Any) -> None:
-    """It answers odometry though it hears nobody's reference."""
+    """The MPC answers odometry without a publisher of references."""
     commands: list[TwistStamped] = []
-    told: list[DiagnosticArray] = []
+    diagnostics: list[DiagnosticArray] = []
     peer.node.create_subscription(
         TwistStamped, "command", commands.append, qos_profile_sensor_data
     )
-    peer.node.create_subscription(DiagnosticArray, "/diagnostics", told.append, 10)
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", diagnostics.append, 10)
     feed.reference = False
 
     start("stack", "-p", "reference:trajectory:=hover")
 
     assert peer.wait(lambda: len(commands) > 50)  # the first one compiles
-    assert peer.wait(lambda: "engaged" in peers_of(told, "/mpc"))
-    assert "peers.odom" in peers_of(told, "/mpc")
-    assert "peers.reference" not in peers_of(told, "/mpc")
-    assert peers_of(told, "/reference")["mode"]
+    assert peer.wait(lambda: "engaged" in peers_of(diagnostics, "/mpc"))
+    assert "peers.odom" in peers_of(diagnostics, "/mpc")
+    assert "peers.reference" not in peers_of(diagnostics, "/mpc")
+    assert peers_of(diagnostics, "/reference")["mode"]
     assert peer.node.count_subscribers("reference") == 0
 
 
@@ -109,11 +109,11 @@ def test_a_wrong_parameter_is_one_line(start: Start, tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("registered")
 def test_a_bridge_is_a_node_of_the_same_process(start: Start, peer: Any) -> None:
-    told: list[DiagnosticArray] = []
-    peer.node.create_subscription(DiagnosticArray, "/diagnostics", told.append, 10)
+    diagnostics: list[DiagnosticArray] = []
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", diagnostics.append, 10)
     start("stack", before=("--bridge", "rates"))
     for node in ("/mpc", "/reference", "/rates_bridge"):
-        assert peer.wait(lambda node=node: peers_of(told, node)), node
+        assert peer.wait(lambda node=node: peers_of(diagnostics, node)), node
 
 
 @pytest.mark.usefixtures("registered")

@@ -1,4 +1,4 @@
-"""A second MPC in a namespace does not command as well, whoever of the two began first."""
+"""Only one of two MPCs in a namespace sends commands, in every order of starting."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Start = Callable[..., Any]
 
 
 class Commands:
-    """How many commands answer each odometry."""
+    """Counts the commands for each odometry."""
 
     def __init__(self, peer: Any) -> None:
         self._peer = peer
@@ -50,7 +50,7 @@ class Commands:
 
 
 @pytest.mark.parametrize("in_a_row", [True, False], ids=["one after another", "at once"])
-def test_of_two_mpcs_one_commands(
+def test_only_one_of_two_mpcs_sends_commands(
     in_a_row: bool, start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
 ) -> None:
     names, commands = ("first", "second"), Commands(peer)
@@ -61,25 +61,25 @@ def test_of_two_mpcs_one_commands(
         processes[name] = start("mpc", "-r", f"__node:={name}")
         (tmp_path / "mpc.log").rename(logs[name])
         if in_a_row and name == "first":
-            assert nodes[name].tells("active")
+            assert nodes[name].reports("active")
     if not in_a_row:
-        assert all(nodes[name].tells("inactive", "no odometry yet") for name in names)
+        assert all(nodes[name].reports("inactive", "no odometry yet") for name in names)
         assert peer.wait(lambda: all(knows(nodes[name].health) for name in names))
         feed.odometry = True
 
-    def told(name: str) -> bool:
-        """Whether a node has said that the other one commands."""
+    def yields(name: str) -> bool:
+        """Whether a node has logged that the other one is in command."""
         text = logs[name].read_text()
         return "already publishing" in text or "has commanded for longer" in text
 
-    assert peer.wait(lambda: any(map(told, names)))
-    waits, flies = sorted(names, key=told, reverse=True)
+    assert peer.wait(lambda: any(map(yields, names)))
+    waits, flies = sorted(names, key=yields, reverse=True)
     assert flies == "first" or not in_a_row
-    assert not told(flies)
-    assert nodes[waits].tells("inactive") and nodes[flies].tells("active")
+    assert not yields(flies)
+    assert nodes[waits].reports("inactive") and nodes[flies].reports("active")
     assert commands.most() == 1
     warning = f"2 publishers on /command, expected one: also /{waits}"
-    assert nodes[flies].tells("active", warning)
+    assert nodes[flies].reports("active", warning)
     assert warning in logs[flies].read_text()
     assert not nodes[waits].to("activate")
     assert commands.most() == 1
@@ -93,7 +93,7 @@ def test_of_two_mpcs_one_commands(
 
 
 def knows(health: dict[str, str]) -> bool:
-    """Whether an MPC has found the other nodes, by what it reports."""
+    """Whether an MPC reports that it has discovered the other nodes."""
     return health[DISCOVERING] == "false"
 
 
@@ -133,7 +133,7 @@ def test_ignores_mpcs_in_other_namespaces(peer: Any) -> None:
     assert ours.fault() == ""
 
 
-def test_an_inactive_one_may_wait_beside(peer: Any) -> None:
+def test_an_inactive_mpc_may_wait_next_to_an_active_one(peer: Any) -> None:
     ours, theirs = discovered(peer, "command"), discovered(peer, "command")
     assert peer.wait(lambda: ours.activation_blocker() is not None)
     ours.receive(health_of("/standby", theirs.values()))
@@ -147,15 +147,15 @@ def test_an_inactive_one_may_wait_beside(peer: Any) -> None:
     assert ours.activation_blocker() is None
 
 
-def test_of_two_that_began_exactly_one_stops(peer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_exactly_one_of_two_active_mpcs_stops(peer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also in the same nanosecond."""
     one, two = discovered(peer, "command"), discovered(peer, "command")
     for moments in ((1, 2), (2, 1), (1, 1)):
         for each, moment in zip((one, two), moments, strict=True):
             monkeypatch.setattr(time, "time_ns", lambda moment=moment: moment)
             each.begin()
-        told = one.values(), two.values()
-        answers = one.receive(health_of("/b", told[1])), two.receive(health_of("/a", told[0]))
+        values = one.values(), two.values()
+        answers = one.receive(health_of("/b", values[1])), two.receive(health_of("/a", values[0]))
         stops = bool(answers[0]), bool(answers[1])
         assert sorted(stops) == [False, True]
         assert moments == (1, 1) or stops == (moments[0] > moments[1], moments[1] > moments[0])
@@ -198,7 +198,7 @@ class Claimants:
         self._sent[each].append(health_of(f"/mpc{each}", self.both[each].values()))
 
 
-def test_of_two_that_start_by_themselves_one_begins_in_every_order_of_messages(peer: Any) -> None:
+def test_one_of_two_autostarting_mpcs_begins_in_every_order_of_messages(peer: Any) -> None:
     publishers = [
         peer.node.create_publisher(TwistStamped, "command", qos_profile_sensor_data)
         for _ in range(2)

@@ -37,8 +37,8 @@ class Flight:
         self._plan = node.create_publisher(
             PathMessage, "mpc/predicted_path", qos_profile_sensor_data
         )
-        self.shown: list[MarkerArray] = []
-        node.create_subscription(MarkerArray, "visualisation/markers", self.shown.append, 10)
+        self.text_of: list[MarkerArray] = []
+        node.create_subscription(MarkerArray, "visualisation/markers", self.text_of.append, 10)
 
     def await_node(self) -> None:
         publishers = (self._odometry, self._command, self._plan)
@@ -49,9 +49,9 @@ class Flight:
             )
         )
         # Whether the node has found this subscription is seen only when it shows something.
-        assert self._peer.wait(lambda: self.tick() or self.shown)
+        assert self._peer.wait(lambda: self.tick() or self.text_of)
         self._peer.spin(0.3)
-        self.shown.clear()
+        self.text_of.clear()
 
     def tick(self, **position: float) -> None:
         self._ticks += 1
@@ -83,14 +83,14 @@ def test_vehicle_trail_plan_and_thrust_are_shown(start: Start, peer: Any, tmp_pa
     for _ in range(50):
         flight.tick()
     elapsed = time.monotonic() - started
-    found = {marker.ns: marker for array in flight.shown for marker in array.markers}
+    found = {marker.ns: marker for array in flight.text_of for marker in array.markers}
     assert found.keys() == {"vehicle", "trail", "thrust", "predicted path"}
     assert len(found["predicted path"].points) == 11
     trail = [point.x for point in found["trail"].points]
     assert trail == sorted(trail)
     assert trail[-1] - trail[0] > 0.5
     # At 25 Hz at most, of what came at 50 Hz, and the one before that was on its way.
-    assert 5 < len(flight.shown) <= 25.0 * elapsed + 2
+    assert 5 < len(flight.text_of) <= 25.0 * elapsed + 2
     installed = importlib.util.find_spec("tf2_msgs") is not None
     log = (tmp_path / "visualisation.log").read_text()
     assert ("no transform is broadcast" in log) != installed
@@ -110,13 +110,13 @@ def test_the_corridor_and_a_file_of_obstacles_are_shown(
     start("visualisation", "-p", f"obstacles_file:={file}")
     flight.await_node()
 
-    def shown() -> dict[str, Any]:
+    def text_of() -> dict[str, Any]:
         publisher.publish(written_corridor(corridor, stamp_ns=1, frame_id="odom"))
         flight.tick()
-        return {marker.ns: marker for array in flight.shown for marker in array.markers}
+        return {marker.ns: marker for array in flight.text_of for marker in array.markers}
 
-    assert peer.wait(lambda: "corridor" in shown() and shown()["corridor"].points)
-    found = shown()
+    assert peer.wait(lambda: "corridor" in text_of() and text_of()["corridor"].points)
+    found = text_of()
     assert len(found["corridor"].points) == 2 * 12
     assert max(point.x for point in found["corridor"].points) == pytest.approx(1.0, abs=1e-3)
     assert found["obstacles"].type == found["obstacles"].CYLINDER
@@ -129,9 +129,9 @@ def test_an_odometry_that_is_not_finite_is_not_shown(start: Start, peer: Any) ->
     flight.await_node()
     for _ in range(10):
         flight.tick(x=float("nan"))
-    assert flight.shown == []
+    assert flight.text_of == []
     flight.tick()
-    assert peer.wait(lambda: flight.shown)
+    assert peer.wait(lambda: flight.text_of)
 
 
 @pytest.mark.parametrize("argument", ["publish_rate:=0.0", "arm:=-1.0", "mass:=1000.0"])

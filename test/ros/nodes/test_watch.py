@@ -1,4 +1,4 @@
-"""``quad_mpc watch`` beside vehicles that fly over DDS."""
+"""``quad_mpc watch`` with vehicles that fly over DDS."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ def watched(*options: str) -> str:
 
 def test_vehicles_are_columns_of_a_table(start: Start, peer: Any, tmp_path: Path) -> None:
     ticks: dict[str, list[DiagnosticArray]] = {"uav1": [], "uav2": []}
-    for name, heard in ticks.items():
-        peer.node.create_subscription(DiagnosticArray, f"{name}/mpc/stats", heard.append, 10)
+    for name, received in ticks.items():
+        peer.node.create_subscription(DiagnosticArray, f"{name}/mpc/stats", received.append, 10)
         for node in ("stack", "simulator"):
             start(node, "-r", f"__ns:=/{name}")
-    assert peer.wait(lambda: all(len(heard) > 50 for heard in ticks.values()), timeout=100.0)
+    assert peer.wait(lambda: all(len(received) > 50 for received in ticks.values()), timeout=100.0)
 
     # Without a terminal a table each second, until interrupted.
     shown = tmp_path / "shown.txt"

@@ -1,4 +1,4 @@
-"""Each check before a flight by cases: what is well, what to check, what to fix."""
+"""Cases of each check of ``quad_mpc preflight``: no problem, warning or error."""
 
 from __future__ import annotations
 
@@ -104,8 +104,8 @@ def configured(name: str, **values: Any) -> Change:
     return change
 
 
-def heard(name: str, **counts: int) -> Change:
-    """Return what changes how many peers a node reports on topics."""
+def peer_counts(name: str, **counts: int) -> Change:
+    """Return a change of the peers that a node reports on topics."""
 
     def change(facts: Facts) -> Facts:
         peers = {f"peers.{topic}": str(count) for topic, count in counts.items()}
@@ -123,10 +123,10 @@ def both(*changes: Change) -> Change:
     return change
 
 
-def flying(*, told: str) -> tuple[Arrival, ...]:
+def flying(*, twist_frame: str) -> tuple[Arrival, ...]:
     """Return odometries of a flight north with the nose east, its twist in a frame."""
     quarter = np.array([0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])  # the nose north
-    v = np.array([1.0, 0.0, 0.0]) if told == "child" else np.array([0.0, 1.0, 0.0])
+    v = np.array([1.0, 0.0, 0.0]) if twist_frame == "child" else np.array([0.0, 1.0, 0.0])
     return tuple(
         dataclasses.replace(
             each,
@@ -189,7 +189,7 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         ERROR,
         "expected no bridge",
     ),
-    "nobody acts": ("nodes", without("rates_bridge"), WARNING, "neither a bridge nor"),
+    "no bridge": ("nodes", without("rates_bridge"), WARNING, "neither a bridge nor"),
     "an own reference": (
         "nodes",
         both(without("reference")),
@@ -198,7 +198,7 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
     ),
     "no reference at all": (
         "nodes",
-        both(without("reference"), heard("mpc", reference=0)),
+        both(without("reference"), peer_counts("mpc", reference=0)),
         ERROR,
         "no reference node",
     ),
@@ -314,7 +314,7 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
             configured("reference", trajectory="circle", circle_radius=2.4, circle_speed=3.0),
         ),
         ERROR,
-        "where it would come to a stop",
+        "at the stopping point",
     ),
     "a take-off through the roof": (
         "fence",
@@ -337,28 +337,33 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         "there.csv does not exist",
     ),
     # topics
-    "no odometry is published": ("topics", heard("mpc", odom=0), ERROR, "mpc has no peer on odom"),
+    "no odometry is published": (
+        "topics",
+        peer_counts("mpc", odom=0),
+        ERROR,
+        "mpc has no peer on odom",
+    ),
     "no subscriber of commands": (
         "topics",
-        heard("mpc", command=0),
+        peer_counts("mpc", command=0),
         ERROR,
         "mpc has no peer on command",
     ),
     "two sources of odometry": (
         "topics",
-        heard("mpc", odom=2),
+        peer_counts("mpc", odom=2),
         ERROR,
         "2 publishers on odom of mpc, expected one",
     ),
     "two sources of commands": (
         "topics",
-        heard("rates_bridge", command=2),
+        peer_counts("rates_bridge", command=2),
         ERROR,
         "2 publishers on command of rates_bridge, expected one",
     ),
-    "a bridge that hears nothing": (
+    "a bridge without commands": (
         "topics",
-        heard("rates_bridge", command=0),
+        peer_counts("rates_bridge", command=0),
         ERROR,
         "rates_bridge has no peer on command",
     ),
@@ -484,13 +489,13 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
     ),
     "a twist in the other frame": (
         "motion",
-        lambda facts: facts.changed(arrivals=flying(told="world")),
+        lambda facts: facts.changed(arrivals=flying(twist_frame="world")),
         ERROR,
         "is the heading off by 90 degrees, or is odometry.twist_frame wrong?",
     ),
     "in flight": (
         "motion",
-        lambda facts: facts.changed(arrivals=flying(told="child")),
+        lambda facts: facts.changed(arrivals=flying(twist_frame="child")),
         OK,
         "the vehicle moves; position, velocity, attitude and body rates agree",
     ),
@@ -532,12 +537,12 @@ def test_finds_no_problem_with_a_fit_vehicle() -> None:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_finds(case: str) -> None:
+def test_reports_each_case_with_its_level(case: str) -> None:
     check, change, level, words = CASES[case]
     found = CHECKS[check](change(FIT))
     assert max(each.level for each in found) == level, found
-    (told,) = [each for each in found if each.level is level and words in each.text][:1]
-    assert bool(told.remedy) == (level in (Level.WARNING, Level.ERROR))
+    (result,) = [each for each in found if each.level is level and words in each.text][:1]
+    assert bool(result.remedy) == (level in (Level.WARNING, Level.ERROR))
 
 
 def test_every_check_is_tried_in_both_directions() -> None:
@@ -548,6 +553,6 @@ def test_every_check_is_tried_in_both_directions() -> None:
 
 
 @pytest.mark.parametrize("check", CHECKS)
-def test_nothing_gathered_is_no_reason_to_fail(check: str) -> None:
-    """Where nothing is known no check calls it well."""
+def test_checks_tolerate_missing_data(check: str) -> None:
+    """Without data, no check reports success."""
     assert Level.OK not in {each.level for each in CHECKS[check](Facts())}

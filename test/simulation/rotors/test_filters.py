@@ -23,7 +23,7 @@ def test_the_butterworth_is_that_of_scipy(cutoff: float) -> None:
 @pytest.mark.parametrize("cutoff", [0.0, 30.0])
 def test_settled_filter_passes_a_constant(cutoff: float) -> None:
     section, held = filters.butterworth(cutoff, 500.0)[()], np.zeros(2)
-    filters.settle(3.7, section=section, held=held)
+    filters.initialize(3.7, section=section, held=held)
     assert_allclose([filters.filtered(3.7, section=section, held=held) for _ in range(5)], 3.7)
 
 

@@ -41,23 +41,23 @@ class Loop(NamedTuple):
         rates: Any,
         *,
         gyro: Any = (0.0, 0.0, 0.0),
-        stands: bool = False,
+        on_ground: bool = False,
         throttle: float = THROTTLE,
     ) -> Array:
         """Return the angular acceleration that the wanted speeds make (3,)."""
         return (
-            self.thrust_and_torque(rates, gyro=gyro, stands=stands, throttle=throttle)[1:]
+            self.thrust_and_torque(rates, gyro=gyro, on_ground=on_ground, throttle=throttle)[1:]
             / INERTIA
         )
 
-    def thrust_and_torque(self, rates: Any, *, gyro: Any, stands: bool, throttle: float) -> Array:
+    def thrust_and_torque(self, rates: Any, *, gyro: Any, on_ground: bool, throttle: Any) -> Array:
         wanted = np.empty(len(self.config.rotors.x))
         rate_loop.run(
             self.memory[()],
             w_WB_B=np.array(gyro),
             throttle=throttle,
             rates=np.array(rates),
-            stands=stands,
+            on_ground=on_ground,
             loop=self.loop[()],
             mix=self.mix,
             out=wanted,
@@ -111,7 +111,8 @@ def test_integral_is_held_while_the_mixer_saturates() -> None:
 def test_no_integral_and_no_airmode_on_the_ground() -> None:
     loop = Loop.of(p=(100.0, 0.0, 0.0), i=(50.0, 0.0, 0.0))
     for _ in range(100):
-        made = loop.thrust_and_torque([5.0, 0.0, 0.0], gyro=[0.0] * 3, stands=True, throttle=0.05)
+        rates, gyro = [5.0, 0.0, 0.0], [0.0] * 3
+        made = loop.thrust_and_torque(rates, gyro=gyro, on_ground=True, throttle=0.05)
         assert made[0] == pytest.approx(loop.config.thrust(0.05))
     assert loop.alpha([0.0, 0.0, 0.0])[0] == pytest.approx(0.0, abs=1e-9)
 

@@ -15,7 +15,7 @@ from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.simulation.rotors import rate_loop
 from quad_mpc_ros.simulation.rotors.craft import Craft, Rotor
 from quad_mpc_ros.simulation.rotors.mixer import Share
-from quad_mpc_ros.simulation.rotors.motion import Inputs, runge_kutta
+from quad_mpc_ros.simulation.rotors.motion import RotorInputs, runge_kutta
 from quad_mpc_ros.simulation.rotors.state import BodyState
 
 _BODY_DTYPE = BodyState.dtype
@@ -33,8 +33,8 @@ class Drive(Record):
 def command(
     memory: RecordArray[rate_loop.Memory],
     body: RecordArray[BodyState],
-    inputs: RecordArray[Inputs],
-    stands: bool,
+    inputs: RecordArray[RotorInputs],
+    on_ground: bool,
     loop: RecordArray[rate_loop.Loop],
     mix: RecordArray[Share],
     wanted: Array,
@@ -45,7 +45,7 @@ def command(
         w_WB_B=body[()].w_WB_B,
         throttle=inputs[()].throttle,
         rates=inputs[()].w_WB_B,
-        stands=stands,
+        on_ground=on_ground,
         loop=loop[()],
         mix=mix,
         out=wanted,
@@ -57,7 +57,7 @@ def drive(
     body: RecordArray[BodyState],
     speeds: Array,
     wanted: Array,
-    inputs: RecordArray[Inputs],
+    inputs: RecordArray[RotorInputs],
     craft: RecordArray[Craft],
     rotors: RecordArray[Rotor],
     ground: float,
@@ -74,7 +74,7 @@ def drive(
     x, numbers, acts = body[()], craft[()], out[()]
     v, w = kernels.vector(x.v_WC_W), kernels.vector(x.w_WB_B)
     x.p_WC[_Z_AXIS] -= ground
-    outside = kernels.vector(inputs[()].wind_W), kernels.vector(inputs[()].push_W)
+    outside = kernels.vector(inputs[()].wind_W), kernels.vector(inputs[()].external_force_W)
     runge_kutta(body, speeds, wanted, outside, craft=craft, rotors=rotors, duration=duration)
     a = _mean_rate(v, kernels.vector(x.v_WC_W), duration)
     alpha = _mean_rate(w, kernels.vector(x.w_WB_B), duration)

@@ -88,7 +88,7 @@ class MujocoPlant(RotorsPlant):
             self._memory,
             body=self._body,
             inputs=self._inputs,
-            stands=little and self.scene.on_feet(),
+            on_ground=little and self.scene.on_feet(),
             loop=self._loop,
             mix=self._mix,
             wanted=self._wanted,

@@ -9,7 +9,7 @@ import numpy as np
 from quad_mpc_ros.configuration import ConfigurationError, UserError, per_axis
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.references.feasibility import LimitParameters
+from quad_mpc_ros.references.feasibility import FeasibilityParameters
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.rotors.mixer import allocation
 
@@ -55,7 +55,7 @@ class PlannedVehicle:
 
 
 def planned_vehicle(
-    mpc: MpcConfig, simulator: SimulatorConfig, limits: LimitParameters
+    mpc: MpcConfig, simulator: SimulatorConfig, limits: FeasibilityParameters
 ) -> PlannedVehicle:
     """Return the vehicle with the limits of the MPC and ``limits``, less the margin.
 

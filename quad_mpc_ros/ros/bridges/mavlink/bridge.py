@@ -354,9 +354,9 @@ class MavlinkBridge(Bridge):
 
     def _due_landed(self, now_ns: int) -> list[Any]:
         """Return the request for the landing mode after a landing, if the autopilot needs it."""
-        if self._handover.state is not HandoverState.ENGAGED or not self._mpc_ground.stands:
+        if self._handover.state is not HandoverState.ENGAGED or not self._mpc_ground.is_on_ground:
             self._flown = self._handover.state is HandoverState.ENGAGED and (
-                self._flown or self._mpc_ground.flies
+                self._flown or self._mpc_ground.is_flying
             )
             self._landed_since_ns = None
             return []

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.control.lie import so3
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, given_variance
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, reported_variance
 from quad_mpc_ros.ros.bridges.frames import (
     enu_from_ned,
     flu_from_frd,
@@ -87,7 +87,7 @@ def odometry_from_odometry(message: Any) -> OdometrySample:
         q_WB_xyzw=q_WB_xyzw,
         v_WB_B=v_WB_B,
         w_WB_B=flu_from_frd((message.rollspeed, message.pitchspeed, message.yawspeed)),
-        v_variance=given_variance([variances[0], variances[6], variances[11]]),
+        v_variance=reported_variance([variances[0], variances[6], variances[11]]),
     )
 
 

@@ -143,15 +143,15 @@ def test_it_is_flown_through_every_gate() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "reason"),
     [
         ({"gate_margin": 0.4}, r"gates\[2\]: unreachable: half of its opening is 0.3 m"),
         ({"model": "points"}, "model: given 'points', expected rates or rotors"),
         ({"step": 0.0}, "step: given 0.0"),
     ],
 )
-def test_refuses_in_a_sentence(changes: dict[str, Any], told: str) -> None:
-    with pytest.raises(UserError, match=told):
+def test_refuses_in_a_sentence(changes: dict[str, Any], reason: str) -> None:
+    with pytest.raises(UserError, match=reason):
         plan_race(course_from(SHORT), *vehicle(), **changes)
 
 

@@ -1,4 +1,4 @@
-"""Plans of a part of a race from a state in flight: they begin and end as they are to, and fly."""
+"""Replan a part of a race in flight: boundary states, dynamics and files."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def flown(model: str) -> PlannedMotion:
 
 @functools.cache
 def asked(model: str, number: int = MOVED) -> ReplanRequest:
-    """Return what is asked for where a gate has moved, told in time."""
+    """Return what is asked for where a gate has moved, received in time."""
     race = LiveRace(planned(model).course, flown(model), planner=True)
     race.move(*moved(number))
     found = race.replan_request(flown(model), 0.2)
@@ -124,7 +124,7 @@ def test_it_passes_where_the_gate_is_and_the_present_plan_does_not(
 
 
 def test_newton_and_eulers_equations_hold_and_no_rotor_is_beyond_its_limits() -> None:
-    """From row to row, by means: rotors at their places, forces and torques in the body."""
+    """Differences of rows are compared with means: rotors at their places, forces in the body."""
     table, config = part("rates"), vehicle()
     rotors, body = config.simulator.rotors, config.simulator.airframe
     inertia = np.diag(body.inertia[:3])
@@ -169,7 +169,7 @@ def test_what_a_plan_was_made_with_is_in_its_file(tmp_path: Any) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "{", "{}", '{"model": "rates", "vehicle": {}}'])
-def test_what_it_was_made_with_is_refused_in_a_sentence(text: str) -> None:
+def test_refuses_invalid_settings_in_one_sentence(text: str) -> None:
     with pytest.raises(UserError, match=r"cannot be read .*: plan it again"):
         PlanSettings.of(text)
 
