@@ -41,7 +41,7 @@ COMMANDS = {
 """What each command does; the module of that name does it."""
 
 
-_OPTIONAL = "quad_mpc_ros.extras."
+_EXTRAS_PREFIX = "quad_mpc_ros.extras."
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -69,7 +69,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except ModuleNotFoundError as error:
-        if not f"{error.name}.".startswith(_OPTIONAL):
+        if not f"{error.name}.".startswith(_EXTRAS_PREFIX):
             raise
         print(f"error: {_missing_part(given, str(error.name))}", file=sys.stderr)
         return EXIT_BAD_INPUT

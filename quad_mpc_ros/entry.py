@@ -11,16 +11,16 @@ import signal
 import sys
 from collections.abc import Callable
 
-_NODES = "quad_mpc_ros.ros.nodes"
-_OTHERS = {"quad_mpc": "quad_mpc_ros.cli", "stack_node": "quad_mpc_ros.ros.stack_node"}
-_BRIDGE = "_bridge"
+_NODES_PACKAGE = "quad_mpc_ros.ros.nodes"
+_OTHER_PROGRAMS = {"quad_mpc": "quad_mpc_ros.cli", "stack_node": "quad_mpc_ros.ros.stack_node"}
+_BRIDGE_SUFFIX = "_bridge"
 
 
 def run(name: str) -> int:
     """Run an executable by its name; return its exit code."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not ignored
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    if name.endswith(_BRIDGE):
+    if name.endswith(_BRIDGE_SUFFIX):
         return _run_bridge(name)
     return int(importlib.import_module(module_of(name)).main())
 
@@ -38,12 +38,12 @@ def _run_bridge(name: str) -> int:
 
 def module_of(name: str) -> str:
     """Return the module with the main function of an executable that is no bridge."""
-    return _OTHERS.get(name, f"{_NODES}.{name}")
+    return _OTHER_PROGRAMS.get(name, f"{_NODES_PACKAGE}.{name}")
 
 
 def __getattr__(name: str) -> Callable[[], int]:
     """Return the function of an executable (PEP 562): each is the same but for its name."""
-    if name == "quad_mpc" or name.endswith(("_node", _BRIDGE)):
+    if name == "quad_mpc" or name.endswith(("_node", _BRIDGE_SUFFIX)):
         return lambda: run(name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 

@@ -19,7 +19,7 @@ from quad_mpc_ros.references.configured import judged_trajectory
 from quad_mpc_ros.references.course import Course
 from quad_mpc_ros.references.feasibility import Feasibility, rates_beyond
 
-_FIGURE = "reference.png"
+_FIGURE_NAME = "reference.png"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +29,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "limits. Exit code 0 when it is feasible, 1 when it is not, 2 for bad input."
     )
     add_configuration_options(parser)
-    add_out(parser, f"{_FIGURE}; must not hold one", "<reference>")
+    add_out(parser, f"{_FIGURE_NAME}; must not hold one", "<reference>")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -38,8 +38,8 @@ def run(options: argparse.Namespace) -> int:
     loaded = load_config(*(options.config or ["default"]), assignments=assignments)
     config = _within_the_mpc(loaded.reference, loaded.mpc)
     trajectory, verdict = judged_trajectory(config, read_bag=flown_points)
-    out = prepared_out(options.out or create_out(config.trajectory), holds=(_FIGURE,))
-    figure = out / _FIGURE
+    out = prepared_out(options.out or create_out(config.trajectory), holds=(_FIGURE_NAME,))
+    figure = out / _FIGURE_NAME
     times = [round(1e9 * seconds) for seconds in verdict.over_time.seconds]
     with results_in(out):
         write_reference(

@@ -15,8 +15,8 @@ from concurrent.futures import Future, ProcessPoolExecutor, wait
 from quad_mpc_ros.configuration.compilation import cache_folder, cached_functions
 
 _PRESETS = ("default", "agile", "paper", "paper_rigid_body", "vehicles/racer", "vehicles/sun_2022")
-_IDEAL = ("mpc.rate_time_constant=0.0", "mpc.thrust_time_constant=0.0", "mpc.input_delay=0.0")
-_NOT_ESTIMATING = ("mpc.estimate_disturbance=false",)
+_NO_LAGS = ("mpc.rate_time_constant=0.0", "mpc.thrust_time_constant=0.0", "mpc.input_delay=0.0")
+_NO_ESTIMATION = ("mpc.estimate_disturbance=false",)
 _DURATION = "simulator.duration=0.4"
 _PROGRESS_PERIOD = 5.0  # s
 
@@ -121,7 +121,7 @@ def _everything() -> None:
     from quad_mpc_ros.recordings.evaluation.simulated import load_config
     from quad_mpc_ros.simulation.closed_loop import fly
 
-    for preset, more in itertools.product(_PRESETS, ((), _IDEAL, _NOT_ESTIMATING)):
+    for preset, more in itertools.product(_PRESETS, ((), _NO_LAGS, _NO_ESTIMATION)):
         mpc, simulator, reference = load_config(
             preset, assignments=(_DURATION, *more, "mpc.lockstep=true")
         )

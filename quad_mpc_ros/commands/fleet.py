@@ -16,7 +16,7 @@ from quad_mpc_ros.commands.run_configuration import HALF_SPACES, RunConfig, run_
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE, STATS
 
-_APART = 2.0  # m, of vehicles at the start
+_MIN_SEPARATION = 2.0  # m, of vehicles at the start
 RECORDED = tuple(topic.name for topic in (ODOMETRY, REFERENCE, COMMAND, STATS))
 """Topics that are recorded of each vehicle of a fleet: those that the table needs.
 
@@ -35,7 +35,7 @@ def fleet_configurations(options: argparse.Namespace) -> dict[str, RunConfig]:
         keeps_clear = options.neighbours or options.obstacles is not None
         made = [
             f"recorder.topics=[{recorded}]",
-            f"reference.origin=[0.0, {_APART * (number - 1)}]",
+            f"reference.origin=[0.0, {_MIN_SEPARATION * (number - 1)}]",
             *(_as_neighbour(options, number) if keeps_clear else ()),
         ]
         given.assignments = [*made, *options.assignments]
@@ -60,7 +60,7 @@ def _beside(config: RunConfig, number: int) -> RunConfig:
     simulator = config.simulator
     if simulator.initial_position != (0.0, 0.0, 0.0):  # on its reference, or where a file says
         return config
-    place = (0.0, _APART * (number - 1), 0.0)
+    place = (0.0, _MIN_SEPARATION * (number - 1), 0.0)
     moved = dataclasses.replace(simulator, initial_position=place)
     return dataclasses.replace(config, simulator=moved)
 

@@ -32,11 +32,11 @@ from quad_mpc_ros.ros.messages import odometry_in
 
 # The first start after an installation compiles, on a small computer for minutes.
 _READY_TIMEOUT = 240.0
-_PATIENCE = 5.0
+_WAIT_LOG_DELAY = 5.0
 # How many peers an endpoint must have matched before the clock starts, by node and topic.
 # Publishers count subscribers: the odometry's are mpc, reference, recorder and this monitor.
 # Subscribers count publishers, of which there must be exactly one.
-_PEERS: dict[str, dict[str, int]] = {
+_REQUIRED_PEERS: dict[str, dict[str, int]] = {
     "simulator": {ODOMETRY.name: 4, COMMAND.name: 1},
     "reference": {REFERENCE.name: 2, REFERENCE_PATH.name: 1, ODOMETRY.name: 1},
     "mpc": {
@@ -51,7 +51,7 @@ _PEERS: dict[str, dict[str, int]] = {
         for topic in (ODOMETRY, REFERENCE, COMMAND, PREDICTED_PATH, REFERENCE_PATH, STATS)
     },
 }
-_ONLY_ONE = {
+_DUPLICATE_TEXTS = {
     "simulator": (COMMAND.name,),
     "mpc": (ODOMETRY.name, REFERENCE.name),
     "reference": (ODOMETRY.name,),
@@ -67,7 +67,7 @@ def _expected(
 
     MPC and reference ``together`` in one process need no DDS.
     """
-    peers = {node: dict(topics) for node, topics in _PEERS.items()}
+    peers = {node: dict(topics) for node, topics in _REQUIRED_PEERS.items()}
     if together:
         del peers["mpc"][REFERENCE.name]
         peers["reference"][REFERENCE.name] -= 1
@@ -166,7 +166,7 @@ class FlightMonitor(Observer):
     def intruders(self) -> str:
         """Return a topic that has more than one publisher, or nothing."""
         for prefix in self._prefixes:
-            for node, topics in _ONLY_ONE.items():
+            for node, topics in _DUPLICATE_TEXTS.items():
                 for topic in topics:
                     health = self._health.get(prefix + node, {})
                     count = int(health.get(f"{PEERS_KEY}{topic}", 0))
@@ -254,7 +254,7 @@ def _await_readiness(
                 "end it or set ROS_DOMAIN_ID to another number"
             )
         waited = time.monotonic() - started
-        if waited > _PATIENCE and not patient:
+        if waited > _WAIT_LOG_DELAY and not patient:
             patient = True
             text = f"still waiting for {', '.join(monitor.missing()[:3])}"
             if first_start:

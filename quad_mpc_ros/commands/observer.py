@@ -18,7 +18,7 @@ from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.messages import message_class, qos_of
 from quad_mpc_ros.ros.nodes.parameter_query import ParameterQuery
 
-_LONGEST_WAIT = 0.05  # s, until a condition is looked at again
+_MAX_WAIT = 0.05  # s, until a condition is looked at again
 
 
 class Observer:
@@ -43,7 +43,7 @@ class Observer:
             remaining = deadline - time.monotonic()
             if remaining <= 0.0:
                 return False
-            self.executor.spin_once(timeout_sec=min(remaining, _LONGEST_WAIT))
+            self.executor.spin_once(timeout_sec=min(remaining, _MAX_WAIT))
         return True
 
     def parameters(self, names: Iterable[str], deadline: float) -> dict[str, dict[str, Any]]:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _NONE = "none"
-_LEAST = 1.0  # s
+_MIN_TIMEOUT = 1.0  # s
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -47,8 +47,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Look, judge, print; return the exit code."""
-    if not _LEAST <= options.timeout < float("inf"):
-        raise UserError(f"--timeout: given {options.timeout}, expected {_LEAST:g} or more")
+    if not _MIN_TIMEOUT <= options.timeout < float("inf"):
+        raise UserError(f"--timeout: given {options.timeout}, expected {_MIN_TIMEOUT:g} or more")
     require_ros("preflight", instead="; 'simulate' and 'campaign' rehearse without it")
     from quad_mpc_ros.commands.observer import checked_namespace
     from quad_mpc_ros.commands.running_vehicle import RunningVehicle

@@ -14,7 +14,7 @@ from quad_mpc_ros.recordings.config import PlayerConfig
 _CLOCK_RATE = 40.0  # as ros2 bag play
 
 # By the name of the player's parameter, where the option has another.
-_OPTIONS = {"bag": "BAG", "clock_rate": "--clock"}
+_OPTION_NAMES = {"bag": "BAG", "clock_rate": "--clock"}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
         PlayerConfig.build(given)
     except ConfigurationError as error:
         name = error.name.removeprefix("player.")
-        raise error.of_option(_OPTIONS.get(name, f"--{name}")) from error
+        raise error.of_option(_OPTION_NAMES.get(name, f"--{name}")) from error
     require_ros("replay")
     values = {**given, "progress": True}
     with tempfile.TemporaryDirectory() as folder:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from quad_mpc_ros.recordings.run import RecordedRun
     from quad_mpc_ros.references.config import ReferenceConfig
 
-_MOST_WARNINGS = 5
+_MAX_WARNINGS = 5
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -155,7 +155,7 @@ def _print_few_warnings() -> Callable[[str], None]:
     printed: set[str] = set()
 
     def warn(text: str) -> None:
-        if text not in printed and len(printed) < _MOST_WARNINGS:
+        if text not in printed and len(printed) < _MAX_WARNINGS:
             printed.add(text)
             print(f"warning: {text}", file=sys.stderr)
 

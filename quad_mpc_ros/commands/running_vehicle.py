@@ -31,9 +31,9 @@ from quad_mpc_ros.ros.preflight.facts import (
 )
 from quad_mpc_ros.ros.preflight.reference import sample_reference
 
-_NAME = "quad_mpc_preflight"
-_SETTLING = 1.5  # s: in which nodes are discovered, and report their health
-_WATCHING = 1.5  # s: of odometry
+_NODE_NAME = "quad_mpc_preflight"
+_DISCOVERY_TIME = 1.5  # s: in which nodes are discovered, and report their health
+_ODOMETRY_TIME = 1.5  # s: of odometry
 _USE_SIM_TIME = "use_sim_time"
 
 
@@ -41,7 +41,7 @@ class RunningVehicle(Observer):
     """A small node beside those of the vehicle in ``namespace``, without slashes around it."""
 
     def __init__(self, namespace: str) -> None:
-        super().__init__(_NAME)
+        super().__init__(_NODE_NAME)
         self._space = f"/{namespace}" if namespace else ""
         self._health: dict[str, Any] = {}
         self._arrivals: list[Arrival] = []
@@ -90,7 +90,7 @@ class RunningVehicle(Observer):
             nonlocal names, since
             if (now := self._names()) != names:
                 names, since = now, time.monotonic()
-            return time.monotonic() - since > _SETTLING
+            return time.monotonic() - since > _DISCOVERY_TIME
 
         self.spin_until(settled, deadline)
         return names
@@ -130,7 +130,7 @@ class RunningVehicle(Observer):
 
         subscribe(self.node, odometries, on_odometry, raw=True)
         self.spin_until(lambda: bool(self._arrivals), deadline)
-        self.spin_until(lambda: False, min(time.monotonic() + _WATCHING, deadline))
+        self.spin_until(lambda: False, min(time.monotonic() + _ODOMETRY_TIME, deadline))
 
     def _node(self, name: str, parameters: dict[str, Any] | None, *, count: int) -> NodeFacts:
         status = self._health.get(f"{self._space}/{name}")

@@ -26,7 +26,7 @@ from quad_mpc_ros.ros.messages import odometry_in, reference_in
 T = TypeVar("T")
 
 _MPC = "mpc"
-_SHOWN = (
+_TABLE_COLUMNS = (
     *((_MPC, key) for key in ("source", "ground", "engaged")),
     *(("reference", key) for key in ("mode", "request")),
     *((_MPC, key) for key in ("odom_age_ms", "reference_age_ms", "step_time_us")),
@@ -38,12 +38,12 @@ _SHOWN = (
 )
 """Node and key of each row of figures, as in docs/reference/diagnostics.md."""
 
-_PERIOD = 1.0  # s, between two tables
-_OLD = 3.0  # s; nodes report once a second
-_FIRST_REPORTS = 5.0  # s: while they start, nodes are found seconds after each other
+_TABLE_PERIOD = 1.0  # s, between two tables
+_REPORT_TIMEOUT = 3.0  # s; nodes report once a second
+_STARTUP_TIME = 5.0  # s: while they start, nodes are found seconds after each other
 _MISSING = "-"
 _LEVELS = ("OK", "WARN", "ERROR", "STALE")
-_OVER_THE_SCREEN = "\x1b[H\x1b[2J"
+_CLEAR_SCREEN = "\x1b[H\x1b[2J"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +67,7 @@ class WatchedVehicle:
         """Return the texts of the vehicle's column by the labels of the rows, at a time [s]."""
         return {
             **self._motion(now),
-            **{key: self._figure(node, key, now) for node, key in _SHOWN},
+            **{key: self._figure(node, key, now) for node, key in _TABLE_COLUMNS},
             **{
                 f"node {name}": _with_age(node.level, now - node.seconds)
                 for name, node in sorted(self.nodes.items())
@@ -109,7 +109,7 @@ def _rounded(text: str) -> str:
 
 
 def _with_age(text: str, age: float) -> str:
-    return text if age <= _OLD else f"{text} ({age:.0f} s old)"
+    return text if age <= _REPORT_TIMEOUT else f"{text} ({age:.0f} s old)"
 
 
 def status_text(vehicles: Mapping[str, WatchedVehicle], now: float) -> str:
@@ -132,7 +132,7 @@ def status_text(vehicles: Mapping[str, WatchedVehicle], now: float) -> str:
 def watch_once(namespaces: Sequence[str] | None) -> bool:
     """Print one table; return whether an MPC has reported."""
     with _Watcher(namespaces) as watcher:
-        watcher.spin_until(watcher.has_all, time.monotonic() + _FIRST_REPORTS)
+        watcher.spin_until(watcher.has_all, time.monotonic() + _STARTUP_TIME)
         print(watcher.text())
         return watcher.has_reports()
 
@@ -144,12 +144,12 @@ def watch(namespaces: Sequence[str] | None) -> None:
     """
     stopped = threading.Event()
     before = signal.signal(signal.SIGINT, lambda *_: stopped.set())
-    clear = _OVER_THE_SCREEN if sys.stdout.isatty() else ""
+    clear = _CLEAR_SCREEN if sys.stdout.isatty() else ""
     try:
         with _Watcher(namespaces) as watcher:
             while not stopped.is_set():
                 print(f"{clear}{time.strftime('%H:%M:%S')}\n{watcher.text()}", flush=True)
-                watcher.spin_until(stopped.is_set, time.monotonic() + _PERIOD)
+                watcher.spin_until(stopped.is_set, time.monotonic() + _TABLE_PERIOD)
     finally:
         signal.signal(signal.SIGINT, before)
 

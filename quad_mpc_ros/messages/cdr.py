@@ -28,17 +28,17 @@ from quad_mpc_ros.control.model.samples import (
 )
 
 _SECOND = 1_000_000_000
-_LITTLE = b"\x00\x01\x00\x00"  # encapsulation; alignment counts from its end
-_BEGIN = len(_LITTLE)
-_MOST_NAMES = 64
+_LITTLE_ENDIAN = b"\x00\x01\x00\x00"  # encapsulation; alignment counts from its end
+_START = len(_LITTLE_ENDIAN)
+_MAX_NAMES = 64
 
-_ODOMETRY_NUMBERS = 7 + 36 + 6 + 36  # pose and twist, each with its covariance
-_TWIST = 7 + 36
-_VARIANCES = (_TWIST + 6, _TWIST + 6 + 7, _TWIST + 6 + 14)
+_ODOMETRY_VALUES = 7 + 36 + 6 + 36  # pose and twist, each with its covariance
+_TWIST_START = 7 + 36
+_VARIANCES = (_TWIST_START + 6, _TWIST_START + 6 + 7, _TWIST_START + 6 + 14)
 
-_IMU_NUMBERS = 4 + 9 + 3 + 9 + 3 + 9  # orientation, rates, acceleration, each with covariance
-_OF_ORIENTATION, _OF_RATES = 4, 4 + 9 + 3  # where the covariances begin
-_FORCE, _OF_FORCE = 4 + 9 + 3 + 9, 4 + 9 + 3 + 9 + 3
+_IMU_VALUES = 4 + 9 + 3 + 9 + 3 + 9  # orientation, rates, acceleration, each with covariance
+_ORIENTATION_COVARIANCE, _RATES_COVARIANCE = 4, 4 + 9 + 3  # where the covariances begin
+_ACCELERATION_START, _ACCELERATION_COVARIANCE = 4 + 9 + 3 + 9, 4 + 9 + 3 + 9 + 3
 NOT_MEASURED = -1.0
 """The first number of the covariance of what an IMU does not measure (REP 145)."""
 
@@ -64,7 +64,7 @@ _POINT = np.dtype(
         "itemsize": 184,
     }
 )
-_ENDS_BEFORE = 8  # the last point has no transforms of a next one
+_LAST_POINT_GAP = 8  # the last point has no transforms of a next one
 
 
 class _UnknownError(Exception):
@@ -79,17 +79,17 @@ def read_odometry(data: bytes) -> OdometrySample | None:
     except (_UnknownError, struct.error):
         return None
     at = _aligned(at, 8)
-    if len(data) < at + 8 * _ODOMETRY_NUMBERS:
+    if len(data) < at + 8 * _ODOMETRY_VALUES:
         return None
-    numbers = np.frombuffer(data, "<f8", _ODOMETRY_NUMBERS, at).astype(np.float64)
+    numbers = np.frombuffer(data, "<f8", _ODOMETRY_VALUES, at).astype(np.float64)
     return OdometrySample(
         stamp_ns=stamp_ns,
         frame_id=frame_id,
         child_frame_id=child_frame_id,
         p_WB=numbers[0:3],
         q_WB_xyzw=numbers[3:7],
-        v_WB_B=numbers[_TWIST : _TWIST + 3],
-        w_WB_B=numbers[_TWIST + 3 : _TWIST + 6],
+        v_WB_B=numbers[_TWIST_START : _TWIST_START + 3],
+        w_WB_B=numbers[_TWIST_START + 3 : _TWIST_START + 6],
         v_variance=reported_variance([float(numbers[place]) for place in _VARIANCES]),
     )
 
@@ -102,7 +102,7 @@ def read_reference(data: bytes) -> ReferenceWindow | None:
     try:
         stamp_ns, frame_id, at = _first_header(data)
         names, at = _number(data, at)
-        if names > _MOST_NAMES:
+        if names > _MAX_NAMES:
             return None
         for _ in range(names):
             _, at = _text(data, at)
@@ -112,7 +112,7 @@ def read_reference(data: bytes) -> ReferenceWindow | None:
         return None
     at = _aligned(at, 8)
     size = count * _POINT.itemsize
-    if count == 0 or transforms != 1 or len(data) < at + size - _ENDS_BEFORE:
+    if count == 0 or transforms != 1 or len(data) < at + size - _LAST_POINT_GAP:
         return None
     points = np.frombuffer(data[at : at + size].ljust(size, b"\0"), _POINT)
     if not (
@@ -137,30 +137,30 @@ def read_reference(data: bytes) -> ReferenceWindow | None:
 
 def written_odometry(odometry: OdometrySample) -> bytes:
     """Return a ``nav_msgs/Odometry``."""
-    numbers = np.zeros(_ODOMETRY_NUMBERS, "<f8")
+    numbers = np.zeros(_ODOMETRY_VALUES, "<f8")
     numbers[0:3], numbers[3:7] = odometry.p_WB, odometry.q_WB_xyzw
-    numbers[_TWIST : _TWIST + 3] = odometry.v_WB_B
-    numbers[_TWIST + 3 : _TWIST + 6] = odometry.w_WB_B
+    numbers[_TWIST_START : _TWIST_START + 3] = odometry.v_WB_B
+    numbers[_TWIST_START + 3 : _TWIST_START + 6] = odometry.w_WB_B
     for place in _VARIANCES:
         numbers[place] = odometry.v_variance
     texts = _padded(_chunk(odometry.frame_id) + _chunk(odometry.child_frame_id), after=8)
-    return _LITTLE + _stamp(odometry.stamp_ns) + texts + numbers.tobytes()
+    return _LITTLE_ENDIAN + _stamp(odometry.stamp_ns) + texts + numbers.tobytes()
 
 
 def written_imu(sample: ImuSample) -> bytes:
     """Return a ``sensor_msgs/Imu`` without orientation and body rates."""
-    numbers = np.zeros(_IMU_NUMBERS, "<f8")
-    numbers[_OF_ORIENTATION] = numbers[_OF_RATES] = NOT_MEASURED
-    numbers[_FORCE:_OF_FORCE] = sample.f_B
+    numbers = np.zeros(_IMU_VALUES, "<f8")
+    numbers[_ORIENTATION_COVARIANCE] = numbers[_RATES_COVARIANCE] = NOT_MEASURED
+    numbers[_ACCELERATION_START:_ACCELERATION_COVARIANCE] = sample.f_B
     texts = _padded(_chunk(sample.frame_id), after=8)
-    return _LITTLE + _stamp(sample.stamp_ns) + texts + numbers.tobytes()
+    return _LITTLE_ENDIAN + _stamp(sample.stamp_ns) + texts + numbers.tobytes()
 
 
 def written_command(command: CommandSample) -> bytes:
     """Return a ``geometry_msgs/TwistStamped``: throttle in linear.z."""
     numbers = struct.pack("<6d", 0.0, 0.0, command.throttle, *command.w_WB_B.tolist())
     texts = _padded(_chunk(command.frame_id), after=8)
-    return _LITTLE + _stamp(command.stamp_ns) + texts + numbers
+    return _LITTLE_ENDIAN + _stamp(command.stamp_ns) + texts + numbers
 
 
 def written_reference(window: ReferenceWindow, *, child_frame_id: str) -> bytes:
@@ -180,9 +180,9 @@ def written_reference(window: ReferenceWindow, *, child_frame_id: str) -> bytes:
         + struct.pack("<I", count)
     )
     if not count:
-        return _LITTLE + beginning
+        return _LITTLE_ENDIAN + beginning
     beginning = _padded(beginning + struct.pack("<I", 1), after=0)
-    return _LITTLE + beginning + points.tobytes()[:-_ENDS_BEFORE]
+    return _LITTLE_ENDIAN + beginning + points.tobytes()[:-_LAST_POINT_GAP]
 
 
 def written_path(
@@ -195,7 +195,7 @@ def written_path(
     for i, pose in enumerate(poses):
         data += _stamp(stamp_ns + i * step_ns) + frame
         data += b"\0" * (-len(data) % 8) + pose.tobytes()
-    return _LITTLE + bytes(data)
+    return _LITTLE_ENDIAN + bytes(data)
 
 
 def written_diagnostics(
@@ -208,7 +208,7 @@ def written_diagnostics(
 ) -> bytes:
     """Return a ``diagnostic_msgs/DiagnosticArray`` of one status; ``level`` is one byte."""
     parts = [
-        _LITTLE,
+        _LITTLE_ENDIAN,
         _stamp(stamp_ns),
         _chunk(""),
         struct.pack("<I", 1),
@@ -229,7 +229,7 @@ def written_diagnostics(
 def written_battery(voltage: float, *, stamp_ns: int) -> bytes:
     """Return a ``sensor_msgs/BatteryState`` of a voltage [V]; nothing else was measured."""
     measured = struct.pack("<7f4B2I", voltage, *[math.nan] * 6, 0, 0, 0, True, 0, 0)
-    return _LITTLE + _stamp(stamp_ns) + _chunk("") + measured + _chunk("") + _chunk("")[:-3]
+    return _LITTLE_ENDIAN + _stamp(stamp_ns) + _chunk("") + measured + _chunk("") + _chunk("")[:-3]
 
 
 def header_stamp_ns(data: bytes) -> int:
@@ -238,7 +238,7 @@ def header_stamp_ns(data: bytes) -> int:
     Raises ``ValueError`` for data that are too short.
     """
     try:
-        seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, _BEGIN)
+        seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, _START)
     except (IndexError, struct.error) as error:
         raise ValueError(f"no stamp in {len(data)} bytes") from error
     return int(seconds) * _SECOND + int(nanoseconds)
@@ -246,10 +246,10 @@ def header_stamp_ns(data: bytes) -> int:
 
 def _first_header(data: bytes) -> tuple[int, str, int]:
     """Return stamp [ns] and frame of the header that begins a message, and where it ends."""
-    if data[:2] != _LITTLE[:2]:
+    if data[:2] != _LITTLE_ENDIAN[:2]:
         raise _UnknownError
-    sec, nanosec = _STAMP.unpack_from(data, _BEGIN)
-    frame_id, at = _text(data, _BEGIN + _STAMP.size)
+    sec, nanosec = _STAMP.unpack_from(data, _START)
+    frame_id, at = _text(data, _START + _STAMP.size)
     return sec * _SECOND + nanosec, frame_id, at
 
 
@@ -277,21 +277,21 @@ def _decoded(text: bytes) -> str:
 
 
 def _aligned(at: int, size: int) -> int:
-    return at + (_BEGIN - at) % size
+    return at + (_START - at) % size
 
 
 def _stamp(stamp_ns: int) -> bytes:
     return struct.pack("<iI", *divmod(stamp_ns, _SECOND))
 
 
-_ENDS = tuple(b"\0" * (1 + -size % 4) for size in range(4))  # with the gap to what follows
+_PADDED_ENDS = tuple(b"\0" * (1 + -size % 4) for size in range(4))  # with the gap to what follows
 
 
 def _fresh_chunk(text: str) -> bytes:
     """Return a text with its length, its end, and the gap to the next number of four bytes."""
     data = text.encode()
     size = len(data) + 1
-    return struct.pack("<I", size) + data + _ENDS[size % 4]
+    return struct.pack("<I", size) + data + _PADDED_ENDS[size % 4]
 
 
 _chunk = functools.lru_cache(maxsize=256)(_fresh_chunk)

@@ -13,7 +13,7 @@ from quad_mpc_ros.configuration import BagError
 
 # What rosbags' generated code lets through for bytes that do not fit the type, and for a type
 # that uses an undefined one.
-_MISFITS = (
+_ENCODING_ERRORS = (
     SerdeError,
     struct.error,
     AttributeError,
@@ -50,7 +50,7 @@ class MessageDecoder:
         try:
             # Of a bytearray, so that the arrays of the message can be written to.
             return self._store.deserialize_cdr(memoryview(bytearray(data)), type_name)
-        except _MISFITS as error:
+        except _ENCODING_ERRORS as error:
             raise BagError(f"cannot decode a {type_name}: {error}") from error
 
     def _register(self, type_name: str, text: str) -> None:

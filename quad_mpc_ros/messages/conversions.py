@@ -37,11 +37,11 @@ NewMessage = Callable[[str], Any]
 """Makes an empty message of a type named like ``geometry_msgs/msg/Pose``."""
 
 _SECOND = 1_000_000_000
-_TURN_OFF = 1e-3  # of a quaternion about the vertical
+_YAW_TOLERANCE = 1e-3  # of a quaternion about the vertical
 _VELOCITY_VARIANCES = (0, 7, 14)  # of a twist's covariance (36,), row by row
 
 _COLUMNS = (slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13), slice(13, 16))
-_LEFT_OUT = SimpleNamespace(x=0.0, y=0.0, z=0.0)
+_ZERO_VECTOR = SimpleNamespace(x=0.0, y=0.0, z=0.0)
 
 
 def nanoseconds(time: Any) -> int:
@@ -132,7 +132,7 @@ def reference_from_message(message: Any) -> ReferenceWindow:
         if len(point.transforms) == 0:
             raise ValueError(f"point {i} of the reference has no transform")
         offset_ns.append(nanoseconds(point.time_from_start))
-        transform, v, w, a = point.transforms[0], _LEFT_OUT, _LEFT_OUT, _LEFT_OUT
+        transform, v, w, a = point.transforms[0], _ZERO_VECTOR, _ZERO_VECTOR, _ZERO_VECTOR
         p, q = transform.translation, transform.rotation
         if len(point.velocities) > 0:
             v, w = point.velocities[0].linear, point.velocities[0].angular
@@ -234,7 +234,7 @@ def reset_from_message(message: Any) -> EstimateReset:
 
     step_W = vector(message.transform.translation)
     x, y, z, w = quaternion(message.transform.rotation).tolist()
-    vertical = math.hypot(x, y) < _TURN_OFF and abs(math.hypot(z, w) - 1.0) < _TURN_OFF
+    vertical = math.hypot(x, y) < _YAW_TOLERANCE and abs(math.hypot(z, w) - 1.0) < _YAW_TOLERANCE
     if not (vertical and np.all(np.isfinite(step_W))):
         raise ValueError(
             f"a step of the estimate by {step_W.tolist()} m and quaternion {[x, y, z, w]}, "

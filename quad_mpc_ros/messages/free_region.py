@@ -7,9 +7,9 @@ import numpy as np
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.messages.corridor import HalfSpaces
 
-_REACH = 1.0  # m, as far as a region is drawn
-_INSIDE = 1e-3  # m, that the place has to be inside
-_ON = 1e-6
+_DRAWN_RADIUS = 1.0  # m, as far as a region is drawn
+_MIN_DEPTH = 1e-3  # m, that the place has to be inside
+_PLANE_TOLERANCE = 1e-6
 
 
 def corridor_edges(corridor: HalfSpaces, p_WB: Array) -> Array:
@@ -17,7 +17,7 @@ def corridor_edges(corridor: HalfSpaces, p_WB: Array) -> Array:
     if not len(corridor.stage):
         return np.zeros((0, 2, 3))
     normals, offsets = corridor.of_stage(int(corridor.stage.max()))
-    return edges(normals, offsets, inside=p_WB[-1], reach=_REACH)
+    return edges(normals, offsets, inside=p_WB[-1], reach=_DRAWN_RADIUS)
 
 
 def edges(normals: Array, offsets: Array, *, inside: Array, reach: float) -> Array:
@@ -33,14 +33,14 @@ def edges(normals: Array, offsets: Array, *, inside: Array, reach: float) -> Arr
     # Two corners of the same plane given twice would look like the ends of an edge.
     _, first = np.unique(np.column_stack((n, b)).round(3), axis=0, return_index=True)
     n, b = n[first], b[first]
-    if (n @ inside > b - _INSIDE).any():
+    if (n @ inside > b - _MIN_DEPTH).any():
         return np.zeros((0, 2, 3))
     try:
         corners = HalfspaceIntersection(np.column_stack((n, -b)), inside).intersections
     except QhullError:
         return np.zeros((0, 2, 3))
     corners = np.unique(corners[np.isfinite(corners).all(axis=1)].round(6), axis=0)
-    touching = np.abs(corners @ n.T - b) < 1e3 * _ON
+    touching = np.abs(corners @ n.T - b) < 1e3 * _PLANE_TOLERANCE
     # Two corners on two planes at once are the ends of an edge.
     shared = touching.astype(np.int64) @ touching.T.astype(np.int64)
     begins, ends = np.nonzero(np.triu(shared >= 2, k=1))

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 SET_RAW_RC = 200
 
-_LONGEST_V1 = 254
-_LONGEST = 1024  # of an answer: more than any is
-_HEAD_V1, _HEAD_V2 = 5, 8
+_MAX_SIZE_V1 = 254
+_MAX_SIZE = 1024  # of an answer: more than any is
+_HEADER_V1, _HEADER_V2 = 5, 8
 _POLYNOMIAL = 0xD5
 
 
@@ -32,7 +32,7 @@ class Answer:
 
 def request(command: int, payload: bytes = b"") -> bytes:
     """Return a request as a frame, of version 1 where that can hold it."""
-    if command < 255 and len(payload) <= _LONGEST_V1:
+    if command < 255 and len(payload) <= _MAX_SIZE_V1:
         body = bytes((len(payload), command)) + payload
         return b"$M<" + body + bytes((functools.reduce(operator.xor, body),))
     body = b"\0" + command.to_bytes(2, "little") + len(payload).to_bytes(2, "little") + payload
@@ -88,12 +88,12 @@ class MspReader:
         if held[:3] not in (b"$M>", b"$M!", b"$X>", b"$X!"):
             return None if len(held) < 3 and held in (b"$", b"$M", b"$X") else 0
         is_first = held[1:2] == b"M"
-        if len(held) < (_HEAD_V1 if is_first else _HEAD_V2):
+        if len(held) < (_HEADER_V1 if is_first else _HEADER_V2):
             return None
         count = held[3] if is_first else int.from_bytes(held[6:8], "little")
-        if count > _LONGEST:
+        if count > _MAX_SIZE:
             return 0
-        size = (_HEAD_V1 if is_first else _HEAD_V2) + count + 1
+        size = (_HEADER_V1 if is_first else _HEADER_V2) + count + 1
         return size if len(held) >= size else None
 
     def _answer(self, size: int) -> Answer | None:

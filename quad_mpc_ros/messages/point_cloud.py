@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from quad_mpc_ros.configuration.box import FARTHEST
 from quad_mpc_ros.messages.conversions import nanoseconds
 
-_KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 _AXES = ("x", "y", "z")
-_LARGEST_POINT = 1 << 20  # bytes
+_MAX_POINT_SIZE = 1 << 20  # bytes
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,7 +88,7 @@ def written_records(records: NDArray[Any], *, stamp_ns: int, frame_id: str) -> b
     """Return a structured array (n,) of little-endian numbers as a ``sensor_msgs/PointCloud2``."""
     fields: Mapping[str, Any] = records.dtype.fields or {}
     size = records.dtype.itemsize
-    kinds = {kind: number for number, kind in _KINDS.items()}
+    kinds = {kind: number for number, kind in _FIELD_TYPES.items()}
     parts = [struct.pack("<iI", *divmod(stamp_ns, 1_000_000_000)), _text(frame_id)]
     parts.append(struct.pack("<III", 1, len(records), len(fields)))
     for name, (dtype, offset, *_) in fields.items():
@@ -113,13 +113,13 @@ def _dtype_of(
     formats, offsets = [], []
     for name in names:
         offset, kind = found[name]
-        if kind not in _KINDS:
+        if kind not in _FIELD_TYPES:
             raise ValueError(f"a cloud whose {name} is of type {kind}, expected 1 to 8")
-        formats.append(np.dtype(f"{order}{_KINDS[kind]}"))
+        formats.append(np.dtype(f"{order}{_FIELD_TYPES[kind]}"))
         offsets.append(offset)
         if offset + formats[-1].itemsize > point_step:
             raise ValueError(f"a cloud whose {name} ends behind its {point_step} bytes a point")
-    if max(offsets) > _LARGEST_POINT:
+    if max(offsets) > _MAX_POINT_SIZE:
         raise ValueError(f"a cloud of {point_step} bytes a point")
     size = max(o + f.itemsize for o, f in zip(offsets, formats, strict=True))
     return np.dtype(

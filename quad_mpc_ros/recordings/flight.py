@@ -30,7 +30,7 @@ from quad_mpc_ros.simulation.scene import Scene
 if TYPE_CHECKING:  # a simulated flight needs no reader of bags
     pass
 
-_PLACES_BETWEEN = 5  # two odometries, at which a clearance is taken
+_CLEARANCE_SAMPLES = 5  # two odometries, at which a clearance is taken
 _GAP_PERIODS = 2.5  # of the odometry: less is jitter
 
 
@@ -161,7 +161,7 @@ class Flight:
             return None
         before = np.maximum(np.arange(len(self.time)) - 1, 0)
         least = np.full(len(self.time), np.inf)
-        for share in np.linspace(0.0, 1.0, _PLACES_BETWEEN, endpoint=False):
+        for share in np.linspace(0.0, 1.0, _CLEARANCE_SAMPLES, endpoint=False):
             p_WB = (1.0 - share) * self.p_WB + share * self.p_WB[before]
             time = (1.0 - share) * self.time + share * self.time[before]
             least = np.minimum(least, self.scene.clearances(p_WB, time))

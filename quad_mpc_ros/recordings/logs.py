@@ -30,7 +30,7 @@ Stamps = NDArray[np.int64]
 _TYPE_CODES: dict[Any, str] = {int: "q", float: "d"}
 _WIDTHS = {"q_WB_xyzw": 4}  # other arrays are vectors of three
 _hints = functools.cache(get_type_hints)
-_FIGURES = _hints(TickStats)
+_STATS_TYPES = _hints(TickStats)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -185,7 +185,7 @@ def tick_stats(message: Any) -> TickStats:
     """
     figures = diagnostics.stats_from_message(message)
     values = {
-        field.name: _FIGURES[field.name](figures[field.name])
+        field.name: _STATS_TYPES[field.name](figures[field.name])
         for field in dataclasses.fields(TickStats)
         if field.name in figures or field.default is dataclasses.MISSING
     }

@@ -66,8 +66,8 @@ Taker = Callable[[RecordedMessage], None]
 SCENE_NAME = "obstacles.yaml"
 """Of the file of obstacles in the folder of a run."""
 
-_MOST_LISTED = 12
-_OF_A_RUN = (
+_MAX_LISTED = 12
+_RUN_FILES = (
     *(REFERENCE, COMMAND, ENGAGED, LANDED, ODOMETRY_RESET, STATS),
     *(IMU, PARAMETER_EVENTS),
 )
@@ -178,7 +178,7 @@ class Recording:
         self,
         names: TopicNames = OUR_NAMES,
         *,
-        topics: Collection[Topic] = _OF_A_RUN,
+        topics: Collection[Topic] = _RUN_FILES,
     ) -> RecordedRun:
         """Return the odometry and ``topics`` of the controller, the others left empty.
 
@@ -341,7 +341,7 @@ class Recording:
         topics = self.bag.topics
         shown = [
             f"{name} ({info.type_name or 'no type'})"
-            for name, info in sorted(topics.items())[:_MOST_LISTED]
+            for name, info in sorted(topics.items())[:_MAX_LISTED]
         ]
         more = len(topics) - len(shown)
         return ", ".join(shown + ([f"{more} more"] if more else [])) or "no topic"

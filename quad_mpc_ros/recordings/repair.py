@@ -28,8 +28,8 @@ from quad_mpc_ros.recordings.reader import (
 )
 from quad_mpc_ros.recordings.writer import sync_directory
 
-_BROKEN = ".broken"
-_TEMPORARY = ".repairing"
+_BROKEN_SUFFIX = ".broken"
+_TEMPORARY_SUFFIX = ".repairing"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,8 +106,8 @@ def _refuse_packed(paths: Sequence[Path]) -> None:
 
 def _undo_interrupted_repair(directory: Path) -> None:
     """Give an original its name back, where a repair was stopped between two renamings."""
-    for original in directory.glob(f"*.mcap{_BROKEN}"):
-        path = original.with_name(original.name.removesuffix(_BROKEN))
+    for original in directory.glob(f"*.mcap{_BROKEN_SUFFIX}"):
+        path = original.with_name(original.name.removesuffix(_BROKEN_SUFFIX))
         if not path.exists():
             original.rename(path)
 
@@ -176,7 +176,7 @@ class _LogTimes:
 
 def _repaired(path: Path, times: _LogTimes) -> RepairedFile:
     original = _place_for_original(path)
-    temporary = path.with_name(f"{path.name}{_TEMPORARY}")
+    temporary = path.with_name(f"{path.name}{_TEMPORARY_SUFFIX}")
     times.begin_file()
     try:
         with path.open("rb") as damaged, temporary.open("wb") as stream:
@@ -202,7 +202,7 @@ def _repaired(path: Path, times: _LogTimes) -> RepairedFile:
 
 
 def _place_for_original(path: Path) -> Path:
-    original = path.with_name(f"{path.name}{_BROKEN}")
+    original = path.with_name(f"{path.name}{_BROKEN_SUFFIX}")
     if original.exists() and not original.samefile(path):
         raise BagError(f"{original} exists already, from an earlier repair; move it away")
     return original

@@ -26,7 +26,7 @@ CHANNELS = ("throttle", "rate_x", "rate_y", "rate_z")
 _UNITS = ("", "rad/s", "rad/s", "rad/s")
 _FIGURES = ("solve_time_us", "step_time_us", "iterations")
 
-_LABEL, _CELL = 28, 10
+_LABEL_SIZE, _CELL_SIZE = 28, 10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,9 +115,9 @@ def comparison_table(comparison: CommandComparison) -> str:
     ends = [(which, failures.format_map(s[which])) for which in ("recorded", "resolved")]
     return "\n".join(
         (
-            *text_table(facts, align="ll", widths=(_LABEL - 1, 0), gap=" "),
-            *text_table(numbers, align="lrrrr", widths=(_LABEL, *[_CELL] * 4), gap=" "),
-            *text_table(ends, align="ll", widths=(_LABEL - 1, 0), gap=" "),
+            *text_table(facts, align="ll", widths=(_LABEL_SIZE - 1, 0), gap=" "),
+            *text_table(numbers, align="lrrrr", widths=(_LABEL_SIZE, *[_CELL_SIZE] * 4), gap=" "),
+            *text_table(ends, align="ll", widths=(_LABEL_SIZE - 1, 0), gap=" "),
         )
     )
 

@@ -15,10 +15,10 @@ from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape
 
 COLOUR = "#D55E00"
 
-_NEAR = 3.0  # m from the flight; what is further away is not drawn
-_ROUND = 24  # corners of a circle
-_RINGS = 8  # of a sphere
-_MOST = 400
+_MAX_DISTANCE = 3.0  # m from the flight; what is further away is not drawn
+_CIRCLE_CORNERS = 24  # corners of a circle
+_SPHERE_RINGS = 8  # of a sphere
+_MAX_SHAPES = 400
 
 
 def drawn_shapes(flight: Flight) -> list[Shape]:
@@ -31,10 +31,10 @@ def drawn_shapes(flight: Flight) -> list[Shape]:
         away = shape.distance(flight.p_WB - moved)
         away = np.where(flight.time >= shape.appears_at, away, np.inf)
         nearest = int(np.argmin(away))
-        if away[nearest] <= _NEAR:
+        if away[nearest] <= _MAX_DISTANCE:
             found.append((float(away[nearest]), shape.after(float(flight.time[nearest]))))
     found.sort(key=lambda each: each[0])
-    return [shape for _, shape in found[:_MOST]]
+    return [shape for _, shape in found[:_MAX_SHAPES]]
 
 
 def extent(shapes: list[Shape]) -> Array:
@@ -46,7 +46,7 @@ def extent(shapes: list[Shape]) -> Array:
 def faces(shape: Shape) -> list[Array]:
     """Return the faces of a shape as polygons (k, 3) [m]."""
     x, y, z = shape.half_extents
-    turn = np.linspace(0.0, 2.0 * math.pi, _ROUND, endpoint=False)
+    turn = np.linspace(0.0, 2.0 * math.pi, _CIRCLE_CORNERS, endpoint=False)
     if isinstance(shape, Box):
         square = np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
         rings = [(square, -z), (square, z)]
@@ -55,7 +55,7 @@ def faces(shape: Shape) -> list[Array]:
         rings = [(circle, -z), (circle, z)]
     else:
         circle = np.column_stack((np.cos(turn), np.sin(turn)))
-        latitudes = np.linspace(-0.5 * math.pi, 0.5 * math.pi, _RINGS)
+        latitudes = np.linspace(-0.5 * math.pi, 0.5 * math.pi, _SPHERE_RINGS)
         rings = [(x * math.cos(up) * circle, x * math.sin(up)) for up in latitudes]
     lofted = [np.column_stack((ring, np.full(len(ring), height))) for ring, height in rings]
     found = [lofted[0], lofted[-1]]

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 FIGURE_NAMES = ("position", "attitude", "velocity", "inputs", "path")
 
-_WIDTH, _PANEL_HEIGHT, _AROUND = 8.0, 1.6, 0.7  # inch
-_WIDTHS = {"normal": 1.3, "strong": 1.7, "broad": 2.2}  # points
+_WIDTH, _PANEL_HEIGHT, _MARGIN_HEIGHT = 8.0, 1.6, 0.7  # inch
+_LINE_WIDTHS = {"normal": 1.3, "strong": 1.7, "broad": 2.2}  # points
 _ABOVE, _BELOW, _LOWEST = 3, 2, 1
 
 
@@ -61,7 +61,7 @@ def write_panels(
 
     ``gaps`` are times without odometry [s], which are shaded.
     """
-    figure = style.new_figure(_WIDTH, _AROUND + _PANEL_HEIGHT * len(panels))
+    figure = style.new_figure(_WIDTH, _MARGIN_HEIGHT + _PANEL_HEIGHT * len(panels))
     column = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axes, panel in zip(column, panels, strict=True):
         draw_panel(axes, panel)
@@ -92,7 +92,7 @@ def draw_panel(axes: Axes, panel: Panel, *, fontsize: float = 9) -> None:
             drawstyle="steps-post" if curve.held else "default",
             label=curve.name,
             color=curve.colour,
-            linewidth=_WIDTHS[curve.weight],
+            linewidth=_LINE_WIDTHS[curve.weight],
             zorder=_BELOW if curve.weight == "broad" else _ABOVE,
         )
     if panel.logarithmic:

@@ -15,11 +15,11 @@ from quad_mpc_ros.recordings.flight import Flight
 _SIDE = 8.0  # inch, before the figure is cropped to what is drawn
 _SCALE_HEIGHT = 0.6  # of the height of what is drawn
 _MARGIN = 0.1  # inch
-_MOST_NUMBERS = 12  # waypoints; numbers on more would hide the flight
+_MAX_NUMBERED = 12  # waypoints; numbers on more would hide the flight
 
-_SPACING = 0.25  # of the longest side, flown between two drawn vehicles
-_MOST_VEHICLES = 300
-_MOST_PIECES = 20_000  # of the coloured line, each drawn by itself
+_VEHICLE_SPACING = 0.25  # of the longest side, flown between two drawn vehicles
+_MAX_VEHICLES = 300
+_MAX_SEGMENTS = 20_000  # of the coloured line, each drawn by itself
 
 # From the ground up; mplot3d's own order takes each of these as a whole and gets it wrong.
 _GROUND, _OBSTACLES, _REFERENCE, _FLIGHT, _VEHICLES, _MARKS = range(1, 7)
@@ -51,7 +51,7 @@ def write_path(flight: Flight, path: Path) -> Path:
         flight.p_WB,
         flight.q_WB_xyzw,
         way=way,
-        spacing=max(_SPACING * side, float(way[-1]) / _MOST_VEHICLES),
+        spacing=max(_VEHICLE_SPACING * side, float(way[-1]) / _MAX_VEHICLES),
         side=side,
         zorder=_VEHICLES,
         apart=True,
@@ -115,7 +115,7 @@ def _draw_waypoints(axes: Any, flight: Flight) -> None:
         zorder=_MARKS,
     )
     halo = [withStroke(linewidth=3.0, foreground="white")]
-    for number, place in enumerate(places[:_MOST_NUMBERS], start=1):
+    for number, place in enumerate(places[:_MAX_NUMBERED], start=1):
         axes.text(
             *place,
             f"  {number}  ",
@@ -136,7 +136,7 @@ def _draw_flight(figure: Any, axes: Any, flight: Flight, *, ground: float) -> An
     axes.scatter(
         *start, marker="s", s=36, color=style.INK, depthshade=False, label="start", zorder=_MARKS
     )
-    thinned = slice(None, None, -(-len(x) // _MOST_PIECES))
+    thinned = slice(None, None, -(-len(x) // _MAX_SEGMENTS))
     speed = np.linalg.norm(flight.v_WB_B[thinned], axis=1)
     _, p_WB, speed = flight.broken(flight.time[thinned], flight.p_WB[thinned], speed)
     return space.draw_coloured_by_speed(figure, axes, p_WB, speed, zorder=_FLIGHT)

@@ -17,10 +17,10 @@ from quad_mpc_ros.references.trajectory import TrajectorySamples
 
 _WIDTH, _HEIGHT = 10.0, 4.6  # inch
 _ZOOM = 0.85
-_DRAWN = 14  # vehicles along the way
-_TURN = 0.12  # of the longest side: the way that a turn by a radian counts for
-_SHORTEST = 1e-3  # m, between two vehicles
-_MOST_POINTS = 1500
+_VEHICLE_COUNT = 14  # vehicles along the way
+_TURN_WEIGHT = 0.12  # of the longest side: the way that a turn by a radian counts for
+_MIN_SPACING = 1e-3  # m, between two vehicles
+_MAX_POINTS = 1500
 _START, _PATH, _VEHICLES = 4, 2, 3
 
 
@@ -46,7 +46,7 @@ def write_reference(
 
 
 def _draw_path(figure: Any, place: Any, samples: TrajectorySamples, course: Course | None) -> None:
-    thinned = slice(None, None, max(len(samples.p_WB) // _MOST_POINTS, 1))
+    thinned = slice(None, None, max(len(samples.p_WB) // _MAX_POINTS, 1))
     p_WB, q_WB_xyzw = samples.p_WB[thinned], samples.q_WB_xyzw[thinned]
     lower, upper = space.room(np.vstack((p_WB, space.gate_points(course))))
     axes = space.draw_room(figure, lower, upper, place=place, zoom=_ZOOM)
@@ -56,8 +56,8 @@ def _draw_path(figure: Any, place: Any, samples: TrajectorySamples, course: Cour
     else:  # at rest, or from place to place by jumps
         axes.plot(*p_WB.T, color=style.FAINT, linewidth=1.2, zorder=_PATH)
     side = float(np.max(upper - lower))
-    way = space.way_along(p_WB) + _TURN * side * _turned(q_WB_xyzw)
-    spacing = max(float(way[-1]) / _DRAWN, _SHORTEST)
+    way = space.way_along(p_WB) + _TURN_WEIGHT * side * _turned(q_WB_xyzw)
+    spacing = max(float(way[-1]) / _VEHICLE_COUNT, _MIN_SPACING)
     space.draw_vehicles(
         axes,
         p_WB,

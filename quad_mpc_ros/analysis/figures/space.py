@@ -14,19 +14,19 @@ from quad_mpc_ros.references.course import Course, Gate
 
 _ELEVATION, _AZIMUTH = 22.0, -60.0  # deg, of the eye
 _MARGIN = 0.1  # of the longest side of the flight
-_SMALLEST_SIDE = 1.0  # m: a hovering flight is not to look like a journey
+_MIN_SIDE = 1.0  # m: a hovering flight is not to look like a journey
 
-_SMALLEST_ARM = 0.045  # of the longest side, where the true size could not be seen
-_APART = 3.6  # arms: nearer to one that is drawn none is drawn
+_MIN_ARM = 0.045  # of the longest side, where the true size could not be seen
+_MIN_SEPARATION = 3.6  # arms: nearer to one that is drawn none is drawn
 
-_MOVED = 0.05  # m: a gate that was passed this near to where it was passed before is drawn once
+_MIN_SHIFT = 0.05  # m: a gate is drawn again if it was moved by more
 
 
 def room(points: Array) -> tuple[Array, Array]:
     """Return two corners (3,) [m] of the space round points, down to the ground if it is near."""
     lower, upper = points.min(axis=0), points.max(axis=0)
-    widened = np.maximum(_SMALLEST_SIDE - (upper - lower), 0.0) / 2.0
-    side = max(float(np.max(upper - lower)), _SMALLEST_SIDE)
+    widened = np.maximum(_MIN_SIDE - (upper - lower), 0.0) / 2.0
+    side = max(float(np.max(upper - lower)), _MIN_SIDE)
     near_ground = 0.0 <= lower[2] <= side
     lower, upper = lower - widened - _MARGIN * side, upper + widened + _MARGIN * side
     if near_ground:
@@ -138,9 +138,9 @@ def draw_vehicles(
     """
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-    arm = max(ARM, _SMALLEST_ARM * side)
+    arm = max(ARM, _MIN_ARM * side)
     due = np.flatnonzero(np.diff(np.floor(way / spacing), prepend=0.0))
-    drawn = _apart(p_WB, due, distance=_APART * arm) if apart else due
+    drawn = _apart(p_WB, due, distance=_MIN_SEPARATION * arm) if apart else due
     if len(drawn) == 0:
         return
     places = p_WB[drawn]
@@ -184,7 +184,7 @@ def _number(numbered: tuple[int, Gate]) -> int:
 
 
 def _are_together(one: Gate, other: Gate) -> bool:
-    return float(np.abs(one.corners() - other.corners()).max()) < _MOVED
+    return float(np.abs(one.corners() - other.corners()).max()) < _MIN_SHIFT
 
 
 def draw_gates(axes: Any, course: Course | None, *, zorder: int) -> None:

@@ -15,7 +15,7 @@ from quad_mpc_ros.analysis.identification.result import (
     ParameterEstimate,
 )
 
-_LONGEST = 10.0  # s, of a flight, shown where the rates change most
+_MAX_DURATION = 10.0  # s, of a flight, shown where the rates change most
 
 
 def write_fit_figure(found: Identification, path: Path) -> Path:
@@ -34,7 +34,7 @@ def write_fit_figure(found: Identification, path: Path) -> Path:
 
 def _curves(course: FittedCourse, axis: int, *, start: float) -> list[Curve]:
     """Return one component as fitted and as measured, over the time that is shown."""
-    shown = (course.time >= start) & (course.time <= start + _LONGEST)
+    shown = (course.time >= start) & (course.time <= start + _MAX_DURATION)
     time = course.time[shown]
     return [
         Curve(
@@ -66,7 +66,7 @@ def _liveliest(rates: FittedCourse) -> float:
     """Return from when on the body rates vary most over the time that is shown."""
     squares = np.sum((rates.measured - rates.measured.mean(axis=0)) ** 2, axis=1)
     sums = np.concatenate(([0.0], np.cumsum(squares)))
-    ends = np.searchsorted(rates.time, rates.time + _LONGEST)
-    candidates = rates.time <= max(rates.time[-1] - _LONGEST, rates.time[0])
+    ends = np.searchsorted(rates.time, rates.time + _MAX_DURATION)
+    candidates = rates.time <= max(rates.time[-1] - _MAX_DURATION, rates.time[0])
     lively = np.where(candidates, sums[ends] - sums[:-1], -1.0)
     return float(rates.time[int(np.argmax(lively))])

@@ -65,7 +65,7 @@ class _ParameterRange(NamedTuple):
     vague: float = np.inf
 
 
-_KNOWN = {
+_PARAMETER_RANGES = {
     "rate_tau": _ParameterRange(0.0, 1.0, 0.03, share=0.5, vague=0.01),
     "rate_gain": _ParameterRange(0.2, 3.0, 0.3, vague=0.1),
     "thrust_tau": _ParameterRange(0.0, 1.0, 0.03, share=0.5, vague=0.01),
@@ -83,40 +83,40 @@ _KNOWN = {
 def _vectors() -> Array:
     """Return one vector (22,) for each field of :class:`_ParameterRange`, in their order."""
     vectors = np.empty((len(_ParameterRange._fields), MOST_PARAMETERS))
-    for name, known in _KNOWN.items():
+    for name, known in _PARAMETER_RANGES.items():
         vectors[:, PLACES[name]] = np.array(known)[:, None]
     return vectors
 
 
-_LOWEST, _HIGHEST, _SIZES, _SHARES, _VAGUE = _vectors()
-_REPORTED = np.isfinite(_VAGUE)
+_LOWEST, _HIGHEST, _SIZES, _RELATIVE_SIZES, _PRIOR_SIGMAS = _vectors()
+_REPORTED = np.isfinite(_PRIOR_SIGMAS)
 _ARE_TIMES = np.isin(
     np.arange(MOST_PARAMETERS), np.r_[PLACES["rate_tau"], PLACES["thrust_tau"], PLACES["delay"]]
 )
 
 # Residuals smaller than these are no knowledge: rounding, and what the model leaves out.
-_LEAST_SPREAD_RATE, _LEAST_SPREAD_VELOCITY = 0.02, 0.005  # rad/s, m/s
-_LEAST_VARIED_RATE, _LEAST_VARIED_VELOCITY = 0.3, 0.1  # rad/s, m/s
+_MIN_SPREAD_RATE, _MIN_SPREAD_VELOCITY = 0.02, 0.005  # rad/s, m/s
+_MIN_VARIED_RATE, _MIN_VARIED_VELOCITY = 0.3, 0.1  # rad/s, m/s
 _MAD_TO_SIGMA = 1.4826
-_OUTLIER = 2.0  # spreads from where a residual counts less
+_OUTLIER_SPREADS = 2.0  # spreads from where a residual counts less
 _ROUNDS = 2
 _AT_BOUND = 1e-3  # of the size of a parameter
-_UNKNOWN = 1e-6  # what is known of a parameter beforehand, in its size
-_ALIKE_WINDOWS = 4  # in a row whose residuals may be alike
-_TIME_DIFFERENCE = 0.005  # s; a shorter one sees nothing of lags faster than the odometry
+_PRIOR_WEIGHT = 1e-6  # what is known of a parameter beforehand, in its size
+_CORRELATED_WINDOWS = 4  # in a row whose residuals may be alike
+_TIME_STEP = 0.005  # s; a shorter one sees nothing of lags faster than the odometry
 # A window weighs on those parameters together that the velocity shows, of which there are so many
 # without the drag of the rotors, which is rarely observable.
-_TOGETHER = 10
-_FEWEST_WINDOWS = _TOGETHER + 2
+_VELOCITY_PARAMETERS = 10
+_MIN_WINDOWS = _VELOCITY_PARAMETERS + 2
 
 # No interval is narrower than this share of the value: the model is not truer than that.
-_LEAST_SHARE = 0.01
+_MIN_RELATIVE_WIDTH = 0.01
 # The drag of the rotors is fitted where it is so many half intervals from what is given, once in a
 # hundred times by chance. Else it would only blur the drag of the body.
-_APART = 1.2
+_ROTOR_DRAG_MIN = 1.2
 
-_MOST_ODOMETRIES = 30_000  # ten minutes at 50 Hz: more costs memory and adds nothing
-_AVERAGED_OVER = 0.08  # s, of the specific force shown
+_MAX_ODOMETRIES = 30_000  # ten minutes at 50 Hz: more costs memory and adds nothing
+_AVERAGING_TIME = 0.08  # s, of the specific force shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +140,7 @@ class _Fit:
         Of drags of body and rotors that are both fitted mostly the sum is observable.
         """
         p = len(self.theta)
-        enough = np.maximum(_SHARES[:p] * self.theta, _VAGUE[:p])
+        enough = np.maximum(_RELATIVE_SIZES[:p] * self.theta, _PRIOR_SIGMAS[:p])
         both = np.where(self.half_width[ROTOR_DRAG] > 0.0, self.theta[ROTOR_DRAG], -np.inf)
         both += self.theta[DRAG]
         for drag in (DRAG, ROTOR_DRAG):
@@ -159,7 +159,7 @@ class _Fit:
         self, parameters: NDArray[np.intp], *, free: bool
     ) -> dict[int, ParameterEstimate]:
         """Return what is found of parameters; those that are held at last are not ``free``."""
-        least = _LEAST_SHARE * np.abs(self.theta)
+        least = _MIN_RELATIVE_WIDTH * np.abs(self.theta)
         width, enough, at_bound = np.maximum(self.half_width, least), self.enough, self.at_bound
         return {
             p: ParameterEstimate(
@@ -205,12 +205,12 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
     What is not observable is held as ``given``, one after the other, until all others are. Raises
     :class:`BagError` for a flight that is too short for a confidence.
     """
-    data = measured.thinned(_MOST_ODOMETRIES)
+    data = measured.thinned(_MAX_ODOMETRIES)
     model = ResponseModel(data)
     windows = len(np.unique(model.blocks[model.in_window > 0.0]))
-    if windows < _FEWEST_WINDOWS:
+    if windows < _MIN_WINDOWS:
         raise BagError(
-            f"{windows} stretches of flight of half a second, expected {_FEWEST_WINDOWS} or more "
+            f"{windows} stretches of flight of half a second, expected {_MIN_WINDOWS} or more "
             "under commands: record a longer flight"
         )
     theta, held = _searched(model, data), _as_given(given, data)[: model.parameters]
@@ -286,7 +286,7 @@ def _fit(model: ResponseModel, theta: Array, free: NDArray[np.bool_]) -> _Fit:
         theta = _fitted(model, theta, spread, free)
     half_width, alone = _half_widths(model, theta, spread, free)
     # What is much faster than the odometry cannot be distinguished from zero.
-    short = _ARE_TIMES[: len(theta)] & (theta < _TIME_DIFFERENCE)
+    short = _ARE_TIMES[: len(theta)] & (theta < _TIME_STEP)
     half_width[short] = np.maximum(half_width, theta)[short]
     return _Fit(theta=theta, half_width=half_width, alone=alone)
 
@@ -298,11 +298,11 @@ def _unobservable(found: _Fit, free: NDArray[np.bool_], given: Array) -> NDArray
     of the rotors that is not apart from what is ``given`` (p,).
     """
     off = np.abs(found.theta - given)[ROTOR_DRAG]
-    alike = free[ROTOR_DRAG] & (off <= _APART * found.half_width[ROTOR_DRAG])
+    alike = free[ROTOR_DRAG] & (off <= _ROTOR_DRAG_MIN * found.half_width[ROTOR_DRAG])
     if alike.any():
         return np.asarray(ROTOR_DRAG.start + np.flatnonzero(alike))
     # What is given is not kept where it is refuted, however roughly.
-    vague = free & (np.abs(found.theta - given) <= _APART * found.half_width)
+    vague = free & (np.abs(found.theta - given) <= _ROTOR_DRAG_MIN * found.half_width)
     width = np.where(vague, found.half_width / found.enough, 0.0)
     alone = np.where(free, found.alone / found.enough, 0.0)
     unseen = np.flatnonzero((alone > 1.0) | (free & found.at_bound))
@@ -327,12 +327,12 @@ def _misfit(
         _lasting(
             rates,
             np.diff(rates, axis=0)[neighbours],
-            max(_root_mean_square(measured - measured.mean(axis=0)), _LEAST_VARIED_RATE),
+            max(_root_mean_square(measured - measured.mean(axis=0)), _MIN_VARIED_RATE),
         ),
         _lasting(
             velocity[inside],
             np.diff(velocity, axis=0)[together],
-            max(_root_mean_square(model.relative(data.v_WB_W)[inside]), _LEAST_VARIED_VELOCITY),
+            max(_root_mean_square(model.relative(data.v_WB_W)[inside]), _MIN_VARIED_VELOCITY),
         ),
     )
 
@@ -368,10 +368,10 @@ def _searched(model: ResponseModel, data: Measurements) -> Array:
             thrust_cost[i, j] = np.sum((b - A @ linear[i, j]) ** 2)
     # The delay is one, and the channels are weighed by what each leaves at its best.
     total = sum(
-        np.min(cost, axis=0) / _scale(cost, _LEAST_SPREAD_RATE, len(measured))
+        np.min(cost, axis=0) / _scale(cost, _MIN_SPREAD_RATE, len(measured))
         for cost in np.moveaxis(rate_cost, -1, 0)
     ) + np.min(thrust_cost, axis=0) / _scale(
-        thrust_cost, _LEAST_SPREAD_VELOCITY, 3.0 * float(np.sum(model.in_window))
+        thrust_cost, _MIN_SPREAD_VELOCITY, 3.0 * float(np.sum(model.in_window))
     )
     j = int(np.argmin(total))
     i_thrust = int(np.argmin(thrust_cost[:, j]))
@@ -392,8 +392,8 @@ def _spread(model: ResponseModel, theta: Array) -> _Spread:
     rates, velocity = model.residuals(theta)
     inside = velocity[model.in_window > 0.0]
     return _Spread(
-        rate=max(_MAD_TO_SIGMA * float(np.median(np.abs(rates))), _LEAST_SPREAD_RATE),
-        velocity=max(_MAD_TO_SIGMA * float(np.median(np.abs(inside))), _LEAST_SPREAD_VELOCITY),
+        rate=max(_MAD_TO_SIGMA * float(np.median(np.abs(rates))), _MIN_SPREAD_RATE),
+        velocity=max(_MAD_TO_SIGMA * float(np.median(np.abs(inside))), _MIN_SPREAD_VELOCITY),
     )
 
 
@@ -421,7 +421,7 @@ def _fitted(model: ResponseModel, start: Array, spread: _Spread, free: NDArray[n
         bounds=(lowest[free], highest[free]),
         x_scale=sizes[free],
         loss="soft_l1",
-        f_scale=_OUTLIER,
+        f_scale=_OUTLIER_SPREADS,
         max_nfev=60,
     )
     return whole(solution.x)
@@ -444,9 +444,9 @@ def _half_widths(
     # Where a bound holds the fit back the gradients do not cancel: only their scatter counts.
     gradients -= gradients.mean(axis=0)
     M = gradients.T @ gradients
-    for lag in range(1, _ALIKE_WINDOWS + 1):
+    for lag in range(1, _CORRELATED_WINDOWS + 1):
         neighbours = gradients[lag:].T @ gradients[:-lag]
-        M += (1.0 - lag / (_ALIKE_WINDOWS + 1.0)) * (neighbours + neighbours.T)
+        M += (1.0 - lag / (_CORRELATED_WINDOWS + 1.0)) * (neighbours + neighbours.T)
     M *= count / (count - 1.0)
     variance = np.zeros(len(theta))
     lowest, highest, sizes = (each[: len(theta)] for each in (_LOWEST, _HIGHEST, _SIZES))
@@ -456,8 +456,8 @@ def _half_widths(
     for free in (fitted, fitted & inside):
         block = np.ix_(free, free)
         variance[free] = _variances(H[block], M[block], sizes[free])
-    quantile = student_t.ppf(0.975, max(count - _TOGETHER, 1))
-    alone = 1.0 / np.sqrt(np.diag(H) + _UNKNOWN / sizes**2)
+    quantile = student_t.ppf(0.975, max(count - _VELOCITY_PARAMETERS, 1))
+    alone = 1.0 / np.sqrt(np.diag(H) + _PRIOR_WEIGHT / sizes**2)
     return quantile * np.sqrt(variance), quantile * alone
 
 
@@ -466,7 +466,7 @@ def _curvature_and_gradients(
 ) -> tuple[Array, Array]:
     """Return H (p, p) and the gradient of every window with data (windows, p)."""
     rates, velocity = model.residuals(theta)
-    rate_jacobian, velocity_jacobian = model.jacobians(theta, difference=_TIME_DIFFERENCE)
+    rate_jacobian, velocity_jacobian = model.jacobians(theta, difference=_TIME_STEP)
     H = np.zeros((len(theta), len(theta)))
     gradients = np.zeros((model.blocks[-1] + 1, len(theta)))
     for residual, jacobian, scale, blocks in (
@@ -474,7 +474,7 @@ def _curvature_and_gradients(
         (velocity, velocity_jacobian, spread.velocity, model.blocks),
     ):
         r, J = residual / scale, jacobian / scale
-        weight = 1.0 / np.sqrt(1.0 + (r / _OUTLIER) ** 2)
+        weight = 1.0 / np.sqrt(1.0 + (r / _OUTLIER_SPREADS) ** 2)
         H += np.einsum("nip,ni,niq->pq", J, weight, J)
         np.add.at(gradients, blocks, np.einsum("nip,ni->np", J, weight * r))
     return H, gradients[np.unique(model.blocks[model.usable])]
@@ -483,7 +483,7 @@ def _curvature_and_gradients(
 def _variances(H: Array, M: Array, sizes: Array) -> Array:
     """Return the diagonal of H^-1 M H^-1, or of H^-1 where that is larger."""
     # A parameter that nothing depends on would make H singular; this makes it just unknown.
-    inverse = np.linalg.pinv(H + np.diag(_UNKNOWN / sizes**2), hermitian=True)
+    inverse = np.linalg.pinv(H + np.diag(_PRIOR_WEIGHT / sizes**2), hermitian=True)
     return np.asarray(np.maximum(np.diag(inverse @ M @ inverse), np.diag(inverse)))
 
 
@@ -497,7 +497,7 @@ def _rate_course(model: ResponseModel, data: Measurements, theta: Array) -> Fitt
 
 def _specific_force(model: ResponseModel, data: Measurements, theta: Array) -> FittedCourse:
     """Return the specific force along the thrust axis (n, 1), averaged over a few odometries."""
-    stride = max(1, round(_AVERAGED_OVER / data.period))
+    stride = max(1, round(_AVERAGING_TIME / data.period))
     columns = model.increments(theta)
     interval = np.diff(data.time)
     fitted = columns @ theta[LINEAR_IN_VELOCITY]

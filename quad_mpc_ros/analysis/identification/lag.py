@@ -9,7 +9,7 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import Array
 
 # A shorter time constant is none at the rates at which anything is sampled.
-_SHORTEST = 1e-5
+_MIN_TIME_CONSTANT = 1e-5
 
 
 class LaggedCommands:
@@ -23,7 +23,7 @@ class LaggedCommands:
 
         At rest is: equal to the first command. Time constants [s] are one, or k.
         """
-        self._tau = np.maximum(np.asarray(time_constant, dtype=np.float64), _SHORTEST)
+        self._tau = np.maximum(np.asarray(time_constant, dtype=np.float64), _MIN_TIME_CONSTANT)
         self._time, self._command = time, command
         decays = np.exp(-np.diff(time)[:, None] / self._tau) * np.ones_like(command[1:])
         self._start = _followed(np.ascontiguousarray(command), decays)

@@ -18,12 +18,12 @@ from quad_mpc_ros.control.estimation.error_state import SCALE_BOUNDS
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.tick import TickStats
 
-_FEWEST_TICKS = 25
-_MOST_SPREAD = 0.1  # of a value, either way
+_MIN_TICKS = 25
+_MAX_SPREAD = 0.1  # of a value, either way
 _AT_BOUND = 0.005
-_YAW_APART = 0.1  # of a time constant; a smaller change is hardly observable
-_DRAG_MOVED = 0.01  # 1/s; at rest it stays as it is given
-_TIMES = ("rate_time_constant", "yaw_time_constant", "thrust_time_constant")
+_MIN_YAW_CHANGE = 0.1  # of a time constant; a smaller change is hardly observable
+_MIN_DRAG_CHANGE = 0.01  # 1/s; at rest it stays as it is given
+_TAUS = ("rate_time_constant", "yaw_time_constant", "thrust_time_constant")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,16 +54,16 @@ def learned(ticks: Sequence[TickStats], given: MpcConfig) -> FlightEstimates:
             f"true, given {given.formulation} and {str(given.estimate_disturbance).lower()}"
         )
     flying = [tick for tick in ticks if tick.source == "mpc"]
-    if len(flying) < _FEWEST_TICKS:
+    if len(flying) < _MIN_TICKS:
         reason = f" (the last: {ticks[-1].source}, {ticks[-1].reason})" if ticks else ""
         raise UserError(
             f"the MPC flew {len(flying)} ticks while it was watched{reason}, expected "
-            f"{_FEWEST_TICKS} or more"
+            f"{_MIN_TICKS} or more"
         )
     estimated = np.array([tick.thrust_scale for tick in flying])
     scale = _estimate(_thrust_scales(flying, given))
     _check(scale, estimated=float(np.median(estimated)))
-    times = {name: np.array([getattr(tick, f"{name}_ms") for tick in flying]) for name in _TIMES}
+    times = {name: np.array([getattr(tick, f"{name}_ms") for tick in flying]) for name in _TAUS}
     lags = {name: _estimate(1e-3 * time) if time.any() else None for name, time in times.items()}
     return FlightEstimates(
         thrust_scale=scale, drag=_drag(flying, given), ticks=len(flying), **lags
@@ -97,7 +97,7 @@ def learned_file(
 
 def _drag(ticks: Sequence[TickStats], given: MpcConfig) -> ParameterEstimate | None:
     drag = _estimate(np.array([tick.drag for tick in ticks]))
-    moved = abs(drag.value - float(np.mean(per_axis(given.drag)))) > _DRAG_MOVED
+    moved = abs(drag.value - float(np.mean(per_axis(given.drag)))) > _MIN_DRAG_CHANGE
     return drag if drag.observable and moved and drag.value > 0.0 else None
 
 
@@ -118,7 +118,7 @@ def _rate_entry(found: FlightEstimates, given: MpcConfig) -> tuple[Any, str]:
     roll, pitch, yaw = per_axis(given.rate_time_constant)
     shared, of_yaw = found.rate_time_constant, found.yaw_time_constant
     apart = of_yaw is not None and all(
-        abs(of_yaw.value - other) > _YAW_APART * other
+        abs(of_yaw.value - other) > _MIN_YAW_CHANGE * other
         for other in (yaw, yaw if shared is None else shared.value)
     )
     if isinstance(given.rate_time_constant, float) and not apart:
@@ -173,5 +173,5 @@ def _estimate(values: Array) -> ParameterEstimate:
         value=middle,
         half_width=half_width,
         seen=True,
-        observable=half_width <= _MOST_SPREAD * abs(middle),
+        observable=half_width <= _MAX_SPREAD * abs(middle),
     )

@@ -25,15 +25,15 @@ RECORDED = (COMMAND, ENGAGED, BATTERY)
 """What is asked of a recording beside its odometry."""
 
 # Perhaps on the ground: this near to where it stood, if it ever went this far from there [m].
-_STANDING, _LEFT = 0.05, 0.3
-_AT_REST = 0.3  # m/s
+_GROUND_RADIUS, _LEFT_RADIUS = 0.05, 0.3
+_REST_SPEED = 0.3  # m/s
 # After the first command the state of the actuators is unknown for so long [s].
 _SETTLING = 0.3
-_STALE_COMMAND = 0.5  # s
-_STALE_VOLTAGE = 5.0  # s
-_FASTEST = 1e3  # rad/s; no vehicle turns at more, and no throttle is larger
-_FEWEST = 50
-_BLOCK = 5.0  # s of a long flight that are kept together
+_COMMAND_AGE = 0.5  # s
+_VOLTAGE_AGE = 5.0  # s
+_MAX_VALUE = 1e3  # rad/s; no vehicle turns at more, and no throttle is larger
+_MIN_DATA = 50
+_BLOCK_DURATION = 5.0  # s of a long flight that are kept together
 _PER_ODOMETRY = ("time", "p_WB", "v_WB_W", "R_WB", "w_WB_B", "voltage")
 _PER_COMMAND = ("command_time", "throttle", "w_command")
 
@@ -111,13 +111,13 @@ class Measurements:
         """
         if len(self.time) <= most:
             return self
-        block = np.floor(self.time / _BLOCK)
+        block = np.floor(self.time / _BLOCK_DURATION)
         numbers = np.unique(block[self.usable])
         kept = numbers[:: -(-np.count_nonzero(self.usable) // most)]
         chosen = np.isin(block, kept)
         # Nothing is measured across a gap.
         usable = self.usable & np.append(chosen[1:], True)
-        command_block = np.floor(self.command_time / _BLOCK)
+        command_block = np.floor(self.command_time / _BLOCK_DURATION)
         commanded = np.isin(command_block, kept) | np.isin(command_block + 1, kept)
         return dataclasses.replace(
             self,
@@ -140,8 +140,8 @@ def measurements_of(
     """
     places = _usable_places(run.odometries)
     command_ns, throttle, w_command = _usable_commands(run.commands)
-    if len(places) < _FEWEST:
-        raise BagError(f"{run.bag}: {len(places)} usable odometries, expected {_FEWEST} or more")
+    if len(places) < _MIN_DATA:
+        raise BagError(f"{run.bag}: {len(places)} usable odometries, expected {_MIN_DATA} or more")
     if len(command_ns) < 2:
         raise BagError(
             f"{run.bag}: {len(command_ns)} commands, expected those of the flight, "
@@ -163,10 +163,10 @@ def measurements_of(
     recorded_ns = run.odometries.log_time_ns[places]
     acting = _acting(run.engagements, recorded_ns)
     usable = _flying(p_WB, v) & _commanded(time, command_time) & acting
-    if np.count_nonzero(usable) < _FEWEST:
+    if np.count_nonzero(usable) < _MIN_DATA:
         raise BagError(
             f"{run.bag}: {np.count_nonzero(usable)} odometries of a flight under commands, "
-            f"expected {_FEWEST} or more; the commands are stamped {command_time[0]:.3f} s to "
+            f"expected {_MIN_DATA} or more; the commands are stamped {command_time[0]:.3f} s to "
             f"{command_time[-1]:.3f} s after the first odometry, the odometries until "
             f"{time[-1]:.3f} s, and commands acted on {np.mean(acting):.0%} of them"
         )
@@ -220,7 +220,7 @@ def _usable_commands(commands: CommandLog) -> tuple[Stamps, Array, Array]:
     """Return stamps (m,), ascending, throttle (m,) and rates (m, 3) of what can be used."""
     throttle, rates = commands.values.column("throttle"), commands.values.column("w_WB_B")
     # NaN compares with nothing, and so is not within the limit.
-    usable = (np.abs(throttle) <= _FASTEST) & np.all(np.abs(rates) <= _FASTEST, axis=1)
+    usable = (np.abs(throttle) <= _MAX_VALUE) & np.all(np.abs(rates) <= _MAX_VALUE, axis=1)
     places = np.flatnonzero(usable)
     stamp_ns, first = first_by_stamp(commands.stamp_ns[places])
     return stamp_ns, throttle[places[first]], rates[places[first]]
@@ -235,9 +235,9 @@ def _flying(p_WB: Array, v_WB_W: Array) -> NDArray[np.bool_]:
     flying = np.ones(len(p_WB), dtype=bool)
     for order in (slice(None), slice(None, None, -1)):
         distance = np.linalg.norm(p_WB[order] - p_WB[order][0], axis=1)
-        left = int(np.argmax(distance > _LEFT))  # 0 when it never does
-        if left and np.linalg.norm(v_WB_W[order][0]) < _AT_REST:
-            stood = np.flatnonzero(distance[:left] <= _STANDING)[-1]
+        left = int(np.argmax(distance > _LEFT_RADIUS))  # 0 when it never does
+        if left and np.linalg.norm(v_WB_W[order][0]) < _REST_SPEED:
+            stood = np.flatnonzero(distance[:left] <= _GROUND_RADIUS)[-1]
             flying[order][: stood + 1] = False
     return flying
 
@@ -246,7 +246,7 @@ def _commanded(time: Array, command_time: Array) -> NDArray[np.bool_]:
     """Return when a command is young enough to be followed, and the first one is history."""
     place = np.searchsorted(command_time, time, side="right") - 1
     age = time - command_time[np.maximum(place, 0)]
-    return np.asarray((place >= 0) & (age < _STALE_COMMAND) & (time > command_time[0] + _SETTLING))
+    return np.asarray((place >= 0) & (age < _COMMAND_AGE) & (time > command_time[0] + _SETTLING))
 
 
 def _acting(
@@ -288,7 +288,7 @@ def _smoothed(
         return np.full(len(recorded_ns), np.nan)
     place = np.maximum(np.searchsorted(times_ns, recorded_ns, side="right") - 1, 0)
     away = np.abs(recorded_ns - np.array(times_ns)[place])
-    if np.any(away[usable] > _STALE_VOLTAGE * 1e9):
+    if np.any(away[usable] > _VOLTAGE_AGE * 1e9):
         return np.full(len(recorded_ns), np.nan)
     return np.array(values)[place]
 

@@ -73,12 +73,12 @@ _THRUST = _places(Linear.dtype)["scale"].start
 _ROTORS = _places(Linear.dtype)["rotor_drag"]
 
 WINDOW = 0.5  # s
-_FEWEST_IN_WINDOW = 5
-_LONGEST_GAP = 3.0  # periods
-_DIFFERENCE = 1e-4  # s
+_MIN_IN_WINDOW = 5
+_MAX_GAP_PERIODS = 3.0  # periods
+_STEP_SIZE = 1e-4  # s
 # The thrust's direction is that in the middle of a stretch [s].
-_LONGEST_STRETCH = 0.01
-_MOST_STRETCHES = 50  # in a gap, whose far side is in another window anyway
+_MAX_SUBSTEP = 0.01
+_MAX_SUBSTEPS = 50  # in a gap, whose far side is in another window anyway
 
 
 class ResponseModel:
@@ -212,7 +212,7 @@ class ResponseModel:
         left, columns = self.velocity_columns(theta)
         return rates, left - columns @ theta[LINEAR_IN_VELOCITY]
 
-    def jacobians(self, theta: Array, *, difference: float = _DIFFERENCE) -> tuple[Array, Array]:
+    def jacobians(self, theta: Array, *, difference: float = _STEP_SIZE) -> tuple[Array, Array]:
         """Return the derivatives of both residuals, (u, 3, p) and (n, 3, p).
 
         Those by times are central differences over ``difference`` [s] to both sides. Lags and
@@ -301,7 +301,7 @@ def _divided(time: Array) -> Array:
 
     But for gaps, which may be of any length where a clock was set.
     """
-    parts = np.clip(np.ceil(np.diff(time) / _LONGEST_STRETCH), 1.0, _MOST_STRETCHES)
+    parts = np.clip(np.ceil(np.diff(time) / _MAX_SUBSTEP), 1.0, _MAX_SUBSTEPS)
     parts = parts.astype(np.intp)
     first = np.repeat(np.arange(len(parts)), parts)
     number = np.arange(len(first)) - np.repeat(np.cumsum(parts) - parts, parts)
@@ -316,7 +316,7 @@ def _summed(increments: Array) -> Array:
 
 def _windows(data: Measurements) -> tuple[NDArray[np.intp], Array]:
     """Return the window of each odometry, and 1 for those in one that can be used, else 0."""
-    longest_gap = _LONGEST_GAP * data.period
+    longest_gap = _MAX_GAP_PERIODS * data.period
     block = np.zeros(len(data.time), dtype=np.intp)
     current, start = 0, data.time[0]
     for i in range(1, len(data.time)):
@@ -328,5 +328,5 @@ def _windows(data: Measurements) -> tuple[NDArray[np.intp], Array]:
         if broken:
             current, start = current + 1, data.time[i]
         block[i] = current
-    enough = np.bincount(block) >= _FEWEST_IN_WINDOW
+    enough = np.bincount(block) >= _MIN_IN_WINDOW
     return block, (data.usable & enough[block]).astype(np.float64)

@@ -20,21 +20,21 @@ from quad_mpc_ros.control.config import MpcConfig
 
 _WIDTH = 80
 # Of what the body rates and the velocity vary: what the model may leave beyond noise.
-_MOST_MISFIT = {"body rates": 0.45, "velocity": 0.2}
+_MAX_MISFIT = {"body rates": 0.45, "velocity": 0.2}
 
-_TURNING = "the commanded body rates hardly changed"
-_FAST = "the velocity hardly changed along it"
+_NO_TURNING = "the commanded body rates hardly changed"
+_NO_SPEED = "the velocity hardly changed along it"
 # The flights that excite what one did not: about one place, and with several m/s.
-_SWEEPS = ("--reference excitation", "--duration 21")
-_WIDE_SWEEPS = (
-    *_SWEEPS,
+_SWEEP_OPTIONS = ("--reference excitation", "--duration 21")
+_WIDE_SWEEP_OPTIONS = (
+    *_SWEEP_OPTIONS,
     "--set 'reference.excitation_reach=[6.0,6.0,2.0]'",
     "--set reference.excitation_speed=8.0",
     "--set reference.excitation_tilt=0.8",
 )
-_ROOM, _WIDE_ROOM = "4 m by 4 m by 2 m", "12 m by 12 m by 4 m"
+_SWEEP_SPACE, _WIDE_SWEEP_SPACE = "4 m by 4 m by 2 m", "12 m by 12 m by 4 m"
 _NEED_SPEED = ("drag", "translational_lift")
-_UNSURE = (
+_UNSURE_TEXT = (
     "too uncertain to be used: the effect cannot be distinguished from that of others (fly more "
     "dynamically, or record more odometries a second), or the vehicle is not as the model says "
     "(lags of first order, one delay)"
@@ -51,7 +51,7 @@ class _Row:
     given: float
     estimate: ParameterEstimate
     unseen: str
-    unsure: str = _UNSURE
+    unsure: str = _UNSURE_TEXT
 
 
 def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
@@ -64,14 +64,14 @@ def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
 
     scale, no_thrust = found.thrust_scale, "no thrust was seen: fly longer, off the ground"
     # Drag of the rotors that is not observable is part of the drag, and nothing is missing.
-    rotor_drag = each("rotor_drag", _BODY_AXES, "1/s", _FAST)
+    rotor_drag = each("rotor_drag", _BODY_AXES, "1/s", _NO_SPEED)
     return [
-        *each("rate_time_constant", _RATE_AXES, "ms", _TURNING),
-        *each("rate_gain", _RATE_AXES, "", _TURNING),
+        *each("rate_time_constant", _RATE_AXES, "ms", _NO_TURNING),
+        *each("rate_gain", _RATE_AXES, "", _NO_TURNING),
         one("thrust_time_constant", "ms", "the commanded throttle hardly changed"),
         one("input_delay", "ms", "the commands hardly changed"),
         _Row("thrust per mass", "", 1.0, scale, no_thrust),
-        *each("drag", _BODY_AXES, "1/s", _FAST),
+        *each("drag", _BODY_AXES, "1/s", _NO_SPEED),
         one("translational_lift", "1/m", "level flight was slow"),
         *(row for row in rotor_drag if row.estimate.observable),
     ]
@@ -126,8 +126,8 @@ def proposal(found: Identification, given: MpcConfig, *, file: Path | None) -> l
         return []
     wide = not refused and any(label.startswith(_NEED_SPEED) for label in missing)
     flight = [] if refused or file is None else [f"--config {shlex.quote(str(file))}"]
-    flight += _WIDE_SWEEPS if wide else _SWEEPS
-    room = _WIDE_ROOM if wide else _ROOM
+    flight += _WIDE_SWEEP_OPTIONS if wide else _SWEEP_OPTIONS
+    room = _WIDE_SWEEP_SPACE if wide else _SWEEP_SPACE
     return [
         "",
         f"This flight would show more, in {room} (docs/howto/references.md, excitation):",
@@ -158,7 +158,7 @@ def warnings(found: Identification, given: MpcConfig) -> Iterator[str]:
 
 def refusal(found: Identification) -> str | None:
     """Return why nothing of a fit should be used, if so."""
-    for (name, most), misfit in zip(_MOST_MISFIT.items(), found.misfit, strict=True):
+    for (name, most), misfit in zip(_MAX_MISFIT.items(), found.misfit, strict=True):
         if misfit > most:
             return (
                 f"{misfit:.0%} of the variation of the {name} is left over beyond noise, expected "

@@ -20,14 +20,14 @@ Entries = dict[str, tuple[Any, str]]
 
 KEPT, UNOBSERVABLE = "kept", "kept, not observable"
 # What a bridge reads of its thrust map, and what of that scales with the thrust.
-_MAPS = {
+_MAP_KEYS = {
     "model": (),
     "linear": ("full_thrust",),
     "quadratic": ("motor_curve",),
     "table": ("table_throttle", "table_thrust"),
 }
-_SCALED = ("full_thrust", "motor_curve", "table_thrust")
-_MAP = "thrust_map."
+_SCALED_KEYS = ("full_thrust", "motor_curve", "table_thrust")
+_MAP_PREFIX = "thrust_map."
 _DIGITS, _DECIMALS = 4, 7  # of what is written
 
 
@@ -72,23 +72,23 @@ def map_entries(recorded: Mapping[str, Any], scale: float) -> Entries:
     A throttle of the stack makes the thrust that the map states, so the map is scaled together
     with the thrust curve. Empty where no map is recorded.
     """
-    kind = recorded.get(f"{_MAP}kind")
-    if kind not in _MAPS:
+    kind = recorded.get(f"{_MAP_PREFIX}kind")
+    if kind not in _MAP_KEYS:
         return {}
-    entries: Entries = {f"{_MAP}kind": (kind, KEPT)}
-    for name in (*_MAPS[kind], "battery_voltage", "battery_exponent"):
-        value = recorded.get(f"{_MAP}{name}")
+    entries: Entries = {f"{_MAP_PREFIX}kind": (kind, KEPT)}
+    for name in (*_MAP_KEYS[kind], "battery_voltage", "battery_exponent"):
+        value = recorded.get(f"{_MAP_PREFIX}{name}")
         if value is None:
             continue
-        if name in _SCALED and scale != 1.0:
+        if name in _SCALED_KEYS and scale != 1.0:
             scaled = (
                 rounded(scale * value)
                 if isinstance(value, int | float)
                 else [rounded(scale * v) for v in value]
             )
-            entries[f"{_MAP}{name}"] = (scaled, f"x {scale:.4f}, as the thrust curve")
+            entries[f"{_MAP_PREFIX}{name}"] = (scaled, f"x {scale:.4f}, as the thrust curve")
         else:
-            entries[f"{_MAP}{name}"] = (value, KEPT)
+            entries[f"{_MAP_PREFIX}{name}"] = (value, KEPT)
     return entries
 
 
@@ -109,9 +109,9 @@ def content(
         value, note = entries.get(name, (getattr(given, name), KEPT))
         lines.append(f"    {name}: {value_text(value)}  # {note}")
     if thrust_map:
-        lines.append(f"    {_MAP.rstrip('.')}:")
+        lines.append(f"    {_MAP_PREFIX.rstrip('.')}:")
     for name, (value, note) in thrust_map.items():
-        lines.append(f"      {name.removeprefix(_MAP)}: {value_text(value)}  # {note}")
+        lines.append(f"      {name.removeprefix(_MAP_PREFIX)}: {value_text(value)}  # {note}")
     return "\n".join(lines) + "\n"
 
 

@@ -16,12 +16,12 @@ from quad_mpc_ros.simulation.config import SimulatorConfig
 
 _ABSENT = "–"
 _NOT_RECORDED = "not recorded"
-_SIMULATED_BEFORE = 946_684_800  # s, the year 2000: clocks of simulations begin at 0
+_SIMULATION_CLOCK_END = 946_684_800  # s, the year 2000: clocks of simulations begin at 0
 
 
 def identity_table(runs: Sequence[ReportedRun]) -> str:
     """Return what each run is."""
-    return _table(runs, {name: [text(run) for run in runs] for name, text in _IDENTITY.items()})
+    return _table(runs, {name: [text(run) for run in runs] for name, text in _RUN_ROWS.items()})
 
 
 def metrics_table(runs: Sequence[ReportedRun]) -> str:
@@ -48,7 +48,7 @@ def parameter_table(runs: Sequence[ReportedRun], *, only_different: bool) -> str
 
 def _started(run: ReportedRun) -> str:
     seconds = int(run.flight.stamp_ns[0]) // 1_000_000_000
-    if seconds < _SIMULATED_BEFORE:
+    if seconds < _SIMULATION_CLOCK_END:
         return "simulated time"
     moment = datetime.datetime.fromtimestamp(seconds, tz=datetime.UTC)
     return moment.strftime("%Y-%m-%d %H:%M:%S UTC")
@@ -78,7 +78,7 @@ def _vehicle(run: ReportedRun) -> str:
     return f"simulated, {simulated['plant']}, {simulated['dynamics']}"
 
 
-_IDENTITY: dict[str, Callable[[ReportedRun], str]] = {
+_RUN_ROWS: dict[str, Callable[[ReportedRun], str]] = {
     "bag": lambda run: str(run.bag),
     "start": _started,
     "duration": lambda run: f"{run.summary['duration_s']:.2f} s",

@@ -10,7 +10,7 @@ from quad_mpc_ros.configuration import UserError
 PLOTLY_NEEDED = "quad_mpc report draws with Plotly 6 or later: pip install 'quad_mpc_ros[report]'"
 """The message where Plotly is not installed, or too old."""
 
-_OLDEST = 6
+_MIN_PLOTLY_MAJOR = 6
 
 
 def plotly(module: str) -> Any:
@@ -20,7 +20,7 @@ def plotly(module: str) -> Any:
     """
     try:
         version = importlib.import_module("plotly").__version__
-        if int(version.partition(".")[0]) < _OLDEST:
+        if int(version.partition(".")[0]) < _MIN_PLOTLY_MAJOR:
             raise UserError(f"Plotly {version} is installed. {PLOTLY_NEEDED}")
         return importlib.import_module(f"plotly.{module}")
     except ImportError as error:

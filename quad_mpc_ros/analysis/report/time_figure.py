@@ -17,11 +17,11 @@ from quad_mpc_ros.recordings.flight import Flight
 MOST_POINTS = 6000  # of a curve; three for each pixel of a wide screen
 MOST_SHADES = 200  # the longest times without the MPC
 
-_FAR = 1e4  # m: too large to be drawn in single precision
+_MAX_DRAWN = 1e4  # m: too large to be drawn in single precision
 _ROW_HEIGHT, _MARGINS = 130, 100  # pixels
 # At the top left: the names of the runs stand below it, Plotly's buttons on the right.
 _LEGEND = {"orientation": "h", "yref": "container", "y": 1.0, "yanchor": "top", "x": 0.0}
-_WIDTHS = {"normal": 1.5, "strong": 2.0, "broad": 3.0}  # pixels
+_LINE_WIDTHS = {"normal": 1.5, "strong": 2.0, "broad": 3.0}  # pixels
 _NO_ODOMETRY = "no odometry"
 _SPAN_COLOURS = {
     _NO_ODOMETRY: "#999999",
@@ -87,7 +87,7 @@ def _draw(figure: Any, panel: Panel, *, place: dict[str, int], shown: set[str]) 
 
 def _trace(curve: Curve, *, in_legend: bool) -> Any:
     values = curve.values
-    is_far = bool((np.abs(values[np.isfinite(values)]) >= _FAR).any())
+    is_far = bool((np.abs(values[np.isfinite(values)]) >= _MAX_DRAWN).any())
     return plotly("graph_objects").Scatter(
         x=curve.time,
         # Single precision is more than a screen has, and half the page.
@@ -98,7 +98,7 @@ def _trace(curve: Curve, *, in_legend: bool) -> Any:
         mode="lines" if len(curve.time) > 1 else "markers",
         line={
             "color": curve.colour,
-            "width": _WIDTHS[curve.weight],
+            "width": _LINE_WIDTHS[curve.weight],
             "shape": "hv" if curve.held else "linear",
         },
         customdata=None if curve.hover is None else [escape(str(text)) for text in curve.hover],

@@ -34,12 +34,12 @@ from quad_mpc_ros.ros.bridges.bridge import (
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack
 
-_LOCKS_AFTER_NS = 2_000_000_000
-_LONGEST_GAP_NS = 200_000_000  # between two odometries
+_LOCK_TIMEOUT_NS = 2_000_000_000
+_MAX_GAP_NS = 200_000_000  # between two odometries
 # The radio may lose one.
 _UNLOCKING_SETPOINTS = 3
 _STATUS_TIMEOUT = 10.0  # s: the server logs it once a second or less
-_LAST_SETPOINT_MILLISECONDS = 100  # until the firmware's own commander takes over
+_SETPOINT_TIMEOUT_MS = 100  # until the firmware's own commander takes over
 
 
 class RateDifferentiator:
@@ -58,7 +58,7 @@ class RateDifferentiator:
         if before is None:
             return None
         gap_ns = odometry.stamp_ns - before.stamp_ns
-        if not 0 < gap_ns <= _LONGEST_GAP_NS:
+        if not 0 < gap_ns <= _MAX_GAP_NS:
             return None
         R_before = so3.rotation_from_quaternion_xyzw(before.q_WB_xyzw)
         return dataclasses.replace(odometry, w_WB_B=1e9 / gap_ns * so3.log(R_before.T @ R_WB))
@@ -159,11 +159,9 @@ class Crazyswarm2Bridge(Bridge):
 
     def _switch_back(self, now_ns: int) -> Response:
         """Let the firmware's own commander hold it: silence alone would cut the motors."""
-        if self._sent_ns is None or now_ns - self._sent_ns >= _LOCKS_AFTER_NS:
+        if self._sent_ns is None or now_ns - self._sent_ns >= _LOCK_TIMEOUT_NS:
             return Response(accepted=True, text="released")
-        stop = self._call(
-            self._stop, group_mask=0, remain_valid_millisecs=_LAST_SETPOINT_MILLISECONDS
-        )
+        stop = self._call(self._stop, group_mask=0, remain_valid_millisecs=_SETPOINT_TIMEOUT_MS)
         stay = self._call(self._go_to, group_mask=0, relative=True, yaw=0.0)
         stay.request.duration.sec = 1
         calls = [stop] if self.landed(now_ns=now_ns) else [stop, stay]
@@ -173,7 +171,7 @@ class Crazyswarm2Bridge(Bridge):
         """The supervisor reports it."""
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
-        if self._sent_ns is None or now_ns - self._sent_ns >= _LOCKS_AFTER_NS:
+        if self._sent_ns is None or now_ns - self._sent_ns >= _LOCK_TIMEOUT_NS:
             self._unlocking = _UNLOCKING_SETPOINTS
         self._sent_ns = now_ns
         message = self._new(self._setpoint.type_name)

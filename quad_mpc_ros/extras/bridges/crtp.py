@@ -37,13 +37,13 @@ _GET_ITEM, _GET_INFO = 2, 3
 _START_BLOCK, _RESET, _CREATE_BLOCK = 3, 5, 6
 _EXTERNAL_POSE = 8
 _GO_TO, _LAND = 4, 8
-_ARM = 1
-_BYTE = 8  # the type of a parameter of one byte
+_ARM_COMMAND = 1
+_UINT8_TYPE = 8  # the type of a parameter of one byte
 
-_MOST_DATA = 30
-_RESERVED = 0x0C  # these two bits are set in what is sent
+_MAX_DATA_SIZE = 30
+_RESERVED_BITS = 0x0C  # these two bits are set in what is sent
 # Format of a log variable by its type, from 1 on; the last is a half-precision float.
-_FORMATS = ("B", "H", "I", "b", "h", "i", "f", "e")
+_LOG_TYPE_FORMATS = ("B", "H", "I", "b", "h", "i", "f", "e")
 
 
 def is_armed(info: int, *, wanted: bool) -> bool:
@@ -64,13 +64,13 @@ class Packet:
 
     def __post_init__(self) -> None:
         """Refuse what does not fit."""
-        if len(self.data) > _MOST_DATA:
+        if len(self.data) > _MAX_DATA_SIZE:
             raise ValueError(f"a packet has {len(self.data)} bytes of data, expected 30 or less")
 
     @property
     def header(self) -> int:
         """The first byte."""
-        return self.port << 4 | _RESERVED | self.channel
+        return self.port << 4 | _RESERVED_BITS | self.channel
 
     def framed(self) -> bytes:
         """Return it as in a stream: length, header, data."""
@@ -98,7 +98,7 @@ class PacketReader:
         while self._held and len(self._held) > self._held[0]:
             size = self._held[0]
             whole, self._held = self._held[1 : 1 + size], self._held[1 + size :]
-            if 1 <= size <= 1 + _MOST_DATA:
+            if 1 <= size <= 1 + _MAX_DATA_SIZE:
                 yield Packet(port=whole[0] >> 4, channel=whole[0] & 3, data=whole[1:])
 
 
@@ -145,12 +145,12 @@ def land(*, height: float, duration: float) -> Packet:
 
 def arm(wanted: bool) -> Packet:
     """Return the request to arm or disarm."""
-    return Packet(port=PLATFORM, channel=_PLATFORM_COMMAND, data=bytes((_ARM, wanted)))
+    return Packet(port=PLATFORM, channel=_PLATFORM_COMMAND, data=bytes((_ARM_COMMAND, wanted)))
 
 
 def set_parameter(name: str, value: int) -> Packet:
     """Return the request to set a parameter of one byte, named like ``flightmode.althold``."""
-    data = bytes((0, *_text(name), _BYTE, value))
+    data = bytes((0, *_text(name), _UINT8_TYPE, value))
     return Packet(port=PARAMETERS, channel=_PARAMETERS_OTHER, data=data)
 
 
@@ -219,9 +219,9 @@ def logged(
     data = packet.data
     if (packet.port, packet.channel) != (LOG, _LOG_DATA) or data[:1] != bytes((block,)):
         return None
-    if not all(1 <= each.kind <= len(_FORMATS) for each in variables):
+    if not all(1 <= each.kind <= len(_LOG_TYPE_FORMATS) for each in variables):
         return None
-    layout = "<" + "".join(_FORMATS[each.kind - 1] for each in variables)
+    layout = "<" + "".join(_LOG_TYPE_FORMATS[each.kind - 1] for each in variables)
     values = data[4:]  # after the number of the block and a time in three bytes
     if len(values) != struct.calcsize(layout):
         return None

@@ -41,22 +41,22 @@ from quad_mpc_ros.ros.bridges.handover import HandoverState, LatestStatus, Stack
 
 MODE_ROLLRATE_PITCHRATE_YAWRATE_THROTTLE = 1
 IGNORE_NONE = 0
-_VALUES = 10
+_COMMAND_LENGTH = 10
 _THROTTLE, _RATES = 2, slice(3, 6)  # u = Fx, Fy, Fz, Qx, Qy, Qz, …; Fz is the throttle
 
 # Topics of ROScopter's estimator and of rosflight_io, which may be remapped.
 _ESTIMATE, _STATUS, _RC = "/estimated_state", "/status", "/rc_raw"
 _STATUS_TIMEOUT = 2.0  # s
 _RC_TIMEOUT = 0.5  # s
-_RC_FRAMES = 20  # of which the rate is taken
-_RC_SLOW = 100.0  # Hz
-_CAPPED_NS = 500_000_000
+_RC_RATE_FRAMES = 20  # of which the rate is taken
+_MIN_RC_RATE = 100.0  # Hz
+_CAP_NS = 500_000_000
 
 # What is asked of the firmware when it is engaged.
-_SCALE, _LOWER_THROTTLE = "RC_MAX_THR", "TAKE_MIN_THR"
-_RATE_INTEGRALS = ("PID_ROLL_RATE_I", "PID_PITCH_RATE_I")
-_ASKED = (_SCALE, _LOWER_THROTTLE, *_RATE_INTEGRALS)
-_SAME_SCALE = 0.005
+_MAX_THROTTLE_NAME, _MIN_THROTTLE_NAME = "RC_MAX_THR", "TAKE_MIN_THR"
+_RATE_INTEGRAL_NAMES = ("PID_ROLL_RATE_I", "PID_PITCH_RATE_I")
+_QUERIED = (_MAX_THROTTLE_NAME, _MIN_THROTTLE_NAME, *_RATE_INTEGRAL_NAMES)
+_SCALE_TOLERANCE = 0.005
 
 # Bits of the status: who overrides, where the lowest throttle wins, and what prevents arming.
 OVERRIDE_T = 0x20
@@ -93,7 +93,7 @@ def fill_command(message: Any, command: CommandSample, *, throttle: float, now_n
     message.ignore = IGNORE_NONE
     rates_frd = flu_from_frd(command.w_WB_B)
     if hasattr(message, "u"):
-        u = np.zeros(_VALUES, dtype=np.float32)
+        u = np.zeros(_COMMAND_LENGTH, dtype=np.float32)
         u[_THROTTLE] = throttle
         u[_RATES] = rates_frd
         message.u = u
@@ -140,7 +140,7 @@ class RosflightBridge(Bridge):
     def __init__(self, config: RosflightConfig, new: NewMessage) -> None:
         super().__init__(config, new)
         self._status = LatestStatus(timeout=_STATUS_TIMEOUT)
-        self._rc_ns: deque[int] = deque(maxlen=_RC_FRAMES)
+        self._rc_ns: deque[int] = deque(maxlen=_RC_RATE_FRAMES)
         self._capped_ns: int | None = None
         self._scale_fault = ""
         self._parameters = ("/param_get", "rosflight_msgs/srv/ParamGet")
@@ -170,7 +170,7 @@ class RosflightBridge(Bridge):
         response = super().engage(wanted, now_ns=now_ns)
         if not (wanted and response.accepted):
             return response
-        return dataclasses.replace(response, calls=[self._question(name) for name in _ASKED])
+        return dataclasses.replace(response, calls=[self._question(name) for name in _QUERIED])
 
     def _question(self, name: str) -> ServiceCall:
         """Return the call that asks for a parameter of the firmware."""
@@ -182,14 +182,14 @@ class RosflightBridge(Bridge):
         if not response.exists:
             return
         value, ours = float(response.value), self._config.rc_max_throttle
-        if name == _SCALE and abs(value - ours) > _SAME_SCALE:
+        if name == _MAX_THROTTLE_NAME and abs(value - ours) > _SCALE_TOLERANCE:
             self._scale_fault = (
                 f"RC_MAX_THR is {value:.3g} and rc_max_throttle {ours:.3g}: thrust would be "
                 f"{value / ours:.2f} of what is asked for; set them alike"
             )
-        if name in _RATE_INTEGRALS and value == 0.0:
+        if name in _RATE_INTEGRAL_NAMES and value == 0.0:
             self._warnings.append(f"{name} is 0: the vehicle turns where its weight is off centre")
-        if name == _LOWER_THROTTLE and value != 0.0:
+        if name == _MIN_THROTTLE_NAME and value != 0.0:
             self._warnings.append(
                 "TAKE_MIN_THR is 1: the pilot's throttle caps ours, so raise it fully to fly"
             )
@@ -210,7 +210,7 @@ class RosflightBridge(Bridge):
             )
         span_ns = newest_ns - self._rc_ns[0]
         rate = 1e9 * (len(self._rc_ns) - 1) / span_ns if span_ns > 0 else 0.0
-        if 0.0 < rate < _RC_SLOW:
+        if 0.0 < rate < _MIN_RC_RATE:
             self._warnings.append(
                 f"RC comes at {rate:.0f} Hz, and ROSflight takes a command only then: add "
                 f"{500.0 / rate:.0f} ms to mpc.input_delay, or set the receiver to more"
@@ -254,9 +254,7 @@ class RosflightBridge(Bridge):
             self._capped_ns = None
         elif self._capped_ns is None:
             self._capped_ns = now_ns
-        elif (
-            now_ns - self._capped_ns > _CAPPED_NS and self._handover.state is HandoverState.ENGAGED
-        ):
+        elif now_ns - self._capped_ns > _CAP_NS and self._handover.state is HandoverState.ENGAGED:
             self._capped_ns = now_ns
             self._warnings.append(
                 "the pilot's throttle is lower than ours and is used (TAKE_MIN_THR): raise it"

@@ -29,9 +29,9 @@ from quad_mpc_ros.simulation.config import SimulatorConfig
 
 _DEFAULT_DURATION = 10.0  # s
 _STARTS = ("auto", "ground", "reference")
-_MOST_FLIGHTS = 10_000_000
+_MAX_FLIGHTS = 10_000_000
 # What a run without ROS is, and what the loop sets itself.
-_LOCKSTEP = {node: {"lockstep": True} for node in SCHEMA}
+_LOCKSTEP_PARAMETERS = {node: {"lockstep": True} for node in SCHEMA}
 # A parameter file may speak of the recorder, which no campaign has.
 _FILE_SCHEMA: files.Schema = {**SCHEMA, "recorder": RecorderConfig}
 
@@ -168,7 +168,7 @@ class _Reader:
         )
         if not given["simulator"].get("duration"):
             given["simulator"]["duration"] = _DEFAULT_DURATION
-        for node, values in _LOCKSTEP.items():
+        for node, values in _LOCKSTEP_PARAMETERS.items():
             given[node].update(values)
         return {node: given[node] for node in SCHEMA}
 
@@ -181,7 +181,7 @@ class _Reader:
                 expected = ", ".join(f"{each}.PARAMETER" for each in found)
                 raise UserError(f"set: {name}: expected one of {expected}")
             found[node][parameter] = value
-        for key, node, parameter in _SHORT:
+        for key, node, parameter in _SHORTHANDS:
             if key not in self._content:
                 continue
             if parameter in found[node]:
@@ -200,7 +200,7 @@ class _Reader:
         assigned = [each.partition("=")[0].strip() for each in self._overrides.assignments]
         if name in self._mapping("set") or name in assigned:
             raise UserError(f"vary: {name}: it is set, too: leave one out")
-        for key, node, parameter in _SHORT:
+        for key, node, parameter in _SHORTHANDS:
             if key in self._content and name == f"{node}.{parameter}":
                 raise UserError(f"vary: {name}: {key} is given, too: leave one out")
 
@@ -210,13 +210,13 @@ class _Reader:
             wanted, name = self._overrides.flights, "--flights"
             if wanted is None:
                 wanted, name = given, "flights"
-            return integer(name, wanted, least=1, most=_MOST_FLIGHTS)
+            return integer(name, wanted, least=1, most=_MAX_FLIGHTS)
         if given is not None or self._overrides.flights is not None:
             raise UserError("flights: a grid has as many as there are combinations: leave one out")
         counts = [len(each.listed()) for each in vary.values() if each.listed()]
         if not counts:
             raise UserError("grid: expected a choice or a linspace in vary")
-        return integer("grid: flights", math.prod(counts), least=1, most=_MOST_FLIGHTS)
+        return integer("grid: flights", math.prod(counts), least=1, most=_MAX_FLIGHTS)
 
     def _seed(self) -> int:
         wanted, name = self._overrides.seed, "--seed"
@@ -255,7 +255,7 @@ class _Reader:
         return given or {}
 
 
-_SHORT = (("reference", "reference", "trajectory"), ("duration", "simulator", "duration"))
+_SHORTHANDS = (("reference", "reference", "trajectory"), ("duration", "simulator", "duration"))
 """Keys of the file that are short for one parameter each."""
 
 

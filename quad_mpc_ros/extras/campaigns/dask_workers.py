@@ -12,9 +12,9 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
 from quad_mpc_ros.extras.campaigns.flight import FlownFlight, fly_batch, lost_flight
 
-_HOW = "--scheduler needs Dask: pip install 'quad_mpc_ros[campaign]'"
+_DASK_REQUIRED = "--scheduler needs Dask: pip install 'quad_mpc_ros[campaign]'"
 PATIENCE = 10.0  # s
-_AHEAD = 3  # batches handed out for each worker, so that none waits for the next one
+_BATCHES_PER_WORKER = 3  # batches handed out for each worker, so that none waits for the next one
 
 
 class DaskWorkers:
@@ -56,7 +56,7 @@ class DaskWorkers:
         done = self._as_completed(loop=self._client.loop)
         try:
             while waiting or flying:
-                while waiting and len(flying) < _AHEAD * self.workers:
+                while waiting and len(flying) < _BATCHES_PER_WORKER * self.workers:
                     numbers = waiting.popleft()
                     future = self._client.submit(fly_batch, shared, list(numbers), pure=False)
                     flying[future] = numbers
@@ -109,4 +109,4 @@ def _distributed() -> Any:
     try:
         return importlib.import_module("distributed")
     except ImportError as error:
-        raise UserError(f"{error}. {_HOW}") from error
+        raise UserError(f"{error}. {_DASK_REQUIRED}") from error

@@ -8,7 +8,7 @@ from typing import Protocol
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
 from quad_mpc_ros.extras.campaigns.flight import FlownFlight
 
-_LARGEST_BATCH = 16
+_MAX_BATCH_SIZE = 16
 _BATCHES_PER_WORKER = 8
 
 
@@ -38,5 +38,5 @@ def batched(numbers: Sequence[int], *, workers: int) -> list[Sequence[int]]:
     all workers have some to the end and little is lost with one.
     """
     size = len(numbers) // (_BATCHES_PER_WORKER * workers)
-    size = min(max(size, 1), _LARGEST_BATCH)
+    size = min(max(size, 1), _MAX_BATCH_SIZE)
     return [numbers[begin : begin + size] for begin in range(0, len(numbers), size)]

@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, FigureBase
 
 ERROR = "settled_error_mean_m"
-_MAXIMUM = "settled_error_max_m"
+_MAX_ERROR = "settled_error_max_m"
 
-_MOST_AXES = 9
+_MAX_AXES = 9
 _COLUMNS = 3
-_BINS, _LEAST_IN_BIN = 10, 5  # bins of equally many flights
-_MOST_VALUES = 12  # of a number, up to which each value is a bin
-_WIDEST_TICKS = 40  # characters of all labels of an axis
+_BINS, _MIN_IN_BIN = 10, 5  # bins of equally many flights
+_MAX_VALUES = 12  # of a number, up to which each value is a bin
+_MAX_TICK_CHARACTERS = 40  # characters of all labels of an axis
 _DPI = 130
 
 
@@ -55,7 +55,7 @@ def campaign_figure(campaign: Campaign, rows: Sequence[Row]) -> Figure:
         for name in campaign.columns
         if _target(campaign, name).parameter != "seed"
     }
-    shown = strongest(columns, np.where(crashed, np.inf, error))[:_MOST_AXES]
+    shown = strongest(columns, np.where(crashed, np.inf, error))[:_MAX_AXES]
     lines = max(-(-len(shown) // _COLUMNS), 1)
     figure = style.new_figure(10.0, 3.6 + 2.3 * lines, dpi=_DPI)
     grid = figure.add_gridspec(2, 1, height_ratios=[3.6, 2.3 * lines])
@@ -110,14 +110,14 @@ def _bins(values: NDArray[Any]) -> NDArray[np.int64]:
     """Return the bin of each value (n,): few values have a bin each, many share ten."""
     if _is_listed(values):
         return np.unique(values, return_inverse=True)[1].astype(np.int64)
-    count = min(_BINS, len(values) // _LEAST_IN_BIN)
+    count = min(_BINS, len(values) // _MIN_IN_BIN)
     edges = np.quantile(values, np.arange(1, count) / count) if count > 1 else np.zeros(0)
     return np.searchsorted(edges, values, side="right").astype(np.int64)
 
 
 def _is_listed(values: NDArray[Any]) -> bool:
     """Whether values are names, or few numbers that recur: each has its own place on the axis."""
-    most = min(_MOST_VALUES, len(values) // 2)
+    most = min(_MAX_VALUES, len(values) // 2)
     return values.dtype.kind not in "fi" or len(np.unique(values)) <= most
 
 
@@ -125,7 +125,7 @@ def _draw_distribution(axes: Axes, flown: Sequence[Row], crashed: NDArray[np.boo
     """Draw the cumulative distribution of mean and maximum, with p50 and p95."""
     for name, label, colour in (
         (ERROR, "mean of a flight", style.FLOWN),
-        (_MAXIMUM, "maximum of a flight", style.REFERENCE),
+        (_MAX_ERROR, "maximum of a flight", style.REFERENCE),
     ):
         values = np.sort(_numbers(flown, name)[~crashed])
         values = values[np.isfinite(values)]
@@ -150,7 +150,7 @@ def _draw_distribution(axes: Axes, flown: Sequence[Row], crashed: NDArray[np.boo
             )
     axes.set_ylim(0.0, 1.02)
     style.tidy(axes)
-    shown = np.concatenate([_numbers(flown, name)[~crashed] for name in (ERROR, _MAXIMUM)])
+    shown = np.concatenate([_numbers(flown, name)[~crashed] for name in (ERROR, _MAX_ERROR)])
     _set_error_axis(axes, "x", shown)
     axes.set_xlabel("distance to the reference after the settle time [m]", fontsize=8)
     axes.set_ylabel("share of the flights that did not crash", fontsize=8)
@@ -166,7 +166,7 @@ def _draw_effect(
     if _is_listed(values):
         names = np.unique(values)
         texts = [f"{name:g}" if values.dtype.kind in "fi" else str(name) for name in names]
-        width = _WIDEST_TICKS // len(names)
+        width = _MAX_TICK_CHARACTERS // len(names)
         ticks = [text[:width] for text in texts] if width > 2 else []
         axes.set_xticks(range(len(ticks)), ticks)
         # Flights of one value stand side by side.

@@ -17,7 +17,7 @@ from quad_mpc_ros.recordings.evaluation.metrics import Summary, summarise
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, FlightLog
 from quad_mpc_ros.simulation.closed_loop import fly
 
-_SUMMARY = (
+_SUMMARY_KEYS = (
     "duration_s",
     "odometries",
     "commands",
@@ -36,7 +36,7 @@ _SUMMARY = (
     "lap_time_s",
     "behind_max_s",
 )
-_ITERATIONS = ("p50", "p99", "max")
+_ITERATION_KEYS = ("p50", "p99", "max")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +49,8 @@ class FlownFlight:
 
 def column_names(campaign: Campaign) -> list[str]:
     """Return the columns of a campaign's table, in order."""
-    iterations = [f"iterations.{name}" for name in _ITERATIONS]
-    figures = [*_SUMMARY, *iterations, "waypoint_error_max_m", *FIGURES]
+    iterations = [f"iterations.{name}" for name in _ITERATION_KEYS]
+    figures = [*_SUMMARY_KEYS, *iterations, "waypoint_error_max_m", *FIGURES]
     return [NUMBER, *campaign.columns, *VERDICT, *figures]
 
 
@@ -104,8 +104,8 @@ def _figures(plan: FlightPlan, *, settle_time: float) -> dict[str, Any]:
 def _scalars(summary: Summary) -> dict[str, Any]:
     """Return the scalars of a summary. Times by the clock on the wall are never the same twice."""
     return {
-        **{name: summary[name] for name in _SUMMARY},
-        **{f"iterations.{name}": summary["iterations"][name] for name in _ITERATIONS},
+        **{name: summary[name] for name in _SUMMARY_KEYS},
+        **{f"iterations.{name}": summary["iterations"][name] for name in _ITERATION_KEYS},
         "waypoint_error_max_m": max(summary["waypoint_error_m"], default=None),
     }
 

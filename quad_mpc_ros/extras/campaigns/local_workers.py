@@ -18,9 +18,9 @@ from typing import NamedTuple
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
 from quad_mpc_ros.extras.campaigns.flight import FlownFlight, fly_batch, lost_flight
 
-_MOST_DEATHS = 2
+_MAX_CRASHES = 2
 # Libraries of linear algebra: more threads than one only wait for each other here.
-_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class _Task(NamedTuple):
@@ -101,19 +101,19 @@ def _again(task: _Task) -> list[_Task]:
     if len(task.numbers) > 1:
         return [_Task([number]) for number in task.numbers]
     deaths = task.deaths + 1
-    return [_Task(task.numbers, deaths)] if deaths < _MOST_DEATHS else []
+    return [_Task(task.numbers, deaths)] if deaths < _MAX_CRASHES else []
 
 
 def _given_up(campaign: Campaign, task: _Task) -> list[FlownFlight]:
     """Return the flight that no worker survived, once it is known."""
     if _again(task):
         return []
-    reason = f"WorkerDied: the worker process died in this flight, {_MOST_DEATHS} times"
+    reason = f"WorkerDied: the worker process died in this flight, {_MAX_CRASHES} times"
     return [lost_flight(campaign, number, reason) for number in task.numbers]
 
 
 def _new_worker() -> _Worker:
-    for name in _ONE_THREAD:
+    for name in _THREAD_VARIABLES:
         os.environ.setdefault(name, "1")
     context = multiprocessing.get_context("spawn")
     line, its_end = context.Pipe()

@@ -11,7 +11,7 @@ from quad_mpc_ros.extras.campaigns.campaign import Campaign, number_text
 from quad_mpc_ros.extras.campaigns.table import CSV_NAME, NUMBER, PARQUET_NAME, Row
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 
-_SHOWN = (
+_LISTED_FIGURES = (
     "settled_error_mean_m",
     "settled_error_max_m",
     "position_rmse_m",
@@ -49,7 +49,7 @@ def results_text(folder: Path, campaign: Campaign, rows: Sequence[Row]) -> str:
 def _percentiles(flown: Sequence[Row]) -> list[str]:
     """Return percentiles of some figures."""
     table = [["of those that flew", "p50", "p95", "p99", "max"]]
-    for name in _SHOWN:
+    for name in _LISTED_FIGURES:
         values = [float(row[name]) for row in flown if row.get(name) is not None]
         if values:
             shown = percentiles(values, 50, 95, 99)

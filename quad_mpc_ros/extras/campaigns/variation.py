@@ -13,8 +13,8 @@ import numpy as np
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.control.lie import Array, so3
 
-_MOST_DRAWS = 1000
-_MOST_LISTED = 1_000_000
+_MAX_DRAWS = 1000
+_MAX_LISTED = 1_000_000
 
 
 class Variation(ABC):
@@ -188,11 +188,11 @@ def drawn_within(
     variation: Variation, random: np.random.Generator, allowed: Callable[[Any], bool]
 ) -> Any:
     """Return a random value that is allowed; raises ``ValueError`` where none comes."""
-    for _ in range(_MOST_DRAWS):
+    for _ in range(_MAX_DRAWS):
         value = variation.drawn(random)
         if allowed(value):
             return value
-    raise ValueError(f"{variation}: none of {_MOST_DRAWS} values drawn is allowed")
+    raise ValueError(f"{variation}: none of {_MAX_DRAWS} values drawn is allowed")
 
 
 def _range(arguments: list[Any]) -> tuple[Any, Any] | None:
@@ -237,7 +237,7 @@ def _choice(arguments: list[Any]) -> Variation | None:
 def _linspace(arguments: list[Any]) -> Variation | None:
     if len(arguments) != 3 or type(arguments[2]) is not int:
         return None
-    if not 1 <= arguments[2] <= _MOST_LISTED:
+    if not 1 <= arguments[2] <= _MAX_LISTED:
         return None
     first, last = arguments[:2]
     if not (_are_numbers(first) and _are_numbers(last)) or np.shape(first) != np.shape(last):
@@ -252,10 +252,10 @@ def _attitude(arguments: list[Any]) -> Variation | None:
     return Attitude(tilt, yaw) if 0.0 <= tilt <= math.pi and 0.0 <= yaw <= math.pi else None
 
 
-_RANGE = "[low, high], two numbers or two lists of as many, low <= high"
+_RANGE_FORM = "[low, high], two numbers or two lists of as many, low <= high"
 _KINDS: dict[str, tuple[Callable[[list[Any]], Variation | None], str]] = {
-    "uniform": (_uniform, _RANGE),
-    "log_uniform": (_log_uniform, f"{_RANGE}, all > 0"),
+    "uniform": (_uniform, _RANGE_FORM),
+    "log_uniform": (_log_uniform, f"{_RANGE_FORM}, all > 0"),
     "normal": (_normal, "[mean, deviation], two numbers or two lists of as many, deviation >= 0"),
     "integers": (_integers, "[low, high], two whole numbers, low <= high"),
     "choice": (_choice, "a list of at least one value"),

@@ -21,7 +21,7 @@ from quad_mpc_ros.simulation.optional_plants import RotorpyParameters
 from quad_mpc_ros.simulation.plant import DelayedPlant
 
 # The rate loop of rotorpy runs once a step; below 500 Hz it is not that of a real vehicle.
-_LONGEST_STEP = 0.002
+_MAX_STEP = 0.002
 _INTEGRATOR = {"method": "RK45", "rtol": 1e-6, "atol": 1e-9}
 
 
@@ -36,7 +36,7 @@ class RotorpyPlant(DelayedPlant):
     def __init__(self, config: RotorpyParameters) -> None:
         super().__init__(config)
         self._config = config
-        self._longest_step_ns = round(1e9 * min(config.integration_step, _LONGEST_STEP))
+        self._longest_step_ns = round(1e9 * min(config.integration_step, _MAX_STEP))
         self._multirotor = _multirotor(config, mass=self._vehicle.mass)
         self._u = Input(
             throttle=config.initial_throttle, w_WB_B=np.array(config.initial_body_rates)

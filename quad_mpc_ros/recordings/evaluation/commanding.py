@@ -20,7 +20,7 @@ FALLBACKS = [
 ]
 WITHOUT_MPC = (*FALLBACKS, Source.SILENT.name.lower())
 
-_SETTLED_SHARE = 0.5  # of the MPC's ticks: the estimates are those of the rest
+_SETTLED_RATIO = 0.5  # of the MPC's ticks: the estimates are those of the rest
 
 
 def commanding(flight: Flight) -> dict[str, Any]:
@@ -65,7 +65,7 @@ def estimated(flight: Flight) -> dict[str, Any]:
     them, and what was given. Empty where nothing is estimated, or nothing was recorded.
     """
     flying = np.flatnonzero(flight.stats["source"] == Source.MPC.name.lower())
-    settled = flying[int(_SETTLED_SHARE * len(flying)) :]
+    settled = flying[int(_SETTLED_RATIO * len(flying)) :]
     estimates = flight.mpc.on_manifold and flight.mpc.estimate_disturbance
     found = {}
     for name, given in _given(flight.mpc).items() if estimates and len(settled) else ():

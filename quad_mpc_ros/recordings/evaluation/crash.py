@@ -13,21 +13,21 @@ from numpy.typing import NDArray
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.recordings.flight import Flight
 
-_AIRBORNE = 0.1  # m; this high it flies
-_HARD = 1.0  # m/s downwards: touching the ground faster is no landing
+_AIRBORNE_HEIGHT = 0.1  # m; this high it flies
+_MAX_LANDING_SPEED = 1.0  # m/s downwards: touching the ground faster is no landing
 _DESCENT_TIME = 0.1  # s over which a descent is measured: noise of a single position is not one
-_FARTHEST = 5.0  # m from the box of the reference and the start
-_TURNED_OVER = math.pi / 2
-_SWING, _JUST = 0.25, 1.0  # s: towards a reference that has just jumped it swings for less
+_MAX_DISTANCE = 5.0  # m from the box of the reference and the start
+_TURNED_OVER_TILT = math.pi / 2
+_MAX_SWING, _JUMP_MEMORY = 0.25, 1.0  # s: a swing after a jump of the reference is shorter
 _JUMP_SPEED = 25.0  # m/s: a reference that moves faster jumps
-_JUMP_BESIDE = 8.0  # m/s: and one that does so from one odometry to the next, and no longer
-_MORE_THAN_ASKED = math.radians(60.0)  # of tilt; a flip lags behind its reference
+_BRIEF_JUMP_SPEED = 8.0  # m/s: and one that does so from one odometry to the next, and no longer
+_EXCESS_TILT = math.radians(60.0)  # of tilt; a flip lags behind its reference
 
-_WORDS = {
+_CAUSE_TEXTS = {
     "obstacle": "it flew into an obstacle",
     "ground": "it touched the ground, where the reference did not ask for it or too fast",
     "upside_down": "it turned over, beyond 90° and by 60° more than the reference",
-    "away": f"it was more than {_FARTHEST:g} m away from the reference and the start",
+    "away": f"it was more than {_MAX_DISTANCE:g} m away from the reference and the start",
 }
 
 
@@ -85,13 +85,13 @@ class TrackedMotion:
 
     def was_airborne(self) -> NDArray[np.bool_]:
         """Return at which odometries it had already been in the air."""
-        return np.asarray(np.logical_or.accumulate(self.p_WB[:, 2] > _AIRBORNE))
+        return np.asarray(np.logical_or.accumulate(self.p_WB[:, 2] > _AIRBORNE_HEIGHT))
 
     def _hits_ground(self) -> NDArray[np.bool_]:
         """Return where it is on the ground after it flew, unasked or too fast."""
         down = (self.p_WB[:, 2] <= 0.0) & self.was_airborne()
-        asked = self.p_WB_reference[:, 2] <= _AIRBORNE
-        return np.asarray(down & ((self._descent() > _HARD) | ~asked))
+        asked = self.p_WB_reference[:, 2] <= _AIRBORNE_HEIGHT
+        return np.asarray(down & ((self._descent() > _MAX_LANDING_SPEED) | ~asked))
 
     def _descent(self) -> Array:
         """Return how fast it has come down lately [m/s]."""
@@ -106,11 +106,11 @@ class TrackedMotion:
 
         Towards a reference that has just jumped it may swing beyond the vertical and back.
         """
-        upright = np.logical_or.accumulate(self.tilt <= _TURNED_OVER)
-        beyond = self.tilt > self.tilt_reference + _MORE_THAN_ASKED
-        turned = upright & (self.tilt > _TURNED_OVER) & beyond
+        upright = np.logical_or.accumulate(self.tilt <= _TURNED_OVER_TILT)
+        beyond = self.tilt > self.tilt_reference + _EXCESS_TILT
+        turned = upright & (self.tilt > _TURNED_OVER_TILT) & beyond
         to_the_end = np.logical_and.accumulate(turned[::-1])[::-1]
-        swings = self._just_jumped() & (self._time_ahead(turned) < _SWING - 1e-6) & ~to_the_end
+        swings = self._just_jumped() & (self._time_ahead(turned) < _MAX_SWING - 1e-6) & ~to_the_end
         return np.asarray(turned & ~swings)
 
     def _just_jumped(self) -> NDArray[np.bool_]:
@@ -119,22 +119,22 @@ class TrackedMotion:
         speeds = steps / np.maximum(np.diff(self.time), 1e-9)
         beside = np.concatenate(([0.0], speeds, [0.0]))
         # Where odometry is missing a jump takes longer: it is known by what is beside it.
-        sudden = speeds - np.maximum(beside[:-2], beside[2:]) > _JUMP_BESIDE
+        sudden = speeds - np.maximum(beside[:-2], beside[2:]) > _BRIEF_JUMP_SPEED
         jumps = np.append(True, (speeds > _JUMP_SPEED) | sudden)
         last = np.maximum.accumulate(np.where(jumps, self.time, -np.inf))
-        return np.asarray(self.time - last <= _JUST)
+        return np.asarray(self.time - last <= _JUMP_MEMORY)
 
     def _time_ahead(self, when: NDArray[np.bool_]) -> Array:
         """Return how much (n,) [s] of what lies shortly ahead something lasts."""
         until = np.append(self.time[1:], self.time[-1])
         spent = np.concatenate(([0.0], np.cumsum(np.where(when, until - self.time, 0.0))))
-        ahead = np.searchsorted(self.time, self.time + _JUST)
+        ahead = np.searchsorted(self.time, self.time + _JUMP_MEMORY)
         return np.asarray(spent[ahead] - spent[:-1])
 
     def _away(self) -> NDArray[np.bool_]:
         box = np.vstack((self.p_WB_reference, self.p_WB[:1]))
         outside = self.p_WB - np.clip(self.p_WB, box.min(axis=0), box.max(axis=0))
-        return np.asarray(np.linalg.norm(outside, axis=1) > _FARTHEST)
+        return np.asarray(np.linalg.norm(outside, axis=1) > _MAX_DISTANCE)
 
 
 def crash_of(flight: Flight) -> Crash | None:
@@ -174,7 +174,7 @@ def crash_figures(crash: Crash | None) -> dict[str, Any]:
 
 def crash_text(kind: str, time: float) -> str:
     """Return a crash in words; ``time`` [s]."""
-    return f"it crashed at {time:.2f} s: {_WORDS[kind]}"
+    return f"it crashed at {time:.2f} s: {_CAUSE_TEXTS[kind]}"
 
 
 def tilts(q_WB_xyzw: Array) -> Array:

@@ -25,8 +25,8 @@ from quad_mpc_ros.recordings.evaluation.waypoints import waypoints
 from quad_mpc_ros.recordings.flight import Flight
 
 NOT_FAILED = ["solved", "not run"]
-_SATURATED = 1e-3  # rad/s: this close to its bound a rate is at it, to the solver's accuracy
-_FORGIVEN = 0.4  # of a control period: as much as the controller itself forgives
+_SATURATION_TOLERANCE = 1e-3  # rad/s: rates closer to a bound are saturated
+_DEADLINE_TOLERANCE = 0.4  # of a control period: as much as the controller itself forgives
 
 Summary = dict[str, Any]
 
@@ -193,7 +193,7 @@ def _unanswered(flight: Flight) -> int:
         return 0
     rate = flight.mpc.control_rate
     periods = flight.time * rate
-    slack = min(_FORGIVEN, 0.5 * flight.odometry_period * rate)
+    slack = min(_DEADLINE_TOLERANCE, 0.5 * flight.odometry_period * rate)
     room = np.floor(np.diff(periods[answered]) + slack) - 1
     room_at_end = np.floor(periods[-1] - periods[answered[-1]] + slack)
     between = np.diff(answered) - 1
@@ -205,7 +205,7 @@ def _saturation(flight: Flight) -> float | None:
     """Return the fraction of the commands that have any rate at its bound."""
     if len(flight.commands.w_WB_B) == 0:
         return None
-    bound = np.array(flight.mpc.omega_max) - _SATURATED
+    bound = np.array(flight.mpc.omega_max) - _SATURATION_TOLERANCE
     return float(np.mean(np.any(np.abs(flight.commands.w_WB_B) >= bound, axis=1)))
 
 

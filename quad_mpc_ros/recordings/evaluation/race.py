@@ -10,7 +10,7 @@ from quad_mpc_ros.recordings.parameters import recorded_parameters
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.course import Course
 
-_GATES = f"{ReferenceConfig.owner}.gates"
+_GATES_PARAMETER = f"{ReferenceConfig.owner}.gates"
 
 
 def race_figures(flight: Flight) -> dict[str, Any]:
@@ -21,7 +21,7 @@ def race_figures(flight: Flight) -> dict[str, Any]:
     """
     if not _has_course(flight):
         return {"gates": None, "lap_time_s": None}
-    figures: dict[str, Any] = optional_part("race_figures", needed_by=_GATES)(flight)
+    figures: dict[str, Any] = optional_part("race_figures", needed_by=_GATES_PARAMETER)(flight)
     return figures
 
 
@@ -33,7 +33,7 @@ def drawn_course(flight: Flight) -> Course | None:
     """
     if not _has_course(flight):
         return None
-    course: Course | None = optional_part("drawn_course", needed_by=_GATES)(flight)
+    course: Course | None = optional_part("drawn_course", needed_by=_GATES_PARAMETER)(flight)
     return course
 
 

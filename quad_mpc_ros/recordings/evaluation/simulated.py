@@ -27,7 +27,7 @@ from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.simulation.scene import Scene
 from quad_mpc_ros.simulation.surroundings import configured_scene
 
-_LONGEST = 1e6  # s, of a flight
+_MAX_DURATION = 1e6  # s, of a flight
 _METHODS = {
     "plant": ("apply", "advance_to", "odometry"),
     "trajectory": ("at",),
@@ -129,7 +129,7 @@ def simulate(
     instance(simulator, "simulator", SimulatorConfig)
     instance(reference, "reference", ReferenceConfig)
     instance(on_reference, "on_reference", bool)
-    duration = number(duration, "duration", above=0.0, below=_LONGEST)
+    duration = number(duration, "duration", above=0.0, below=_MAX_DURATION)
     _check_parts(plant=plant, trajectory=trajectory, controller=controller)
     mpc = dataclasses.replace(mpc, lockstep=True)
     if simulator.duration == 0.0:

@@ -12,7 +12,7 @@ _WIDTH = 80
 _LABEL = 20
 _COLUMNS = ("p50", "p90", "p99", "max")
 _ABSENT = "-"
-_SHOWN = 8  # errors at waypoints: a line of them
+_MAX_WAYPOINTS = 8  # errors at waypoints: a line of them
 
 
 def summary_table(summary: Mapping[str, Any]) -> str:
@@ -85,10 +85,10 @@ def _timing_rows(s: Mapping[str, Any]) -> list[str]:
 def _waypoint_errors(errors: Sequence[float]) -> str:
     if not errors:
         return _ABSENT
-    shown = " ".join(f"{error:.3f}" for error in errors[-_SHOWN:])
-    if len(errors) <= _SHOWN:
+    shown = " ".join(f"{error:.3f}" for error in errors[-_MAX_WAYPOINTS:])
+    if len(errors) <= _MAX_WAYPOINTS:
         return f"{shown} m"
-    return f"{shown} m, the last {_SHOWN} of {len(errors)}; worst {max(errors):.3f} m"
+    return f"{shown} m, the last {_MAX_WAYPOINTS} of {len(errors)}; worst {max(errors):.3f} m"
 
 
 def _unless_absent(value: float | None, style: str, *, absent: str = _ABSENT) -> str:

@@ -10,8 +10,8 @@ import numpy as np
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoints
 from quad_mpc_ros.recordings.flight import Flight
 
-_REACHED = 0.25  # m from a waypoint or goal
-_LONG = 2.0  # s: a position that the reference holds so long can be reached
+_REACHED_DISTANCE = 0.25  # m from a waypoint or goal
+_MIN_HOLD_TIME = 2.0  # s: a position that the reference holds so long can be reached
 _AXES = ("roll", "pitch", "yaw")
 
 
@@ -36,10 +36,10 @@ def _missed_gates(gates: Sequence[Mapping[str, Any]], lap_time: float | None) ->
 
 def _missed_waypoints(flight: Flight) -> Iterator[str]:
     for waypoint in waypoints(flight):
-        if not (waypoint.complete or waypoint.duration >= _LONG):
+        if not (waypoint.complete or waypoint.duration >= _MIN_HOLD_TIME):
             continue
         error = float(np.linalg.norm(waypoint.p_WB - flight.p_WB[waypoint.last]))
-        if not error <= _REACHED:
+        if not error <= _REACHED_DISTANCE:
             x, y, z = waypoint.p_WB
             why = _avoidance(flight, waypoint.last)
             yield f"Missed the waypoint ({x:.2f}, {y:.2f}, {z:.2f}) m by {error:.2f} m{why}."

@@ -13,13 +13,13 @@ from quad_mpc_ros.recordings.evaluation.crash import crash_text
 
 Summary = Mapping[str, Any]
 
-_SATURATED = 0.05  # of the commands
-_THRUST_OFF, _LAG_OFF = 0.1, 0.25  # of what was given
-_FAR_OFF = 0.5  # m RMSE from a reference that does not jump
-_SHORTEST_LAG = 5.0  # ms; a difference below is not worth a flight
-_TIGHT_DEADLINE = 0.5  # of a control period, at p99
+_MAX_SATURATED_RATIO = 0.05  # of the commands
+_MAX_THRUST_ERROR, _MAX_LAG_ERROR = 0.1, 0.25  # of what was given
+_MAX_RMSE = 0.5  # m RMSE from a reference that does not jump
+_MIN_LAG_CHANGE = 5.0  # ms; a difference below is not worth a flight
+_TIGHT_STEP_RATIO = 0.5  # of a control period, at p99
 
-_BY_REASON = (
+_ADVICE = (
     ("disagree", "Correct frames, signs and units of the odometry (docs/explanation/safety.md)."),
     (
         "do not lift",
@@ -28,15 +28,15 @@ _BY_REASON = (
     ("it oscillates", "Raise lags or delay by half, or fly default (docs/howto/tune.md)."),
     ("solver", "Increase advanced.solver.max_iterations (docs/howto/tune.md)."),
 )
-_TOO_FAST = (
+_TOO_FAST_ADVICE = (
     "Slow the reference down: reference.time_scaling: auto, or other parameters of it "
     "(docs/howto/references.md)."
 )
-_MISSED = (
+_MISSED_ADVICE = (
     "Fly longer (--duration), or keep obstacles, fence and limits away from what is asked "
     "(docs/howto/references.md)."
 )
-_LOOK = "Look up the reason and fix it (docs/reference/diagnostics.md)."
+_LOOK_UP = "Look up the reason and fix it (docs/reference/diagnostics.md)."
 
 _LAGS = {
     "rate_time_constant_ms": "roll and pitch rates lag by",
@@ -184,7 +184,7 @@ def _wrong(s: Summary) -> list[str]:
         found.append(f"Odometries and references refused as unusable: {s['rejected_inputs']}.")
     if s["estimate_resets"]:
         found.append(f"The estimate did not fit and was reset: {s['estimate_resets']}.")
-    if (s["position_rmse_m"] or 0.0) > _FAR_OFF and not s["waypoint_error_m"]:
+    if (s["position_rmse_m"] or 0.0) > _MAX_RMSE and not s["waypoint_error_m"]:
         found.append(f"It was {s['position_rmse_m']:.2f} m RMSE away from its reference.")
     if _saturates(s):
         found.append(
@@ -248,7 +248,7 @@ def _estimated(s: Summary) -> list[str]:
 def _advice(s: Summary) -> list[str]:
     found: list[str] = []
     if s["beyond_limits"] and (s["crashed"] or s["missed"]):
-        found.append(f"{' '.join(s['beyond_limits'])} {_TOO_FAST}")
+        found.append(f"{' '.join(s['beyond_limits'])} {_TOO_FAST_ADVICE}")
     if s["crashed"]:
         return [
             *found,
@@ -256,10 +256,10 @@ def _advice(s: Summary) -> list[str]:
             "(docs/tutorials/first_flight.md).",
         ]
     if s["missed"]:
-        found.append(_MISSED)
+        found.append(_MISSED_ADVICE)
     reason = (s["commanding"]["first_without_mpc"] or {}).get("reason", "")
     if _without_mpc(s):
-        found.append(next((text for begin, text in _BY_REASON if reason.startswith(begin)), _LOOK))
+        found.append(next((text for start, text in _ADVICE if reason.startswith(start)), _LOOK_UP))
     if _late(s) or _tight(s):
         found.append(
             "Give the MPC more time: fewer mpc.horizon_steps, or advanced.realtime.* "
@@ -287,17 +287,17 @@ def _model_is_off(s: Summary) -> bool:
     seen = s["estimated"]
     if not seen:
         return False
-    thrust = abs(seen["thrust_scale"]["value"] - 1.0) > _THRUST_OFF
+    thrust = abs(seen["thrust_scale"]["value"] - 1.0) > _MAX_THRUST_ERROR
     return thrust or any(
         abs(seen[name]["value"] - seen[name]["given"])
-        > max(_LAG_OFF * seen[name]["given"], _SHORTEST_LAG)
+        > max(_MAX_LAG_ERROR * seen[name]["given"], _MIN_LAG_CHANGE)
         for name in _LAGS
         if seen[name]["value"]
     )
 
 
 def _saturates(s: Summary) -> bool:
-    return (s["rate_saturation_fraction"] or 0.0) > _SATURATED
+    return (s["rate_saturation_fraction"] or 0.0) > _MAX_SATURATED_RATIO
 
 
 def _late(s: Summary) -> bool:
@@ -307,7 +307,7 @@ def _late(s: Summary) -> bool:
 
 def _tight(s: Summary) -> bool:
     step, period = s["step_time_us"]["p99"] or 0.0, s["margins"]["control_period_ms"]
-    return bool(1e-3 * step > _TIGHT_DEADLINE * period and not s["margins"]["lockstep"])
+    return bool(1e-3 * step > _TIGHT_STEP_RATIO * period and not s["margins"]["lockstep"])
 
 
 def _spread(estimate: Mapping[str, float], unit: str = "") -> str:

@@ -11,9 +11,9 @@ from quad_mpc_ros.recordings.flight import Flight
 
 # A smooth reference that is published without preview also moves in steps, but of one odometry
 # or a few; and one that starts from rest leaves by millimetres.
-_SHORTEST_HOLD = 0.2  # s
-_SMALLEST_JUMP = 0.01  # m
-_SAME_POSITION = 1e-6  # m
+_MIN_HOLD_TIME = 0.2  # s
+_MIN_JUMP = 0.01  # m
+_POSITION_TOLERANCE = 1e-6  # m
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,7 +38,7 @@ def waypoints(flight: Flight) -> list[Waypoint]:
     p_WB = flight.reference.p_WB
     steps = np.linalg.norm(np.diff(p_WB, axis=0), axis=1)
     holds = _holds(flight, steps)
-    left = [last for last, _ in holds if last < len(steps) and steps[last] > _SMALLEST_JUMP]
+    left = [last for last, _ in holds if last < len(steps) and steps[last] > _MIN_JUMP]
     dwell = max((duration for last, duration in holds if last in left), default=np.inf)
     # A jump is seen up to a period late: a hold may look longer by one and the last one shorter.
     enough = dwell - 2.5 * flight.odometry_period
@@ -61,9 +61,9 @@ def waypoint_positions(flight: Flight) -> Array:
 
 def _holds(flight: Flight, steps: Array) -> list[tuple[int, float]]:
     """Return the last odometry and the duration [s] of each hold, from the steps between."""
-    lasts = [*np.flatnonzero(steps > _SAME_POSITION).tolist(), len(steps)]
+    lasts = [*np.flatnonzero(steps > _POSITION_TOLERANCE).tolist(), len(steps)]
     # The last odometry of a hold stands for the time up to the next one.
     ends = np.append(flight.time[1:], flight.time[-1] + flight.odometry_period)[lasts]
     durations = np.diff(ends, prepend=0.0).tolist()
     pairs = zip(lasts, durations, strict=True)
-    return [(last, duration) for last, duration in pairs if duration > _SHORTEST_HOLD]
+    return [(last, duration) for last, duration in pairs if duration > _MIN_HOLD_TIME]

@@ -16,7 +16,7 @@ from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline
 T = TypeVar("T")
 
 _NS = 1e-9
-_PATIENCE_S = 0.1
+_POLL_PERIOD_S = 0.1
 
 
 class PlaybackThread:
@@ -127,7 +127,7 @@ class ReadAhead(Generic[T]):
     def _put(self, item: T | Exception) -> bool:
         while not self._closed.is_set():
             try:
-                self._ready.put(item, timeout=_PATIENCE_S)
+                self._ready.put(item, timeout=_POLL_PERIOD_S)
                 return True
             except queue.Full:
                 continue

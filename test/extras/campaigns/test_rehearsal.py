@@ -85,7 +85,7 @@ def test_a_scale_and_a_lag_per_axis_are_changed() -> None:
 
 def test_agile_is_lost_by_a_delay_that_it_does_not_know(monkeypatch: pytest.MonkeyPatch) -> None:
     """With the weights of the paper 60 ms more delay is beyond the margin."""
-    monkeypatch.setattr(rehearsal, "_HALVINGS", 0)
+    monkeypatch.setattr(rehearsal, "_BISECTION_STEPS", 0)
     monkeypatch.setattr(
         rehearsal, "directions_of", lambda _: [dataclasses.replace(DELAY, most=0.06)]
     )

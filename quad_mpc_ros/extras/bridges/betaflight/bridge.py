@@ -32,14 +32,14 @@ from quad_mpc_ros.ros.bridges.handover import HandoverState, Stack, is_old
 from quad_mpc_ros.ros.bridges.line import Line
 
 _SECOND = 1_000_000_000
-_REPEAT_NS = 50_000_000  # sticks at least so often; Betaflight counts 150 ms as a loss
-_TELEMETRY_NS = _SECOND // 2
-_ARMING_NS = 2 * _SECOND
-_LOW, _MIDDLE, _HIGH = 1000.0, 1500.0, 2000.0
+_RC_PERIOD_NS = 50_000_000  # sticks at least so often; Betaflight counts 150 ms as a loss
+_TELEMETRY_PERIOD_NS = _SECOND // 2
+_ARM_LIMIT_NS = 2 * _SECOND
+_STICK_LOW, _STICK_MIDDLE, _STICK_HIGH = 1000.0, 1500.0, 2000.0
 _ROLL, _PITCH, _THROTTLE, _YAW = range(4)
 
 # Blocks that pass by themselves while nothing arms: the switch after a refusal.
-_PASSING = frozenset(("ARM_SWITCH",))
+_TRANSIENT_BLOCKS = frozenset(("ARM_SWITCH",))
 
 _Rates = tuple[float, float, float]
 
@@ -80,13 +80,13 @@ class BetaflightBridge(Bridge):
         self._advance(now_ns)
         self._follow_arming(now_ns)
         requests = self._protocol.requests(now_ns=now_ns)
-        if self._sent_ns is not None and abs(now_ns - self._sent_ns) < _REPEAT_NS:
+        if self._sent_ns is not None and abs(now_ns - self._sent_ns) < _RC_PERIOD_NS:
             return requests
         return requests + self._frame(now_ns)
 
     def _stack(self, now_ns: int) -> Stack:
         telemetry = self._telemetry
-        if is_old(telemetry.state_ns, now_ns, _TELEMETRY_NS):
+        if is_old(telemetry.state_ns, now_ns, _TELEMETRY_PERIOD_NS):
             return Stack(fault=f"no telemetry within 0.5 s on {self._config.device}")
         if not telemetry.curves:
             return Stack(fault="the flight controller has not reported its rates yet")
@@ -113,7 +113,7 @@ class BetaflightBridge(Bridge):
             self._arming_ns = None
             self._flies = False
             return Response(accepted=True, text="disarming")
-        blocks = [block for block in self._telemetry.blocks if block not in _PASSING]
+        blocks = [block for block in self._telemetry.blocks if block not in _TRANSIENT_BLOCKS]
         if blocks:
             return Response(accepted=False, text=f"Betaflight does not arm: {', '.join(blocks)}")
         return Response(accepted=True, text="arming")
@@ -131,12 +131,12 @@ class BetaflightBridge(Bridge):
 
     def _follow_arming(self, now_ns: int) -> None:
         """Give up arming after a while, and do not arm again after a disarming."""
-        if is_old(self._telemetry.state_ns, now_ns, _TELEMETRY_NS):
+        if is_old(self._telemetry.state_ns, now_ns, _TELEMETRY_PERIOD_NS):
             return
         armed = ARM in self._telemetry.modes
         if self._flies and (not armed or not self._stack(now_ns).takes_setpoints):
             self._flies, self._arming_ns, self._lost_ns = False, None, None
-        if self._arming_ns is not None and not armed and now_ns - self._arming_ns > _ARMING_NS:
+        if self._arming_ns is not None and not armed and now_ns - self._arming_ns > _ARM_LIMIT_NS:
             why = ", ".join(self._telemetry.blocks) or "no reason given"
             self._refuse_arming(f"Betaflight has not armed: {why}")
             self._arming_ns = None
@@ -146,12 +146,12 @@ class BetaflightBridge(Bridge):
         """Return the frame of the sticks as they must be now."""
         self._sent_ns = now_ns
         throttle, rates = self._wanted(now_ns)
-        pulses = [_LOW] * 8 if self._config.receiver == "pilot" else [_LOW] * 16
+        pulses = [_STICK_LOW] * 8 if self._config.receiver == "pilot" else [_STICK_LOW] * 16
         for channel, pulse in zip((_ROLL, _PITCH, _YAW), self._pulses(rates), strict=True):
             pulses[channel] = pulse
         pulses[_THROTTLE] = self._throttle_pulse(throttle)
         if self._config.receiver == "bridge" and self._arming_ns is not None:
-            pulses[self._config.arm_channel - 1] = _HIGH
+            pulses[self._config.arm_channel - 1] = _STICK_HIGH
         return self._protocol.sticks(pulses)
 
     def _wanted(self, now_ns: int) -> tuple[float | None, _Rates]:
@@ -182,7 +182,7 @@ class BetaflightBridge(Bridge):
         return float(min(max(vehicle.nearest_throttle(thrust), 0.0), 1.0))
 
     def _levelling(self, now_ns: int) -> _Rates:
-        if is_old(self._telemetry.attitude_ns, now_ns, _TELEMETRY_NS):
+        if is_old(self._telemetry.attitude_ns, now_ns, _TELEMETRY_PERIOD_NS):
             return 0.0, 0.0, 0.0
         gain = self._config.lost.level_gain
         return -gain * self._telemetry.roll, -gain * self._telemetry.pitch, 0.0
@@ -194,7 +194,7 @@ class BetaflightBridge(Bridge):
             known = all(each.kind in ("ACTUAL", "BETAFLIGHT", "QUICK") for each in self._curves)
             self._sticks = tuple(map(Stick, self._curves)) if known else ()
         if not self._sticks:
-            return _MIDDLE, _MIDDLE, _MIDDLE
+            return _STICK_MIDDLE, _STICK_MIDDLE, _STICK_MIDDLE
         wx, wy, wz = rates
         asked = wx, wy, -wz
         return [stick.pulse(rate) for stick, rate in zip(self._sticks, asked, strict=True)]
@@ -202,7 +202,7 @@ class BetaflightBridge(Bridge):
     def _throttle_pulse(self, throttle: float | None) -> float:
         """Return the pulse for a throttle of the MPC's model, by the thrust map."""
         if throttle is None:
-            return _LOW
+            return _STICK_LOW
         idle, low = self._config.motor_idle, float(self._config.min_check)
         share = (self.thrust.stack_throttle(throttle) - idle) / (1.0 - idle)
-        return low + (_HIGH - low) * min(max(share, 0.0), 1.0)
+        return low + (_STICK_HIGH - low) * min(max(share, 0.0), 1.0)

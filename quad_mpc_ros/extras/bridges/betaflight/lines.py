@@ -18,10 +18,10 @@ _MILLISECOND = 1_000_000
 # Modes by their permanent numbers.
 ARM, ANGLE, HORIZON, FAILSAFE, MSP_OVERRIDE = 0, 1, 2, 27, 50
 
-_KINDS = ("BETAFLIGHT", "RACEFLIGHT", "KISS", "ACTUAL", "QUICK")
+_RATES_TYPES = ("BETAFLIGHT", "RACEFLIGHT", "KISS", "ACTUAL", "QUICK")
 
 # The flags that prevent arming, from the lowest bit on.
-_REASONS = (
+_ARMING_DISABLE_FLAGS = (
     *("NOGYRO", "FAILSAFE", "RXLOSS", "NOT_DISARMED", "BOXFAILSAFE", "RUNAWAY", "CRASH"),
     *("THROTTLE", "ANGLE", "BOOTGRACE", "NOPREARM", "LOAD", "CALIB", "CLI", "CMS", "BST", "MSP"),
     *("PARALYZE", "GPS", "RESCUE_SW", "DSHOT_TELEM", "REBOOT_REQD", "DSHOT_BBANG", "NO_ACC_CAL"),
@@ -108,7 +108,7 @@ class MspProtocol:
         (blocks,) = struct.unpack_from("<I", payload, 17 + more)
         telemetry = self._telemetry
         telemetry.modes = frozenset(_flagged(self._boxes, flags))
-        telemetry.blocks = tuple(_flagged(_REASONS, blocks))
+        telemetry.blocks = tuple(_flagged(_ARMING_DISABLE_FLAGS, blocks))
         telemetry.state_ns = now_ns
 
     def _on_attitude(self, payload: bytes, now_ns: int) -> None:
@@ -126,7 +126,7 @@ class MspProtocol:
         yaw_expo, yaw_rate, pitch_rate, pitch_expo = payload[10:14]
         limits = struct.unpack_from("<3H", payload, 16)
         kind = payload[22]
-        name = _KINDS[kind] if kind < len(_KINDS) else str(kind)
+        name = _RATES_TYPES[kind] if kind < len(_RATES_TYPES) else str(kind)
         rates, expos = (roll_rate, pitch_rate, yaw_rate), (roll_expo, pitch_expo, yaw_expo)
         self._telemetry.curves = tuple(
             RateCurve(kind=name, rc_rate=rate, super_rate=super_rate, expo=expo, limit=limit)

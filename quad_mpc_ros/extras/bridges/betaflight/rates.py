@@ -15,8 +15,8 @@ from quad_mpc_ros.control.lie import Array
 
 MIDDLE, SPAN = 1500, 500  # us
 
-_INCREMENTAL = 14.54  # deg/s over a hundredth of rc_rate beyond 2, of BETAFLIGHT
-_LEAST_DIVISOR = 0.01
+_RC_RATE_INCREMENT = 14.54  # deg/s over a hundredth of rc_rate beyond 2, of BETAFLIGHT
+_MIN_DIVISOR = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +51,7 @@ class RateCurve:
     def _betaflight(self, stick: Array) -> Array:
         expo, rate = self.expo / 100.0, self.rc_rate / 100.0
         if rate > 2.0:
-            rate += _INCREMENTAL * (rate - 2.0)
+            rate += _RC_RATE_INCREMENT * (rate - 2.0)
         bent = stick * (stick**3 * expo + 1.0 - expo)
         return 200.0 * rate * bent / np.maximum(1.0 - stick * self.super_rate / 100.0, 0.01)
 
@@ -60,7 +60,7 @@ class RateCurve:
         highest = max(10.0 * self.super_rate, rate)
         bent = stick**3 * expo + stick * (1.0 - expo)
         divisor = 1.0 - bent * (1.0 - rate / highest)
-        return stick * rate / np.maximum(divisor, _LEAST_DIVISOR)
+        return stick * rate / np.maximum(divisor, _MIN_DIVISOR)
 
 
 class Stick:

@@ -26,15 +26,15 @@ from quad_mpc_ros.ros.bridges.bridge import (
 from quad_mpc_ros.ros.bridges.handover import Stack, is_old
 
 _SECOND = 1_000_000_000
-_LOCKS_AFTER_NS = 2 * _SECOND
-_TELEMETRY_NS = _SECOND
-_ODOMETRY_NS = _SECOND // 5
+_LOCK_TIMEOUT_NS = 2 * _SECOND
+_TELEMETRY_PERIOD_NS = _SECOND
+_ODOMETRY_TIMEOUT_NS = _SECOND // 5
 # The radio may lose one.
 _UNLOCKING_SETPOINTS = 3
-_LAST_SETPOINT = 0.1  # s until the firmware's own commander takes over
-_LEAST_SHARE = 0.25  # nose 60 degrees up or down: the heading turns with anything
-_NOTHING = crtp.rate_setpoint(roll=0.0, pitch=0.0, heading=0.0, throttle=0.0)
-_STAYING, _LEAST_LANDING = 1.0, 1.0  # s
+_SETPOINT_TIMEOUT = 0.1  # s until the firmware's own commander takes over
+_MIN_HEADING_RATIO = 0.25  # nose 60 degrees up or down: the heading turns with anything
+_ZERO_SETPOINT = crtp.rate_setpoint(roll=0.0, pitch=0.0, heading=0.0, throttle=0.0)
+_HOLD_DURATION, _MIN_LANDING_DURATION = 1.0, 1.0  # s
 
 
 class CrazyflieBridge(Bridge):
@@ -80,13 +80,13 @@ class CrazyflieBridge(Bridge):
     def landed(self, *, now_ns: int) -> bool | None:
         """Return whether the supervisor reports that it does not fly."""
         telemetry = self._session.telemetry
-        if is_old(telemetry.heard_ns, now_ns, _TELEMETRY_NS):
+        if is_old(telemetry.heard_ns, now_ns, _TELEMETRY_PERIOD_NS):
             return None
         return not telemetry.info & crtp.IS_FLYING
 
     def _stack(self, now_ns: int) -> Stack:
         telemetry = self._session.telemetry
-        if is_old(telemetry.heard_ns, now_ns, _TELEMETRY_NS):
+        if is_old(telemetry.heard_ns, now_ns, _TELEMETRY_PERIOD_NS):
             return Stack(fault=f"no telemetry within 1 s from {self._config.uri}")
         if not telemetry.takes_rates:
             return Stack(fault="the Crazyflie has not confirmed its modes of rates yet")
@@ -108,12 +108,12 @@ class CrazyflieBridge(Bridge):
                 accepted=True, text="asked for arming", messages=[_sent(crtp.arm(True))]
             )
         self._is_left = True
-        messages = [_sent(crtp.arm(False)), _sent(_NOTHING)]
+        messages = [_sent(crtp.arm(False)), _sent(_ZERO_SETPOINT)]
         return Response(accepted=True, text="asked for disarming", messages=messages)
 
     def _reports_armed(self, wanted: bool, now_ns: int) -> bool | None:
         telemetry = self._session.telemetry
-        if is_old(telemetry.heard_ns, now_ns, _TELEMETRY_NS):
+        if is_old(telemetry.heard_ns, now_ns, _TELEMETRY_PERIOD_NS):
             return None
         return crtp.is_armed(telemetry.info, wanted=wanted)
 
@@ -122,11 +122,11 @@ class CrazyflieBridge(Bridge):
         if self._is_left:
             return Response(accepted=True, text="released")
         self._is_left = True
-        stop = crtp.stop_setpoints(remain_valid=_LAST_SETPOINT)
+        stop = crtp.stop_setpoints(remain_valid=_SETPOINT_TIMEOUT)
         packets = (
-            [_NOTHING, stop]
+            [_ZERO_SETPOINT, stop]
             if self.landed(now_ns=now_ns)
-            else [stop, crtp.stay(duration=_STAYING)]
+            else [stop, crtp.stay(duration=_HOLD_DURATION)]
         )
         text = "asked to hold position by itself"
         return Response(accepted=True, text=text, messages=[_sent(each) for each in packets])
@@ -137,12 +137,12 @@ class CrazyflieBridge(Bridge):
             self._ground_height = float(odometry.p_WB[2])
 
     def _messages(self, command: CommandSample, now_ns: int) -> Sequence[Outgoing]:
-        if is_old(self._sent_ns, now_ns, _LOCKS_AFTER_NS):
+        if is_old(self._sent_ns, now_ns, _LOCK_TIMEOUT_NS):
             self._unlocking = _UNLOCKING_SETPOINTS
         self._sent_ns, self._is_left = now_ns, False
         if self._unlocking > 0 or not self._stack(now_ns).armed:
             self._unlocking = max(self._unlocking - 1, 0)
-            return [_sent(_NOTHING)]
+            return [_sent(_ZERO_SETPOINT)]
         setpoint = crtp.rate_setpoint(
             roll=float(command.w_WB_B[0]),
             pitch=float(command.w_WB_B[1]),
@@ -160,7 +160,7 @@ class CrazyflieBridge(Bridge):
         if self._newest is None:
             return float(command.w_WB_B[2])
         up_B = so3.rotation_from_quaternion_xyzw(self._newest.q_WB_xyzw)[2]
-        share = max(1.0 - float(up_B[0]) ** 2, _LEAST_SHARE)
+        share = max(1.0 - float(up_B[0]) ** 2, _MIN_HEADING_RATIO)
         return float(up_B[1:] @ command.w_WB_B[1:]) / share
 
     def _external(self, now_ns: int) -> list[crtp.Packet]:
@@ -186,16 +186,16 @@ class CrazyflieBridge(Bridge):
         if self.landed(now_ns=now_ns) is not False or odometry is None:
             return []
         above = float(odometry.p_WB[2]) - self._ground_height
-        duration = max(above / self._config.lost.descent, _LEAST_LANDING)
+        duration = max(above / self._config.lost.descent, _MIN_LANDING_DURATION)
         self._warnings.append("commands lost: the firmware is asked to land by itself")
         return [
-            crtp.stop_setpoints(remain_valid=_LAST_SETPOINT),
+            crtp.stop_setpoints(remain_valid=_SETPOINT_TIMEOUT),
             crtp.land(height=self._ground_height, duration=duration),
         ]
 
     def _recent(self, now_ns: int) -> OdometrySample | None:
         """Return the newest odometry, None where it is old."""
-        return None if is_old(self._newest_ns, now_ns, _ODOMETRY_NS) else self._newest
+        return None if is_old(self._newest_ns, now_ns, _ODOMETRY_TIMEOUT_NS) else self._newest
 
 
 def _sent(packet: crtp.Packet) -> OutgoingBytes:

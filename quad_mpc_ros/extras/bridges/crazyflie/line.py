@@ -13,7 +13,7 @@ from typing import Any
 from quad_mpc_ros.extras.bridges import crtp
 from quad_mpc_ros.ros.bridges.line import ReconnectingLine
 
-_MOST_WAITING = 64  # packets
+_MAX_QUEUED = 64  # packets
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +94,7 @@ class _Sender(threading.Thread):
         super().__init__(daemon=True)
         self._driver = driver
         self._packet = importlib.import_module("cflib.crtp.crtpstack").CRTPPacket
-        self._waiting: queue.Queue[crtp.Packet | None] = queue.Queue(_MOST_WAITING)
+        self._waiting: queue.Queue[crtp.Packet | None] = queue.Queue(_MAX_QUEUED)
 
     def put(self, packet: crtp.Packet | None) -> None:
         """Send a packet after those that wait, or None to end; the oldest makes room."""

@@ -15,12 +15,12 @@ from quad_mpc_ros.extras.bridges import crtp
 
 _RATE_MODES = tuple(f"flightmode.stabMode{axis}" for axis in ("Roll", "Pitch", "Yaw"))
 _STATE, _VOLTAGE = "supervisor.info", "pm.vbat"
-_WANTED = (_STATE, _VOLTAGE)
-_BLOCK = 1
+_LOG_VARIABLES = (_STATE, _VOLTAGE)
+_LOG_BLOCK = 1
 _LOG_PERIOD = 0.1  # s
-_AGAIN_NS = 200_000_000
-_AT_ONCE = 4  # questions underway: more than the firmware's queues hold would be lost
-_SILENT_NS = 1_000_000_000  # then it has been restarted, or is out of reach
+_RETRY_NS = 200_000_000
+_MAX_PENDING = 4  # questions underway: more than the firmware's queues hold would be lost
+_SESSION_TIMEOUT_NS = 1_000_000_000  # then it has been restarted, or is out of reach
 
 
 @dataclass(kw_only=True)
@@ -49,14 +49,14 @@ class _Preparation:
     @property
     def is_searched(self) -> bool:
         """Whether nothing more is to be found."""
-        found = all(name in self.variables for name in _WANTED)
+        found = all(name in self.variables for name in _LOG_VARIABLES)
         return found or (self.count is not None and len(self.seen) >= self.count)
 
     def questions(self, now_ns: int) -> Iterator[crtp.Packet]:
         """Ask for the names that are unknown, a few at a time."""
-        late = [n for n, asked_ns in self.asked_ns.items() if abs(now_ns - asked_ns) > _AGAIN_NS]
+        late = [n for n, asked_ns in self.asked_ns.items() if abs(now_ns - asked_ns) > _RETRY_NS]
         new = (n for n in range(self.count or 0) if n not in self.seen and n not in self.asked_ns)
-        room = max(_AT_ONCE - len(self.asked_ns), 0)
+        room = max(_MAX_PENDING - len(self.asked_ns), 0)
         for number in (*late, *itertools.islice(new, room)):
             self.asked_ns[number] = now_ns
             yield crtp.log_variable_request(number)
@@ -83,9 +83,9 @@ class Session:
         if variable is not None and variable.number < (progress.count or 0):
             progress.asked_ns.pop(variable.number, None)
             progress.seen.add(variable.number)
-            if variable.name in _WANTED:
+            if variable.name in _LOG_VARIABLES:
                 progress.variables[variable.name] = variable
-        values = crtp.logged(packet, _BLOCK, progress.block)
+        values = crtp.logged(packet, _LOG_BLOCK, progress.block)
         if values:
             telemetry = self.telemetry
             telemetry.heard_ns = now_ns
@@ -115,13 +115,13 @@ class Session:
 
     def _begin_after_silence(self, now_ns: int) -> None:
         heard_ns = self.telemetry.heard_ns
-        if heard_ns is not None and abs(now_ns - heard_ns) > _SILENT_NS:
+        if heard_ns is not None and abs(now_ns - heard_ns) > _SESSION_TIMEOUT_NS:
             self.telemetry.heard_ns = None
             self._begin()
 
     def _is_heard(self, now_ns: int) -> bool:
         heard_ns = self.telemetry.heard_ns
-        return heard_ns is not None and abs(now_ns - heard_ns) < _SILENT_NS // 2
+        return heard_ns is not None and abs(now_ns - heard_ns) < _SESSION_TIMEOUT_NS // 2
 
     def _on_parameter(self, name: str, error: int) -> None:
         if error:
@@ -135,12 +135,12 @@ class Session:
             self.telemetry.faults.append(f"the firmware has no log variable {_STATE}: update it")
             return
         self._progress.block = tuple(self._progress.variables.values())
-        yield crtp.log_block(_BLOCK, self._progress.block)
-        yield crtp.log_start(_BLOCK, period=_LOG_PERIOD)
+        yield crtp.log_block(_LOG_BLOCK, self._progress.block)
+        yield crtp.log_start(_LOG_BLOCK, period=_LOG_PERIOD)
 
     def _due(self, what: str, now_ns: int) -> bool:
         before_ns = self._progress.due_ns.get(what)
-        if before_ns is not None and abs(now_ns - before_ns) < _AGAIN_NS:
+        if before_ns is not None and abs(now_ns - before_ns) < _RETRY_NS:
             return False
         self._progress.due_ns[what] = now_ns
         return True

@@ -7,11 +7,11 @@ from typing import Any, Literal
 
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
-_LATER = (
+_LAG_TEXT = (
     "measure lags and delay with quad_mpc identify (docs/howto/identify.md), fly the weights of "
     "default, or raise R of the body rates (docs/howto/tune.md)"
 )
-_WEIGHT = "weigh the vehicle, and set thrust_curve from a thrust stand or its hover throttle"
+_MASS_TEXT = "weigh the vehicle, and set thrust_curve from a thrust stand or its hover throttle"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ def _later(name: str, parameter: str) -> Direction:
         most=0.2,
         ready=0.04,
         marginal=0.015,
-        advice=_LATER,
+        advice=_LAG_TEXT,
     )
 
 
@@ -72,7 +72,7 @@ def _scaled(name: str, parameter: str, *, sign: float = 1.0) -> Direction:
         most=0.6,
         ready=0.2,
         marginal=0.1,
-        advice=_WEIGHT,
+        advice=_MASS_TEXT,
     )
 
 

@@ -13,13 +13,13 @@ from quad_mpc_ros.extras.campaigns.rehearsal.rehearsal import VEHICLES, Limit, R
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_WIDTH, _ROW_HEIGHT, _AROUND = 8.0, 1.05, 0.9  # inch
+_WIDTH, _ROW_HEIGHT, _MARGIN_HEIGHT = 8.0, 1.05, 0.9  # inch
 
 
 def write_rehearsal(path: Path, rehearsal: Rehearsal) -> Path:
     """Draw a row a direction, a mark a vehicle, as PNG. Raises ``OSError``."""
     limits = rehearsal.limits
-    figure = style.new_figure(_WIDTH, _AROUND + _ROW_HEIGHT * len(limits), dpi=120)
+    figure = style.new_figure(_WIDTH, _MARGIN_HEIGHT + _ROW_HEIGHT * len(limits), dpi=120)
     rows = figure.subplots(len(limits), 1, squeeze=False)[:, 0]
     for axes, limit in zip(rows, limits, strict=True):
         _draw(axes, limit)

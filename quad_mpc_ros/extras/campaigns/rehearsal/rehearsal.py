@@ -16,9 +16,9 @@ from quad_mpc_ros.recordings.evaluation.crash import crash_text
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 VEHICLES = 6
-_HALVINGS = 5
-_BACK_ERROR = 0.5  # m at most over the last seconds of a vehicle that came back
-_BACK_TILT = 0.26  # rad; tilted further in hover it oscillates
+_BISECTION_STEPS = 5
+_RECOVERED_ERROR = 0.5  # m at most over the last seconds of a vehicle that came back
+_RECOVERED_TILT = 0.26  # rad; tilted further in hover it oscillates
 _DURATION, _SETTLE_TIME = 8.0, 5.5  # s
 
 DISTURBED: dict[str, Any] = {
@@ -43,7 +43,7 @@ DISTURBED: dict[str, Any] = {
 }
 """The disturbed vehicles, the same in every direction: a campaign of hovers."""
 
-_ASSIGNED = (
+_ASSIGNED_CHANGES = (
     "reference.trajectory=hover",
     "reference.mode=at_once",
     "reference.height=2.0",
@@ -151,7 +151,7 @@ def limit_of(direction: Direction, guess: Point, fly: Callable[[float], Point]) 
     farthest = fly(direction.most)
     points = [guess, farthest]
     held, lost = (0.0, direction.most) if farthest.lost else (direction.most, direction.most)
-    for _ in range(_HALVINGS if farthest.lost else 0):
+    for _ in range(_BISECTION_STEPS if farthest.lost else 0):
         point = fly(0.5 * (held + lost))
         points.append(point)
         held, lost = (held, point.by) if point.lost else (point.by, lost)
@@ -165,7 +165,7 @@ def limit_of(direction: Direction, guess: Point, fly: Callable[[float], Point]) 
 
 def disturbed_campaign(config: Sequence[str], assignments: Sequence[str]) -> Campaign:
     """Return the disturbed vehicles as a campaign. Raises :class:`UserError`."""
-    overrides = Overrides(config=config, assignments=[*_ASSIGNED, *assignments])
+    overrides = Overrides(config=config, assignments=[*_ASSIGNED_CHANGES, *assignments])
     return campaign_from(DISTURBED, overrides, where="rehearse")
 
 
@@ -193,8 +193,8 @@ def _why_lost(row: Any) -> str:
         return crash_text(row["crash"], row["crash_time_s"])
     if row["fallbacks"]:
         return f"the failsafe took over, for {row['fallbacks']} commands"
-    if row["settled_error_max_m"] > _BACK_ERROR:
+    if row["settled_error_max_m"] > _RECOVERED_ERROR:
         return f"it was still {row['settled_error_max_m']:.1f} m off after {_SETTLE_TIME:g} s"
-    if row["settled_tilt_max_rad"] > _BACK_TILT:
+    if row["settled_tilt_max_rad"] > _RECOVERED_TILT:
         return f"it still swayed by {row['settled_tilt_max_rad']:.2f} rad after {_SETTLE_TIME:g} s"
     return ""

@@ -14,9 +14,9 @@ from quad_mpc_ros.extras.campaigns.tuning.trial import FLOWN, GIVEN_UP, Trial
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MOST_COLUMNS = 3
+_MAX_COLUMNS = 3
 _WIDTH, _HEIGHT = 4.4, 3.8  # inch
-_WIDE = 4.0  # more than such a ratio is shown by its logarithm
+_LOG_SCALE_RATIO = 4.0  # more than such a ratio is shown by its logarithm
 
 _Values = tuple[list[float], list[float]]
 
@@ -34,7 +34,7 @@ def write_front(
     One objective alone is drawn over the trials. Raises ``OSError``.
     """
     pairs = [*itertools.combinations(range(len(objectives)), 2)] or [(-1, 0)]
-    columns = min(len(pairs), _MOST_COLUMNS)
+    columns = min(len(pairs), _MAX_COLUMNS)
     rows = -(-len(pairs) // columns)
     figure = style.new_figure(_WIDTH * columns, _HEIGHT * rows + 0.4)
     measured = [trial for trial in trials if trial.objectives]
@@ -98,7 +98,7 @@ def _scale(axes: Axes, pair: tuple[int, int], measured: Sequence[Trial]) -> None
         (axes.xaxis, axes.yaxis),
         strict=True,
     ):
-        if min(values) > 0.0 and max(values) > _WIDE * min(values):
+        if min(values) > 0.0 and max(values) > _LOG_SCALE_RATIO * min(values):
             set_scale("log")
             # As plain numbers; those between the powers of ten where these are few.
             axis.set_major_formatter("{x:g}")

@@ -31,10 +31,10 @@ STATISTICS: Mapping[str, Callable[[Sequence[float]], float]] = {
     "max": lambda values: float(np.max(values)),
 }
 
-_LOST_BY_UNIT = {"_m": 5.0, "_rad": math.pi, "_fraction": 1.0}
+_CRASH_VALUES = {"_m": 5.0, "_rad": math.pi, "_fraction": 1.0}
 """What a lost flight counts where nothing is said. Farther than 5 m away is a crash."""
 
-_TOLERANCE = 0.05
+_GIVE_UP_TOLERANCE = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +132,7 @@ def _objective(where: str, given: Any, campaigns: Mapping[str, Campaign]) -> Obj
         figure=figure,
         of=of,
         lost=_lost(where, figure, given),
-        tolerance=_number(f"{where}: tolerance", given.get("tolerance", _TOLERANCE)),
+        tolerance=_number(f"{where}: tolerance", given.get("tolerance", _GIVE_UP_TOLERANCE)),
     )
 
 
@@ -143,7 +143,7 @@ def _lost(where: str, figure: str, given: Mapping[Any, Any]) -> float:
         return 1.0
     if "lost" in given:
         return _number(f"{where}: lost", given["lost"])
-    for unit, value in _LOST_BY_UNIT.items():
+    for unit, value in _CRASH_VALUES.items():
         if figure.endswith(unit):
             return value
     raise UserError(f"{where}: lost: expected a number: what a lost flight counts as {figure}")

@@ -33,8 +33,8 @@ from quad_mpc_ros.extras.campaigns.variation import (
 
 NAME = "study.db"
 
-_HOW = "quad_mpc tune needs Optuna: pip install 'quad_mpc_ros[campaign]'"
-_IDENTITY, _TRIAL = "identity", "trial"  # attributes in the file
+_OPTUNA_REQUIRED = "quad_mpc tune needs Optuna: pip install 'quad_mpc_ros[campaign]'"
+_IDENTITY_KEY, _TRIAL_KEY = "identity", "trial"  # attributes in the file
 
 
 class Optimiser:
@@ -65,7 +65,7 @@ class Optimiser:
 
     def trials(self) -> list[Trial]:
         """Return the trials that the file has, in order."""
-        kept = [trial.user_attrs[_TRIAL] for trial in self._finished()]
+        kept = [trial.user_attrs[_TRIAL_KEY] for trial in self._finished()]
         return [Trial(**{**each, "objectives": tuple(each["objectives"])}) for each in kept]
 
     def proposed(self, number: int) -> dict[str, Any]:
@@ -87,7 +87,7 @@ class Optimiser:
         it would spoil.
         """
         states = self._optuna.trial.TrialState
-        attributes = {_TRIAL: dataclasses.asdict(trial)}
+        attributes = {_TRIAL_KEY: dataclasses.asdict(trial)}
         if point is None:
             found = self._optuna.trial.create_trial(state=states.FAIL, user_attrs=attributes)
         else:
@@ -122,11 +122,11 @@ class Optimiser:
     def _check(self, folder: Path) -> None:
         """Say in a new file of which study it is, or refuse that of another one."""
         digest = hashlib.sha256(identity_text(self._tuning).encode()).hexdigest()
-        found = self._file.user_attrs.get(_IDENTITY)
+        found = self._file.user_attrs.get(_IDENTITY_KEY)
         if found is None:
             with _unwarned():
                 self._file.set_metric_names([each.name for each in self._tuning.objectives])
-            self._file.set_user_attr(_IDENTITY, {"tune": digest, "version": __version__})
+            self._file.set_user_attr(_IDENTITY_KEY, {"tune": digest, "version": __version__})
         elif found["tune"] != digest:
             raise UserError(
                 f"{folder}: its tune.yaml has changed since its first trial, and not only in "
@@ -144,7 +144,7 @@ def optuna_module() -> Any:
     try:
         return importlib.import_module("optuna")
     except ImportError as error:
-        raise UserError(f"{error}. {_HOW}") from error
+        raise UserError(f"{error}. {_OPTUNA_REQUIRED}") from error
 
 
 @contextlib.contextmanager

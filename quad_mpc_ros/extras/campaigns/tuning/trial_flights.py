@@ -10,7 +10,7 @@ from quad_mpc_ros.extras.campaigns.engine import Engine, batched
 from quad_mpc_ros.extras.campaigns.table import NUMBER, Row
 from quad_mpc_ros.extras.campaigns.tuning.objectives import is_lost
 
-_FIRST_LOOK = 8
+_FIRST_CHECK = 8
 
 Observer = Callable[[int], None]
 """Called after each batch with the number of flights of the trial flown."""
@@ -82,7 +82,7 @@ def _flown(
 
 
 def _looks(flights: int) -> list[int]:
-    looks, look = [], _FIRST_LOOK
+    looks, look = [], _FIRST_CHECK
     while look < flights:
         looks.append(look)
         look *= 2

@@ -30,8 +30,8 @@ from quad_mpc_ros.extras.campaigns.yaml_content import (
 
 _KEYS = ("seed", "trials", "timeout", "give_up", "search", "campaigns", "objectives")
 _TRIALS = 100
-_GIVE_UP = 0.25
-_MOST_TRIALS = 1_000_000
+_DEFAULT_GIVE_UP = 0.25
+_MAX_TRIALS = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,9 +106,9 @@ def _tuning(content: Mapping[Any, Any], overrides: Overrides, folder: Path) -> T
     search = _search(_mapping(content, "search", "mpc.PARAMETER: how it varies"), campaigns)
     return Tuning(
         seed=integer("seed", content.get("seed", 0), least=0, most=2**63 - 1),
-        trials=integer("trials", content.get("trials", _TRIALS), least=1, most=_MOST_TRIALS),
+        trials=integer("trials", content.get("trials", _TRIALS), least=1, most=_MAX_TRIALS),
         timeout=_number("timeout", content.get("timeout", math.inf)),
-        give_up=_number("give_up", content.get("give_up", _GIVE_UP), most=1.0),
+        give_up=_number("give_up", content.get("give_up", _DEFAULT_GIVE_UP), most=1.0),
         search=search,
         campaigns=campaigns,
         objectives=read_objectives(content.get("objectives"), campaigns),

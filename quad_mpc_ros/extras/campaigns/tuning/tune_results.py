@@ -35,8 +35,8 @@ HOLDS = (
 )
 """What the folder of a study holds, and must not hold before."""
 
-_FRESH_FLIGHTS = 200
-_MOST_SHOWN = 20
+_CHECK_FLIGHTS = 200
+_MAX_LISTED = 20
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,14 +110,14 @@ def results_text(folder: Path, results: Results) -> str:
     rows = [["", "trial", *names], ["start", "0", *_shown(trials[0])], []]
     rows += [
         ["chosen" if trial is best else "", str(trial.number), *_shown(trial)]
-        for trial in front[:_MOST_SHOWN]
+        for trial in front[:_MAX_LISTED]
     ]
     lines = [f"{len(trials)} trials: {counts}; {len(front)} on the front", ""]
     if trials[0].reason:
         lines[:0] = [f"trial 0 is {trials[0].reason}"]
     lines += text_table(rows, align="lr" + "r" * len(names))
-    if len(front) > _MOST_SHOWN:
-        lines.append(f"… and {len(front) - _MOST_SHOWN} more in {folder / FRONT_NAME}")
+    if len(front) > _MAX_LISTED:
+        lines.append(f"… and {len(front) - _MAX_LISTED} more in {folder / FRONT_NAME}")
     parameters = results.tuning.space().parameters(best.values)
     lines += [
         "",
@@ -138,7 +138,7 @@ def results_text(folder: Path, results: Results) -> str:
 def _check(folder: Path, tuning: Tuning) -> str:
     name = tuning.objectives[0].campaign
     campaign = tuning.campaigns[name]
-    more = f" --flights {_FRESH_FLIGHTS}" if campaign.vary and not campaign.grid else ""
+    more = f" --flights {_CHECK_FLIGHTS}" if campaign.vary and not campaign.grid else ""
     return (
         f"quad_mpc campaign {folder / CAMPAIGNS_NAME / name}.yaml --config {folder / BEST_NAME} "
         f"--seed {campaign.seed + 1}{more} --out {folder / 'check'}"

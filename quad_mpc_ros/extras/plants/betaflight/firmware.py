@@ -31,11 +31,11 @@ _ANSWER = struct.Struct("<q4fII")
 _STATE = struct.Struct("<d3d3d4d3d3dd")
 _RECEIVER = struct.Struct("<d16H")
 
-_BOOT_NS = 1_000_000_000  # more than its start takes
-_TALK_NS = 20_000_000
-_PATIENCE = 20.0  # s of this machine for an answer
-_SILENT = (
-    f"Betaflight has not answered for {_PATIENCE:g} s, expected within a moment: "
+_BOOT_TIME_NS = 1_000_000_000  # more than its start takes
+_CLI_STEP_NS = 20_000_000
+_RESPONSE_TIMEOUT = 20.0  # s of this machine for an answer
+_NO_RESPONSE_TEXT = (
+    f"Betaflight has not answered for {_RESPONSE_TIMEOUT:g} s, expected within a moment: "
     "fly again with less beside it on this machine"
 )
 _PRESSURE = 101325.0  # Pa
@@ -81,7 +81,7 @@ class Firmware:
             (self._folder / _EEPROM).write_bytes(eeprom)
         link, other = socket.socketpair()
         self._link = self._held.enter_context(link)
-        self._link.settimeout(_PATIENCE)
+        self._link.settimeout(_RESPONSE_TIMEOUT)
         with other:
             process = subprocess.Popen(
                 [executable],
@@ -90,7 +90,7 @@ class Firmware:
                     **os.environ,
                     "LD_PRELOAD": str(shim),
                     "QUAD_MPC_ROS_LINK": str(other.fileno()),
-                    "QUAD_MPC_ROS_BOOT_NS": str(_BOOT_NS),
+                    "QUAD_MPC_ROS_BOOT_NS": str(_BOOT_TIME_NS),
                 },
                 pass_fds=[other.fileno()],
                 stdin=subprocess.DEVNULL,
@@ -145,7 +145,7 @@ class Firmware:
             self._link.sendall(head + receiver + state)
             return self._answer()
         except TimeoutError as error:
-            raise UserError(_SILENT) from error
+            raise UserError(_NO_RESPONSE_TEXT) from error
         except OSError as error:
             raise FirmwareEndedError("Betaflight has ended") from error
 
@@ -180,11 +180,11 @@ class Console:
     def say(self, line: str, *, end: str = "\n") -> str:
         """Return what it answers to a line, without the line and the prompt."""
         self._firmware.send(f"{line}{end}".encode())
-        said, until = "", time.monotonic() + _PATIENCE
+        said, until = "", time.monotonic() + _RESPONSE_TIMEOUT
         while not said.endswith(_PROMPT):
             if time.monotonic() > until:
-                raise UserError(f"{_SILENT} (in its command line, to {line!r})")
-            self._firmware.step(_TALK_NS)
+                raise UserError(f"{_NO_RESPONSE_TEXT} (in its command line, to {line!r})")
+            self._firmware.step(_CLI_STEP_NS)
             said += self._firmware.received().decode(errors="replace")
         return said.removesuffix(_PROMPT).replace("\r", "").removeprefix(line).strip()
 

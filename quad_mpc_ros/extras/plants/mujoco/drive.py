@@ -18,8 +18,8 @@ from quad_mpc_ros.simulation.rotors.mixer import Share
 from quad_mpc_ros.simulation.rotors.motion import RotorInputs, runge_kutta
 from quad_mpc_ros.simulation.rotors.state import BodyState
 
-_BODY = BodyState.dtype
-_UP = 2
+_BODY_DTYPE = BodyState.dtype
+_Z_AXIS = 2
 
 
 class Drive(Record):
@@ -69,11 +69,11 @@ def drive(
     ``ground`` is where the origin of a vehicle that stands on what is below would be [m]: ground
     effect counts heights from there.
     """
-    before = np.empty((), _BODY)
+    before = np.empty((), _BODY_DTYPE)
     before[()] = body[()]
     x, numbers, acts = body[()], craft[()], out[()]
     v, w = kernels.vector(x.v_WC_W), kernels.vector(x.w_WB_B)
-    x.p_WC[_UP] -= ground
+    x.p_WC[_Z_AXIS] -= ground
     outside = kernels.vector(inputs[()].wind_W), kernels.vector(inputs[()].external_force_W)
     runge_kutta(body, speeds, wanted, outside, craft=craft, rotors=rotors, duration=duration)
     a = _mean_rate(v, kernels.vector(x.v_WC_W), duration)
@@ -81,7 +81,7 @@ def drive(
     used = x.charge_used
     body[()] = before[()]
     x.charge_used = used
-    lifted = (a[0], a[1], a[_UP] + numbers.gravity)
+    lifted = (a[0], a[1], a[_Z_AXIS] + numbers.gravity)
     kernels.store_vector(kernels.scaled(numbers.mass, lifted), acts.force_W)
     # MuJoCo adds -w x J w itself, along the step: its mean is that in the middle.
     w = kernels.plus(w, kernels.scaled(0.5 * duration, alpha))

@@ -34,7 +34,7 @@ _HULL_SIZE, _HULL_HEIGHT = 0.5, 0.4
 # How a force that keeps apart grows with depth, in MuJoCo's terms (solimp): what stands sinks by
 # (1 - d) / d g T^2 for the time constant T, a hundredth of a millimetre.
 _IMPEDANCE = (0.95, 0.99, 0.001)
-_CABLE_TIME = 0.004  # s, in which the limit of its length pulls back; four steps
+_CABLE_TIME_CONSTANT = 0.004  # s, in which the limit of its length pulls back; four steps
 
 # What slips is slowed at this rate, up to friction's bound [1/s]. As fast as what sinks is pushed
 # out (2 / T, MuJoCo's default), slipping would lift what slips off the ground and let it chatter:
@@ -174,7 +174,7 @@ def _payload(root: ET.Element, world: ET.Element, config: MujocoParameters) -> N
         name=CABLE,
         limited="true",
         range=_text((0.0, payload.cable_length)),
-        solreflimit=_text((_CABLE_TIME, 1.0)),
+        solreflimit=_text((_CABLE_TIME_CONSTANT, 1.0)),
         solimplimit=_text(_IMPEDANCE),
         width="0.003",
         rgba=".1 .1 .1 1",

@@ -11,9 +11,9 @@ from quad_mpc_ros.extras.plants.mujoco.scene import MujocoScene
 from quad_mpc_ros.simulation.mujoco_parameters import MujocoParameters
 from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
 
-_LONGEST_STEP_NS = 1_000_000  # half of the least time constant of a contact
+_MAX_STEP_NS = 1_000_000  # half of the least time constant of a contact
 # An autopilot takes itself to stand when it touches and is asked for little of its weight.
-_LITTLE_THRUST = 0.5
+_LANDED_THRUST_RATIO = 0.5
 
 
 class MujocoPlant(RotorsPlant):
@@ -69,7 +69,7 @@ class MujocoPlant(RotorsPlant):
         x.p_WC[:] = place + R_WB @ np.array(given.airframe.center_of_mass)
 
     def _move(self, *, duration_ns: int) -> None:
-        longest_ns = min(int(self._craft["longest_step_ns"]), _LONGEST_STEP_NS)
+        longest_ns = min(int(self._craft["longest_step_ns"]), _MAX_STEP_NS)
         memory = self._memory[()]
         while duration_ns > 0:
             if memory.until_run_ns == 0:
@@ -83,7 +83,7 @@ class MujocoPlant(RotorsPlant):
     def _command(self) -> None:
         """Let the rate loop run."""
         asked = self._vehicle.thrust(float(self._inputs["throttle"]))
-        little = asked < _LITTLE_THRUST * self._vehicle.mass * self._vehicle.gravity
+        little = asked < _LANDED_THRUST_RATIO * self._vehicle.mass * self._vehicle.gravity
         drive.command(
             self._memory,
             body=self._body,

@@ -18,13 +18,13 @@ from quad_mpc_ros.simulation.mujoco_parameters import MujocoParameters
 from quad_mpc_ros.simulation.rotors.state import BodyState
 
 # Of the coordinates of a free joint: place and attitude, velocity in the world, rates in the body.
-_PLACE, _ATTITUDE_WXYZ = slice(0, 3), slice(3, 7)
+_POSITION, _ATTITUDE_WXYZ = slice(0, 3), slice(3, 7)
 _LINEAR, _ANGULAR = slice(0, 3), slice(3, 6)
 _XYZW = [1, 2, 3, 0]  # of w, x, y, z
 _DOWN = np.array([0.0, 0.0, -1.0])
-_OVERLAP = 1e-3  # m that things may overlap at the start
-_GROUPS = 6  # of geoms in MuJoCo
-_AXES, _WRENCH = 3, 6
+_MAX_OVERLAP = 1e-3  # m that things may overlap at the start
+_GROUP_COUNT = 6  # of geoms in MuJoCo
+_AXIS_COUNT, _WRENCH_SIZE = 3, 6
 
 
 class MujocoScene:
@@ -50,11 +50,11 @@ class MujocoScene:
         self.data: Any = self._mujoco.MjData(self.model)
         self._config = config
         vehicle = self.data.joint(model.VEHICLE)
-        self._place, self._attitude = vehicle.qpos[_PLACE], vehicle.qpos[_ATTITUDE_WXYZ]
+        self._place, self._attitude = vehicle.qpos[_POSITION], vehicle.qpos[_ATTITUDE_WXYZ]
         self._velocity, self._rates = vehicle.qvel[_LINEAR], vehicle.qvel[_ANGULAR]
         self._force = vehicle.qfrc_applied[_LINEAR]
         self._torque = vehicle.qfrc_applied[_ANGULAR]
-        self._carrying = np.zeros(_GROUPS, np.uint8)
+        self._carrying = np.zeros(_GROUP_COUNT, np.uint8)
         self._carrying[model.SURFACES] = 1
         self._geom_names = [self.model.geom(k).name for k in range(self.model.ngeom)]
         self._is_part = np.array(
@@ -77,7 +77,7 @@ class MujocoScene:
             self._hang_payload()
         self._mujoco.mj_forward(self.model, self.data)
         for contact in self.data.contact:
-            if contact.dist < -_OVERLAP:
+            if contact.dist < -_MAX_OVERLAP:
                 first, second = (self._geom_names[geom] for geom in contact.geom)
                 raise ConfigurationError(
                     "simulator.initial_position",
@@ -138,11 +138,11 @@ class MujocoScene:
 
     def contact_force(self) -> Array:
         """Return the force (3,) of all contacts on the vehicle, in the world [N]."""
-        total, wrench = np.zeros(3), np.zeros(_WRENCH)
+        total, wrench = np.zeros(3), np.zeros(_WRENCH_SIZE)
         for number, contact in enumerate(self.data.contact):
             self._mujoco.mj_contactForce(self.model, self.data, number, wrench)
             # In the frame of the contact, whose rows are its axes, from the first to the second.
-            force_W = contact.frame.reshape(_AXES, _AXES).T @ wrench[_LINEAR]
+            force_W = contact.frame.reshape(_AXIS_COUNT, _AXIS_COUNT).T @ wrench[_LINEAR]
             first, second = contact.geom
             total += force_W * (int(self._is_part[second]) - int(self._is_part[first]))
         return total
