@@ -103,7 +103,7 @@ def _interruptible() -> Iterator[None]:
 def parser_for(given: Sequence[str]) -> argparse.ArgumentParser:
     """Return the parser, with the options of the command that is given only.
 
-    Those of the others would take time: they name trajectories and plants.
+    The parsers of the others take time to build: they name trajectories and plants.
     """
     parser = ArgumentParser(
         prog="quad_mpc",

@@ -1,7 +1,7 @@
-"""What the executables call: Ctrl-C ends them at once while they import what they are made of.
+"""Entry points of the executables: Ctrl-C ends them at once while they import modules.
 
 Python turns SIGINT into an exception, which in the middle of an import is a page of traceback. So
-the signal has its default effect, to end the process, until what was imported hears it itself.
+the signal has its default effect, to end the process, until the imported code handles it.
 """
 
 from __future__ import annotations

@@ -10,4 +10,4 @@ EXIT_FAILED = 1
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 EXIT_BROKEN_PIPE = 141
-"""Whoever read the output has closed it, as ``head`` does; that of a shell for SIGPIPE."""
+"""The reader closed the output, as ``head`` does; a shell reports SIGPIPE in this way."""

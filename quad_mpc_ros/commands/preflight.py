@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
     print(
         f"{errors} to fix before the flight, {warnings} to check: docs/howto/preflight.md"
         if errors
-        else f"nothing must be mended, {warnings} to look at",
+        else f"nothing to fix, {warnings} to check",
         file=sys.stderr,
     )
     return EXIT_FAILED if errors else 0

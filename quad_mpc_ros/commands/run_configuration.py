@@ -77,7 +77,7 @@ def run_configuration(
     made += _duration(options, loaded, trajectory)
     if _starts_on_reference(options, trajectory, reference):
         start = _start_on(trajectory, cast(SimulatorConfig, loaded["simulator"]))
-        # What a file says of the start wins, unless the option is given.
+        # The start in a file has priority, unless the option is given.
         if options.start is None:
             base = {"simulator": start}
         else:

@@ -268,8 +268,8 @@ class ObstacleParameters(WorldParameters):
 
     half_spaces: int = parameter(
         0,
-        doc="manifold, contouring: maximum number of half-spaces for the position in each stage of "
-        "the plan; 0 disables obstacle avoidance, 8 is enough for most scenes.",
+        doc="manifold, contouring: maximum number of half-spaces for the position in each stage "
+        "of the plan; 0 disables obstacle avoidance, 8 is enough for most scenes.",
         minimum=0,
         maximum=32,
     )

@@ -48,7 +48,7 @@ class MessageDecoder:
         if type_name not in self._store.fielddefs:
             raise BagError(f"the message type {type_name} is not known")
         try:
-            # Of a bytearray, so that the arrays of the message can be written to.
+            # A bytearray makes the arrays of the message writable.
             return self._store.deserialize_cdr(memoryview(bytearray(data)), type_name)
         except _ENCODING_ERRORS as error:
             raise BagError(f"cannot decode a {type_name}: {error}") from error

@@ -195,7 +195,7 @@ def line_marker(
 ) -> Any:
     """Return points (n, 3) [m] in the frame of the odometry, or in the body, as a line or lines.
 
-    Those of a list are lines two by two. Fewer than two points delete the marker.
+    The points of a list are the ends of lines. Fewer than two points delete the marker.
     """
     is_line = len(points) > 1  # an empty one is an error to RViz
     marker = Marker(

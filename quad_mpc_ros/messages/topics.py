@@ -147,4 +147,4 @@ RECORDED = (
 )
 """What a recorder records by default."""
 OPTIONAL = tuple(topic for topic in RECORDED if topic.optional)
-"""Those of them that may have no publisher for a whole flight."""
+"""The recorded topics that may have no publisher for a whole flight."""

@@ -231,7 +231,7 @@ class ReferenceSampler:
     """Samples the reference at the stamps of odometries, given its windows one by one.
 
     At each stamp the window in force is the last one stamped no later, and before the first
-    window it is the first one. Of those with the same stamp the last one counts; one that is
+    window it is the first one. The last one of equal stamps counts; one that is
     stamped before an earlier one was sent again, and is left out.
     """
 

@@ -71,16 +71,16 @@ class TrajectoryParameters(VehicleParameters):
     )
     height: float = parameter(
         2.0,
-        doc="Height of the trajectory above the ground: of the lowest point of vertical_loop, flip "
-        "and split_s, of the centre of an ellipse. Not used by trajectories with heights of their "
-        "own (waypoints, minimum_snap, gates, csv, bag).",
+        doc="Height of the trajectory above the ground: of the lowest point of vertical_loop, "
+        "flip and split_s, of the centre of an ellipse. Not used by trajectories with heights of "
+        "their own (waypoints, minimum_snap, gates, csv, bag).",
         unit="m",
         minimum=0.0,
     )
     yaw: float = parameter(
         0.0,
-        doc="Heading while level, from east to north; vertical_loop, flip and split_s are flown in "
-        "this direction. Added to the heading of an ellipse and to the yaw of a csv without "
+        doc="Heading while level, from east to north; vertical_loop, flip and split_s are flown "
+        "in this direction. Added to the heading of an ellipse and to the yaw of a csv without "
         "attitudes.",
         unit="rad",
         minimum=-math.tau,

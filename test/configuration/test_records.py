@@ -68,34 +68,6 @@ def test_derived_record_has_inherited_fields_first() -> None:
     assert NamedCart.names() == (*Cart.names(), "price")
 
 
-@pytest.mark.parametrize("shape", [(), (3,), (2, 3)])
-def test_zeros_have_shape_and_are_zero(shape: tuple[int, ...]) -> None:
-    carts = Cart.zeros(*shape)
-    assert carts.shape == shape
-    assert carts["frame"].shape == (*shape, 3, 3)
-    assert not carts["front"]["axle"].any()
-
-
-def test_single_record_is_a_view() -> None:
-    carts = Cart.zeros()
-    cart = carts[()]
-    cart.wheels, cart.front.radius = 4, 0.3
-    cart.front.axle[:] = 1.0, 2.0, 3.0
-    cart.frame[0, 1] = 5.0
-    assert carts["wheels"] == 4
-    assert carts["front"]["radius"] == 0.3
-    assert_array_equal(carts["front"]["axle"], [1.0, 2.0, 3.0])
-    assert carts["frame"][0, 1] == 5.0
-
-
-def test_element_and_field_of_an_array_are_views() -> None:
-    carts = Cart.zeros(3)
-    carts[1].front.radius = 0.3
-    carts["front"]["axle"][2] = 1.0
-    assert_array_equal(carts["front"]["radius"], [0.0, 0.3, 0.0])
-    assert_array_equal(carts[2].front.axle, 1.0)
-
-
 def test_compiled_code_reads_and_writes_by_name() -> None:
     carts = Cart.zeros(3)
     carts["front"]["radius"] = 0.1, 0.2, 0.4
@@ -105,31 +77,6 @@ def test_compiled_code_reads_and_writes_by_name() -> None:
     assert_array_equal(carts["front"]["axle"], np.tile([0.0, 0.0, 0.5], (3, 1)))
     assert_array_equal(carts["frame"][:, 1, 2], [7.0, 8.0, 9.0])
     assert np.count_nonzero(carts["frame"]) == 3
-
-
-def test_record_is_assigned_by_value() -> None:
-    carts = Cart.zeros(2)
-    carts[0].front.radius = 0.3
-    carts[1] = carts[0]
-    carts[0].front.radius = 0.5
-    assert carts[1].front.radius == 0.3
-
-
-def test_nested_record_is_assigned_by_value() -> None:
-    wheel, cart = Wheel.zeros()[()], Cart.zeros()[()]
-    wheel.axle[:] = 1.0
-    cart.front = wheel
-    wheel.axle[:] = 2.0
-    assert_array_equal(cart.front.axle, 1.0)
-
-
-def test_copies_share_nothing() -> None:
-    carts = Cart.zeros(2)
-    record, array = carts[0].copy(), carts.copy()
-    carts["front"]["radius"], carts["frame"] = 1.0, 1.0
-    assert record.front.radius == 0.0
-    assert not record.frame.any()
-    assert not array["front"]["radius"].any()
 
 
 def test_wrong_field_name_fails_in_python() -> None:

@@ -88,8 +88,8 @@ def _vectors() -> Array:
     return vectors
 
 
-_LOWEST, _HIGHEST, _SIZES, _RELATIVE_SIZES, _PRIOR_SIGMAS = _vectors()
-_REPORTED = np.isfinite(_PRIOR_SIGMAS)
+_LOWEST, _HIGHEST, _SIZES, _MAX_RELATIVE_WIDTHS, _MAX_WIDTHS = _vectors()
+_REPORTED = np.isfinite(_MAX_WIDTHS)
 _ARE_TIMES = np.isin(
     np.arange(MOST_PARAMETERS), np.r_[PLACES["rate_tau"], PLACES["thrust_tau"], PLACES["delay"]]
 )
@@ -113,7 +113,7 @@ _MIN_WINDOWS = _VELOCITY_PARAMETERS + 2
 _MIN_RELATIVE_WIDTH = 0.01
 # The drag of the rotors is fitted where it is so many half intervals from what is given, once in a
 # hundred times by chance. Else it would only blur the drag of the body.
-_ROTOR_DRAG_MIN = 1.2
+_SIGNIFICANT_HALF_WIDTHS = 1.2
 
 _MAX_ODOMETRIES = 30_000  # ten minutes at 50 Hz: more costs memory and adds nothing
 _AVERAGING_TIME = 0.08  # s, of the specific force shown
@@ -140,7 +140,7 @@ class _Fit:
         Of drags of body and rotors that are both fitted mostly the sum is observable.
         """
         p = len(self.theta)
-        enough = np.maximum(_RELATIVE_SIZES[:p] * self.theta, _PRIOR_SIGMAS[:p])
+        enough = np.maximum(_MAX_RELATIVE_WIDTHS[:p] * self.theta, _MAX_WIDTHS[:p])
         both = np.where(self.half_width[ROTOR_DRAG] > 0.0, self.theta[ROTOR_DRAG], -np.inf)
         both += self.theta[DRAG]
         for drag in (DRAG, ROTOR_DRAG):
@@ -155,9 +155,7 @@ class _Fit:
         low = (theta <= _LOWEST[:p] + margin) & (_LOWEST[:p] != 0.0)
         return np.asarray(_REPORTED[:p] & (low | (theta >= _HIGHEST[:p] - margin)))
 
-    def estimates(
-        self, parameters: NDArray[np.intp], *, free: bool
-    ) -> dict[int, ParameterEstimate]:
+    def estimates(self, which: NDArray[np.intp], *, free: bool) -> dict[int, ParameterEstimate]:
         """Return what is found of parameters; those that are held at last are not ``free``."""
         least = _MIN_RELATIVE_WIDTH * np.abs(self.theta)
         width, enough, at_bound = np.maximum(self.half_width, least), self.enough, self.at_bound
@@ -169,7 +167,7 @@ class _Fit:
                 observable=bool(free and not at_bound[p]),
                 at_bound=bool(at_bound[p]),
             )
-            for p in parameters.tolist()
+            for p in which.tolist()
         }
 
 
@@ -298,11 +296,11 @@ def _unobservable(found: _Fit, free: NDArray[np.bool_], given: Array) -> NDArray
     of the rotors that is not apart from what is ``given`` (p,).
     """
     off = np.abs(found.theta - given)[ROTOR_DRAG]
-    alike = free[ROTOR_DRAG] & (off <= _ROTOR_DRAG_MIN * found.half_width[ROTOR_DRAG])
+    alike = free[ROTOR_DRAG] & (off <= _SIGNIFICANT_HALF_WIDTHS * found.half_width[ROTOR_DRAG])
     if alike.any():
         return np.asarray(ROTOR_DRAG.start + np.flatnonzero(alike))
     # What is given is not kept where it is refuted, however roughly.
-    vague = free & (np.abs(found.theta - given) <= _ROTOR_DRAG_MIN * found.half_width)
+    vague = free & (np.abs(found.theta - given) <= _SIGNIFICANT_HALF_WIDTHS * found.half_width)
     width = np.where(vague, found.half_width / found.enough, 0.0)
     alone = np.where(free, found.alone / found.enough, 0.0)
     unseen = np.flatnonzero((alone > 1.0) | (free & found.at_bound))
@@ -451,7 +449,7 @@ def _half_widths(
     variance = np.zeros(len(theta))
     lowest, highest, sizes = (each[: len(theta)] for each in (_LOWEST, _HIGHEST, _SIZES))
     inside = (theta > lowest + _AT_BOUND * sizes) & (theta < highest - _AT_BOUND * sizes)
-    # Of a drag that comes out as none all the same no more is known than the other leaves.
+    # A drag at its lower bound is as uncertain as the other drag permits.
     inside[DRAG] = inside[ROTOR_DRAG] = True
     for free in (fitted, fitted & inside):
         block = np.ix_(free, free)

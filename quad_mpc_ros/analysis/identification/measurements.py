@@ -56,7 +56,7 @@ class VoltageMap:
 
 
 NO_VOLTAGE_MAP = VoltageMap()
-"""That of a flight without compensation."""
+"""The map of a flight without compensation."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

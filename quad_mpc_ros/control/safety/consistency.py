@@ -29,10 +29,9 @@ relative to their means of the last ``_MEMORY`` seconds (a regression with an in
 that explains most of the difference is subtracted. The vertical force is compared directly, within
 a wide band.
 
-Each low-pass has two equal stages, because one stage leaves all of the noise of a differentiated
-position or attitude. The difference of x and y within a sample is bounded, so that one jump counts
-little. Noise beyond the bound does not average out: while the difference changes its sign from
-sample to sample, the mean square of the part that was cut off is added to that of the floor.
+The difference of x and y within a sample is bounded, so that one jump counts little. Noise of a
+differentiated position or attitude passes two stages of low-pass; where the bound cuts such noise
+off, it does not average out, and the mean square of that part is added to that of the floor.
 """
 
 from __future__ import annotations
@@ -62,7 +61,8 @@ from quad_mpc_ros.control.stage import Stage
 
 _LONGEST_STEP_NS = 250_000_000  # between two odometries; longer gaps are not compared
 _CONFIRMATIONS = 3  # successive odometries
-_LOWPASS, _TURN_LOWPASS, _MEMORY = 0.075, 0.04, 0.6  # s; both stages of a low-pass are equal
+_LOWPASS, _MEMORY = 0.15, 0.6  # s
+_ATTITUDE_STAGE, _POSITION_STAGE = 0.04, 0.075  # s, time constants of two equal stages
 _UNMODELLED_LAG = 0.1  # s, additional lag of the rates
 # Yaw has the least torque: time constant of the largest yaw acceleration, and its lower bound.
 _YAW_ACCELERATION_TIME, _LEAST_YAW_ACCELERATION = 2.0, 3.0  # s, rad/s^2
@@ -107,7 +107,6 @@ _MOST_DRAG = 3.0  # 1/s
 # Largest difference of the two sides within a sample: angle, distance, speed, rate.
 _ANGLE_STEP, _POSITION_STEP, _SPEED_STEP, _RATE_STEP = 0.08, 0.15, 2.0, 20.0
 _NOISE_FORGETTING = 0.15  # over the forgetting of a stage of the low-pass
-_NOISE_DEVIATIONS = 3.0  # of the noise, that lift may be below its bound
 # Body rates above this are wrong if the attitude turns at less than this share of them.
 _MAX_RATE, _MIN_TURN_SHARE = 15.0, 0.25  # rad/s
 
@@ -142,7 +141,7 @@ _OFF_ATTITUDE, _OFF_POSITION, _OFF_RATES, _OFF_FORCE, _OFF_LIFT, _OFF_REVERSED =
 class Pair(Record):
     """Both low-passed sides of a relation, their means, and weighted sums of products."""
 
-    first_x: Vector3  # after the first stage
+    first_x: Vector3  # after the first of two stages
     first_y: Vector3
     x: Vector3
     y: Vector3
@@ -540,11 +539,11 @@ def _compare_motion(
     )
     reported = kernels.norm(rate)
     state.unturned_rate = reported if kernels.norm(turn) < _MIN_TURN_SHARE * reported else 0.0
-    _lowpass(state.attitude, turn, rate, far, duration / _TURN_LOWPASS)
+    _lowpass_twice(state.attitude, turn, rate, far, duration / _ATTITUDE_STAGE)
     _remember(state.attitude, duration)
     move, far = _velocity_of(state, p, duration), _POSITION_STEP * per_second
     speed = kernels.scaled(0.5, kernels.plus(kernels.vector(state.v_WB_W), v))
-    _lowpass(state.position, move, speed, far, duration / _LOWPASS)
+    _lowpass_twice(state.position, move, speed, far, duration / _POSITION_STAGE)
     _remember(state.position, duration)
 
 
@@ -593,10 +592,20 @@ def _compare_with_command(
 def _lowpass(
     pair: Pair, x: kernels.Vector, y: kernels.Vector, farthest: float, times: float
 ) -> None:
-    """Low-pass both sides by two stages, with less weight beyond a difference ``farthest``.
+    """Low-pass both sides over ``times`` time constants, with less weight beyond ``farthest``."""
+    distance = kernels.norm(kernels.minus(y, x))
+    weight = farthest / distance if distance > farthest else 1.0
+    share = -math.expm1(-times)
+    for k in range(3):
+        pair.x[k] += share * (weight * x[k] - pair.x[k])
+        pair.y[k] += share * (weight * y[k] - pair.y[k])
 
-    ``times`` is the duration over the time constant of a stage.
-    """
+
+@compiled
+def _lowpass_twice(
+    pair: Pair, x: kernels.Vector, y: kernels.Vector, farthest: float, times: float
+) -> None:
+    """Low-pass both sides by two stages of ``times`` time constants each."""
     difference = kernels.minus(y, x)
     distance = kernels.norm(difference)
     weight, cut = 1.0, 0.0
@@ -647,7 +656,6 @@ def _add_products(pair: Pair, x: kernels.Vector, y: kernels.Vector, duration: fl
 @compiled
 def _forget(pair: Pair) -> None:
     """Reset a relation."""
-    pair.first_x[:], pair.first_y[:] = 0.0, 0.0
     pair.x[:], pair.y[:], pair.mean_x[:], pair.mean_y[:] = 0.0, 0.0, 0.0, 0.0
     pair.xx[:], pair.yx[:], pair.yy[:] = 0.0, 0.0, 0.0
 
@@ -661,7 +669,6 @@ def _begin_force(
     for pair in (state.force, state.force_late, state.drag, state.drag_on_force):
         _forget(pair)
     for pair in (state.force, state.force_late):
-        pair.first_x[2] = pair.first_y[2] = gravity
         pair.x[2] = pair.y[2] = pair.mean_x[2] = pair.mean_y[2] = gravity
 
 
@@ -698,7 +705,6 @@ def _contradicted(state: ConsistencyState, gravity: float, is_flying: bool) -> i
         found |= _OFF_FORCE
     # In a fast climb, drag takes part of the lift.
     thrust, lift = state.force.x[2], state.force.y[2] + _MOST_DRAG * max(state.v_WB_W[2], 0.0)
-    lift += _NOISE_DEVIATIONS * math.sqrt(state.force.noise)
     falls = lift < _LEAST_LIFT * thrust and lift < _FALLING * gravity
     if falls and thrust > _SOME_THRUST * gravity:
         found |= _OFF_LIFT
@@ -710,16 +716,16 @@ def _rates_are_contradicted(state: ConsistencyState, limits: RelationLimits) -> 
     """Whether rates do not follow their commands, neither as modelled nor with a further lag."""
     modelled, late = state.commanded, state.commanded_late
     squares = _trace(modelled.yy)
-    return _is_contradicted(
-        modelled.yx, modelled.xx, squares, modelled.noise, limits
-    ) and _is_contradicted(late.yx, late.xx, squares, late.noise, limits)
+    return _is_contradicted(modelled.yx, modelled.xx, squares, 0.0, limits) and _is_contradicted(
+        late.yx, late.xx, squares, 0.0, limits
+    )
 
 
 @compiled
 def _force_is_contradicted(force: Pair, by_drag: Array, measured: float) -> bool:
     """Whether the horizontal force contradicts the commanded one plus drag."""
     yx, xx = _horizontal(force.yx) + by_drag, _horizontal(force.xx)
-    return _is_contradicted(yx, xx, measured, force.noise, _FORCE)
+    return _is_contradicted(yx, xx, measured, 0.0, _FORCE)
 
 
 @compiled

@@ -38,7 +38,7 @@ _FILE_SCHEMA: files.Schema = {**SCHEMA, "recorder": RecorderConfig}
 
 @dataclass(frozen=True, kw_only=True)
 class Overrides:
-    """What a command line says over a campaign file; None for nothing."""
+    """Options of a command line that override a campaign file; None for none."""
 
     config: Sequence[str] = ()
     assignments: Sequence[str] = ()
@@ -86,7 +86,7 @@ def campaign_text(campaign: Campaign) -> str:
             f"{node}.{name}": list(value) if isinstance(value, tuple) else value
             for node, values in campaign.given.items()
             for name, value in values.items()
-            # What varies is not set: a file that says both is refused.
+            # A varied parameter is not set: a file with both is rejected.
             if name != "lockstep" and f"{node}.{name}" not in campaign.vary
         },
         "settle_time": campaign.settle_time,

@@ -1,4 +1,4 @@
-"""Who commanded in a flight, how close it came to its limits, what the controller estimated."""
+"""Sources of the commands of a flight, distances from its limits, estimates of the controller."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ def simulate(
         plant: What flies in place of the simulator's own plant.
         trajectory: What to fly in place of what ``reference`` names: a path (position and its
             derivatives over time; attitude follows by flatness), or a trajectory.
-        controller: Who commands in place of the MPC.
+        controller: Controller in place of the MPC.
         scene: Obstacles in place of the simulator's file; the flight ends where it touches one.
         on_reference: Begin in motion on the reference, not where ``simulator`` says.
 

@@ -47,7 +47,7 @@ _LAGS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """What a summary says, in sentences.
+    """A summary in sentences.
 
     Attributes:
         good: Whether the flight did what was asked, the MPC gave every command, every solve had
@@ -58,7 +58,7 @@ class Verdict:
         margins: How close it came to limits.
         estimated: What the controller estimated of its vehicle.
         wrong: What went wrong.
-        advice: What to do next, each with the page that says how.
+        advice: Next steps, each with the page that explains it.
     """
 
     good: bool

@@ -39,8 +39,8 @@ class BetaflightConfig(EstimatorConfig):
     baud: int = parameter(115200, doc="Its speed.", unit="bit/s", minimum=9600, maximum=4000000)
     receiver: str = parameter(
         "pilot",
-        doc="Who is the receiver: pilot, a transmitter that arms, and lets the bridge have the "
-        "sticks by the mode MSP OVERRIDE; or bridge, which is the only one, and arms.",
+        doc="Receiver: pilot, a transmitter that arms and gives the sticks to the bridge by the "
+        "mode MSP OVERRIDE; or bridge, which is the only receiver and arms.",
         choices=("pilot", "bridge"),
     )
     arm_channel: int = parameter(

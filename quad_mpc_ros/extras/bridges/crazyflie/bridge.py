@@ -80,13 +80,13 @@ class CrazyflieBridge(Bridge):
     def landed(self, *, now_ns: int) -> bool | None:
         """Return whether the supervisor reports that it does not fly."""
         telemetry = self._session.telemetry
-        if is_old(telemetry.heard_ns, now_ns, _TELEMETRY_PERIOD_NS):
+        if is_old(telemetry.received_ns, now_ns, _TELEMETRY_PERIOD_NS):
             return None
         return not telemetry.info & crtp.IS_FLYING
 
     def _stack(self, now_ns: int) -> Stack:
         telemetry = self._session.telemetry
-        if is_old(telemetry.heard_ns, now_ns, _TELEMETRY_PERIOD_NS):
+        if is_old(telemetry.received_ns, now_ns, _TELEMETRY_PERIOD_NS):
             return Stack(fault=f"no telemetry within 1 s from {self._config.uri}")
         if not telemetry.takes_rates:
             return Stack(fault="the Crazyflie has not confirmed its modes of rates yet")
@@ -113,7 +113,7 @@ class CrazyflieBridge(Bridge):
 
     def _reports_armed(self, wanted: bool, now_ns: int) -> bool | None:
         telemetry = self._session.telemetry
-        if is_old(telemetry.heard_ns, now_ns, _TELEMETRY_PERIOD_NS):
+        if is_old(telemetry.received_ns, now_ns, _TELEMETRY_PERIOD_NS):
             return None
         return crtp.is_armed(telemetry.info, wanted=wanted)
 

@@ -27,7 +27,7 @@ _SESSION_TIMEOUT_NS = 1_000_000_000  # then it has been restarted, or is out of 
 class CrazyflieTelemetry:
     """What the firmware has reported; ``info`` are bits of the supervisor."""
 
-    heard_ns: int | None = None
+    received_ns: int | None = None
     info: int = 0
     voltage: float = 0.0
     takes_rates: bool = False
@@ -88,7 +88,7 @@ class Session:
         values = crtp.logged(packet, _LOG_BLOCK, progress.block)
         if values:
             telemetry = self.telemetry
-            telemetry.heard_ns = now_ns
+            telemetry.received_ns = now_ns
             telemetry.info = int(values.get(_STATE, 0.0))
             telemetry.voltage = values.get(_VOLTAGE, 0.0)
 
@@ -106,7 +106,7 @@ class Session:
                 yield crtp.log_count_request()
         elif not progress.is_searched:
             yield from progress.questions(now_ns)
-        elif not self._is_heard(now_ns) and self._due("block", now_ns):
+        elif not self._is_received(now_ns) and self._due("block", now_ns):
             yield from self._start_of_log()
 
     def _begin(self) -> None:
@@ -114,14 +114,14 @@ class Session:
         self._progress = _Preparation()
 
     def _begin_after_silence(self, now_ns: int) -> None:
-        heard_ns = self.telemetry.heard_ns
-        if heard_ns is not None and abs(now_ns - heard_ns) > _SESSION_TIMEOUT_NS:
-            self.telemetry.heard_ns = None
+        received_ns = self.telemetry.received_ns
+        if received_ns is not None and abs(now_ns - received_ns) > _SESSION_TIMEOUT_NS:
+            self.telemetry.received_ns = None
             self._begin()
 
-    def _is_heard(self, now_ns: int) -> bool:
-        heard_ns = self.telemetry.heard_ns
-        return heard_ns is not None and abs(now_ns - heard_ns) < _SESSION_TIMEOUT_NS // 2
+    def _is_received(self, now_ns: int) -> bool:
+        received_ns = self.telemetry.received_ns
+        return received_ns is not None and abs(now_ns - received_ns) < _SESSION_TIMEOUT_NS // 2
 
     def _on_parameter(self, name: str, error: int) -> None:
         if error:

@@ -25,7 +25,7 @@ class MavlinkConfig(EstimatorConfig):
     )
     target_system: int = parameter(
         0,
-        doc="MAV_SYS_ID (SYSID_THISMAV) of the vehicle; 0 is the first that is heard.",
+        doc="MAV_SYS_ID (SYSID_THISMAV) of the vehicle; 0 is the first vehicle that sends.",
         minimum=0,
         maximum=255,
     )
