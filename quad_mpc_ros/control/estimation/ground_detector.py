@@ -189,7 +189,8 @@ class GroundDetector(Stage):
         found: tuple[GroundEvidence, ...] = ()
         height = float(odometry.p_WB[2])
         heights = self._heights_of(window, height)
-        self._climbs = heights.highest > min(height + HEIGHT, heights.height + _MIN_HEIGHT_CHANGE)
+        top, rise = heights.highest, _MIN_HEIGHT_CHANGE
+        self._climbs = top > height + HEIGHT or top > heights.height + rise
         below = heights.height < height - HEIGHT
         rests = not self._climbs and (heights.speed < _MOVING_SPEED or below)
         sinks = heights.lowest < heights.height - _MIN_HEIGHT_CHANGE
