@@ -38,8 +38,8 @@ def update_flights() -> None:
         main(["simulate", "--config", "paper", "--out", str(out)])
         pictures = write_figures(Recording(out / "bag").flight(), Path(scratch, "figures"))
         for picture in pictures:
-            name = "square.png" if picture.name == "path.png" else f"paper_{picture.name}"
-            (IMAGES / name).write_bytes(picture.read_bytes())
+            if picture.name != "path.png":  # no page shows it
+                (IMAGES / f"paper_{picture.name}").write_bytes(picture.read_bytes())
 
 
 def update_references() -> None:
