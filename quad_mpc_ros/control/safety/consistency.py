@@ -608,11 +608,9 @@ def _lowpass_twice(
     """Low-pass both sides by two stages of ``times`` time constants each."""
     difference = kernels.minus(y, x)
     distance = kernels.norm(difference)
-    weight, cut = 1.0, 0.0
-    if distance > farthest:
-        weight = farthest / distance
-        if kernels.dot(difference, kernels.vector(pair.difference)) < 0.0:
-            cut = min(distance - farthest, farthest)
+    weight = farthest / distance if distance > farthest else 1.0
+    turns_back = kernels.dot(difference, kernels.vector(pair.difference)) < 0.0
+    cut = kernels.clamp(distance - farthest, 0.0, farthest) if turns_back else 0.0
     kernels.store_vector(difference, pair.difference)
     share = -math.expm1(-times)
     # Two stages reduce the variance of white noise to a quarter of the share of one sample.
