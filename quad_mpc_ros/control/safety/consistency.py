@@ -125,33 +125,30 @@ class Relation(enum.IntFlag):
 
 
 # The flags as integers, for compiled code.
-_OFF_ATTITUDE, _OFF_POSITION, _OFF_RATES, _OFF_FORCE, _OFF_LIFT, _OFF_REVERSED = map(
-    int,
-    (
-        Relation.ATTITUDE,
-        Relation.POSITION,
-        Relation.RATES,
-        Relation.FORCE,
-        Relation.LIFT,
-        Relation.REVERSED,
-    ),
+_OFF_ATTITUDE, _OFF_POSITION, _OFF_RATES, _OFF_FORCE, _OFF_LIFT, _OFF_REVERSED, *_ = map(
+    int, Relation
 )
 
 
 class Pair(Record):
     """Both low-passed sides of a relation, their means, and weighted sums of products."""
 
-    first_x: Vector3  # after the first of two stages
-    first_y: Vector3
     x: Vector3
     y: Vector3
-    difference: Vector3  # y - x of the last sample
-    noise: float  # mean square of the noise in x or y because of the bound on a sample
     mean_x: Vector3
     mean_y: Vector3
     xx: Matrix3
     yx: Matrix3
     yy: Matrix3
+
+
+class KinematicPair(Pair):
+    """The pair of a kinematic relation, low-passed by two stages."""
+
+    first_x: Vector3  # after the first stage
+    first_y: Vector3
+    difference: Vector3  # y - x of the last sample
+    noise: float  # mean square of the noise in x or y because of the bound on a sample
 
 
 class Track(Record):
@@ -176,8 +173,8 @@ class ConsistencyState(Record):
     late_rates: Vector3
     yaw_acceleration: float  # rad/s^2, recent maximum
     unturned_rate: float  # rad/s, body rate of the last sample if the attitude hardly turned
-    attitude: Pair
-    position: Pair
+    attitude: KinematicPair
+    position: KinematicPair
     commanded: Pair  # rates
     commanded_late: Pair
     force: Pair
@@ -348,9 +345,8 @@ class ConsistencyMonitor(Stage):
             return
         self._count = self._count + 1 if found else 0
         if self._count >= _CONFIRMATIONS:
-            contradicted = Relation(found)
-            cause = self._cause(contradicted)
-            self._find(contradicted, f"odometry and commands disagree: {cause}")
+            cause = self._cause(Relation(found))
+            self._find(Relation(found), f"odometry and commands disagree: {cause}")
         elif self._lifts_nothing(stamp_ns, acted.throttle, is_still=status.is_still, lift=lift):
             self._find(
                 Relation.THRUST,
@@ -391,15 +387,13 @@ class ConsistencyMonitor(Stage):
         """Whether much thrust, ``lift`` times the weight, has not moved the vehicle for long."""
         full = throttle >= self._full_throttle and lift > _FULL_THROTTLE_LIFT
         much = is_still and (full or lift > _MUCH_THRUST)
-        self._much_since_ns = since(self._much_since_ns, stamp_ns, lasts=much)
-        since_ns = self._much_since_ns
+        since_ns = self._much_since_ns = since(self._much_since_ns, stamp_ns, lasts=much)
         return since_ns is not None and stamp_ns - since_ns >= _MUCH_THRUST_NS
 
     def _stays_away(self, stamp_ns: int, *, is_away: bool) -> bool:
         """Whether a vehicle in flight has been at rest away from its reference for long."""
         away = is_away and self._learns
-        self._away_since_ns = since(self._away_since_ns, stamp_ns, lasts=away)
-        since_ns = self._away_since_ns
+        since_ns = self._away_since_ns = since(self._away_since_ns, stamp_ns, lasts=away)
         return since_ns is not None and stamp_ns - since_ns >= _AWAY_NS
 
 
@@ -603,7 +597,7 @@ def _lowpass(
 
 @compiled
 def _lowpass_twice(
-    pair: Pair, x: kernels.Vector, y: kernels.Vector, farthest: float, times: float
+    pair: KinematicPair, x: kernels.Vector, y: kernels.Vector, farthest: float, times: float
 ) -> None:
     """Low-pass both sides by two stages of ``times`` time constants each."""
     difference = kernels.minus(y, x)
@@ -678,13 +672,13 @@ def _contradicted(state: ConsistencyState, gravity: float, is_flying: bool) -> i
     """
     found, turn, move = 0, state.attitude, state.position
     is_unturned = state.unturned_rate > _MAX_RATE
-    if is_unturned or _is_contradicted(turn.yx, turn.xx, _trace(turn.yy), turn.noise, _ATTITUDE):
+    if is_unturned or _is_contradicted(turn.yx, turn.xx, _trace(turn.yy), _ATTITUDE, turn.noise):
         found |= _OFF_ATTITUDE
-    if _is_contradicted(turn.yx.T, turn.yy, _trace(turn.xx), turn.noise, _ATTITUDE_BACK):
+    if _is_contradicted(turn.yx.T, turn.yy, _trace(turn.xx), _ATTITUDE_BACK, turn.noise):
         found |= _OFF_ATTITUDE | _OFF_RATES  # rates without rotation
     if _is_contradicted(
-        move.yx, move.xx, _trace(move.yy), move.noise, _POSITION
-    ) or _is_contradicted(move.yx.T, move.yy, _trace(move.xx), move.noise, _POSITION_BACK):
+        move.yx, move.xx, _trace(move.yy), _POSITION, move.noise
+    ) or _is_contradicted(move.yx.T, move.yy, _trace(move.xx), _POSITION_BACK, move.noise):
         found |= _OFF_POSITION
     if _rates_are_contradicted(state, _REVERSED):
         found |= _OFF_RATES | _OFF_REVERSED
@@ -714,8 +708,8 @@ def _rates_are_contradicted(state: ConsistencyState, limits: RelationLimits) -> 
     """Whether rates do not follow their commands, neither as modelled nor with a further lag."""
     modelled, late = state.commanded, state.commanded_late
     squares = _trace(modelled.yy)
-    return _is_contradicted(modelled.yx, modelled.xx, squares, 0.0, limits) and _is_contradicted(
-        late.yx, late.xx, squares, 0.0, limits
+    return _is_contradicted(modelled.yx, modelled.xx, squares, limits) and _is_contradicted(
+        late.yx, late.xx, squares, limits
     )
 
 
@@ -723,7 +717,7 @@ def _rates_are_contradicted(state: ConsistencyState, limits: RelationLimits) -> 
 def _force_is_contradicted(force: Pair, by_drag: Array, measured: float) -> bool:
     """Whether the horizontal force contradicts the commanded one plus drag."""
     yx, xx = _horizontal(force.yx) + by_drag, _horizontal(force.xx)
-    return _is_contradicted(yx, xx, measured, 0.0, _FORCE)
+    return _is_contradicted(yx, xx, measured, _FORCE)
 
 
 @compiled
@@ -743,7 +737,7 @@ def _trace(sums: Array) -> float:
 
 @compiled
 def _is_contradicted(
-    yx: Array, xx: Array, y_squares: float, noise: float, limits: RelationLimits
+    yx: Array, xx: Array, y_squares: float, limits: RelationLimits, noise: float = 0.0
 ) -> bool:
     """Whether no M near the identity satisfies y = M x.
 
@@ -751,8 +745,8 @@ def _is_contradicted(
         yx: Weighted sums of products y x' (3, 3).
         xx: Weighted sums of products x x' (3, 3).
         y_squares: Weighted sum of the squares of y.
-        noise: Mean square of the noise in x or y.
         limits: Limits of the relation.
+        noise: Mean square of the noise in x or y.
     """
     difference = y_squares - 2.0 * _trace(yx) + _trace(xx)
     prior = (limits.floor**2 + noise) * _MEMORY + limits.share**2 * (_trace(xx) + difference)
