@@ -108,9 +108,8 @@ class Lightened(InternalPlant):
                 mass=left * self._vehicle.mass,
                 drag=tuple(drag / left for drag in per_axis(self._vehicle.drag)),
             ),
+            config.lags(),
             dynamics=config.dynamics,
-            rate_time_constant=config.rate_time_constant,
-            thrust_time_constant=config.thrust_time_constant,
         )
 
     def advance_to(self, time_ns: int) -> None:

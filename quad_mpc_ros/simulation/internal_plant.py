@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quad_mpc_ros.configuration import parameter, per_axis
+from quad_mpc_ros.configuration import ConfigurationError, parameter, per_axis
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import Input, State
@@ -35,10 +35,25 @@ class InternalParameters(PlantParameters):
     )
     rate_time_constant: float | tuple[float, ...] = parameter(
         0.07,
-        doc="First-order lag of the body rates behind the commanded ones.",
+        doc="First-order lag of the body rates behind the commanded ones; with "
+        "torque_time_constant one over the proportional gain of the rate loop.",
         unit="s",
         minimum=0.0,
         maximum=LONGEST_TIME_CONSTANT,
+    )
+    torque_time_constant: float | tuple[float, ...] = parameter(
+        0.0,
+        doc="Lag of the torque behind the rate loop: the loop rings if it is above "
+        "rate_time_constant.",
+        unit="s",
+        minimum=0.0,
+        maximum=LONGEST_TIME_CONSTANT,
+    )
+    angular_acceleration_max: float | tuple[float, ...] = parameter(
+        0.0,
+        doc="Largest angular acceleration; 0 is no limit.",
+        unit="rad/s^2",
+        minimum=0.0,
     )
     rate_gain: float | tuple[float, ...] = parameter(
         1.0, doc="Body rates in the long run over those commanded.", minimum=0.0, maximum=10.0
@@ -50,6 +65,40 @@ class InternalParameters(PlantParameters):
         minimum=0.0,
         maximum=LONGEST_TIME_CONSTANT,
     )
+    thrust_time_constant_down: float = parameter(
+        0.0,
+        doc="Lag while the throttle decreases; 0 is thrust_time_constant.",
+        unit="s",
+        minimum=0.0,
+        maximum=LONGEST_TIME_CONSTANT,
+    )
+
+    def check(self) -> None:
+        """Refuse a rate loop of second order without a finite gain."""
+        super().check()
+        lags, torque = per_axis(self.rate_time_constant), per_axis(self.torque_time_constant)
+        most = per_axis(self.angular_acceleration_max)
+        if any(
+            tau == 0.0 and (T > 0.0 or a > 0.0)
+            for tau, T, a in zip(lags, torque, most, strict=True)
+        ):
+            raise ConfigurationError(
+                f"{self.owner}.rate_time_constant",
+                self.rate_time_constant,
+                "above 0 with torque_time_constant or angular_acceleration_max",
+            )
+
+    def lags(self) -> motion.Lags:
+        """Return how throttle and body rates follow their commands."""
+        return motion.Lags(
+            thrust=self.thrust_time_constant,
+            thrust_down=self.thrust_time_constant_down or self.thrust_time_constant,
+            rate=self.rate_time_constant,
+            torque=self.torque_time_constant,
+            angular_acceleration_max=tuple(
+                most or math.inf for most in per_axis(self.angular_acceleration_max)
+            ),
+        )
 
 
 class InternalPlant(DelayedPlant):
@@ -62,16 +111,12 @@ class InternalPlant(DelayedPlant):
         super().__init__(config)
         self._config = config
         self._rate_gain = np.array(per_axis(config.rate_gain))
-        lags = *per_axis(config.rate_time_constant), config.thrust_time_constant
+        own = config.lags()
+        lags = *per_axis(own.rate), *per_axis(own.torque), own.thrust, own.thrust_down
         shortest = min((lag for lag in lags if lag > 0.0), default=math.inf)
         following = max(shortest / _STEPS_PER_LAG, _SHORTEST_STEP)
         self._longest_step_ns = round(1e9 * min(config.integration_step, following))
-        self._constants = motion.constants(
-            self._vehicle,
-            dynamics=config.dynamics,
-            rate_time_constant=config.rate_time_constant,
-            thrust_time_constant=config.thrust_time_constant,
-        )
+        self._constants = motion.constants(self._vehicle, own, dynamics=config.dynamics)
         self._inputs, self._x = PlantInputs.zeros(), motion.VehicleState.zeros()
         self._x["R_WB"][:] = so3.rotation_from_quaternion_xyzw(config.initial_attitude)
         self._x["p_WB"][:] = config.initial_position
