@@ -84,12 +84,13 @@ class Source:
             read_content(located_campaign(Path(self.campaign)), "campaign")
         )
         fixed = {*self.changes}
+        shared = {name: value for name, value in content["set"].items() if name not in self.vary}
         if len(self.config) > 1:  # a vehicle of rotors
             fixed |= {f"simulator.{name}" for name in _OWN}
         kept = {name: how for name, how in content["vary"].items() if name not in fixed}
         content |= {
             "config": [*self.config],
-            "set": {**content["set"], **self.changes},
+            "set": {**shared, **self.changes},
             "vary": {**kept, **self.vary},
         }
         return content | ({"settle_time": LOST_AT} if self.way == "lightened" else {})
@@ -299,8 +300,57 @@ def loaded(campaign: str) -> Source:
     )
 
 
+RATE_LOOPS: Mapping[str, Mapping[str, Any]] = {
+    "tuned": {
+        "simulator.torque_time_constant": {"log_uniform": [0.0247, 0.0639]},
+        "simulator.rate_time_constant": {"same_as": "simulator.torque_time_constant", "times": 2},
+    },
+    "ringing": {},
+    "slow": {
+        "simulator.rate_time_constant": {"same_as": "simulator.torque_time_constant", "times": 2},
+    },
+}
+_LEMNISCATE: Mapping[str, Any] = {
+    "reference.trajectory": "lemniscate",
+    "reference.amplitude_x": 2.0,
+    "reference.amplitude_y": 1.0,
+}
+TASKS: Mapping[str, Mapping[str, Any]] = {
+    "hover": {},
+    "tumbling": {
+        "reference.height": 20.0,
+        "simulator.initial_position": [0.0, 0.0, 20.0],
+    },
+    "1.0 rad/s": {**_LEMNISCATE, "reference.angular_frequency": 1.0},
+    "1.5 rad/s": {**_LEMNISCATE, "reference.angular_frequency": 1.5},
+}
+UPSIDE_DOWN: Mapping[str, Any] = {
+    "simulator.initial_attitude": {"attitude": [math.pi, math.pi]},
+    "simulator.initial_body_rates": {"uniform": [[-6.0, -6.0, -3.0], [6.0, 6.0, 3.0]]},
+}
+
+
+def rate_loops() -> Iterator[Source]:
+    """Yield the vehicles of the campaign ``rate_loops`` with each loop, task and delay.
+
+    A loop that is tuned has the damping 0.7: the lags of RAPTOR's vehicles under a proportional
+    gain of 25/s and a gain on the acceleration. One that is slow has a gain of half of one over
+    the rotors' lag.
+    """
+    for loop, lags in RATE_LOOPS.items():
+        for task, changes in TASKS.items():
+            for delay in (0.0, 0.02, 0.04):
+                yield Source(
+                    name=f"rate loop {loop}, {task}, {1e3 * delay:.0f} ms late",
+                    campaign="rate_loops",
+                    changes={**changes, "simulator.command_delay": delay},
+                    vary={**lags, **(UPSIDE_DOWN if task == "tumbling" else {})},
+                )
+
+
 def sources() -> Iterator[Source]:
     """Yield all sources."""
+    yield from rate_loops()
     for campaign in ("hover", "lemniscate"):
         for name, changes in (
             ("velocity noise 0.3 m/s", {"simulator.velocity_noise": 0.3}),
