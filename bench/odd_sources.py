@@ -43,15 +43,15 @@ from quad_mpc_ros.extras.campaigns.campaign_file import campaign_from, located_c
 from quad_mpc_ros.extras.campaigns.outcome import TruthLog
 from quad_mpc_ros.extras.campaigns.yaml_content import read_content
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
-from quad_mpc_ros.simulation import motion
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.internal_plant import InternalPlant
+from quad_mpc_ros.simulation.internal_plant import InternalPlant, constants
 
 LOST_MASS, LOST_AT = 0.3, 5.0  # share, s
 DROPOUT, JITTER = 0.05, 0.03  # share, s
 LOAD = 0.2  # share of the vehicle's mass
 WIND, GUSTS = 4.5, 1.5  # m/s
+RECOVERED = 1.0  # m, largest settled error after tumbling
 _LOOKS = 1000  # per second, that an odometry may arrive
 FALLBACKS = ("hover", "blind", "silent")  # rungs of the ladder without a plan of the MPC
 WAYS = ("as_planned", "lightened", "late_stamped_on_arrival", "late")
@@ -83,6 +83,8 @@ class Source:
         content: dict[str, Any] = dict(
             read_content(located_campaign(Path(self.campaign)), "campaign")
         )
+        changes = dict(self.changes)
+        content["reference"] = changes.pop("reference", content["reference"])
         fixed = {*self.changes}
         shared = {name: value for name, value in content["set"].items() if name not in self.vary}
         if len(self.config) > 1:  # a vehicle of rotors
@@ -90,7 +92,7 @@ class Source:
         kept = {name: how for name, how in content["vary"].items() if name not in fixed}
         content |= {
             "config": [*self.config],
-            "set": {**shared, **self.changes},
+            "set": {**shared, **changes},
             "vary": {**kept, **self.vary},
         }
         return content | ({"settle_time": LOST_AT} if self.way == "lightened" else {})
@@ -103,15 +105,12 @@ class Lightened(InternalPlant):
         super().__init__(config)
         self._lost_ns = round(1e9 * LOST_AT)
         left = 1.0 - LOST_MASS
-        self._lighter = motion.constants(
-            dataclasses.replace(
-                self._vehicle,
-                mass=left * self._vehicle.mass,
-                drag=tuple(drag / left for drag in per_axis(self._vehicle.drag)),
-            ),
-            config.lags(),
-            dynamics=config.dynamics,
+        lighter = dataclasses.replace(
+            self._vehicle,
+            mass=left * self._vehicle.mass,
+            drag=tuple(drag / left for drag in per_axis(self._vehicle.drag)),
         )
+        self._lighter = constants(config, lighter)
 
     def advance_to(self, time_ns: int) -> None:
         """Move to a time, and become lighter on the way."""
@@ -243,7 +242,10 @@ def flown(name: str, number: int) -> Figures:
         math.nan if (value := found[key]) is None else value
         for key in ("settled_error_mean_m", "settled_error_max_m", "tilt_max_rad")
     )
-    return Figures(mean, largest, tilt, crashed=truth.crash() is not None, left=left)
+    crashed = truth.crash() is not None
+    if "tumbling" in name:  # it begins upside down and away
+        crashed = not largest < RECOVERED
+    return Figures(mean, largest, tilt, crashed=crashed, left=left)
 
 
 def line(name: str, flights: Sequence[Figures]) -> str:
@@ -311,7 +313,7 @@ RATE_LOOPS: Mapping[str, Mapping[str, Any]] = {
     },
 }
 _LEMNISCATE: Mapping[str, Any] = {
-    "reference.trajectory": "lemniscate",
+    "reference": "lemniscate",
     "reference.amplitude_x": 2.0,
     "reference.amplitude_y": 1.0,
 }

@@ -317,13 +317,7 @@ class RealtimeParameters(Configuration):
     scheduler_priority: int = _advanced(
         0, doc="Priority under SCHED_FIFO; 0 is the normal scheduler.", minimum=0, maximum=99
     )
-    cpus: tuple[int, ...] = _advanced(
-        (), doc="Processors to run on, by number; none given is any.", minimum=0
-    )
     lock_memory: bool = _advanced(False, doc="Keep all memory of the process from being swapped.")
-    keep_awake: bool = _advanced(
-        False, doc="Keep processors from sleeping, from which they wake late; costs power."
-    )
     garbage_collection: str = _advanced(
         "between_ticks",
         doc="When Python collects garbage: between ticks, or automatic, at any moment.",

@@ -7,31 +7,23 @@ setting: it is late now and then, as ``mpc/stats`` shows.
 from __future__ import annotations
 
 import ctypes
-import functools
 import gc
 import os
-import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
 from quad_mpc_ros.control.config import RealtimeParameters
 
 _MLOCK_CURRENT, _MLOCK_FUTURE = 1, 2
-_LATENCY = "/dev/cpu_dma_latency"
 _LIMITS = "set it for your user in /etc/security/limits.conf and log in again, or in a container"
 
 
 def apply(wanted: RealtimeParameters) -> list[str]:
     """Request the settings from the operating system; return a message for each refusal."""
     refusals: list[str] = []
-    if wanted.cpus:
-        refusals += _refusal(lambda: _pin(wanted.cpus), f"cpus {list(wanted.cpus)}", _cpus_hint())
     if wanted.lock_memory:
         hint = f"it needs a memlock limit of unlimited: {_LIMITS} --ulimit memlock=-1"
         refusals += _refusal(_lock_memory, "lock_memory", hint)
-    if wanted.keep_awake:
-        hint = f"it needs write access to {_LATENCY}: run as root, or let a udev rule give it"
-        refusals += _refusal(_keep_awake, "keep_awake", hint)
     if wanted.scheduler_priority:
         priority = wanted.scheduler_priority
         hint = f"it needs an rtprio limit of {priority}: {_LIMITS} --cap-add=SYS_NICE"
@@ -55,27 +47,6 @@ def _schedule_first(priority: int) -> None:
     """Give real-time priority to all threads of this process, also those of the middleware."""
     for task in Path("/proc/self/task").iterdir():
         os.sched_setscheduler(int(task.name), os.SCHED_FIFO, os.sched_param(priority))
-
-
-def _pin(cpus: Iterable[int]) -> None:
-    """Pin all threads of this process, also those of the middleware, to processors."""
-    for task in Path("/proc/self/task").iterdir():
-        os.sched_setaffinity(int(task.name), cpus)
-
-
-def _cpus_hint() -> str:
-    return f"this process may use {sorted(os.sched_getaffinity(0))}"
-
-
-@functools.cache
-def _keep_awake() -> int:
-    """Request a wake-up latency of 0 until the file is closed at the end of the process.
-
-    Linux, Documentation/power/pm_qos_interface.rst: 0 us as 32 bits.
-    """
-    file = os.open(_LATENCY, os.O_WRONLY)
-    os.write(file, (0).to_bytes(4, sys.byteorder))
-    return file
 
 
 def _lock_memory() -> None:

@@ -1,7 +1,14 @@
-"""Actuators of the plant: first-order lags, compiled.
+"""Actuators of the plant, compiled: the throttle, and the rate loop of each axis.
 
-Body rates and throttle y follow the command c as dy/dt = (c - y) / tau; without lag if tau is 0.
-The throttle signal lags, the thrust follows from the curve.
+The throttle signal s follows its command as ds/dt = (s_c - s) / tau; the thrust follows from the
+curve. The rate loop is a proportional gain 1 / tau in front of a torque that lags by T, for each
+axis with the commanded rate w_c
+
+    dw/dt = alpha,    T dalpha/dt = clamp((w_c - w) / tau, -alpha_max, alpha_max) - alpha.
+
+The natural frequency is 1 / sqrt(tau T) and the damping ratio sqrt(tau / T) / 2. With a gain D
+on the angular acceleration the loop is the same with tau and T divided by 1 + D. Without T the
+rate lags by tau alone, as fast as alpha_max permits; without tau it is the command.
 
 The controller's model (``control/model/actuators.py``) is implemented independently, so that tests
 find errors.
@@ -10,15 +17,28 @@ find errors.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import kernels
 
-ActuatorState = tuple[float, kernels.Vector]
-"""Throttle and body rates [rad/s]."""
+AxisState = tuple[float, float]
+"""Body rate [rad/s] and angular acceleration [rad/s^2]."""
 
-TimeConstants = tuple[float, kernels.Vector]
-"""Time constants of the throttle and of each body rate [s]."""
+
+class RateLoop(NamedTuple):
+    """The numbers of the loop of each axis."""
+
+    time_constant: kernels.Vector  # tau [s]
+    torque_time_constant: kernels.Vector  # T [s]
+    acceleration_max: kernels.Vector  # rad/s^2
+
+
+class BodyRates(NamedTuple):
+    """Body rates [rad/s] and angular accelerations [rad/s^2], 0 with a lag of first order."""
+
+    w: kernels.Vector
+    acceleration: kernels.Vector
 
 
 @compiled
@@ -28,74 +48,68 @@ def thrust_at(throttle: float, curve: kernels.Vector) -> float:
 
 
 @compiled
-def later(
-    u: ActuatorState, command: ActuatorState, lags: TimeConstants, duration: float
-) -> ActuatorState:
-    """Return the actuators after ``duration`` [s] under one command."""
-    throttle, (x, y, z) = u
-    to_throttle, (to_x, to_y, to_z) = command
-    of_x, of_y, of_z = lags[1]
-    return to_throttle + _kept(lags[0], duration) * (throttle - to_throttle), (
-        to_x + _kept(of_x, duration) * (x - to_x),
-        to_y + _kept(of_y, duration) * (y - to_y),
-        to_z + _kept(of_z, duration) * (z - to_z),
-    )
+def later_throttle(
+    throttle: float, command: float, time_constant: float, duration: float
+) -> float:
+    """Return the throttle after ``duration`` [s] under one command."""
+    kept = math.exp(-duration / time_constant) if time_constant > 0.0 else 0.0
+    return command + kept * (throttle - command)
 
 
 @compiled
-def turn(
-    w_WB_B: kernels.Vector,
-    command: kernels.Vector,
-    time_constants: kernels.Vector,
-    duration: float,
-) -> kernels.Matrix:
-    """Return the rotation over ``duration`` [s] of body rates c + d exp(-t / tau) of each axis.
+def later_rates(
+    rates: BodyRates, command: kernels.Vector, loop: RateLoop, duration: float
+) -> tuple[BodyRates, kernels.Matrix]:
+    """Return the rates after ``duration`` [s] under one command, and the rotation until then.
 
-    The Magnus expansion of R' = R [omega] to its second term, both integrals in closed form: the
-    integral of omega, and half that of omega(s) x omega(t) over s < t. What is left out is of
-    order h^5 (Blanes, Casas, Oteo, Ros, "The Magnus expansion and some of its applications",
-    2009; its sign of the second term is for R' = [omega] R).
+    The second term of the Magnus expansion, for rates that change linearly, is their commutator
+    times h^2 / 12 (Blanes, Casas, Oteo, Ros, "The Magnus expansion and some of its applications",
+    2009). What is left out is of order h^5.
     """
-    h, (of_x, of_y, of_z) = duration, time_constants
-    held = kernels.scaled(h, command)
-    if of_x == of_y == of_z == 0.0:
-        return kernels.exp(held)
-    d = kernels.plus(w_WB_B, kernels.scaled(-1.0, command))
-    if of_x == of_y == of_z:
-        tau, decay = of_x, math.exp(-h / of_x)
-        first = kernels.plus(held, kernels.scaled(tau * (1.0 - decay), d))
-        second = tau * tau * (1.0 - decay) - 0.5 * tau * h * (1.0 + decay)
-        return kernels.exp(kernels.plus(first, kernels.scaled(second, kernels.cross(command, d))))
-    x, y, z = (command[0], d[0], of_x), (command[1], d[1], of_y), (command[2], d[2], of_z)
-    return kernels.exp(
-        (
-            held[0] + d[0] * _gained(of_x, h) + 0.5 * (_ordered(y, z, h) - _ordered(z, y, h)),
-            held[1] + d[1] * _gained(of_y, h) + 0.5 * (_ordered(z, x, h) - _ordered(x, z, h)),
-            held[2] + d[2] * _gained(of_z, h) + 0.5 * (_ordered(x, y, h) - _ordered(y, x, h)),
-        )
-    )
+    (x, alpha_x), turned_x = _axis(rates, command, loop, 0, duration)
+    (y, alpha_y), turned_y = _axis(rates, command, loop, 1, duration)
+    (z, alpha_z), turned_z = _axis(rates, command, loop, 2, duration)
+    after = BodyRates((x, y, z), (alpha_x, alpha_y, alpha_z))
+    twist = kernels.scaled(duration * duration / 12.0, kernels.cross(rates.w, after.w))
+    return after, kernels.exp(kernels.plus((turned_x, turned_y, turned_z), twist))
 
 
 @compiled
-def _ordered(first: kernels.Vector, second: kernels.Vector, duration: float) -> float:
-    """Return the integral of first(s) second(t) over 0 < s < t < duration.
+def _axis(
+    rates: BodyRates, command: kernels.Vector, loop: RateLoop, k: int, duration: float
+) -> tuple[AxisState, float]:
+    """Return an axis after one step, and the integral of its rate [rad].
 
-    Each is c + d exp(-t / tau), given as (c, d, tau).
+    A lag of first order is integrated exactly, others by Runge and Kutta's method of order 4 and
+    the cubic through rates and accelerations.
     """
-    (c, d, tau), (to_c, to_d, to_tau) = first, second
-    h, gained, to_gained = duration, _gained(tau, duration), _gained(to_tau, duration)
-    both = tau * to_tau / (tau + to_tau) if tau > 0.0 and to_tau > 0.0 else 0.0
-    held = c * (0.5 * to_c * h * h + to_d * (to_tau * to_gained - to_tau * h + h * to_gained))
-    return held + d * tau * (to_c * (h - gained) + to_d * (to_gained - _gained(both, duration)))
+    numbers = loop.time_constant[k], loop.torque_time_constant[k], loop.acceleration_max[k]
+    start, follows, half = (rates.w[k], rates.acceleration[k]), command[k], 0.5 * duration
+    if numbers[1] == 0.0 and (numbers[0] == 0.0 or numbers[2] == math.inf):
+        off = start[0] - follows
+        kept = math.exp(-duration / numbers[0]) if numbers[0] > 0.0 else 0.0
+        return (follows + kept * off, 0.0), follows * duration + numbers[0] * (1.0 - kept) * off
+    if numbers[1] == 0.0:  # the acceleration is that of the new command
+        start = start[0], _slope(start, follows, numbers)[0]
+    k1 = _slope(start, follows, numbers)
+    k2 = _slope(_moved(start, k1, half), follows, numbers)
+    k3 = _slope(_moved(start, k2, half), follows, numbers)
+    k4 = _slope(_moved(start, k3, duration), follows, numbers)
+    end = _moved(_moved(start, k1, duration / 6.0), k2, duration / 3.0)
+    end = _moved(_moved(end, k3, duration / 3.0), k4, duration / 6.0)
+    if numbers[1] == 0.0:
+        end = end[0], _slope(end, follows, numbers)[0]
+    turned = half * (start[0] + end[0]) + duration * duration / 12.0 * (start[1] - end[1])
+    return end, turned
 
 
 @compiled
-def _gained(time_constant: float, duration: float) -> float:
-    """Return the integral of exp(-t / tau)."""
-    return time_constant * (1.0 - _kept(time_constant, duration))
+def _slope(x: AxisState, command: float, numbers: kernels.Vector) -> AxisState:
+    (w, alpha), (tau, torque_lag, most) = x, numbers
+    wanted = kernels.clamp((command - w) / tau, -most, most)
+    return (alpha, (wanted - alpha) / torque_lag) if torque_lag > 0.0 else (wanted, 0.0)
 
 
 @compiled
-def _kept(time_constant: float, duration: float) -> float:
-    """Return the remaining share of the distance to the command."""
-    return math.exp(-duration / time_constant) if time_constant > 0.0 else 0.0
+def _moved(x: AxisState, slope: AxisState, duration: float) -> AxisState:
+    return x[0] + duration * slope[0], x[1] + duration * slope[1]

@@ -52,25 +52,17 @@ def paper_dynamics(
 
 
 @compiled
-def rigid_body_dynamics(
-    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: Environment
-) -> kernels.Vector:
-    """Return dv/dt of the true rigid body: Eq. (3) with -omega x v of a turning frame."""
-    printed = paper_dynamics(v_WB_B, R_WB, drive, world)
-    _, w_WB_B = drive
-    return kernels.plus(printed, kernels.cross(v_WB_B, w_WB_B))
-
-
-@compiled
 def dynamics(
     v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: Environment
 ) -> tuple[kernels.Vector, kernels.Vector]:
-    """Return dp/dt in the world and dv/dt in the body, by the selected dynamics."""
-    is_rigid_body = world[0]
+    """Return dp/dt in the world and dv/dt in the body, by the selected dynamics.
+
+    Those of the rigid body are Eq. (3) with -omega x v of a turning frame.
+    """
+    is_rigid_body, (_lift, w_WB_B) = world[0], drive
+    rate = paper_dynamics(v_WB_B, R_WB, drive, world)
     if is_rigid_body:
-        rate = rigid_body_dynamics(v_WB_B, R_WB, drive, world)
-    else:
-        rate = paper_dynamics(v_WB_B, R_WB, drive, world)
+        rate = kernels.plus(rate, kernels.cross(v_WB_B, w_WB_B))
     return kernels.apply(R_WB, v_WB_B), rate
 
 

@@ -12,9 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError, parameter, per_axis
+from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import Input, State
+from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.simulation import motion
 from quad_mpc_ros.simulation.parameters import LONGEST_TIME_CONSTANT, PlantParameters
 from quad_mpc_ros.simulation.plant import DelayedPlant, odometry_of
@@ -88,17 +90,27 @@ class InternalParameters(PlantParameters):
                 "above 0 with torque_time_constant or angular_acceleration_max",
             )
 
-    def lags(self) -> motion.Lags:
-        """Return how throttle and body rates follow their commands."""
-        return motion.Lags(
-            thrust=self.thrust_time_constant,
-            thrust_down=self.thrust_time_constant_down or self.thrust_time_constant,
-            rate=self.rate_time_constant,
-            torque=self.torque_time_constant,
-            angular_acceleration_max=tuple(
-                most or math.inf for most in per_axis(self.angular_acceleration_max)
-            ),
-        )
+
+def constants(
+    config: InternalParameters, vehicle: Vehicle
+) -> RecordArray[motion.VehicleConstants]:
+    """Return a plant as the compiled code takes it; ``vehicle`` has its true mass."""
+    numbers = motion.VehicleConstants.zeros()
+    own, lag = numbers[()], config.thrust_time_constant
+    own.is_rigid_body = int(config.dynamics == "rigid_body")
+    own.gravity = vehicle.gravity
+    own.lift[:] = vehicle.thrust_curve
+    own.lift *= vehicle.motor_count / vehicle.mass
+    own.thrust_time_constant = lag
+    own.thrust_time_constant_down = config.thrust_time_constant_down or lag
+    own.rate_time_constant[:] = per_axis(config.rate_time_constant)
+    own.torque_time_constant[:] = per_axis(config.torque_time_constant)
+    bounds = per_axis(config.angular_acceleration_max)
+    own.angular_acceleration_max[:] = [most or math.inf for most in bounds]
+    own.drag[:] = per_axis(vehicle.drag)
+    own.rotor_drag[:] = per_axis(vehicle.rotor_drag)
+    own.translational_lift = vehicle.translational_lift
+    return numbers
 
 
 class InternalPlant(DelayedPlant):
@@ -111,12 +123,13 @@ class InternalPlant(DelayedPlant):
         super().__init__(config)
         self._config = config
         self._rate_gain = np.array(per_axis(config.rate_gain))
-        own = config.lags()
-        lags = *per_axis(own.rate), *per_axis(own.torque), own.thrust, own.thrust_down
-        shortest = min((lag for lag in lags if lag > 0.0), default=math.inf)
+        self._constants = constants(config, self._vehicle)
+        own = self._constants[()]
+        lags = np.concatenate((own.rate_time_constant, own.torque_time_constant))
+        lags = np.append(lags, (own.thrust_time_constant, own.thrust_time_constant_down))
+        shortest = min(lags[lags > 0.0], default=math.inf)
         following = max(shortest / _STEPS_PER_LAG, _SHORTEST_STEP)
         self._longest_step_ns = round(1e9 * min(config.integration_step, following))
-        self._constants = motion.constants(self._vehicle, own, dynamics=config.dynamics)
         self._inputs, self._x = PlantInputs.zeros(), motion.VehicleState.zeros()
         self._x["R_WB"][:] = so3.rotation_from_quaternion_xyzw(config.initial_attitude)
         self._x["p_WB"][:] = config.initial_position

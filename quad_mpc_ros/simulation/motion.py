@@ -6,18 +6,18 @@ One call advances any number of steps: actuators, equations of motion, ground.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
-import numpy as np
-
-from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vector3
 from quad_mpc_ros.control.lie import kernels
-from quad_mpc_ros.control.model.vehicle import Vehicle
-from quad_mpc_ros.simulation.actuators import ActuatorState, TimeConstants, later, thrust_at, turn
-from quad_mpc_ros.simulation.dynamics import Drive, DrivenStep, integrated
-from quad_mpc_ros.simulation.rate_loop import RateLoop, controlled_rates, turned
+from quad_mpc_ros.simulation.actuators import (
+    BodyRates,
+    RateLoop,
+    later_rates,
+    later_throttle,
+    thrust_at,
+)
+from quad_mpc_ros.simulation.dynamics import integrated
 from quad_mpc_ros.simulation.records import Measured, PlantInputs, store_quaternion
 
 
@@ -41,51 +41,11 @@ class VehicleConstants(Record):
     thrust_time_constant: float  # s
     thrust_time_constant_down: float  # s, while the throttle decreases
     rate_time_constant: Vector3  # s
-    is_second_order: int  # the rate loop
     torque_time_constant: Vector3  # s
     angular_acceleration_max: Vector3  # rad/s^2
     drag: Vector3  # 1/s
     rotor_drag: Vector3  # 1/s
     translational_lift: float  # 1/m
-
-
-@dataclass(frozen=True, kw_only=True)
-class Lags:
-    """How throttle and body rates follow their commands.
-
-    Attributes:
-        thrust: Time constant of the throttle while it increases [s].
-        thrust_down: The same while it decreases [s].
-        rate: Time constant of the body rates, which is one over the gain of their loop [s].
-        torque: Time constant of the torque behind the loop [s].
-        angular_acceleration_max: Largest angular acceleration of the loop [rad/s^2].
-    """
-
-    thrust: float
-    thrust_down: float
-    rate: PerAxis
-    torque: PerAxis = 0.0
-    angular_acceleration_max: PerAxis = math.inf
-
-
-def constants(vehicle: Vehicle, lags: Lags, *, dynamics: str) -> RecordArray[VehicleConstants]:
-    """Return a vehicle as the compiled code takes it."""
-    numbers = VehicleConstants.zeros()
-    own = numbers[()]
-    own.is_rigid_body = int(dynamics == "rigid_body")
-    own.gravity = vehicle.gravity
-    own.lift[:] = vehicle.thrust_curve
-    own.lift *= vehicle.motor_count / vehicle.mass
-    own.thrust_time_constant, own.thrust_time_constant_down = lags.thrust, lags.thrust_down
-    own.rate_time_constant[:] = per_axis(lags.rate)
-    own.torque_time_constant[:] = per_axis(lags.torque)
-    own.angular_acceleration_max[:] = per_axis(lags.angular_acceleration_max)
-    bounded = np.isfinite(own.angular_acceleration_max).any()
-    own.is_second_order = int(bounded or own.torque_time_constant.any())
-    own.drag[:] = per_axis(vehicle.drag)
-    own.rotor_drag[:] = per_axis(vehicle.rotor_drag)
-    own.translational_lift = vehicle.translational_lift
-    return numbers
 
 
 @compiled
@@ -99,9 +59,8 @@ def advance(
     """Advance a state by steps of equal ``duration`` [s] under constant inputs."""
     x, u_in, numbers = state[()], inputs[()], vehicle[()]
     gravity, lift = numbers.gravity, kernels.vector(numbers.lift)
-    rate_lags = kernels.vector(numbers.rate_time_constant)
     loop = RateLoop(
-        rate_lags,
+        kernels.vector(numbers.rate_time_constant),
         kernels.vector(numbers.torque_time_constant),
         kernels.vector(numbers.angular_acceleration_max),
     )
@@ -113,32 +72,35 @@ def advance(
         numbers.translational_lift,
         kernels.vector(u_in.wind_W),
     )
-    followed = u_in.throttle, kernels.vector(u_in.w_WB_B)
+    command, half = kernels.vector(u_in.w_WB_B), 0.5 * duration
     p, v, R = kernels.vector(x.p_WB), kernels.vector(x.v_WB_B), kernels.matrix(x.R_WB)
-    u, alpha = (x.throttle, kernels.vector(x.w_WB_B)), kernels.vector(x.angular_acceleration)
+    rates = BodyRates(kernels.vector(x.w_WB_B), kernels.vector(x.angular_acceleration))
+    throttle = x.throttle
+    lag = numbers.thrust_time_constant
+    if u_in.throttle < throttle:
+        lag = numbers.thrust_time_constant_down
     for _ in range(steps):
-        before, slows = u, followed[0] < u[0]
-        lags = (
-            numbers.thrust_time_constant_down if slows else numbers.thrust_time_constant,
-            rate_lags,
-        )
-        if numbers.is_second_order:
-            course, u, alpha = _controlled(before, alpha, followed, lags, loop, lift, duration)
-        else:
-            course, u = _driven(before, followed, lags=lags, lift=lift, duration=duration)
-        if _on_ground(p, v) and thrust_at(max(before[0], u[0]), lift) <= gravity:
-            u, alpha = _held(u, lags), (0.0, 0.0, 0.0)  # the ground prevents rotation
+        start = thrust_at(throttle, lift), rates.w
+        throttle = later_throttle(throttle, u_in.throttle, lag, half)
+        rates, first_turn = later_rates(rates, command, loop, half)
+        middle = thrust_at(throttle, lift), rates.w
+        throttle = later_throttle(throttle, u_in.throttle, lag, half)
+        rates, second_turn = later_rates(rates, command, loop, half)
+        end = thrust_at(throttle, lift), rates.w
+        if _on_ground(p, v) and max(start[0], end[0]) <= gravity:
+            rates = _held(rates, loop)  # the ground prevents rotation
             continue
+        course = start, middle, end, first_turn, second_turn
         p, v, R = integrated(p, v, R, course=course, world=world, duration=duration)
         if not (p[2] > 0.0 or (p[2] == 0.0 and kernels.apply(R, v)[2] > 0.0)):
             p, v, R = _landed(p, R)
-            u, alpha = _held(u, lags), (0.0, 0.0, 0.0)
+            rates = _held(rates, loop)
     kernels.store_vector(p, x.p_WB)
     kernels.store_vector(v, x.v_WB_B)
     kernels.store_matrix(R, x.R_WB)
-    x.throttle = u[0]
-    kernels.store_vector(u[1], x.w_WB_B)
-    kernels.store_vector(alpha, x.angular_acceleration)
+    x.throttle = throttle
+    kernels.store_vector(rates.w, x.w_WB_B)
+    kernels.store_vector(rates.acceleration, x.angular_acceleration)
 
 
 @compiled
@@ -154,58 +116,11 @@ def measure(state: RecordArray[VehicleState], out: RecordArray[Measured]) -> Non
 
 
 @compiled
-def _driven(
-    u: ActuatorState,
-    command: ActuatorState,
-    lags: TimeConstants,
-    lift: kernels.Vector,
-    duration: float,
-) -> tuple[DrivenStep, ActuatorState]:
-    """Return the drive of a step, and the actuators at its end."""
-    half = 0.5 * duration
-    middle = later(u, command=command, lags=lags, duration=half)
-    end = later(middle, command=command, lags=lags, duration=half)
-    first = turn(u[1], command=command[1], time_constants=lags[1], duration=half)
-    second = turn(middle[1], command=command[1], time_constants=lags[1], duration=half)
-    return (_drive(u, lift), _drive(middle, lift), _drive(end, lift), first, second), end
-
-
-@compiled
-def _controlled(
-    u: ActuatorState,
-    alpha: kernels.Vector,
-    command: ActuatorState,
-    lags: TimeConstants,
-    loop: RateLoop,
-    lift: kernels.Vector,
-    duration: float,
-) -> tuple[DrivenStep, ActuatorState, kernels.Vector]:
-    """Return the result of :func:`_driven` with a loop of second order, and alpha at the end."""
-    half = 0.5 * duration
-    w_middle, alpha_middle = controlled_rates(u[1], alpha, command[1], loop, half)
-    w_end, alpha_end = controlled_rates(w_middle, alpha_middle, command[1], loop, half)
-    middle = later(u, command=command, lags=lags, duration=half)[0], w_middle
-    end = later(middle, command=command, lags=lags, duration=half)[0], w_end
-    first = turned((u[1], w_middle), (alpha, alpha_middle), half)
-    second = turned((w_middle, w_end), (alpha_middle, alpha_end), half)
-    drives = _drive(u, lift), _drive(middle, lift), _drive(end, lift)
-    return (*drives, first, second), end, alpha_end
-
-
-@compiled
-def _drive(u: ActuatorState, lift: kernels.Vector) -> Drive:
-    return thrust_at(u[0], lift), u[1]
-
-
-@compiled
-def _held(u: ActuatorState, lags: TimeConstants) -> ActuatorState:
-    """Return the actuators of a body on the ground, where rates with a lag are reset to zero."""
-    x, y, z = u[1]
-    return u[0], (
-        0.0 if lags[1][0] > 0.0 else x,
-        0.0 if lags[1][1] > 0.0 else y,
-        0.0 if lags[1][2] > 0.0 else z,
-    )
+def _held(rates: BodyRates, loop: RateLoop) -> BodyRates:
+    """Return the rates of a body on the ground, where those with a lag are reset to zero."""
+    (x, y, z), lags = rates.w, loop.time_constant
+    held = 0.0 if lags[0] > 0.0 else x, 0.0 if lags[1] > 0.0 else y, 0.0 if lags[2] > 0.0 else z
+    return BodyRates(held, (0.0, 0.0, 0.0))
 
 
 @compiled

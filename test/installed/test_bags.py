@@ -167,7 +167,7 @@ def stepped(count: int) -> list[str]:
 
 FLIGHT = {
     "reference": {"trajectory": "lemniscate", "angular_frequency": 0.6},
-    "mpc": {"advanced.realtime.keep_awake": False},
+    "mpc": {"advanced.realtime.lock_memory": False},
     "simulator": {"duration": 0.0, "mass_scale": 1.1},
 }
 """Of the nodes, by parameter."""

@@ -39,26 +39,6 @@ def test_nothing_wanted_is_nothing_asked() -> None:
     assert realtime.apply(RealtimeParameters()) == []
 
 
-def test_every_thread_is_pinned() -> None:
-    said = _said(
-        "stop = threading.Event()\n"
-        "threading.Thread(target=stop.wait).start()\n"
-        "cpu = max(os.sched_getaffinity(0))\n"
-        "print(realtime.apply(RealtimeParameters(cpus=(cpu,))))\n"
-        "print([os.sched_getaffinity(int(t)) == {cpu} for t in os.listdir('/proc/self/task')])\n"
-        "stop.set()\n"
-    )
-    refused, pinned = said.splitlines()
-    assert refused == "[]"
-    assert "True, True" in pinned
-    assert "False" not in pinned
-
-
-def test_a_processor_that_is_not_there_is_named_with_those_that_are() -> None:
-    said = _said("print(realtime.apply(RealtimeParameters(cpus=(4095,))))")
-    assert "realtime.cpus [4095] is not granted (Invalid argument); this process may use [" in said
-
-
 def test_memory_is_locked_or_the_limit_named() -> None:
     said = _said(
         "print(realtime.apply(RealtimeParameters(lock_memory=True)))\n"
@@ -69,32 +49,6 @@ def test_memory_is_locked_or_the_limit_named() -> None:
         assert "VmLck:\\t       0 kB" not in locked
     else:
         assert "memlock limit of unlimited" in refused
-
-
-def test_processors_are_kept_awake_or_the_file_named() -> None:
-    """Asked for twice, as by a node that is configured again, it is one file."""
-    said = _said(
-        "wanted = RealtimeParameters(keep_awake=True)\n"
-        "print(realtime.apply(wanted))\n"
-        "print(realtime.apply(wanted))\n"
-        "files = [os.readlink(f'/proc/self/fd/{n}') for n in range(3, 9)"
-        " if os.path.exists(f'/proc/self/fd/{n}')]\n"
-        "print(files.count('/dev/cpu_dma_latency'))\n"
-    )
-    first, second, files = said.splitlines()
-    assert second == first
-    if first == "[]":
-        assert files == "1"
-    else:
-        assert "realtime.keep_awake is not granted" in first
-        assert "needs write access to /dev/cpu_dma_latency" in first
-
-
-def test_reports_processors_that_cannot_be_kept_awake() -> None:
-    said = _said(
-        f"{_WITHOUT_PRIVILEGES}print(realtime.apply(RealtimeParameters(keep_awake=True)))"
-    )
-    assert "realtime.keep_awake is not granted" in said
 
 
 def test_reports_memory_that_cannot_be_locked() -> None:
