@@ -57,7 +57,7 @@ def dynamics(
 ) -> tuple[kernels.Vector, kernels.Vector]:
     """Return dp/dt in the world and dv/dt in the body, by the selected dynamics.
 
-    Those of the rigid body are Eq. (3) with -omega x v of a turning frame.
+    For the rigid body Eq. (3) also has -omega x v of a turning frame.
     """
     is_rigid_body, (_lift, w_WB_B) = world[0], drive
     rate = paper_dynamics(v_WB_B, R_WB, drive, world)

@@ -9,5 +9,5 @@ from quad_mpc_ros.configuration import files
 
 def test_empty_list_is_left_to_the_default() -> None:
     """With an empty list in a file, rclpy does not start the node, because it has no type."""
-    text = files.dump("mpc", {"cpus": (), "Q": (1.0, 2.0), "name": ""})
+    text = files.dump("mpc", {"gates": (), "Q": (1.0, 2.0), "name": ""})
     assert yaml.safe_load(text) == {"mpc": {"ros__parameters": {"Q": [1.0, 2.0], "name": ""}}}

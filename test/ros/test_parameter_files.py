@@ -119,7 +119,7 @@ def no_node_is_left() -> Iterator[None]:
 def test_loads_given_and_dumped_parameters(tmp_path: Path, namespace: str) -> None:
     given = {
         "mass": 1,
-        "advanced": {"realtime": {"cpus": []}},
+        "obstacles": {"neighbours": []},
         "use_sim_time": False,
         "autostart": False,
     }
@@ -128,7 +128,7 @@ def test_loads_given_and_dumped_parameters(tmp_path: Path, namespace: str) -> No
     try:
         node = MpcNode()
         assert node.get_parameter("mass").value == 1.0
-        assert list(node.get_parameter("advanced.realtime.cpus").value) == []
+        assert list(node.get_parameter("obstacles.neighbours").value) == []
         # As ros2 param dump does it.
         dumped = {name: node.get_parameter(name).value for name in node._parameters}
         node.destroy_node()

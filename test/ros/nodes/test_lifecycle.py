@@ -178,8 +178,8 @@ def test_parameters_may_be_set_until_configured(
         "Parameter horizon_steps out of range. Min: 1, Max: 200, value: 0"
     )
     assert "mpc.Q: given [1.0], expected 9 numbers >= 0" in mpc.set(Q=[1.0])
-    for processors in ([0], []):  # a list that was declared empty takes numbers, and none again
-        assert mpc.set(**{"advanced.realtime.cpus": processors}) == ""
+    for vehicles in (["uav2"], []):  # a list that was declared empty takes values, and none again
+        assert mpc.set(**{"obstacles.neighbours": vehicles}) == ""
     # One after the other, of which the first alone does not go with the weight.
     assert mpc.set(throttle_max=0.29) == ""
     assert not mpc.to("configure")
