@@ -54,7 +54,7 @@ WIND, GUSTS = 4.5, 1.5  # m/s
 RECOVERED = 1.0  # m, largest settled error after tumbling
 _LOOKS = 1000  # per second, that an odometry may arrive
 FALLBACKS = ("hover", "blind", "silent")  # rungs of the ladder without a plan of the MPC
-WAYS = ("as_planned", "lightened", "late_stamped_on_arrival", "late")
+WAYS = ("as_planned", "lightened", "late_stamped_on_arrival", "late", "tumbling")
 _OWN = ("rate_time_constant", "thrust_time_constant", "drag")  # of a plant of rotors
 
 
@@ -243,7 +243,7 @@ def flown(name: str, number: int) -> Figures:
         for key in ("settled_error_mean_m", "settled_error_max_m", "tilt_max_rad")
     )
     crashed = truth.crash() is not None
-    if "tumbling" in name:  # it begins upside down and away
+    if SOURCES[name].way == "tumbling":  # it begins upside down and falls at first
         crashed = not largest < RECOVERED
     return Figures(mean, largest, tilt, crashed=crashed, left=left)
 
@@ -347,6 +347,7 @@ def rate_loops() -> Iterator[Source]:
                     campaign="rate_loops",
                     changes={**changes, "simulator.command_delay": delay},
                     vary={**lags, **(UPSIDE_DOWN if task == "tumbling" else {})},
+                    way="tumbling" if task == "tumbling" else "as_planned",
                 )
 
 

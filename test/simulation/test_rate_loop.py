@@ -47,16 +47,8 @@ def test_turns_as_an_independent_integrator_does(most: float) -> None:
         wanted = (COMMAND - w) / lags
         if most:
             wanted = np.clip(wanted, -most, most)
-        x, yy, z, s = y[:4]
-        a, b, c = w
-        turning = 0.5 * np.array(
-            [
-                s * a + yy * c - z * b,
-                s * b + z * a - x * c,
-                s * c + x * b - yy * a,
-                -x * a - yy * b - z * c,
-            ]
-        )
+        xyz, real = y[:3], y[3]
+        turning = 0.5 * np.append(real * w + np.cross(xyz, w), -xyz @ w)
         slope = np.where(torque > 0.0, (wanted - alpha) / np.where(torque > 0.0, torque, 1.0), 0.0)
         return np.concatenate([turning, np.where(torque > 0.0, alpha, wanted), slope])
 

@@ -15,7 +15,7 @@ from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.ekf import VehicleEkf, update
 from quad_mpc_ros.control.estimation.error_state import MOTION
 from quad_mpc_ros.control.estimation.filter_state import Filter, is_at_bounds
-from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode
+from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode, update_mode
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
 from quad_mpc_ros.control.model.rollout import StateRecord
@@ -353,6 +353,14 @@ def test_rejects_jump(jump: dict[str, Array]) -> None:
     np.testing.assert_array_equal(numbers(ekf.parameters()), numbers(before))
     # From there on it is a velocity like any other.
     assert ekf.update(before=stepped, after=stepped, acting=level) == UpdateMode.LEARN
+
+
+@pytest.mark.parametrize(
+    ("conditions", "saturated"), [(FLYING._replace(may_touch=True), False), (FLYING, True)]
+)
+def test_a_pause_of_learning_ends_in_hold(conditions: Conditions, saturated: bool) -> None:
+    for paused_for, mode in ((0.4, UpdateMode.VELOCITY_ONLY), (0.6, UpdateMode.HOLD)):
+        assert update_mode(conditions, saturated, paused_for) == mode
 
 
 def test_saturated_commands_update_velocity_only() -> None:
