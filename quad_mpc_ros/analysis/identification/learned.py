@@ -20,6 +20,7 @@ from quad_mpc_ros.control.tick import TickStats
 
 _MIN_TICKS = 25
 _MAX_SPREAD = 0.1  # of a value, either way
+_MAX_DRIFT = 0.01  # of the thrust, from the median of one half of the ticks to the other's
 _AT_BOUND = 0.005
 _MIN_YAW_CHANGE = 0.1  # of a time constant; a smaller change is hardly observable
 _MIN_DRAG_CHANGE = 0.01  # 1/s; at rest it stays as it is given
@@ -61,7 +62,7 @@ def learned(ticks: Sequence[TickStats], given: MpcConfig) -> FlightEstimates:
             f"{_MIN_TICKS} or more"
         )
     estimated = np.array([tick.thrust_scale for tick in flying])
-    scale = _estimate(_thrust_scales(flying, given))
+    scale = _estimate(_thrust_scales(flying, given), max_drift=_MAX_DRIFT)
     _check(scale, estimated=float(np.median(estimated)))
     times = {name: np.array([getattr(tick, f"{name}_ms") for tick in flying]) for name in _TAUS}
     lags = {name: _estimate(1e-3 * time) if time.any() else None for name, time in times.items()}
@@ -162,16 +163,18 @@ def _check(scale: ParameterEstimate, *, estimated: float) -> None:
     if not scale.observable:
         raise UserError(
             f"the thrust has not settled: {scale.value:.3f} +- {scale.half_width:.2g} of the "
-            "given, expected +- 10 % or less: fly longer, or more calmly"
+            "given, expected +- 10 % and a drift of 1 % or less: fly longer, or more calmly"
         )
 
 
-def _estimate(values: Array) -> ParameterEstimate:
+def _estimate(values: Array, *, max_drift: float = _MAX_SPREAD) -> ParameterEstimate:
     low, middle, high = np.percentile(values, (2.5, 50.0, 97.5)).tolist()
     half_width = 0.5 * (high - low)
+    first, second = np.array_split(values, 2)
+    drift = abs(np.median(second) - np.median(first))
     return ParameterEstimate(
         value=middle,
         half_width=half_width,
         seen=True,
-        observable=half_width <= _MAX_SPREAD * abs(middle),
+        observable=bool(half_width <= _MAX_SPREAD * abs(middle) and drift <= max_drift * middle),
     )

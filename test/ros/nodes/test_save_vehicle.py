@@ -140,9 +140,11 @@ def test_refuses_flight_without_information(case: str) -> None:
     assert learned([TICK] * 100, MpcConfig()).thrust_scale.value == pytest.approx(0.8)
     with pytest.raises(UserError, match=reason):
         learned(ticks, MpcConfig(**parameters))
-    moving = [dataclasses.replace(TICK, thrust_scale=0.7 + 0.003 * k) for k in range(100)]
-    with pytest.raises(UserError, match="has not settled"):
-        learned(moving, MpcConfig())
+    for remaining in 0.1, 0.3:  # half of it is left after 0.7 s
+        scales = 0.7 + remaining * np.exp(-0.02 * np.arange(50))
+        moving = [dataclasses.replace(TICK, thrust_scale=scale) for scale in scales]
+        with pytest.raises(UserError, match="has not settled"):
+            learned(moving, MpcConfig())
 
 
 def test_saves_from_running_node_without_overwriting(
