@@ -15,6 +15,7 @@ from quad_mpc_ros.configuration import (
     per_axis,
 )
 from quad_mpc_ros.configuration.box import FARTHEST, NO_WALL, BoxParameters
+from quad_mpc_ros.control.model.parameters import ActuatorLags
 from quad_mpc_ros.control.model.vehicle import VehicleParameters
 
 _live = functools.partial(parameter, live=True)
@@ -368,10 +369,26 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     throttle_max: float = _live(1.0, doc="Upper bound on the throttle.", minimum=0.0, maximum=1.0)
     rate_time_constant: float | tuple[float, ...] = parameter(
         0.07,
-        doc="manifold: first-order lag of the body rates behind their command.",
+        doc="manifold: lag of the body rates behind their command, one over the proportional gain "
+        "of the vehicle's rate loop.",
         unit="s",
         minimum=0.0,
         maximum=1.0,
+    )
+    torque_time_constant: float | tuple[float, ...] = parameter(
+        0.02,
+        doc="manifold: lag of the torque behind the rate loop, which rings if it is above "
+        "rate_time_constant. 0: the rates lag by rate_time_constant alone, and the problem is "
+        "smaller.",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    angular_acceleration_max: float | tuple[float, ...] = parameter(
+        0.0,
+        doc="manifold: largest angular acceleration; 0 is no limit.",
+        unit="rad/s^2",
+        minimum=0.0,
     )
     rate_gain: float | tuple[float, ...] = parameter(
         1.0,
@@ -382,6 +399,13 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     thrust_time_constant: float = parameter(
         0.04,
         doc="manifold: first-order lag of the throttle behind its command.",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    thrust_time_constant_down: float = parameter(
+        0.0,
+        doc="manifold: lag while the throttle decreases; 0 is thrust_time_constant.",
         unit="s",
         minimum=0.0,
         maximum=1.0,
@@ -474,6 +498,17 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     def on_manifold(self) -> bool:
         """Whether the horizon has lags, estimates and limits: all formulations but ``paper``."""
         return self.formulation != "paper"
+
+    @property
+    def lags(self) -> ActuatorLags:
+        """How throttle and body rates follow their commands."""
+        return ActuatorLags(
+            thrust=self.thrust_time_constant,
+            thrust_down=self.thrust_time_constant_down,
+            rate=self.rate_time_constant,
+            torque=self.torque_time_constant,
+            angular_acceleration_max=self.angular_acceleration_max,
+        )
 
     @property
     def uses_accelerometer(self) -> bool:

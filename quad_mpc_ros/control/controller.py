@@ -29,7 +29,7 @@ from quad_mpc_ros.control.model.samples import (
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.plan_stage import Planned, PlanStage
 from quad_mpc_ros.control.safety.decide_stage import Decided, DecideStage
-from quad_mpc_ros.control.safety.fallbacks import DisturbanceEstimate
+from quad_mpc_ros.control.safety.fallbacks import LearnedModel
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
 from quad_mpc_ros.control.safety.limit_stage import LimitStage
 from quad_mpc_ros.control.stage import Due, Failure, Stage
@@ -323,11 +323,15 @@ class Controller:
         )
         return self._record(due, planned, decided, command)
 
-    def _learned(self) -> DisturbanceEstimate:
+    def _learned(self) -> LearnedModel:
         """Return the estimate for the fallbacks."""
         model = self._estimation.parameters()
-        return DisturbanceEstimate(
-            thrust_scale=float(model.thrust_scale), a_W=tuple(model.a_W.tolist())
+        return LearnedModel(
+            thrust_scale=float(model.thrust_scale),
+            a_W=tuple(model.a_W.tolist()),
+            rate_lag=0.5 * sum(model.rate_time_constants.tolist()[:2]),
+            torque_lag=0.5 * sum(model.torque_time_constants.tolist()[:2]),
+            acceleration=self._estimation.angular_acceleration(),
         )
 
     def _record(self, due: Due, planned: Planned, decided: Decided, u: Input | None) -> Tick:

@@ -68,6 +68,10 @@ class EstimateStage(Stage):
         """Return the estimated parameters of the vehicle."""
         return self._estimator.estimated()
 
+    def angular_acceleration(self) -> tuple[float, float, float]:
+        """Return the estimated angular acceleration at the last odometry [rad/s^2]."""
+        return self._estimator.angular_acceleration()
+
     def answer_ns(self, stamp_ns: int, *, now_ns: int) -> int:
         """Take the arrival of an odometry; return when its answer is sent, by its clock."""
         sent_ns = stamp_ns + self._lateness.of(stamp_ns, now_ns=now_ns)

@@ -76,6 +76,9 @@ class TickStats:
     thrust_scale: float = 1.0  # estimated true over modelled thrust
     rate_time_constant_ms: float = 0.0  # estimated, mean of roll and pitch [ms]
     yaw_time_constant_ms: float = 0.0  # estimated, of yaw [ms]
+    torque_time_constant_ms: float = (
+        0.0  # estimated, of the rate loops, mean of roll and pitch [ms]
+    )
     thrust_time_constant_ms: float = 0.0  # estimated, of the throttle [ms]
     drag: float = 0.0  # estimated, mean over the axes [1/s]
     rate_offset_x: float = 0.0  # estimated offset of the roll rate from its command [rad/s]
@@ -159,6 +162,7 @@ def _solver_figures(step: MpcStep | None, estimate: EstimateStatus) -> dict[str,
         "thrust_scale": float(model["thrust_scale"]),
         "rate_time_constant_ms": 5e2 * (roll_lag + pitch_lag),
         "yaw_time_constant_ms": 1e3 * yaw_lag,
+        "torque_time_constant_ms": 5e2 * sum(model["torque_time_constants"].tolist()[:2]),
         "thrust_time_constant_ms": 1e3 * float(model["thrust_time_constant"]),
         "drag": float(model["drag"]),
         "rate_offset_x": roll_offset,

@@ -52,13 +52,7 @@ def warmed_up(
 def compile_problem(config: MpcConfig) -> None:
     """Compile the optimal control problem, without the estimation."""
     mpc = Mpc(config)
-    state = PredictedState.at_rest(
-        parameters_of(
-            config.vehicle(),
-            rate_time_constant=config.rate_time_constant,
-            thrust_time_constant=config.thrust_time_constant,
-        )
-    )
+    state = PredictedState.at_rest(parameters_of(config.vehicle(), config.lags))
     for stamp_ns in _TICKS_NS:
         window = ReferenceWindow.hover(_position(stamp_ns), stamp_ns=stamp_ns)
         mpc.solve(state._replace(stamp_ns=stamp_ns), window)

@@ -15,7 +15,8 @@ from quad_mpc_ros.control.estimation.error_state import (
 from quad_mpc_ros.control.estimation.filter_state import Filter
 from quad_mpc_ros.control.model.parameters import ModelParameters
 
-_RATE_PROCESS_NOISE = 0.2  # rad/s / sqrt(s), of the model's rates
+# Of the model's rates [rad/s / sqrt(s)] and angular accelerations [rad/s^2 / sqrt(s)].
+_RATE_PROCESS_NOISE, _ACCELERATION_PROCESS_NOISE = 0.2, 2.0
 # Latency of the default vehicle from command to response [s], and the largest bandwidth scale.
 _DEFAULT_LATENCY, _MAX_BANDWIDTH_SCALE = 0.13, 4.0
 
@@ -25,10 +26,10 @@ def set_initial_variances(state: Filter, bandwidth_scale: float) -> None:
     nominal = state.nominal
     translation, rates = state.process_noise.translation, state.process_noise.rates
     roll, pitch, yaw = nominal.rate_time_constants.tolist()
-    shared = 0.5 * (roll + pitch)
+    torque_roll, _pitch, torque_yaw = nominal.torque_time_constants.tolist()
     # Quickly estimated offsets raise the bandwidth: only for vehicles configured with short lags.
     share = min(bandwidth_scale - 1.0, 1.0) if max(roll, pitch, yaw) > 0.0 else 0.0
-    d, of_lag = MOTION.disturbance, error_state.LAG
+    d = MOTION.disturbance
     for i, assumed, scale in (
         (d, error_state.DISTURBANCE, 1.0),
         (d + 1, error_state.DISTURBANCE, 1.0),
@@ -42,21 +43,20 @@ def set_initial_variances(state: Filter, bandwidth_scale: float) -> None:
     for k in range(3):
         translation.P[MOTION.bias + k, MOTION.bias + k] = initial
     for i, assumed, scale in (
-        (ROLL_PITCH, of_lag, shared),
-        (YAW, error_state.YAW_LAG, yaw),
+        (RATES.lag + ROLL_PITCH, error_state.RATE_LAG, float(roll + pitch > 0.0)),
+        (RATES.lag + YAW, error_state.RATE_LAG, float(yaw > 0.0)),
+        (RATES.torque_lag + ROLL_PITCH, error_state.TORQUE_LAG, float(torque_roll > 0.0)),
+        (RATES.torque_lag + YAW, error_state.TORQUE_LAG, float(torque_yaw > 0.0)),
         *((RATES.offset + k, error_state.OFFSET, share) for k in range(2)),
         *((RATES.offset_by_thrust + k, error_state.OFFSET_BY_THRUST, share) for k in range(2)),
-        (RATES.lateness, error_state.LATENESS, share),
     ):
         rates.P[i, i], rates.x[i] = variances_at(assumed, scale)
-    rates.x[RATES.rate : RATES.lag] = _RATE_PROCESS_NOISE**2
+    rates.x[RATES.rate : RATES.acceleration] = _RATE_PROCESS_NOISE**2
+    rates.x[RATES.acceleration : RATES.lag] = _ACCELERATION_PROCESS_NOISE**2
     # Late odometry looks like a lag; compensating a lag that does not exist oscillates. So the
     # longest lag is closer to the configured one for quick vehicles.
-    lags, shortest = state.rate_lags, error_state.SHORTEST_RATE_LAG
-    lags.share[:] = roll / (shared or 1.0), pitch / (shared or 1.0), yaw / (yaw or 1.0)
-    lags.shortest[:] = shortest * shared, shortest * shared, shortest * yaw
-    slowest = (1.0 + 1.0 / bandwidth_scale) * shared
-    lags.longest[:] = slowest, slowest, error_state.SLOWEST_YAW * yaw
+    longest = error_state.LONGEST_RATE_LAG - 1.0
+    state.longest_rate_lag = 1.0 + longest / bandwidth_scale
 
 
 def set_accelerometer_variances(state: Filter) -> None:

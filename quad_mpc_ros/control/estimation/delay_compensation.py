@@ -25,7 +25,7 @@ from quad_mpc_ros.control.estimation.estimate_health import EstimateHealth
 from quad_mpc_ros.control.estimation.filter_state import Filter, is_at_bounds, write_estimated
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import Learning
-from quad_mpc_ros.control.estimation.rate_update import add_offsets
+from quad_mpc_ros.control.estimation.rate_update import add_offsets, track_acceleration
 from quad_mpc_ros.control.estimation.specific_force import SpecificForces
 from quad_mpc_ros.control.estimation.update_mode import (
     LONGEST_GAP_NS,
@@ -85,15 +85,12 @@ class DelayCompensation(Stage):
         self._rate_gain = np.array(per_axis(config.rate_gain))
         self._history = CommandHistory(delay_ns=self._delay_ns, initial=hover.vector())
         self._learns = config.estimate_disturbance
-        # Without a lag the throttle equals the command and needs no update.
-        self._follows = self._learns or config.thrust_time_constant > 0.0
+        # Without lags throttle and acceleration follow from the command and need no update.
+        lags = config.lags
+        self._follows = self._learns or max(lags.thrust, *per_axis(lags.torque)) > 0.0
         self._buffer = EstimatorState.zeros()
         self._estimator = estimator = self._buffer[()]
-        nominal = parameters_of(
-            vehicle,
-            rate_time_constant=config.rate_time_constant,
-            thrust_time_constant=config.thrust_time_constant,
-        )
+        nominal = parameters_of(vehicle, config.lags)
         self._ekf = VehicleEkf(
             nominal[()],
             throttle=hover.throttle,
@@ -133,6 +130,11 @@ class DelayCompensation(Stage):
     def estimated(self) -> ModelParameters:
         """Return the estimated parameters of the vehicle."""
         return self._ekf.parameters()
+
+    def angular_acceleration(self) -> tuple[float, float, float]:
+        """Return the estimated angular acceleration at the last odometry [rad/s^2]."""
+        roll, pitch, yaw = self._estimator.measured.angular_acceleration.tolist()
+        return roll, pitch, yaw
 
     def record(self, command: Input, *, stamp_ns: int) -> None:
         """Record a command and when it is sent, by the clock of the odometry's stamps."""
@@ -180,6 +182,7 @@ class DelayCompensation(Stage):
         if previous_ns is None or not 0 <= stamp_ns - previous_ns <= LONGEST_GAP_NS:
             self._take_measurement(odometry)
             measured = self._estimator.measured
+            measured.angular_acceleration[:] = 0.0
             self._ekf.start(p_WB=measured.p_WB, v_WB_W=measured.v_WB_W, w_WB_B=measured.w_WB_B)
             self.status = EstimateStatus(resets=self._health.resets)
             if self._force_variance > 0.0:
@@ -349,16 +352,17 @@ def _update_filter(
     start_ns, end_ns = stamps_ns
     _read_measurement(buffer=buffer, p_WB=p_WB, q_WB_xyzw=q_WB_xyzw, v_WB_B=v_WB_B, w_WB_B=w_WB_B)
     estimator = buffer[()]
+    acting = acting_between(acts_ns=acts_ns, commands=commands, start_ns=start_ns, end_ns=end_ns)
     mode = update(
         state=estimator.filter,
         before=estimator.before,
         after=estimator.measured,
-        acting=acting_between(
-            acts_ns=acts_ns, commands=commands, start_ns=start_ns, end_ns=end_ns
-        ),
+        acting=acting,
         conditions=conditions,
         reported_variance=v_variance,
     )
+    if len(acting.durations) > 0:
+        track_acceleration(estimator.filter, estimator.before, estimator.measured, acting)
     return mode.value, is_at_bounds(estimator.filter)
 
 

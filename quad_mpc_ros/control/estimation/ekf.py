@@ -10,13 +10,14 @@ equations). docs/explanation/estimation.md explains how the states are distingui
     da/dt = noise                                  bias of the accelerometer, if there is one
     all other parameters: a random walk, no more uncertain than at the start
 
-    z_p = p + n,   z_v = v + b + n,   z_w = w - D dw/dt + n,   z_f = R' (dv/dt - g) + a + n
+    z_p = p + n,   z_v = v + b + n,   z_w = w + n,   z_f = R' (dv/dt - g) + a + n
 
 **k and d_z** are not separately observable at hover: only k T/m + d_z = g is. Their process noise
 separates them: wind changes, a lack of thrust lasts. **Drag** is distinguished from wind by
 motion, and is considered below a speed. **A velocity bias** is distinguished by the change of the
 position. :mod:`.update_mode` selects what an odometry may change. A time constant of zero is no
-lag and stays zero. The input delay is not estimated (``docs/howto/tune.md``).
+lag and stays zero. The input delay is not estimated (``docs/howto/tune.md``): a delay that is not
+modelled shows as a lag of the torque.
 """
 
 from __future__ import annotations
@@ -37,9 +38,7 @@ from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.error_state import (
     LEARNED_STATES,
     MOTION,
-    ROLL_PITCH,
     SCALE_BOUNDS,
-    YAW,
 )
 from quad_mpc_ros.control.estimation.filter_state import Filter, write_estimated
 from quad_mpc_ros.control.estimation.rate_update import (
@@ -114,8 +113,6 @@ class VehicleEkf:
         x[MOTION.lag], x[MOTION.drag] = nominal.thrust_time_constant, nominal.drag
         state.translation.P[:] = state.process_noise.translation.P
         state.rates.x[:] = 0.0
-        state.rates.x[ROLL_PITCH] = 0.5 * sum(nominal.rate_time_constants.tolist()[:2])
-        state.rates.x[YAW] = nominal.rate_time_constants[2]
         state.rates.P[:] = state.process_noise.rates.P
         restart(state, x[: MOTION.velocity].copy(), x[MOTION.velocity : MOTION.disturbance].copy())
 

@@ -32,16 +32,18 @@ class RateIndices(NamedTuple):
     """Indices of the blocks of the rate filter, and its size."""
 
     rate: int  # rad/s, of the model
-    lag: int  # s, time constants: mean of roll and pitch, and yaw
+    acceleration: int  # rad/s^2, of the model
+    lag: int  # logarithms of the factors on the time constants: of roll and pitch, and of yaw
+    torque_lag: int  # the same of the time constants of the torque
     offset: int  # rad/s, of roll and pitch from their commands
     offset_by_thrust: int  # rad/s per m/s^2 of the modelled specific thrust
-    lateness: int  # s, delay of roll and pitch beyond their time constant
     size: int
 
 
 MOTION = MotionIndices(0, 3, 6, 9, 10, 11, 12, 13, 16, 19)
-RATES = RateIndices(0, 3, 5, 7, 9, 10)
-ROLL_PITCH, YAW = RATES.lag, RATES.lag + 1
+RATES = RateIndices(0, 3, 6, 8, 10, 12, 14)
+ROLL_PITCH, YAW = 0, 1
+"""Positions in the blocks of time constants."""
 
 # Learned states of the translation filter, first and end.
 LEARNED_STATES = MOTION.disturbance, MOTION.throttle
@@ -73,23 +75,21 @@ DISTURBANCE = StateNoise(1.0, 0.7)  # horizontal; m/s^2
 VERTICAL = StateNoise(0.5, 0.3)
 VERTICAL_TIME = 4.0  # s
 SCALE = StateNoise(0.2, 0.015)
-LAG = StateNoise(0.5, 0.1)  # of the configured time constants
+RATE_LAG = StateNoise(0.7, 0.15)  # of the logarithms of the rates' time constants
+TORQUE_LAG = StateNoise(0.9, 0.15)
 THRUST_LAG = StateNoise(1.0, 0.1)  # includes unmodelled delay
-YAW_LAG = StateNoise(
-    1.5, 0.1
-)  # yaw is turned by drag of the rotors, several times slower as a rule
 DRAG = StateNoise(0.3, 0.05)  # 1/s
 OFFSET = StateNoise(0.3, 0.06)
 OFFSET_BY_THRUST = StateNoise(0.05, 0.001)
-LATENESS = StateNoise(0.01, 0.01)
 ACCELEROMETER = StateNoise(0.3, 0.01)  # m/s^2, bias and tilt of its mounting
 
 VERTICAL_BOUND = 3.0  # m/s^2
 SCALE_BOUNDS = (0.5, 1.5)
 LAG_FACTOR = 2.0  # of the thrust's time constant, either way
-SHORTEST_RATE_LAG = 0.2  # of the rates' time constants, for racers with the default of 70 ms
+# Factors on the rates' time constants: racers and slow rate loops with the default of 70 ms.
+SHORTEST_RATE_LAG, LONGEST_RATE_LAG = 0.2, 8.0
+TORQUE_LAG_FACTOR = 10.0  # on the torque's time constants, either way
 MAX_THRUST_DELAY = 0.1  # s, beyond its longest time constant
-SLOWEST_YAW = 6.0  # factor on its time constant
 DRAG_FACTORS, MIN_DRAG_MARGIN = (0.1, 3.0), 0.8  # of the configured drag, and 1/s beyond it
 OFFSET_BOUND, OFFSET_BY_THRUST_BOUND = 3.0, 0.2
 

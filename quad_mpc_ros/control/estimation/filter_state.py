@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, Vector3, Vector4
 from quad_mpc_ros.control.estimation import error_state
@@ -35,14 +37,6 @@ class ProcessNoise(Record):
     rates: RateEstimate
 
 
-class RateLags(Record):
-    """Share of each axis in the common time constant, and bounds of that [s]."""
-
-    share: Vector3
-    shortest: Vector3
-    longest: Vector3
-
-
 class LowpassedRates(Record):
     """Commands and measured rates behind the same first-order low-pass."""
 
@@ -63,7 +57,7 @@ class Filter(Record):
     nominal: ModelParameters  # as configured
     estimated: ModelParameters
     drag_shape: Vector3  # anisotropic drag over the mean drag
-    rate_lags: RateLags
+    longest_rate_lag: float  # factor on the time constants of roll and pitch
     lowpass: LowpassedRates
     bounds: Bounds
     enabled: int  # whether parameters are estimated
@@ -76,9 +70,17 @@ class Filter(Record):
 
 
 @compiled
+def loop_lags(state: Filter, axis: int) -> tuple[float, float]:
+    """Return the estimated time constants of the rate loop and of the torque of an axis [s]."""
+    x, nominal, k = state.rates.x, state.nominal, YAW if axis == 2 else ROLL_PITCH
+    rate, torque = nominal.rate_time_constants[axis], nominal.torque_time_constants[axis]
+    return rate * math.exp(x[RATES.lag + k]), torque * math.exp(x[RATES.torque_lag + k])
+
+
+@compiled
 def write_estimated(state: Filter, parameters: ModelParameters) -> None:
     """Write the estimated parameters."""
-    x, rates, shares = state.translation.x, state.rates.x, state.rate_lags.share
+    x, rates = state.translation.x, state.rates.x
     shape, nominal = state.drag_shape, state.nominal
     learned = x[MOTION.drag] - nominal.drag
     parameters.a, parameters.b, parameters.c = nominal.a, nominal.b, nominal.c
@@ -86,6 +88,10 @@ def write_estimated(state: Filter, parameters: ModelParameters) -> None:
     parameters.translational_lift = nominal.translational_lift
     longest = error_state.LAG_FACTOR * nominal.thrust_time_constant
     parameters.thrust_time_constant = min(x[MOTION.lag], longest)
+    parameters.thrust_time_constant_down = parameters.thrust_time_constant
+    if nominal.thrust_time_constant > 0.0:
+        ratio = nominal.thrust_time_constant_down / nominal.thrust_time_constant
+        parameters.thrust_time_constant_down *= ratio
     parameters.thrust_scale = x[MOTION.scale]
     parameters.drag = x[MOTION.drag]
     for k in range(3):
@@ -94,8 +100,10 @@ def write_estimated(state: Filter, parameters: ModelParameters) -> None:
         anisotropic = learned * shape[k]
         parameters.learned_drag[k] = learned + anisotropic
         parameters.anisotropic_drag[k] = nominal.anisotropic_drag[k] + anisotropic
-        lag = YAW if k == 2 else ROLL_PITCH
-        parameters.rate_time_constants[k] = shares[k] * rates[lag]
+        parameters.rate_time_constants[k], parameters.torque_time_constants[k] = loop_lags(
+            state, k
+        )
+        parameters.angular_acceleration_max[k] = nominal.angular_acceleration_max[k]
     for k in range(2):
         parameters.rate_offset[k] = rates[RATES.offset + k]
         parameters.rate_offset_by_thrust[k] = rates[RATES.offset_by_thrust + k]

@@ -2,7 +2,7 @@
 
 Position, velocity and throttle follow from the commands that acted, delayed and lagged, and from
 the estimated parameters. The attitude turns at a constant rate between two measured attitudes.
-The modelled rates follow their commands and offsets.
+The modelled rates follow their commands and offsets through the loop of each axis.
 """
 
 from __future__ import annotations
@@ -14,17 +14,19 @@ from quad_mpc_ros.control.estimation.error_state import (
     RATES,
     ROLL_PITCH,
     YAW,
-    RateEstimate,
     TranslationEstimate,
 )
+from quad_mpc_ros.control.estimation.filter_state import Filter, loop_lags
 from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.model.actuators import first_order_lag
 from quad_mpc_ros.control.model.parameter_jacobians import (
     BY,
-    OF_NO_TIME,
     MotionDerivatives,
-    followed_rate,
+    at_start,
+    followed_loop,
     no_motion,
     propagated_with_derivatives,
+    thrust_lag_slopes,
 )
 from quad_mpc_ros.control.model.parameters import ModelParameters, modelled_thrust
 from quad_mpc_ros.control.model.rollout import LONGEST_SUBSTEP, Body, StateRecord
@@ -54,6 +56,7 @@ def predict_translation(
         kernels.vector(x[MOTION.velocity : MOTION.disturbance]),
         R,
         (x[MOTION.throttle], w[0], w[1], w[2]),
+        (0.0, 0.0, 0.0),
     )
     derivatives, shape, throttle = no_motion(), kernels.vector(drag_shape), x[MOTION.throttle]
     for k in range(len(acting.durations)):
@@ -127,56 +130,49 @@ def predict_unmodelled(
     for k in range(3):
         F[MOTION.position + k, MOTION.velocity + k] = duration
         x[MOTION.position + k] += duration * x[MOTION.velocity + k]
-    throttle, derivatives = x[MOTION.throttle], OF_NO_TIME
+    throttle, by_throttle, by_lag = x[MOTION.throttle], 1.0, 0.0
     for k in range(len(acting.durations)):
-        throttle, derivatives = followed_rate(
-            model.thrust_time_constant,
-            acting.commands[k, U_THROTTLE],
-            0.0,
-            acting.durations[k],
-            throttle,
-            derivatives,
-        )
+        command, seconds = acting.commands[k, U_THROTTLE], acting.durations[k]
+        lag = model.thrust_time_constant
+        if command < throttle:
+            lag = model.thrust_time_constant_down
+        decay, _share = first_order_lag(lag, seconds)
+        slope, _share_slope = thrust_lag_slopes(model, throttle, command, seconds)
+        by_throttle, by_lag = decay * by_throttle, decay * by_lag + slope * (throttle - command)
+        throttle = command + decay * (throttle - command)
     x[MOTION.throttle] = throttle
-    F[MOTION.throttle, MOTION.throttle] = derivatives.by_rate
-    F[MOTION.throttle, MOTION.lag] = derivatives.by_lag
+    F[MOTION.throttle, MOTION.throttle], F[MOTION.throttle, MOTION.lag] = by_throttle, by_lag
 
 
 @compiled
-def predict_rates(
-    nominal: ModelParameters,
-    shares: Array,
-    estimate: RateEstimate,
-    acting: Acting,
-    F: Array,
-    H: Array,
-) -> None:
-    """Predict the rates of the model, and write the Jacobian F and the measurement H (3, n).
-
-    ``shares`` (3,) are the axes' shares of the common time constants. H x = w - D dw/dt, as the
-    measurement is late.
-    """
-    x, duration = estimate.x, acting.durations.sum()
+def predict_rates(state: Filter, acting: Acting, F: Array) -> None:
+    """Predict rates and accelerations of the model, and write the Jacobian F."""
+    x, nominal = state.rates.x, state.nominal
     identity(F)
-    H[:] = 0.0
     for axis in range(3):
-        rate, lag = RATES.rate + axis, YAW if axis == 2 else ROLL_PITCH
-        w, by = x[rate], OF_NO_TIME
-        for k in range(len(acting.durations)):
-            thrust = modelled_thrust(nominal, acting.commands[k, U_THROTTLE])
-            command = acting.commands[k, U_RATE + axis]
+        k = YAW if axis == 2 else ROLL_PITCH
+        columns = (
+            RATES.rate + axis,
+            RATES.acceleration + axis,
+            RATES.lag + k,
+            RATES.torque_lag + k,
+            RATES.offset + axis,
+            RATES.offset_by_thrust + axis,
+        )
+        rows, lags, D = columns[:2], loop_lags(state, axis), at_start()
+        w, acceleration = x[rows[0]], x[rows[1]]
+        for n in range(len(acting.durations)):
+            thrust = modelled_thrust(nominal, acting.commands[n, U_THROTTLE])
+            command = acting.commands[n, U_RATE + axis]
             if axis < 2:
-                by_thrust = x[RATES.offset_by_thrust + axis]
-                command += x[RATES.offset + axis] + by_thrust * thrust
-            time_constant = shares[axis] * x[lag]
-            w, by = followed_rate(time_constant, command, thrust, acting.durations[k], w, by)
-        F[rate, rate], F[rate, lag] = by.by_rate, shares[axis] * by.by_lag
-        H[axis, rate] = 1.0
-        if axis < 2:
-            F[rate, RATES.offset + axis] = by.by_offset
-            F[rate, RATES.offset_by_thrust + axis] = by.by_offset_by_thrust
-            H[axis, RATES.lateness] = -(w - x[rate]) / duration
-        x[rate] = w
+                command += x[RATES.offset + axis] + x[RATES.offset_by_thrust + axis] * thrust
+            w, acceleration = followed_loop(
+                lags, (command, thrust), acting.durations[n], (w, acceleration), D
+            )
+        x[rows[0]], x[rows[1]] = w, acceleration
+        for i in range(2):
+            for n in range(6 if axis < 2 else 4):  # yaw has no offsets
+                F[rows[i], columns[n]] = D[i, n]
 
 
 @compiled

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.estimation import error_state, kalman
 from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.error_state import RATES, ROLL_PITCH, YAW
-from quad_mpc_ros.control.estimation.filter_state import Filter, LowpassedRates
+from quad_mpc_ros.control.estimation.filter_state import Filter, LowpassedRates, loop_lags
 from quad_mpc_ros.control.estimation.process_model import predict_rates
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.actuators import first_order_lag
 from quad_mpc_ros.control.model.parameters import modelled_thrust
+from quad_mpc_ros.control.model.rate_loop import axis_step, loop_step
 from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.state import U_RATE, U_THROTTLE
 
 _LOWPASS_TIME = 0.1  # s, low-pass of commands and rates
+# Of the angular acceleration: shortest time of a correction, and the lag that halves it.
+_CORRECTION_TIME, _CORRECTED_LAG = 0.05, 0.1  # s
 _RATE_NOISE = 0.02  # rad/s / sqrt(Hz), measurement noise of a rate
 
 
@@ -25,14 +30,14 @@ _RATE_NOISE = 0.02  # rad/s / sqrt(Hz), measurement noise of a rate
 def update_rates(state: Filter, after: StateRecord, acting: Acting, mode: UpdateMode) -> None:
     """Predict and update the rates and their parameters."""
     x, P, noise, n = state.rates.x, state.rates.P, state.process_noise.rates, RATES.size
-    if P[ROLL_PITCH, ROLL_PITCH] + P[YAW, YAW] <= 0.0:
+    if P[RATES.lag, RATES.lag] + P[RATES.lag + YAW, RATES.lag + YAW] <= 0.0:
         return
     duration, lowpass = acting.durations.sum(), _lowpassed(state.lowpass, acting, after.w_WB_B)
     if mode in (UpdateMode.HOLD, UpdateMode.REJECT):
         take_rates(state)
         return
-    F, H = np.empty((n, n)), np.empty((3, n))
-    predict_rates(state.nominal, state.rate_lags.share, state.rates, lowpass, F, H)
+    F, H = np.empty((n, n)), np.zeros((3, n))
+    predict_rates(state, lowpass, F)
     Q = np.zeros(n)
     for i in range(n):
         if i < RATES.lag or P[i, i] < noise.P[i, i]:
@@ -40,9 +45,8 @@ def update_rates(state: Filter, after: StateRecord, acting: Acting, mode: Update
     kalman.predict(P, F, Q)
     nu, considered = np.zeros(3), np.zeros(n)
     for k in range(3):
-        for i in range(n):
-            nu[k] -= H[k, i] * x[i]
-        nu[k] += state.lowpass.measured[k]
+        H[k, RATES.rate + k] = 1.0
+        nu[k] = state.lowpass.measured[k] - x[RATES.rate + k]
     if mode != UpdateMode.LEARN:
         considered[RATES.lag :] = 1.0
     R = _RATE_NOISE**2 / duration
@@ -54,9 +58,8 @@ def update_rates(state: Filter, after: StateRecord, acting: Acting, mode: Update
 def take_rates(state: Filter) -> None:
     """Set the rates to the low-passed measurement, and keep the parameters."""
     x, P = state.rates.x, state.rates.P
-    for k in range(3):
-        i = RATES.rate + k
-        x[i] = state.lowpass.measured[k]
+    for i in range(RATES.lag):
+        x[i] = state.lowpass.measured[i] if i < RATES.acceleration else 0.0
         P[i, :] = 0.0
         P[:, i] = 0.0
 
@@ -75,6 +78,34 @@ def begin_rates(state: Filter, w_WB_B: Array) -> None:
         lowpass.measured[k] = lowpass.last[k] = w_WB_B[k]
         lowpass.command[U_RATE + k] = w_WB_B[k] - lowpass.command[U_RATE + k]
     take_rates(state)
+
+
+@compiled
+def track_acceleration(
+    state: Filter, before: StateRecord, after: StateRecord, acting: Acting
+) -> None:
+    """Write the angular acceleration of a measured state ``after``.
+
+    It is the model's, corrected by the measured rates. The shorter the lag of the torque, the
+    less is corrected: the model's own error decays with the lag.
+    """
+    commands, duration = acting.commands.copy(), acting.durations.sum()
+    for n in range(len(commands)):
+        add_offsets(state, commands[n])
+    for axis in range(3):
+        tau, lag = loop_lags(state, axis)
+        w, acceleration = before.w_WB_B[axis], before.angular_acceleration[axis]
+        if lag <= 0.0:
+            after.angular_acceleration[axis] = 0.0
+            continue
+        for n in range(len(commands)):
+            most = state.nominal.angular_acceleration_max[axis]
+            loop = loop_step(tau, lag, most, acting.durations[n])
+            step = axis_step(loop, w, acceleration, commands[n, U_RATE + axis])
+            w, acceleration = step.rate, step.acceleration
+        missed = (after.w_WB_B[axis] - w) / max(duration, _CORRECTION_TIME)
+        share = lag / (lag + _CORRECTED_LAG)
+        after.angular_acceleration[axis] = acceleration + share * missed
 
 
 @compiled
@@ -111,10 +142,14 @@ def add_offsets(state: Filter, command: Array) -> None:
 @compiled
 def _constrain_rates(state: Filter, considered: Array) -> None:
     """Project the parameters of the rates into their bounds."""
-    x, P, lags = state.rates.x, state.rates.P, state.rate_lags
-    for i, axis in ((ROLL_PITCH, 0), (YAW, 2)):
-        bounds = lags.shortest[axis], lags.longest[axis]
-        kalman.constrain(x, P, i, bounds, considered)
+    x, P = state.rates.x, state.rates.P
+    shortest, torque = (
+        math.log(error_state.SHORTEST_RATE_LAG),
+        math.log(error_state.TORQUE_LAG_FACTOR),
+    )
+    for k, longest in ((ROLL_PITCH, state.longest_rate_lag), (YAW, error_state.LONGEST_RATE_LAG)):
+        kalman.constrain(x, P, RATES.lag + k, (shortest, math.log(longest)), considered)
+        kalman.constrain(x, P, RATES.torque_lag + k, (-torque, torque), considered)
     for k in range(2):
         i, most = RATES.offset + k, error_state.OFFSET_BOUND
         x[i] = kernels.clamp(x[i], -most, most)

@@ -17,7 +17,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.state import U_RATE, U_THROTTLE
 
 Actuators = tuple[float, float, float, float]
-"""Throttle and body rates [rad/s], or one number for each of them."""
+"""Throttle and body rates [rad/s]."""
 
 
 @compiled
@@ -49,17 +49,3 @@ def first_order_lag_slopes(time_constant: float, duration: float) -> tuple[float
 def inverse_lag(time_constant: float, duration: float, before: float, after: float) -> float:
     """Return the command c = y + tau dy/dt that takes a lagging actuator between two values."""
     return 0.5 * (before + after) + time_constant / duration * (after - before)
-
-
-@compiled
-def followed(kept: Actuators, y: Actuators, command: Actuators) -> Actuators:
-    """Return actuators after the share ``kept`` of their distance to the command remains."""
-    throttle, roll, pitch, yaw = command
-    of_throttle, of_roll, of_pitch, of_yaw = kept
-    at_throttle, at_roll, at_pitch, at_yaw = y
-    return (
-        throttle + of_throttle * (at_throttle - throttle),
-        roll + of_roll * (at_roll - roll),
-        pitch + of_pitch * (at_pitch - pitch),
-        yaw + of_yaw * (at_yaw - yaw),
-    )

@@ -4,7 +4,8 @@ x_{i+1} = f(x_i, u_i) over a stage of substeps; A_i = df/dx and B_i = df/du thro
 the tangent spaces at x_i and x_{i+1}, with the right Jacobian of SO(3). They are those of the
 discretisation in :mod:`quad_mpc_ros.control.model.rollout`, not of the differential equations.
 
-Tangent order of the horizon: position, velocity, attitude, body rate, throttle.
+Tangent order of the horizon: position, velocity, attitude, body rate, throttle, angular
+acceleration.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.model.actuators import Actuators, actuators_in, followed
+from quad_mpc_ros.control.model.actuators import Actuators, actuators_in
 from quad_mpc_ros.control.model.parameters import ModelParameters
 from quad_mpc_ros.control.model.rollout import (
     Discretisation,
@@ -32,22 +33,32 @@ from quad_mpc_ros.control.model.rollout import (
 from quad_mpc_ros.control.model.state import TANGENT_SIZE, THETA, U_RATE, U_THROTTLE, P, V
 
 # Offsets of the actuators in the tangent of the horizon, behind the state.
-OMEGA, S, STATE_SIZE = TANGENT_SIZE, TANGENT_SIZE + 3, TANGENT_SIZE + 4
-RATE, THROTTLE = slice(OMEGA, S), S
-WITHOUT_ACTUATORS = OMEGA
-"""Size of the state without actuator lags."""
+OMEGA, S, ALPHA = TANGENT_SIZE, TANGENT_SIZE + 3, TANGENT_SIZE + 4
+RATE, THROTTLE, STATE_SIZE = slice(OMEGA, S), S, ALPHA + 3
+ACCELERATION = slice(ALPHA, STATE_SIZE)
+WITHOUT_ACTUATORS, WITHOUT_ACCELERATION = OMEGA, ALPHA
+"""Sizes of the state without actuator lags, and without a lag of the torque."""
 
-# Columns of the sensitivities to attitude, rates, commanded rates, and with anisotropic drag to
-# the velocity.
-_FROM_RATE, _FROM_COMMAND, _FROM_VELOCITY, _COLUMNS = 3, 6, 9, 12
+# Columns of the sensitivities to attitude, rates, angular accelerations, commanded rates, and with
+# anisotropic drag to the velocity.
+_FROM_RATE, _FROM_ACCELERATION, _FROM_COMMAND, _FROM_VELOCITY, _COLUMNS = 3, 6, 9, 12, 15
+# Blocks of those of the rates themselves.
+_BY_RATE, _BY_ACCELERATION, _BY_COMMAND = 0, 1, 2
 
 
 class _Sensitivities(NamedTuple):
-    """Sensitivities of attitude, velocity and position, (12, 3) each."""
+    """Sensitivities of attitude, velocity and position, (15, 3) each, and of the rate loops.
+
+    ``rates`` and ``accelerations`` (3, 3) are those of each axis to its rate, its acceleration and
+    its command at the start of the stage, ``means`` (3, 3) those of the mean rates of a substep.
+    """
 
     R: Array
     v: Array
     p: Array
+    rates: Array
+    accelerations: Array
+    means: Array
 
 
 class AirSlopes(NamedTuple):
@@ -78,62 +89,76 @@ def jacobians(
 ) -> None:
     """Roll out as :func:`roll_out` does and write A (N, nx, nx) and B (N, nx, 4).
 
-    ``nx`` is 13, or 9 without actuator lags. The input of a stage changes the commands of all its
-    substeps whose ``free`` (N, M, 4) is 1; it is 0 for commands at a bound.
+    ``nx`` is 16, 13 without a lag of the torque, or 9 without actuator lags. The input of a stage
+    changes the commands of all its substeps whose ``free`` (N, M, 4) is 1; it is 0 for commands at
+    a bound.
     """
     steps, substeps = inputs.shape[:2]
-    lagging = A.shape[1] > WITHOUT_ACTUATORS
+    columns = _FROM_ACCELERATION if A.shape[1] > WITHOUT_ACTUATORS else _FROM_RATE
+    if A.shape[1] > WITHOUT_ACCELERATION:
+        columns = _FROM_COMMAND
     d = discretised(model, step / substeps)
     x = body_in(start)
     store_body(x, states[0])
     sensitivities = _Sensitivities(
-        np.empty((_COLUMNS, 3)), np.empty((_COLUMNS, 3)), np.empty((_COLUMNS, 3))
+        np.empty((_COLUMNS, 3)),
+        np.empty((_COLUMNS, 3)),
+        np.empty((_COLUMNS, 3)),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
     )
     for i in range(steps):
         _begin(sensitivities)
-        kept, gained = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0)
+        kept, gained = 1.0, 0.0
         by_throttle = by_command = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         own_v, own_p = 1.0, 0.0
         for j in range(substeps):
             command, let = actuators_in(inputs[i, j]), actuators_in(free[i, j])
             x, midpoint = substep(model, d, command, x)
-            mean_kept = followed(d.share, kept, (0.0, 0.0, 0.0, 0.0))
-            mean_gained = followed(d.share, gained, let)
+            decay, share = midpoint.lag
             air = air_slopes(model, d, midpoint)
-            _propagate(d, midpoint, air, mean_kept, mean_gained, lagging, sensitivities)
-            slope = model.thrust_scale * (2.0 * model.a * midpoint.mean[U_THROTTLE] + model.b)
+            _propagate_rates(midpoint, let, sensitivities)
+            _propagate(d, midpoint, air, columns, sensitivities)
+            slope = model.thrust_scale * (2.0 * model.a * midpoint.throttle + model.b)
             thrust_slope_W = kernels.scaled(slope, kernels.column(midpoint.R, 2))
             slowed = kernels.scaled(slope, air.by_thrust)
+            mean_kept = share * kept
+            mean_gained = let[U_THROTTLE] + share * (gained - let[U_THROTTLE])
             by_throttle = propagated_slopes(
                 d,
                 air,
-                kernels.scaled(mean_kept[U_THROTTLE], thrust_slope_W),
-                kernels.scaled(mean_kept[U_THROTTLE], slowed),
+                kernels.scaled(mean_kept, thrust_slope_W),
+                kernels.scaled(mean_kept, slowed),
                 by_throttle,
             )
             by_command = propagated_slopes(
                 d,
                 air,
-                kernels.scaled(mean_gained[U_THROTTLE], thrust_slope_W),
-                kernels.scaled(mean_gained[U_THROTTLE], slowed),
+                kernels.scaled(mean_gained, thrust_slope_W),
+                kernels.scaled(mean_gained, slowed),
                 by_command,
             )
-            kept = followed(d.decay, kept, (0.0, 0.0, 0.0, 0.0))
-            gained = followed(d.decay, gained, let)
+            kept *= decay
+            gained = let[U_THROTTLE] + decay * (gained - let[U_THROTTLE])
             own_p += d.phi1 * own_v
             own_v *= d.velocity_decay
         store_body(x, states[i + 1])
         _fill(A[i], B[i], own_p, own_v, sensitivities, by_command)
         if d.anisotropic:
             _fill_velocity(A[i], sensitivities)
-        if lagging:
+        if columns > _FROM_RATE:
             _fill_actuators(A[i], B[i], kept, gained, sensitivities, by_throttle)
+        if columns > _FROM_ACCELERATION:
+            _fill_accelerations(A[i], B[i], sensitivities)
 
 
 @compiled
 def _begin(sensitivities: _Sensitivities) -> None:
     """Write the sensitivities at the start of a stage."""
-    dR, dv, dp = sensitivities
+    dR, dv, dp, rates, accelerations, _means = sensitivities
+    rates[:], accelerations[:] = 0.0, 0.0
+    rates[:, _BY_RATE], accelerations[:, _BY_ACCELERATION] = 1.0, 1.0
     for n in range(_COLUMNS):
         for k in range(3):
             dR[n, k] = 1.0 if n == k else 0.0
@@ -198,33 +223,45 @@ def propagated_slopes(
 
 
 @compiled
+def _propagate_rates(midpoint: Midpoint, let: Actuators, sensitivities: _Sensitivities) -> None:
+    """Propagate the sensitivities of the rate loops over a substep; commands ``let`` count."""
+    rates, accelerations, means = sensitivities[3:]
+    for axis in range(3):
+        step = midpoint.axes[axis]
+        loop = step.response
+        for by in range(3):
+            command = let[U_RATE + axis] * step.follows if by == _BY_COMMAND else 0.0
+            off, acceleration = rates[axis, by] - command, accelerations[axis, by]
+            means[axis, by] = command + loop.mean * off + loop.mean_by_acceleration * acceleration
+            rates[axis, by] = command + loop.rate * off + loop.rate_by_acceleration * acceleration
+            accelerations[axis, by] = (
+                loop.acceleration * off + loop.acceleration_by_acceleration * acceleration
+            )
+
+
+@compiled
 def _propagate(
     d: Discretisation,
     midpoint: Midpoint,
     air: AirSlopes,
-    mean_kept: Actuators,
-    mean_gained: Actuators,
-    lagging: bool,
+    columns: int,
     sensitivities: _Sensitivities,
 ) -> None:
     """Propagate the sensitivities to attitude, rates and velocity over a substep.
 
-    Sensitivities to rates without lag are zero.
+    Of those to the state only the first ``columns`` are needed; the others are zero.
     """
-    dR, dv, dp = sensitivities
+    dR, dv, dp, _rates, _accelerations, means = sensitivities
     J = kernels.right_jacobian(midpoint.half_turn)
     x_axis, y_axis = kernels.column(midpoint.R, 0), kernels.column(midpoint.R, 1)
     for n in range(_FROM_VELOCITY):
-        if _FROM_RATE <= n < _FROM_COMMAND and not lagging:
+        if columns <= n < _FROM_COMMAND:
             continue
         # By how much half of the turn moves.
         half = (0.0, 0.0, 0.0)
-        if n >= _FROM_COMMAND:
-            k = n - _FROM_COMMAND
-            half = kernels.scaled(0.5 * d.dt * mean_gained[U_RATE + k], kernels.column(J, k))
-        elif n >= _FROM_RATE:
-            k = n - _FROM_RATE
-            half = kernels.scaled(0.5 * d.dt * mean_kept[U_RATE + k], kernels.column(J, k))
+        if n >= _FROM_RATE:
+            by, k = n // 3 - 1, n % 3
+            half = kernels.scaled(0.5 * d.dt * means[k, by], kernels.column(J, k))
         turned = kernels.plus(kernels.apply_transposed(midpoint.half, kernels.vector(dR[n])), half)
         # The thrust's direction moves by R (phi x e3).
         acceleration = kernels.scaled(
@@ -256,7 +293,7 @@ def _fill(
     by_command: tuple[kernels.Vector, kernels.Vector],
 ) -> None:
     """Write the non-zero entries of position, velocity and attitude."""
-    dR, dv, dp = sensitivities
+    dR, dv, dp, _rates, _accelerations, _means = sensitivities
     for k in range(3):
         A[P + k, P + k] = 1.0
         A[P + k, V + k] = own_p
@@ -274,7 +311,7 @@ def _fill(
 @compiled
 def _fill_velocity(A: Array, sensitivities: _Sensitivities) -> None:
     """Write the sensitivities to the velocity, whose axes anisotropic drag couples."""
-    _, dv, dp = sensitivities
+    _dR, dv, dp, _rates, _accelerations, _means = sensitivities
     for k in range(3):
         for n in range(3):
             A[P + k, V + n] = dp[_FROM_VELOCITY + n, k]
@@ -285,18 +322,34 @@ def _fill_velocity(A: Array, sensitivities: _Sensitivities) -> None:
 def _fill_actuators(
     A: Array,
     B: Array,
-    kept: Actuators,
-    gained: Actuators,
+    kept: float,
+    gained: float,
     sensitivities: _Sensitivities,
     by_throttle: tuple[kernels.Vector, kernels.Vector],
 ) -> None:
     """Write the columns and rows of body rate and throttle."""
-    dR, dv, dp = sensitivities
+    dR, dv, dp, rates, _accelerations, _means = sensitivities
     for k in range(3):
         for n in range(3):
             A[P + k, OMEGA + n] = dp[_FROM_RATE + n, k]
             A[V + k, OMEGA + n] = dv[_FROM_RATE + n, k]
             A[THETA + k, OMEGA + n] = dR[_FROM_RATE + n, k]
         A[V + k, S], A[P + k, S] = by_throttle[0][k], by_throttle[1][k]
-        A[OMEGA + k, OMEGA + k], B[OMEGA + k, U_RATE + k] = kept[U_RATE + k], gained[U_RATE + k]
-    A[S, S], B[S, U_THROTTLE] = kept[U_THROTTLE], gained[U_THROTTLE]
+        A[OMEGA + k, OMEGA + k] = rates[k, _BY_RATE]
+        B[OMEGA + k, U_RATE + k] = rates[k, _BY_COMMAND]
+    A[S, S], B[S, U_THROTTLE] = kept, gained
+
+
+@compiled
+def _fill_accelerations(A: Array, B: Array, sensitivities: _Sensitivities) -> None:
+    """Write the columns and rows of the angular acceleration."""
+    dR, dv, dp, rates, accelerations, _means = sensitivities
+    for k in range(3):
+        for n in range(3):
+            A[P + k, ALPHA + n] = dp[_FROM_ACCELERATION + n, k]
+            A[V + k, ALPHA + n] = dv[_FROM_ACCELERATION + n, k]
+            A[THETA + k, ALPHA + n] = dR[_FROM_ACCELERATION + n, k]
+        A[OMEGA + k, ALPHA + k] = rates[k, _BY_ACCELERATION]
+        A[ALPHA + k, OMEGA + k] = accelerations[k, _BY_RATE]
+        A[ALPHA + k, ALPHA + k] = accelerations[k, _BY_ACCELERATION]
+        B[ALPHA + k, U_RATE + k] = accelerations[k, _BY_COMMAND]

@@ -2,8 +2,8 @@
 
 Position, velocity and throttle are differentiated by the initial velocity and throttle, by the
 disturbance, the thrust scale, the time constant of the thrust and the mean drag. The drag of the
-axes is proportional to the mean. Body rates are differentiated by their time constants and
-offsets. The derivatives are those of the discretisation in
+axes is proportional to the mean. Body rates are differentiated by the time constants of their
+loops and by offsets. The derivatives are those of the discretisation in
 :mod:`quad_mpc_ros.control.model.rollout`.
 """
 
@@ -16,13 +16,10 @@ import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.model.actuators import (
-    Actuators,
-    first_order_lag,
-    first_order_lag_slopes,
-)
+from quad_mpc_ros.control.model.actuators import Actuators, first_order_lag_slopes
 from quad_mpc_ros.control.model.jacobians import air_slopes, propagated_slopes
 from quad_mpc_ros.control.model.parameters import ModelParameters
+from quad_mpc_ros.control.model.rate_loop import LoopStep, loop_step
 from quad_mpc_ros.control.model.rollout import (
     Body,
     Discretisation,
@@ -31,6 +28,8 @@ from quad_mpc_ros.control.model.rollout import (
     substep,
 )
 from quad_mpc_ros.control.model.state import U_THROTTLE
+
+_NEAR = 1.0 + 1e-5  # factor of difference quotients
 
 
 class ParameterIndices(NamedTuple):
@@ -54,19 +53,6 @@ class MotionDerivatives(NamedTuple):
     p: Array
     v: Array
     s: Array
-
-
-class RateDerivatives(NamedTuple):
-    """Derivatives of a body rate by initial rate, time constant and both offsets."""
-
-    by_rate: float
-    by_lag: float
-    by_offset: float
-    by_offset_by_thrust: float
-
-
-OF_NO_TIME = RateDerivatives(1.0, 0.0, 0.0, 0.0)
-"""The derivatives over no time."""
 
 
 @compiled
@@ -96,9 +82,8 @@ def propagated_with_derivatives(
     """
     count = max(1, math.ceil(duration / longest - 1e-9))
     step = discretised(model, duration / count)
-    slopes = first_order_lag_slopes(model.thrust_time_constant, step.dt)
     for _ in range(count):
-        x = _substep(model, drag_shape, step, slopes, command, x, derivatives)
+        x = _substep(model, drag_shape, step, command, x, derivatives)
     return x
 
 
@@ -107,20 +92,20 @@ def _substep(
     model: ModelParameters,
     drag_shape: kernels.Vector,
     step: Discretisation,
-    slopes: tuple[float, float],
     command: Actuators,
     x: Body,
     derivatives: MotionDerivatives,
 ) -> Body:
-    """Return a state after a substep; ``slopes`` are derivatives of the thrust lag."""
+    """Return a state after a substep."""
     after, midpoint = substep(model, step, command, x)
+    slopes = thrust_lag_slopes(model, x.actuators[U_THROTTLE], command[U_THROTTLE], step.dt)
     air = air_slopes(model, step, midpoint)
     z, off = kernels.column(midpoint.R, 2), x.actuators[U_THROTTLE] - command[U_THROTTLE]
-    thrust_slope = model.thrust_scale * (2.0 * model.a * midpoint.mean[U_THROTTLE] + model.b)
+    thrust_slope = model.thrust_scale * (2.0 * model.a * midpoint.throttle + model.b)
     p, v, s = derivatives
     for n in range(BY.size):
-        mean = step.share[0] * s[n]
-        s[n] *= step.decay[0]
+        mean = midpoint.lag[1] * s[n]
+        s[n] *= midpoint.lag[0]
         if n == BY.lag:
             mean += slopes[1] * off
             s[n] += slopes[0] * off
@@ -141,6 +126,21 @@ def _substep(
         kernels.store_vector(p_after, p[n])
     _add_decay_slopes(model, step, (x, after), derivatives)
     return after
+
+
+@compiled
+def thrust_lag_slopes(
+    model: ModelParameters, throttle: float, command: float, duration: float
+) -> tuple[float, float]:
+    """Return the derivatives of the thrust's lag by its time constant, up or down.
+
+    The two time constants are proportional.
+    """
+    if throttle <= command or model.thrust_time_constant <= 0.0:
+        return first_order_lag_slopes(model.thrust_time_constant, duration)
+    ratio = model.thrust_time_constant_down / model.thrust_time_constant
+    decay, share = first_order_lag_slopes(model.thrust_time_constant_down, duration)
+    return ratio * decay, ratio * share
 
 
 @compiled
@@ -183,24 +183,52 @@ def _add_decay_slopes(
 
 
 @compiled
-def followed_rate(
-    time_constant: float,
-    command: float,
-    thrust: float,
-    duration: float,
-    rate: float,
-    derivatives: RateDerivatives,
-) -> tuple[float, RateDerivatives]:
-    """Return a body rate after a duration under a command, and its derivatives.
+def at_start() -> Array:
+    """Return the derivatives of rate and acceleration of an axis (2, 6) over no time.
 
-    The command includes the offset at the modelled ``thrust`` [m/s^2].
+    Columns: rate, acceleration, logarithms of the time constants of loop and torque, offset of
+    the command, and offset per thrust.
     """
-    decay, _share = first_order_lag(time_constant, duration)
-    slope, _share_slope = first_order_lag_slopes(time_constant, duration)
-    off = rate - command
-    return command + decay * off, RateDerivatives(
-        decay * derivatives.by_rate,
-        decay * derivatives.by_lag + slope * off,
-        1.0 + decay * (derivatives.by_offset - 1.0),
-        thrust + decay * (derivatives.by_offset_by_thrust - thrust),
+    D = np.zeros((2, 6))
+    D[0, 0] = D[1, 1] = 1.0
+    return D
+
+
+@compiled
+def followed_loop(
+    lags: tuple[float, float],
+    command: tuple[float, float],
+    duration: float,
+    x: tuple[float, float],
+    D: Array,
+) -> tuple[float, float]:
+    """Return rate and acceleration ``x`` of an axis after a duration, and propagate D (2, 6).
+
+    ``lags`` are the time constants of loop and torque [s], ``command`` is the commanded rate with
+    its offset [rad/s] and the modelled thrust [m/s^2] of the offset per thrust. Derivatives by the
+    time constants are difference quotients of the exact response.
+    """
+    off, loop = x[0] - command[0], loop_step(lags[0], lags[1], math.inf, duration)
+    after = _after(loop, off, x[1])
+    by_rate = _after(loop_step(_NEAR * lags[0], lags[1], math.inf, duration), off, x[1])
+    by_torque = _after(loop_step(lags[0], _NEAR * lags[1], math.inf, duration), off, x[1])
+    for n in range(6):
+        w, acceleration = _after(loop, D[0, n], D[1, n])
+        D[0, n], D[1, n] = w, acceleration
+    for i in range(2):
+        D[i, 2] += (by_rate[i] - after[i]) / (_NEAR - 1.0)
+        D[i, 3] += (by_torque[i] - after[i]) / (_NEAR - 1.0)
+    follows, accelerates = 1.0 - loop.rate, -loop.acceleration
+    for n, factor in ((4, 1.0), (5, command[1])):
+        D[0, n] += factor * follows
+        D[1, n] += factor * accelerates
+    return command[0] + after[0], after[1]
+
+
+@compiled
+def _after(loop: LoopStep, off: float, acceleration: float) -> tuple[float, float]:
+    """Return the distance to the command and the acceleration after a step."""
+    return (
+        loop.rate * off + loop.rate_by_acceleration * acceleration,
+        loop.acceleration * off + loop.acceleration_by_acceleration * acceleration,
     )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3
@@ -20,9 +23,12 @@ class ModelParameters(Record):
     # Mean of the linear drag over the body axes [1/s], which is integrated exactly.
     drag: float
     gravity: float  # m/s^2
-    # Time constants of first-order lags [s], 0 without a lag.
+    # Time constants of lags [s], 0 without a lag; that of a falling throttle may differ.
     thrust_time_constant: float
+    thrust_time_constant_down: float
     rate_time_constants: Vector3
+    torque_time_constants: Vector3
+    angular_acceleration_max: Vector3  # rad/s^2, infinite without a bound
     a_W: Vector3  # m/s^2, disturbance acceleration
     thrust_scale: float
     anisotropic_drag: Vector3  # 1/s, drag of each body axis less the mean
@@ -34,10 +40,27 @@ class ModelParameters(Record):
     rate_offset_by_thrust: Vector3
 
 
-def parameters_of(
-    vehicle: Vehicle, *, rate_time_constant: PerAxis, thrust_time_constant: float
-) -> RecordArray[ModelParameters]:
-    """Return the parameters of an undisturbed vehicle with actuator time constants [s]."""
+@dataclass(frozen=True, kw_only=True)
+class ActuatorLags:
+    """How the model's throttle and body rates follow their commands.
+
+    Attributes:
+        thrust: Time constant of the throttle [s].
+        thrust_down: That of a falling throttle, 0 for the same [s].
+        rate: Time constant of the body rates, one over the gain of their loop [s].
+        torque: Time constant of the torque [s].
+        angular_acceleration_max: Its bound, 0 for none [rad/s^2].
+    """
+
+    thrust: float
+    rate: PerAxis
+    thrust_down: float = 0.0
+    torque: PerAxis = 0.0
+    angular_acceleration_max: PerAxis = 0.0
+
+
+def parameters_of(vehicle: Vehicle, lags: ActuatorLags) -> RecordArray[ModelParameters]:
+    """Return the parameters of an undisturbed vehicle."""
     drag = per_axis(vehicle.drag)
     # The mean of equal numbers must not differ by rounding.
     mean = drag[0] if min(drag) == max(drag) else sum(drag) / 3.0
@@ -47,8 +70,13 @@ def parameters_of(
         vehicle.motor_count * k / vehicle.mass for k in vehicle.thrust_curve
     )
     model.drag, model.gravity, model.thrust_scale = mean, vehicle.gravity, 1.0
-    model.thrust_time_constant = thrust_time_constant
-    model.rate_time_constants[:] = per_axis(rate_time_constant)
+    model.thrust_time_constant = lags.thrust
+    model.thrust_time_constant_down = lags.thrust_down or lags.thrust
+    model.rate_time_constants[:] = per_axis(lags.rate)
+    model.torque_time_constants[:] = per_axis(lags.torque)
+    model.angular_acceleration_max[:] = [
+        most or math.inf for most in per_axis(lags.angular_acceleration_max)
+    ]
     model.anisotropic_drag[:] = [k - mean for k in drag]
     model.translational_lift = vehicle.translational_lift
     model.rotor_drag[:] = per_axis(vehicle.rotor_drag)

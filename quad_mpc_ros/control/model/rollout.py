@@ -1,17 +1,20 @@
 """The prediction model, rolled out in compiled loops.
 
 State: position and velocity in the world, attitude R_WB, and the actuators, throttle and body rate
-(4,), in the order of the inputs. They follow their commands with a first-order lag
-(:mod:`quad_mpc_ros.control.model.actuators`),
+(4,), in the order of the inputs, and angular acceleration. The throttle follows its command with a
+first-order lag (:mod:`quad_mpc_ros.control.model.actuators`), the rates follow with a lag of
+second order (:mod:`quad_mpc_ros.control.model.rate_loop`),
 
     dp/dt = v,  dv/dt = g + k (T(s)/m) R_WB e3 - R D R' v + k_h (u_x^2 + u_y^2) R e3 + d,
-    dR/dt = R [w],  dw/dt = (w_c - w) / tau_w,  ds/dt = (s_c - s) / tau_s,
+    dR/dt = R [w],  dw/dt = alpha,  T dalpha/dt = (w_c - w) / tau_w - alpha,
+    ds/dt = (s_c - s) / tau_s,
 
-with u = R' v; a drag D = diag(mu + nu sqrt(k T(s) / m g)), with three mu of the body and three nu
-of the rotors, proportional to their speed (Svacha, Mohta, Kumar, "Improving
-quadrotor trajectory tracking by compensating for aerodynamic effects", ICUAS 2017); the thrust k_h
-gained by flying across the rotors (Faessler, Franchi, Scaramuzza, "Differential flatness of
-quadrotor dynamics subject to rotor drag", RA-L 2018); and a tau_w for each axis, as yaw is often
+with u = R' v; a tau_s that may differ between rise and fall; a bound on the demanded acceleration
+(w_c - w) / tau_w; a drag D = diag(mu + nu sqrt(k T(s) / m g)), with three mu of the body and three
+nu of the rotors, proportional to their speed (Svacha, Mohta, Kumar, "Improving quadrotor
+trajectory tracking by compensating for aerodynamic effects", ICUAS 2017); the thrust k_h gained by
+flying across the rotors (Faessler, Franchi, Scaramuzza, "Differential flatness of quadrotor
+dynamics subject to rotor drag", RA-L 2018); and a tau_w and T for each axis, as yaw is often
 several times slower.
 
 The simulated plant (:mod:`quad_mpc_ros.simulation.dynamics`) implements the equations
@@ -32,8 +35,10 @@ from typing import NamedTuple
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vector3
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.model.actuators import Actuators, actuators_in, first_order_lag, followed
+from quad_mpc_ros.control.model.actuators import Actuators, actuators_in, first_order_lag
 from quad_mpc_ros.control.model.parameters import ModelParameters
+from quad_mpc_ros.control.model.rate_loop import AxisStep, LoopStep, axis_step, loop_step
+from quad_mpc_ros.control.model.state import U_RATE, U_THROTTLE
 
 SUBSTEPS = 4
 LONGEST_SUBSTEP = 0.005
@@ -48,6 +53,7 @@ class StateRecord(Record):
     R_WB: Matrix3
     throttle: float
     w_WB_B: Vector3  # rad/s
+    angular_acceleration: Vector3  # rad/s^2, 0 if the torque does not lag
 
 
 class Body(NamedTuple):
@@ -57,6 +63,7 @@ class Body(NamedTuple):
     v: kernels.Vector
     R: kernels.Matrix
     actuators: Actuators
+    acceleration: kernels.Vector
 
 
 @compiled
@@ -68,6 +75,7 @@ def body_in(state: StateRecord) -> Body:
         kernels.vector(state.v_WB_W),
         kernels.matrix(state.R_WB),
         (state.throttle, w[0], w[1], w[2]),
+        kernels.vector(state.angular_acceleration),
     )
 
 
@@ -79,6 +87,7 @@ def store_body(body: Body, state: StateRecord) -> None:
     kernels.store_vector(body.v, state.v_WB_W)
     kernels.store_matrix(body.R, state.R_WB)
     kernels.store_vector((roll, pitch, yaw), state.w_WB_B)
+    kernels.store_vector(body.acceleration, state.angular_acceleration)
     state.throttle = throttle
 
 
@@ -86,7 +95,10 @@ def store_body(body: Body, state: StateRecord) -> None:
 def read_odometry(
     p_WB: Array, q_WB_xyzw: Array, v_WB_B: Array, w_WB_B: Array, state: StateRecord
 ) -> None:
-    """Write the state of an odometry with the twist in the body, without throttle."""
+    """Write the state of an odometry with the twist in the body.
+
+    Throttle and angular acceleration are not measured and stay.
+    """
     R = kernels.rotation(kernels.quaternion_in(q_WB_xyzw))
     kernels.store_vector(kernels.vector(p_WB), state.p_WB)
     kernels.store_vector(kernels.apply(R, kernels.vector(v_WB_B)), state.v_WB_W)
@@ -97,15 +109,17 @@ def read_odometry(
 class Discretisation(NamedTuple):
     """Coefficients of the linear part of a substep of ``dt`` seconds.
 
-    ``decay`` and ``share`` are the remaining distances of actuators to their commands, at the end
-    and on average. The velocity is multiplied by ``velocity_decay`` and gains ``phi1`` times the
+    ``thrust`` and ``thrust_down`` are the remaining distances of the throttle to its command, at
+    the end and on average, while it rises and falls, ``loops`` the responses of the rates. The
+    velocity is multiplied by ``velocity_decay`` and gains ``phi1`` times the
     acceleration; the position gains ``phi1`` times the velocity and ``phi2`` times the
     acceleration. ``anisotropic``: there is further drag or lift.
     """
 
     dt: float
-    decay: tuple[float, float, float, float]
-    share: tuple[float, float, float, float]
+    thrust: tuple[float, float]
+    thrust_down: tuple[float, float]
+    loops: tuple[LoopStep, LoopStep, LoopStep]
     velocity_decay: float
     phi1: float
     phi2: float
@@ -119,18 +133,25 @@ def discretised(model: ModelParameters, dt: float) -> Discretisation:
     # Integrals of the velocity's response as series, as the drag may be 0.
     phi1 = dt * (1.0 - x / 2.0 + x * x / 6.0 - x**3 / 24.0 + x**4 / 120.0)
     phi2 = dt * dt * (0.5 - x / 6.0 + x * x / 24.0 - x**3 / 120.0 + x**4 / 720.0)
-    s_decay, s_share = first_order_lag(model.thrust_time_constant, dt)
-    roll_decay, roll_share = first_order_lag(model.rate_time_constants[0], dt)
-    pitch_decay, pitch_share = first_order_lag(model.rate_time_constants[1], dt)
-    yaw_decay, yaw_share = first_order_lag(model.rate_time_constants[2], dt)
     return Discretisation(
         dt,
-        (s_decay, roll_decay, pitch_decay, yaw_decay),
-        (s_share, roll_share, pitch_share, yaw_share),
+        first_order_lag(model.thrust_time_constant, dt),
+        first_order_lag(model.thrust_time_constant_down, dt),
+        (_loop_step(model, 0, dt), _loop_step(model, 1, dt), _loop_step(model, 2, dt)),
         math.exp(-x),
         phi1,
         phi2,
         is_anisotropic(model),
+    )
+
+
+@compiled
+def _loop_step(model: ModelParameters, axis: int, dt: float) -> LoopStep:
+    return loop_step(
+        model.rate_time_constants[axis],
+        model.torque_time_constants[axis],
+        model.angular_acceleration_max[axis],
+        dt,
     )
 
 
@@ -160,11 +181,14 @@ def anisotropic_air(model: ModelParameters, u: kernels.Vector, speed: float) -> 
 
 
 class Midpoint(NamedTuple):
-    """Midpoint of a substep, for the Jacobians: mean actuators, specific thrust, half of the
-    rotation as vector and matrix, attitude, and with anisotropic drag the velocity in the body.
+    """Midpoint of a substep, for the Jacobians: mean throttle with the lag in force, steps of the
+    rates, specific thrust, half of the rotation as vector and matrix, attitude, and with
+    anisotropic drag the velocity in the body.
     """
 
-    mean: Actuators
+    throttle: float
+    lag: tuple[float, float]
+    axes: tuple[AxisStep, AxisStep, AxisStep]
     specific_thrust: float
     half_turn: kernels.Vector
     half: kernels.Matrix
@@ -177,9 +201,15 @@ def substep(
     model: ModelParameters, step: Discretisation, command: Actuators, x: Body
 ) -> tuple[Body, Midpoint]:
     """Return the state after a substep under a command, and the midpoint."""
-    mean = followed(step.share, x.actuators, command)
-    throttle, roll_rate, pitch_rate, yaw_rate = mean
-    half_turn = kernels.scaled(0.5 * step.dt, (roll_rate, pitch_rate, yaw_rate))
+    roll, pitch, yaw = (
+        _axis_step(step, x, command, 0),
+        _axis_step(step, x, command, 1),
+        _axis_step(step, x, command, 2),
+    )
+    off = x.actuators[U_THROTTLE] - command[U_THROTTLE]
+    lag = step.thrust_down if off > 0.0 else step.thrust
+    throttle = command[U_THROTTLE] + lag[1] * off
+    half_turn = kernels.scaled(0.5 * step.dt, (roll.mean, pitch.mean, yaw.mean))
     half = kernels.exp(half_turn)
     R_mid = kernels.multiply(x.R, half)
     thrust = model.thrust_scale * ((model.a * throttle + model.b) * throttle + model.c)
@@ -201,9 +231,17 @@ def substep(
         ),
         kernels.plus(kernels.scaled(step.velocity_decay, x.v), kernels.scaled(step.phi1, a)),
         kernels.multiply(R_mid, half),
-        followed(step.decay, x.actuators, command),
+        (command[U_THROTTLE] + lag[0] * off, roll.rate, pitch.rate, yaw.rate),
+        (roll.acceleration, pitch.acceleration, yaw.acceleration),
     )
-    return after, Midpoint(mean, thrust, half_turn, half, R_mid, v_B)
+    axes = roll, pitch, yaw
+    return after, Midpoint(throttle, lag, axes, thrust, half_turn, half, R_mid, v_B)
+
+
+@compiled
+def _axis_step(step: Discretisation, x: Body, command: Actuators, axis: int) -> AxisStep:
+    rate = U_RATE + axis
+    return axis_step(step.loops[axis], x.actuators[rate], x.acceleration[axis], command[rate])
 
 
 @compiled

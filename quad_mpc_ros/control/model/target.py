@@ -171,14 +171,24 @@ def _write_commands(
     u_max: Array,
 ) -> None:
     """Write the commands that make actuators follow inputs (N M + 1, 4), and their means."""
-    rates = model.rate_time_constants
+    rates, torques = model.rate_time_constants, model.torque_time_constants
     lags = model.thrust_time_constant, rates[0], rates[1], rates[2]
+    products = 0.0, rates[0] * torques[0], rates[1] * torques[1], rates[2] * torques[2]
+    last = len(held) - 2
     for n in range(INPUT_SIZE):
         for i in range(len(target)):
             stage, total = target[i], 0.0
             for j in range(SUBSTEPS):
                 k = i * SUBSTEPS + j
-                command = inverse_lag(lags[n], dt, held[k, n], held[k + 1, n])
+                lag = lags[n]
+                if n == U_THROTTLE and held[k + 1, n] < held[k, n]:
+                    lag = model.thrust_time_constant_down
+                command = inverse_lag(lag, dt, held[k, n], held[k + 1, n])
+                if products[n] > 0.0:
+                    before, after = max(k - 1, 0), min(k + 1, last)
+                    change = held[after + 1, n] - held[after, n]
+                    change -= held[before + 1, n] - held[before, n]
+                    command += products[n] * change / ((after - before) * dt * dt)
                 stage.inputs[j, n] = kernels.clamp(command, u_min[n], u_max[n])
                 total += stage.inputs[j, n]
             stage.mean_input[n] = total / SUBSTEPS

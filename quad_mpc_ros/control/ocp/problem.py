@@ -43,7 +43,15 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.model.jacobians import RATE, STATE_SIZE, THROTTLE, jacobians
+from quad_mpc_ros.control.model.jacobians import (
+    ACCELERATION,
+    RATE,
+    STATE_SIZE,
+    THROTTLE,
+    WITHOUT_ACCELERATION,
+    WITHOUT_ACTUATORS,
+    jacobians,
+)
 from quad_mpc_ros.control.model.prediction import Prediction
 from quad_mpc_ros.control.model.reference_window import SampleRecord
 from quad_mpc_ros.control.model.rollout import StateRecord, body_in
@@ -72,7 +80,10 @@ from quad_mpc_ros.control.ocp.progress import (
 )
 from quad_mpc_ros.control.ocp.settings import ProblemSettings, stage_weight
 
-_STATE_SIZES = np.concatenate((np.repeat([1.0, 3.0, 0.5, 5.0], 3), [0.3]))
+_ACCELERATION_SIZE = 50.0  # rad/s^2
+_STATE_SIZES = np.concatenate(
+    (np.repeat([1.0, 3.0, 0.5, 5.0], 3), [0.3], np.repeat(_ACCELERATION_SIZE, 3))
+)
 _INPUT_SIZES = np.array([0.3, 5.0, 5.0, 5.0])
 
 
@@ -106,21 +117,24 @@ class Problem(NamedTuple):
 
 def pattern_of(config: MpcConfig, limits: Limits) -> HorizonPattern:
     """Return the sparsity of the QP, and the natural sizes of its variables."""
-    has_lags = max(*per_axis(config.rate_time_constant), config.thrust_time_constant) > 0.0
+    lags, nx, nu = config.lags, WITHOUT_ACTUATORS, INPUT_SIZE
     # Without lags rate and throttle are their commands and need no states of their own.
-    nx, nu = STATE_SIZE if has_lags else TANGENT_SIZE, INPUT_SIZE
+    if max(*per_axis(lags.rate), lags.thrust) > 0.0:
+        has_acceleration = max(per_axis(lags.torque)) > 0.0
+        nx = STATE_SIZE if has_acceleration else WITHOUT_ACCELERATION
     diagonal, all_states = np.eye(3, dtype=bool), progress.SIZE
     A = np.zeros((all_states, all_states), dtype=bool)
     A[POSITION, POSITION] = A[POSITION, VELOCITY] = A[VELOCITY, VELOCITY] = diagonal
     A[:THETA, VELOCITY] |= not config.has_isotropic_drag  # anisotropic drag couples the axes
     A[:THETA, THETA:STATE_SIZE] = True
-    A[ATTITUDE, THETA:THROTTLE] = True
-    A[RATE, RATE] = diagonal
+    A[ATTITUDE, THETA:THROTTLE] = A[ATTITUDE, ACCELERATION] = True
+    A[RATE, RATE] = A[RATE, ACCELERATION] = diagonal
+    A[ACCELERATION, RATE] = A[ACCELERATION, ACCELERATION] = diagonal
     A[THROTTLE, THROTTLE] = True
     B = np.zeros((all_states, progress.INPUTS), dtype=bool)
     B[:THETA, :INPUT_SIZE] = True
     B[ATTITUDE, BODY_RATE] = True
-    B[RATE, BODY_RATE] = diagonal
+    B[RATE, BODY_RATE] = B[ACCELERATION, BODY_RATE] = diagonal
     B[THROTTLE, U_THROTTLE] = True
     H = np.zeros((all_states, all_states), dtype=bool)
     H[:THETA, :THETA] = np.eye(THETA, dtype=bool)

@@ -2,7 +2,8 @@
 
 The hover law is geometric attitude control (Lee, Leok, McClamroch 2010) with body rates as the
 input: a PID law on the position gives a specific force, the thrust axis turns towards it, yaw is
-free. The estimated thrust scale and disturbance are compensated.
+free. The estimated thrust scale and disturbance are compensated, and the gains follow the
+estimated rate loop.
 """
 
 from __future__ import annotations
@@ -27,6 +28,9 @@ VELOCITY_GAIN = np.array([3.2, 3.2, 4.5])  # 1/s
 _INTEGRAL_GAIN = np.array([0.6, 0.6, 3.0])  # 1/s^3
 _INTEGRAL_LIMIT = np.array([3.0, 3.0, 5.0])  # m/s^2
 _TILT_GAIN = 7.0  # 1/s
+# Largest tilt gain over the natural frequency of the rate loop, and the damping ratio of the loop
+# with which it is derived; a loop with less is damped by its angular acceleration.
+_GAIN_OVER_FREQUENCY, _DAMPING = 0.45, 0.7
 # Dead reckoning has no feedback, so no delay makes it oscillate.
 _BLIND_TILT_GAIN = 10.0  # 1/s
 # Limits of the commanded acceleration, which keep the tilt below 40 degrees.
@@ -37,15 +41,32 @@ _BLIND_DESCENT = 0.1  # reduction of the hover throttle at the end of the blind 
 _DESCENT_SPEED = 2.0  # m/s, as after a fall from 0.2 m, with a dead reckoned velocity
 
 
-class DisturbanceEstimate(NamedTuple):
-    """Estimated thrust scale and disturbance, for the fallbacks.
+class LearnedModel(NamedTuple):
+    """What the estimator knows, for the fallbacks.
 
     ``thrust_scale`` is the true over the modelled thrust, ``a_W`` (3,) [m/s^2] the disturbance
-    acceleration. In hover only their combined effect is observable, so use both.
+    acceleration. In hover only their combined effect is observable, so use both. ``rate_lag`` and
+    ``torque_lag`` are the time constants of the loop of roll and pitch rates [s], ``acceleration``
+    (3,) is the angular acceleration [rad/s^2].
     """
 
     thrust_scale: float = 1.0
     a_W: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rate_lag: float = 0.0
+    torque_lag: float = 0.0
+    acceleration: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def tilt_gain(self) -> float:
+        """Return the gain from tilt to rates that the rate loop can follow [1/s]."""
+        period = math.sqrt(self.rate_lag * self.torque_lag)  # one over the natural frequency
+        return min(_TILT_GAIN, _GAIN_OVER_FREQUENCY / period) if period > 0.0 else _TILT_GAIN
+
+    def damping_rates(self) -> Array:
+        """Return the rates (3,) [rad/s] to command against a rate loop that rings."""
+        period = math.sqrt(self.rate_lag * self.torque_lag)
+        lacking = max(2.0 * _DAMPING * period - self.rate_lag, 0.0)
+        roll, pitch, _yaw = self.acceleration
+        return -lacking * np.array([roll, pitch, 0.0])
 
 
 class HoverFallback(Stage):
@@ -81,7 +102,7 @@ class HoverFallback(Stage):
         x: State,
         *,
         p_hold: Array | None = None,
-        learned: DisturbanceEstimate | None = None,
+        learned: LearnedModel | None = None,
         duration: float = 0.0,
     ) -> Input:
         """Return the command that brakes and holds the position of the first call.
@@ -91,19 +112,23 @@ class HoverFallback(Stage):
         """
         if self._p_hold is None:
             self._p_hold = (x.p_WB if p_hold is None else p_hold).copy()
-        error, (scale, a_W) = self._p_hold - x.p_WB, learned or DisturbanceEstimate()
-        wanted = _POSITION_GAIN * error - VELOCITY_GAIN * x.v_WB_W
-        self._integrate(error, wanted, duration)
+        error, model = self._p_hold - x.p_WB, learned or LearnedModel()
+        # Slower turns need a slower loop around them.
+        gain = model.tilt_gain()
+        pace = gain / _TILT_GAIN
+        wanted = pace**2 * _POSITION_GAIN * error - pace * VELOCITY_GAIN * x.v_WB_W
+        self._integrate(error, wanted, pace**3 * duration)
         wanted += self._integral
         horizontal = math.hypot(wanted[0], wanted[1])
         wanted[:2] *= min(1.0, _HORIZONTAL_LIMIT / max(horizontal, 1e-9))
         wanted[2] = min(max(wanted[2], -_VERTICAL_LIMIT), _VERTICAL_LIMIT)
-        force = wanted - a_W
+        force = wanted - model.a_W
         force[2] += self._vehicle.gravity
 
-        thrust = self._vehicle.mass * float(x.R_WB[:, 2] @ force) / scale
+        thrust = self._vehicle.mass * float(x.R_WB[:, 2] @ force) / model.thrust_scale
         throttle = self._vehicle.nearest_throttle(thrust)
-        u = Input(throttle=throttle, w_WB_B=_TILT_GAIN * tilt_to(force, x.R_WB))
+        rates = gain * tilt_to(force, x.R_WB) + model.damping_rates()
+        u = Input(throttle=throttle, w_WB_B=rates)
         return clamped(u, self._config)
 
     def _integrate(self, error: Array, wanted: Array, duration: float) -> None:
@@ -142,7 +167,7 @@ class BlindFallback(Stage):
         R_WB: Array,
         *,
         elapsed: float,
-        learned: DisturbanceEstimate | None = None,
+        learned: LearnedModel | None = None,
         v_WB_W: Array | None = None,
     ) -> Input:
         """Return the command ``elapsed`` seconds after the loss of odometry.
@@ -153,8 +178,8 @@ class BlindFallback(Stage):
         if self._R_WB is not None:
             R_WB = self._R_WB
         share = min(elapsed / max(self._config.blind_time, 1e-9), 1.0)
-        scale, a_W = learned or DisturbanceEstimate()
-        force = np.array([0.0, 0.0, self._vehicle.gravity - a_W[2]])
+        model = learned or LearnedModel()
+        force = np.array([0.0, 0.0, self._vehicle.gravity - model.a_W[2]])
         turn = levelling(R_WB, gain=_BLIND_TILT_GAIN)
         if v_WB_W is not None:
             braking = -VELOCITY_GAIN * (v_WB_W + np.array([0.0, 0.0, _DESCENT_SPEED]))
@@ -163,7 +188,7 @@ class BlindFallback(Stage):
             # In free fall the tilt is limited as in hover.
             towards = np.array([force[0], force[1], max(force[2], gravity)])
             turn = _BLIND_TILT_GAIN * tilt_to(towards, R_WB)
-        thrust = self._vehicle.mass * force[2] / scale
+        thrust = self._vehicle.mass * force[2] / model.thrust_scale
         throttle = self._vehicle.nearest_throttle(thrust) * (1.0 - _BLIND_DESCENT * share)
         return clamped(Input(throttle=throttle, w_WB_B=turn), self._config)
 

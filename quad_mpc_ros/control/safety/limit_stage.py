@@ -20,8 +20,8 @@ from quad_mpc_ros.control.safety.consistency import ConsistencyMonitor
 from quad_mpc_ros.control.safety.decide_stage import Decided
 from quad_mpc_ros.control.safety.fallbacks import (
     BlindFallback,
-    DisturbanceEstimate,
     HoverFallback,
+    LearnedModel,
     idle,
     levelling,
     stop_within,
@@ -76,7 +76,7 @@ class LimitStage(Stage):
         self._plan: _HeldPlan | None = None
         self._sent: _SentCommand | None = None
         # Only vertical parts are used, which no reset of the estimate changes.
-        self._kept: deque[DisturbanceEstimate] = deque(maxlen=_KEPT_ESTIMATES)
+        self._kept: deque[LearnedModel] = deque(maxlen=_KEPT_ESTIMATES)
         self._kept_ns: int | None = None
 
     @property
@@ -103,7 +103,7 @@ class LimitStage(Stage):
         decided: Decided,
         *,
         corridor: Corridor | None,
-        learned: Callable[[], DisturbanceEstimate],
+        learned: Callable[[], LearnedModel],
     ) -> Input | None:
         """Return the limited command, which becomes active; None to publish nothing.
 
@@ -145,7 +145,7 @@ class LimitStage(Stage):
         due: Due,
         decided: Decided,
         corridor: Corridor | None,
-        learned: Callable[[], DisturbanceEstimate],
+        learned: Callable[[], LearnedModel],
     ) -> Input | None:
         """Return the command of the active source, before any limit."""
         source, newest = decided.decision.source, self._inputs.odometry
@@ -184,10 +184,10 @@ class LimitStage(Stage):
             np.eye(3) if at.R_WB is None else at.R_WB,
             v_WB_W=at.v_WB_W,
             elapsed=elapsed,
-            learned=self._kept[0] if self._kept else DisturbanceEstimate(),
+            learned=self._kept[0] if self._kept else LearnedModel(),
         )
 
-    def _keep(self, learned: Callable[[], DisturbanceEstimate], now_ns: int) -> None:
+    def _keep(self, learned: Callable[[], LearnedModel], now_ns: int) -> None:
         """Keep the estimate for a descent, once a second."""
         if (
             self._kept_ns is None

@@ -13,7 +13,7 @@ from quad_mpc_ros.control.estimation.filter_state import Filter
 from quad_mpc_ros.control.estimation.rate_update import update_rates
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
+from quad_mpc_ros.control.model.parameters import ActuatorLags, ModelParameters, parameters_of
 from quad_mpc_ros.control.model.vehicle import Vehicle
 
 PERIOD, FINE = 0.02, 0.0005  # s
@@ -49,7 +49,7 @@ class Rates:
 
 
 def lagging(lag: float) -> ModelParameters:
-    return parameters_of(Vehicle(), rate_time_constant=lag, thrust_time_constant=0.0)[()]
+    return parameters_of(Vehicle(), ActuatorLags(rate=lag, thrust=0.0))[()]
 
 
 def rates_of_a_loop(commands: Array, *, gain: float, rotor_lag: float) -> Array:
@@ -91,15 +91,26 @@ def test_second_order_rate_loop_has_its_low_frequency_lag(gain: float, chatter: 
     assert slow_yaw == pytest.approx(4.0 / gain, rel=0.15)
 
 
-@pytest.mark.parametrize(("delay", "longest"), [(USUAL_DELAY, 0.066), (0.0, 0.04125)])
-def test_lag_is_estimated_up_to_its_bound(delay: float, longest: float) -> None:
+def test_the_lag_of_a_quick_vehicle_is_estimated_up_to_its_bound() -> None:
+    """Late odometry looks like a lag."""
     seconds = PERIOD * np.arange(1500)
     commands = 0.8 * np.sin(2.0 * seconds) + 0.6 * np.sin(3.1 * seconds)
-    rates = np.column_stack([rates_of_a_loop(commands, gain=10.0, rotor_lag=0.001)] * 3)
-    learned = Rates(lagging(0.033), delay=delay).follow(alike(commands), rates)[-1]
+    rates = np.column_stack([rates_of_a_loop(commands, gain=8.0, rotor_lag=0.001)] * 3)
+    learned = Rates(lagging(0.033)).follow(alike(commands), rates)[-1]
     roll, pitch, yaw = learned.rate_time_constants
-    assert roll == pitch == pytest.approx(longest, rel=1e-3)
-    assert yaw == pytest.approx(0.1, rel=0.15)
+    assert roll == pitch == pytest.approx(2.75 * 0.033, rel=1e-3)
+    assert yaw == pytest.approx(0.125, rel=0.15)
+
+
+@pytest.mark.parametrize(("gain", "rotor_lag"), [(25.0, 0.03), (25.0, 0.15), (4.0, 0.12)])
+def test_a_rate_loop_is_found_whether_it_rings_or_is_slow(gain: float, rotor_lag: float) -> None:
+    seconds = PERIOD * np.arange(500)
+    commands = 0.8 * np.sin(2.0 * seconds) + 0.6 * np.sign(np.sin(3.1 * seconds))
+    rates = np.column_stack([rates_of_a_loop(commands, gain=gain, rotor_lag=rotor_lag)] * 3)
+    nominal = parameters_of(Vehicle(), ActuatorLags(rate=0.07, torque=0.02, thrust=0.04))[()]
+    learned = Rates(nominal, delay=USUAL_DELAY).follow(alike(commands), rates)[-1]
+    np.testing.assert_allclose(learned.rate_time_constants, 1.0 / gain, rtol=0.05)
+    np.testing.assert_allclose(learned.torque_time_constants, rotor_lag, rtol=0.1)
 
 
 @pytest.mark.parametrize("gain", [60.0, 100.0])

@@ -22,7 +22,7 @@ from quad_mpc_ros.control.estimation.error_state import MOTION
 from quad_mpc_ros.control.estimation.filter_state import Filter
 from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.parameters import parameters_of
+from quad_mpc_ros.control.model.parameters import ActuatorLags, parameters_of
 from quad_mpc_ros.control.model.rollout import Body, propagated
 from quad_mpc_ros.control.model.vehicle import Vehicle
 
@@ -51,7 +51,7 @@ def gauss_markov(rng: np.random.Generator, value: Array, deviation: float, time:
 def flown(seed: int, drift: float) -> list[tuple[float, ...]]:
     rng = np.random.default_rng([seed, 7])
     vehicle = Vehicle()
-    nominal = parameters_of(vehicle, rate_time_constant=0.05, thrust_time_constant=0.04)[()]
+    nominal = parameters_of(vehicle, ActuatorLags(rate=0.05, thrust=0.04))[()]
     state = Filter.zeros()[()]
     ekf = VehicleEkf(nominal, throttle=vehicle.hover_throttle, delay=0.05, state=state)
     walk, vertical_time = error_state.DISTURBANCE.random_walk, error_state.VERTICAL_TIME
@@ -60,7 +60,11 @@ def flown(seed: int, drift: float) -> list[tuple[float, ...]]:
     d = np.array([*rng.normal(size=2), vertical * rng.normal()])
     b = drift * rng.normal(size=3)
     body = Body(
-        (0.0,) * 3, (0.0,) * 3, tuple(np.eye(3).ravel()), (vehicle.hover_throttle,) + (0.0,) * 3
+        (0.0,) * 3,
+        (0.0,) * 3,
+        tuple(np.eye(3).ravel()),
+        (vehicle.hover_throttle,) + (0.0,) * 3,
+        (0.0,) * 3,
     )
     phases, found = rng.uniform(0.0, 2.0 * math.pi, 3), []
     measured = state_of(v_WB_W=b)

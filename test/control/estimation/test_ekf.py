@@ -17,7 +17,7 @@ from quad_mpc_ros.control.estimation.error_state import MOTION
 from quad_mpc_ros.control.estimation.filter_state import Filter, is_at_bounds
 from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode, update_mode
 from quad_mpc_ros.control.lie import Array, so3
-from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
+from quad_mpc_ros.control.model.parameters import ActuatorLags, ModelParameters, parameters_of
 from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.state import Input, State
 from quad_mpc_ros.control.model.vehicle import Vehicle
@@ -31,7 +31,7 @@ REST = (0.0, 0.0, 0.0)
 def parameters(
     *, rate: float = 0.0, thrust: float = 0.0, vehicle: Vehicle = VEHICLE
 ) -> ModelParameters:
-    return parameters_of(vehicle, rate_time_constant=rate, thrust_time_constant=thrust)[()]
+    return parameters_of(vehicle, ActuatorLags(rate=rate, thrust=thrust))[()]
 
 
 FLYING = Conditions(acts=True, is_flying=True, may_touch=False)
@@ -401,7 +401,7 @@ def test_estimates_are_bounded(farthest: float) -> None:
         assert np.abs(learned.a_W[:2]).max() <= farthest
         assert abs(learned.a_W[2]) <= 3.0
         assert 0.5 <= learned.thrust_scale <= 1.5
-        assert 0.006 <= learned.rate_time_constants[0] <= 0.06
+        assert 0.006 <= learned.rate_time_constants[0] <= 0.24
         assert 0.015 <= learned.thrust_time_constant <= 0.06
         assert 0.02 <= learned.drag <= 1.0
 

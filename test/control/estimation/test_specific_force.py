@@ -22,14 +22,14 @@ from quad_mpc_ros.control.estimation.specific_force import (
 )
 from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode
 from quad_mpc_ros.control.lie import Array, so3
-from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
+from quad_mpc_ros.control.model.parameters import ActuatorLags, ModelParameters, parameters_of
 from quad_mpc_ros.control.model.rollout import Body, StateRecord, propagated
 from quad_mpc_ros.control.model.samples import ImuSample
 from quad_mpc_ros.control.model.vehicle import Vehicle
 
 PERIOD = 0.02
 VEHICLE = Vehicle(drag=(0.2, 0.3, 0.4), rotor_drag=(0.1, 0.1, 0.05), translational_lift=0.01)
-NOMINAL = parameters_of(VEHICLE, rate_time_constant=0.0, thrust_time_constant=0.04)[()]
+NOMINAL = parameters_of(VEHICLE, ActuatorLags(rate=0.0, thrust=0.04))[()]
 HOVER, GRAVITY = VEHICLE.hover_throttle, VEHICLE.gravity
 LEVEL = np.eye(3)
 FLYING = Conditions(acts=True, is_flying=True, may_touch=False)
@@ -176,7 +176,7 @@ class Flown:
             np.random.default_rng(3),
         )
         self._model = changed(NOMINAL, thrust_scale=scale)
-        self._body = Body((0.0,) * 3, (0.0,) * 3, tuple(LEVEL.ravel()), (HOVER, 0.0, 0.0, 0.0))
+        self._body = Body((0.0,) * 3, (0.0,) * 3, tuple(LEVEL.ravel()), (HOVER, 0.0, 0.0, 0.0), (0.0,) * 3)
         self._measured = self._odometry()
         self.ekf.start(p_WB=STILL, v_WB_W=STILL, w_WB_B=STILL)
 

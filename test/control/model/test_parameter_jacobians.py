@@ -12,14 +12,13 @@ from fixtures.records import changed
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.parameter_jacobians import (
     BY,
-    OF_NO_TIME,
     MotionDerivatives,
-    RateDerivatives,
-    followed_rate,
+    at_start,
+    followed_loop,
     no_motion,
     propagated_with_derivatives,
 )
-from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
+from quad_mpc_ros.control.model.parameters import ActuatorLags, ModelParameters, parameters_of
 from quad_mpc_ros.control.model.rollout import Body, propagated
 from quad_mpc_ros.control.model.state import State, boxminus
 from quad_mpc_ros.control.model.vehicle import Vehicle
@@ -34,14 +33,16 @@ AIR = {
 
 
 def model_of(vehicle: Vehicle) -> ModelParameters:
-    model = parameters_of(vehicle, rate_time_constant=0.0, thrust_time_constant=0.04)[()]
+    model = parameters_of(vehicle, ActuatorLags(rate=0.0, thrust=0.04))[()]
     return changed(model, thrust_scale=0.9, a_W=np.array([0.7, -0.4, 0.3]))
 
 
 def start(*, v_W: Array | None = None, throttle: float = 0.35) -> Body:
     v = np.array([6.0, -4.0, 2.0]) if v_W is None else v_W
     R = so3.exp([0.3, -0.5, 0.2])
-    return Body((1.0, 2.0, 3.0), tuple(v), tuple(R.ravel()), (throttle, 1.0, -2.0, 0.7))
+    return Body(
+        (1.0, 2.0, 3.0), tuple(v), tuple(R.ravel()), (throttle, 1.0, -2.0, 0.7), (0.0, 0.0, 0.0)
+    )
 
 
 def flown(model: ModelParameters, x: Body) -> Body:
@@ -70,6 +71,12 @@ def by_number(name: str) -> Callable[[ModelParameters, float], ModelParameters]:
     return lambda model, by: changed(model, **{name: float(model[name]) + by})  # type: ignore[index]
 
 
+def by_lag(model: ModelParameters, by: float) -> ModelParameters:
+    """Both time constants of the thrust change in proportion."""
+    lag = float(model.thrust_time_constant) + by
+    return changed(model, thrust_time_constant=lag, thrust_time_constant_down=lag)
+
+
 def pushed(k: int) -> Callable[[ModelParameters, float], ModelParameters]:
     return lambda model, by: changed(model, a_W=model.a_W + by * np.eye(3)[k])
 
@@ -77,7 +84,7 @@ def pushed(k: int) -> Callable[[ModelParameters, float], ModelParameters]:
 PARAMETERS: dict[int, Any] = {
     **{BY.disturbance + k: pushed(k) for k in range(3)},
     BY.scale: by_number("thrust_scale"),
-    BY.lag: by_number("thrust_time_constant"),
+    BY.lag: by_lag,
     BY.drag: lambda model, by: with_drag(model, float(model.drag) + by),
 }
 
@@ -112,22 +119,18 @@ def test_derivatives_equal_finite_differences_through_box_minus(air: str) -> Non
         np.testing.assert_allclose(slopes[6:9], 0.0, atol=1e-9)  # nothing turns
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.03])
-def test_derivatives_of_a_rate_equal_finite_differences(lag: float) -> None:
-    def end(
-        rate: float, lag: float, offset: float, by_thrust: float
-    ) -> tuple[float, RateDerivatives]:
-        found = OF_NO_TIME
+@pytest.mark.parametrize("lags", [(0.03, 0.0), (0.04, 0.15), (0.3, 0.1)])
+def test_derivatives_of_a_rate_loop_equal_finite_differences(lags: tuple[float, float]) -> None:
+    def end(at: Array) -> tuple[Array, Array]:
+        x, D = (at[0], at[1]), at_start()
+        now = lags[0] * np.exp(at[2]), lags[1] * np.exp(at[3])
         for command, thrust, duration in zip((1.0, -2.0), (9.0, 12.0), DURATIONS, strict=True):
-            follows = command + offset + by_thrust * thrust
-            rate, found = followed_rate(lag, follows, thrust, duration, rate, found)
-        return rate, found
+            follows = command + at[4] + at[5] * thrust
+            x = followed_loop(now, (follows, thrust), duration, x, D)
+        return np.array(x), D
 
-    step, at = 1e-6, (0.4, lag, 0.1, 0.02)
-    found = end(*at)[1]
-    for k, slope in enumerate(found):
-        if lag == 0.0 and k == 1:
-            assert slope == 0.0  # no lag stays none
-            continue
-        up, down = (end(*(np.array(at) + by * np.eye(4)[k]))[0] for by in (step, -step))
-        assert slope == pytest.approx((up - down) / (2.0 * step), rel=1e-6, abs=1e-7)
+    step, at = 1e-5, np.array([0.4, 7.0, 0.0, 0.0, 0.1, 0.02])
+    found = end(at)[1]
+    for k, slope in enumerate(found.T):
+        up, down = (end(at + by * np.eye(6)[k])[0] for by in (step, -step))
+        np.testing.assert_allclose(slope, (up - down) / (2.0 * step), rtol=1e-4, atol=1e-5)

@@ -15,15 +15,25 @@ from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.jacobians import STATE_SIZE, jacobians
-from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
+from quad_mpc_ros.control.model.parameters import ActuatorLags, ModelParameters, parameters_of
 from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord, roll_out
 from quad_mpc_ros.control.model.vehicle import Vehicle
 
 ROOT = Path(__file__).resolve().parents[3]
 VEHICLE = Vehicle()
 STEP = 0.05
-LAGS = [(0.0, 0.0), (0.03, 0.0), (0.0, 0.04), (0.03, 0.04), (0.5, 0.3)]
+# Of rates, throttle and torque [s].
+LAGS = [
+    (0.0, 0.0, 0.0),
+    (0.03, 0.0, 0.0),
+    (0.0, 0.04, 0.0),
+    (0.03, 0.04, 0.0),
+    (0.5, 0.3, 0.0),
+    (0.04, 0.04, 0.15),
+    (0.2, 0.3, 0.04),
+]
 SLOWER_YAW = 2.5  # than roll and pitch
+FALLING = 1.6  # time constant of a falling throttle over that of a rising one
 A_W, THRUST_SCALE = (0.8, -1.1, 0.4), 0.85
 # Drag of one vehicle per axis with lift, and a plate's, that differs more than any vehicle's.
 UNEVEN = Vehicle(drag=(0.3, 0.15, 0.45), translational_lift=0.015)
@@ -42,9 +52,12 @@ def start(seed: int) -> StateRecord:
 
 
 def model_of(
-    lags: tuple[float, float], *, vehicle: Vehicle = VEHICLE, disturbed: bool = True
+    lags: tuple[float, float, float], *, vehicle: Vehicle = VEHICLE, disturbed: bool = True
 ) -> ModelParameters:
-    model = parameters_of(vehicle, rate_time_constant=lags[0], thrust_time_constant=lags[1])[()]
+    actuators = ActuatorLags(
+        rate=lags[0], thrust=lags[1], thrust_down=FALLING * lags[1], torque=lags[2]
+    )
+    model = parameters_of(vehicle, actuators)[()]
     model.rate_time_constants[2] = SLOWER_YAW * lags[0]
     return changed(model, a_W=A_W, thrust_scale=THRUST_SCALE) if disturbed else model
 
@@ -66,7 +79,7 @@ def commands(steps: int, seed: int, *, rate: float = 4.0) -> Array:
 
 
 def integrated(
-    x: StateRecord, inputs: Array, lags: tuple[float, float], vehicle: Vehicle
+    x: StateRecord, inputs: Array, lags: tuple[float, float, float], vehicle: Vehicle
 ) -> Array:
     """Return position, velocity and quaternion after the inputs, by scipy on a quaternion."""
     y = np.concatenate(
@@ -76,6 +89,7 @@ def integrated(
             Rotation.from_matrix(x.R_WB).as_quat(),
             x.w_WB_B,
             [x.throttle],
+            x.angular_acceleration,
         )
     )
     a, b, c = vehicle.thrust_curve
@@ -88,7 +102,7 @@ def integrated(
             y[13] = u[0]
 
         def slope(_: float, y: Array, u: Array = u) -> Array:
-            w, s = y[10:13], y[13]
+            w, s, alpha = y[10:13], y[13], y[14:17]
             attitude = Rotation.from_quat(y[6:10])
             v_B = attitude.inv().apply(y[3:6])
             thrust = THRUST_SCALE * 4.0 * (a * s * s + b * s + c)
@@ -102,7 +116,11 @@ def integrated(
             rate_lags = lags[0] * np.array([1.0, 1.0, SLOWER_YAW])
             dw = (u[1:] - w) / rate_lags if lags[0] else np.zeros(3)
             ds = (u[0] - s) / lags[1] if lags[1] else 0.0
-            return np.concatenate((y[3:6], dv, dq, dw, [ds]))
+            if u[0] < s:
+                ds /= FALLING
+            turning_up = (dw - alpha) / lags[2] if lags[2] else np.zeros(3)
+            dw = alpha if lags[2] else dw
+            return np.concatenate((y[3:6], dv, dq, dw, [ds], turning_up))
 
         y = solve_ivp(slope, (0.0, STEP), y, rtol=1e-10, atol=1e-12).y[:, -1]
     return y
@@ -111,7 +129,7 @@ def integrated(
 @pytest.mark.parametrize("vehicle", VEHICLES)
 @pytest.mark.parametrize("lags", LAGS)
 def test_rollout_agrees_with_an_independent_integrator(
-    lags: tuple[float, float], vehicle: Vehicle
+    lags: tuple[float, float, float], vehicle: Vehicle
 ) -> None:
     """To millimetres over half a second of violent flying; the substep's error is of order 2."""
     x, inputs = start(1), commands(10, 2)
@@ -133,7 +151,7 @@ def test_rollout_agrees_with_an_independent_integrator(
 @pytest.mark.parametrize("held", [(), (1,), (0, 3)])
 @pytest.mark.parametrize("stage", [0, 4, 9])
 def test_jacobians_equal_finite_differences_through_box_plus(
-    lags: tuple[float, float], held: tuple[int, ...], stage: int, vehicle: Vehicle
+    lags: tuple[float, float, float], held: tuple[int, ...], stage: int, vehicle: Vehicle
 ) -> None:
     """Also where a bound holds the commands of some substeps."""
     rng = np.random.default_rng(5)
@@ -156,6 +174,7 @@ def test_jacobians_equal_finite_differences_through_box_plus(
             R_WB=now.R_WB @ so3.exp(dx[6:9]),
             actuators=actuators_of(now) + dx[[12, 9, 10, 11]],
         )
+        moved.angular_acceleration[:] = now.angular_acceleration + dx[13:16]
         end = rolled_out(moved, (inputs[stage] + free[stage] * du)[None], model)[1]
         return np.concatenate(
             (
@@ -164,6 +183,7 @@ def test_jacobians_equal_finite_differences_through_box_plus(
                 so3.log(states[stage + 1].R_WB.T @ end.R_WB),
                 end.w_WB_B,
                 [end.throttle],
+                end.angular_acceleration,
             )
         )
 
@@ -181,7 +201,7 @@ def test_jacobians_equal_finite_differences_through_box_plus(
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_jacobians_without_actuators_equal_the_full_ones(vehicle: Vehicle) -> None:
     inputs = np.repeat(commands(3, 4)[:, None, :], SUBSTEPS, axis=1)
-    model, free = model_of((0.0, 0.0), vehicle=vehicle), np.ones_like(inputs)
+    model, free = model_of((0.0, 0.0, 0.0), vehicle=vehicle), np.ones_like(inputs)
     states = rolled_out(start(3), inputs, model)
     found = []
     for size in (9, STATE_SIZE):
@@ -193,7 +213,7 @@ def test_jacobians_without_actuators_equal_the_full_ones(vehicle: Vehicle) -> No
 
 
 @pytest.mark.parametrize("lags", LAGS)
-def test_rollout_equals_stage_by_stage_rollout(lags: tuple[float, float]) -> None:
+def test_rollout_equals_stage_by_stage_rollout(lags: tuple[float, float, float]) -> None:
     x, inputs = start(5), commands(6, 6)
     model = model_of(lags)
     whole = rolled_out(x, inputs, model)
@@ -205,7 +225,7 @@ def test_rollout_equals_stage_by_stage_rollout(lags: tuple[float, float]) -> Non
 
 def test_equal_drag_per_axis_equals_scalar_drag() -> None:
     three = dataclasses.replace(VEHICLE, drag=(0.2, 0.2, 0.2))
-    lags = (0.03, 0.04)
+    lags = (0.03, 0.04, 0.0)
     np.testing.assert_array_equal(numbers(model_of(lags, vehicle=three)), numbers(model_of(lags)))
 
 
@@ -213,7 +233,7 @@ def test_uneven_air_converges_to_even_air() -> None:
     """The two ways through the code agree where they meet."""
     hardly = dataclasses.replace(VEHICLE, drag=(0.2, 0.2, 0.2 + 1e-9), translational_lift=1e-10)
     x, inputs = start(9), commands(10, 8)
-    lags = (0.03, 0.04)
+    lags = (0.03, 0.04, 0.0)
     np.testing.assert_allclose(
         numbers(rolled_out(x, inputs, model_of(lags, vehicle=hardly))),
         numbers(rolled_out(x, inputs, model_of(lags))),
@@ -223,15 +243,15 @@ def test_uneven_air_converges_to_even_air() -> None:
 
 def test_vanishing_lag_equals_no_lag() -> None:
     x, inputs = start(7), commands(10, 8)
-    none = rolled_out(x, inputs, model_of((0.0, 0.0)))
-    tiny = rolled_out(x, inputs, model_of((1e-7, 1e-7)))
+    none = rolled_out(x, inputs, model_of((0.0, 0.0, 0.0)))
+    tiny = rolled_out(x, inputs, model_of((1e-7, 1e-7, 1e-7)))
     np.testing.assert_allclose(tiny["p_WB"], none["p_WB"], atol=1e-5)
 
 
 def test_without_drag_the_motion_is_ballistic() -> None:
     vehicle = dataclasses.replace(VEHICLE, drag=0.0, thrust_curve=(1.88, 2.8, 0.0))
     x = start(9)
-    model = model_of((0.0, 0.0), vehicle=vehicle, disturbed=False)
+    model = model_of((0.0, 0.0, 0.0), vehicle=vehicle, disturbed=False)
     states = rolled_out(x, np.zeros((10, 4)), model)
     fallen = x.p_WB + 0.5 * x.v_WB_W + np.array([0.0, 0.0, -0.5 * 9.81 * 0.25])
     np.testing.assert_allclose(states[-1].p_WB, fallen, atol=1e-12)

@@ -9,7 +9,7 @@ from fixtures.records import changed, state_of
 from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model import reference_window
-from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
+from quad_mpc_ros.control.model.parameters import ActuatorLags, ModelParameters, parameters_of
 from quad_mpc_ros.control.model.reference_window import sample
 from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord, roll_out
 from quad_mpc_ros.control.model.samples import ReferenceWindow
@@ -45,7 +45,7 @@ def eight(
 
 def model_of(*, rate: float, thrust: float, vehicle: Vehicle = VEHICLE) -> ModelParameters:
     lags = (rate, 0.8 * rate, 1.2 * rate)
-    return parameters_of(vehicle, rate_time_constant=lags, thrust_time_constant=thrust)[()]
+    return parameters_of(vehicle, ActuatorLags(rate=lags, thrust=thrust))[()]
 
 
 def target_of(

@@ -40,11 +40,7 @@ def off_the_way(
 ) -> PredictedState:
     """Return a state beside the beginning of a way, in an attitude of its own."""
     rng = np.random.default_rng(seed)
-    parameters = parameters_of(
-        config.vehicle(),
-        rate_time_constant=config.rate_time_constant,
-        thrust_time_constant=config.thrust_time_constant,
-    )
+    parameters = parameters_of(config.vehicle(), config.lags)
     state = PredictedState.at_rest(parameters)._replace(stamp_ns=window.stamp_ns)
     vehicle = state.prediction[()].state
     vehicle.p_WB[:] = window.p_WB[0] + by * rng.normal(scale=0.3, size=3)

@@ -26,7 +26,7 @@ from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.ocp.qp_solver import QpSolution
 from quad_mpc_ros.control.plan_stage import Planned, PlanStage
 from quad_mpc_ros.control.safety.decide_stage import DecideStage
-from quad_mpc_ros.control.safety.fallbacks import DisturbanceEstimate
+from quad_mpc_ros.control.safety.fallbacks import LearnedModel
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
 from quad_mpc_ros.control.safety.limit_stage import LimitStage
 from quad_mpc_ros.control.stage import Due, Failure
@@ -98,7 +98,7 @@ class Flight:
         due = Due(odometry, self.now, self.now, self.now, 0.02)
         planned = Planned(None if plan is None else step_of(plan), failure)
         decided = self.deciding.step(due, planned, flown=None, acting=self.limiting.acting)
-        u = self.limiting.step(due, decided, corridor=None, learned=DisturbanceEstimate)
+        u = self.limiting.step(due, decided, corridor=None, learned=LearnedModel)
         self.now += PERIOD
         return decided.decision.source.name, u
 

@@ -1,0 +1,119 @@
+"""The rate loop of an axis, in compiled code: a gain in front of a torque that lags.
+
+With the commanded rate w_c, the gain 1 / tau and the lag T of the torque,
+
+    dw/dt = alpha,    T dalpha/dt = clamp((w_c - w) / tau, -alpha_max, alpha_max) - alpha.
+
+The natural frequency is 1 / sqrt(tau T), the damping ratio sqrt(tau / T) / 2. A gain D on the
+angular acceleration divides both tau and T by 1 + D. Without T the rate lags by tau alone.
+
+The simulator implements its loop independently (``simulation/rate_loop.py``), so that tests find
+errors.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.model.actuators import first_order_lag
+
+
+class LoopStep(NamedTuple):
+    """Response of an axis over a step, linear in w - w_c and in alpha at its start.
+
+    ``rate`` and ``rate_by_acceleration`` [s] lead to w - w_c at the end, ``mean`` and
+    ``mean_by_acceleration`` [s] to its mean, ``acceleration`` [1/s] and
+    ``acceleration_by_acceleration`` to alpha at the end. ``reach`` [rad/s] is the largest
+    distance to the command with which the mean of the demanded acceleration is within its bound.
+    """
+
+    rate: float
+    rate_by_acceleration: float
+    mean: float
+    mean_by_acceleration: float
+    acceleration: float
+    acceleration_by_acceleration: float
+    reach: float
+
+
+class AxisStep(NamedTuple):
+    """Mean rate over a step, rate [rad/s] and acceleration [rad/s^2] at its end, for Jacobians
+    also the response in force, and whether the command has an effect: 1, or 0 at the bound.
+    """
+
+    mean: float
+    rate: float
+    acceleration: float
+    response: LoopStep
+    follows: float
+
+
+@compiled
+def loop_step(
+    time_constant: float, torque_time_constant: float, acceleration_max: float, duration: float
+) -> LoopStep:
+    """Return the response over a duration [s], with ``acceleration_max`` infinite without bound.
+
+    ``time_constant`` is tau, ``torque_time_constant`` is T [s].
+    """
+    tau, lag = time_constant, torque_time_constant
+    if tau <= 0.0 or lag <= 0.0:
+        decay, share = first_order_lag(tau, duration)
+        return LoopStep(decay, 0.0, share, 0.0, 0.0, 0.0, _reach(acceleration_max, tau, share))
+    even, odd = _modes(tau, lag, duration)
+    rate, acceleration = even + 0.5 * odd / lag, -odd / (tau * lag)
+    fading = even - 0.5 * odd / lag
+    # The integral of w - w_c, from the equation of alpha.
+    mean = tau * (1.0 - rate - lag * acceleration) / duration
+    by_acceleration = tau * (lag * (1.0 - fading) - odd) / duration
+    reach = _reach(acceleration_max, tau, mean)
+    return LoopStep(rate, odd, mean, by_acceleration, acceleration, fading, reach)
+
+
+@compiled
+def _modes(tau: float, lag: float, duration: float) -> tuple[float, float]:
+    """Return e^(m t) cosh(r t) and e^(m t) sinh(r t) / r of the roots m - r and m + r."""
+    middle = -0.5 / lag
+    square = middle * middle - 1.0 / (tau * lag)
+    root = math.sqrt(abs(square))
+    turned = root * duration
+    if turned < 1e-4:
+        decay = math.exp(middle * duration)
+        change = square * duration * duration
+        return decay * (1.0 + 0.5 * change), decay * duration * (1.0 + change / 6.0)
+    if square < 0.0:
+        decay = math.exp(middle * duration)
+        return decay * math.cos(turned), decay * math.sin(turned) / root
+    slow, fast = math.exp((middle + root) * duration), math.exp((middle - root) * duration)
+    return 0.5 * (slow + fast), 0.5 * (slow - fast) / root
+
+
+@compiled
+def _reach(acceleration_max: float, tau: float, mean: float) -> float:
+    return acceleration_max * tau / mean if mean > 0.0 else math.inf
+
+
+@compiled
+def axis_step(loop: LoopStep, rate: float, acceleration: float, command: float) -> AxisStep:
+    """Return an axis after a step under a command [rad/s]."""
+    off, follows = rate - command, 1.0
+    if abs(off) > loop.reach:
+        off, follows = math.copysign(loop.reach, off), 0.0
+        command = rate - off
+    mean = command + loop.mean * off + loop.mean_by_acceleration * acceleration
+    after = command + loop.rate * off + loop.rate_by_acceleration * acceleration
+    faded = loop.acceleration_by_acceleration * acceleration
+    faded += loop.acceleration * off
+    if follows == 0.0:  # the demand at the bound moves with the rate
+        loop = LoopStep(
+            1.0,
+            loop.rate_by_acceleration,
+            1.0,
+            loop.mean_by_acceleration,
+            0.0,
+            loop.acceleration_by_acceleration,
+            loop.reach,
+        )
+    return AxisStep(mean, after, faded, loop, follows)
