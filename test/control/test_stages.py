@@ -80,10 +80,12 @@ class Flight:
         reset: EstimateReset | None = None,
         at: int | None = None,
     ) -> None:
-        self.controller = Controller(config or MpcConfig(), guide=guide)
-        self.plant = make_plant(
-            ideal(initial_position=tuple(PLACE), initial_throttle=0.35, wind=(3.0, 1.0, 0.0))
-        )
+        config = config or MpcConfig()
+        self.controller = Controller(config, guide=guide)
+        lags = "rate_time_constant", "torque_time_constant", "thrust_time_constant"
+        as_modelled = {name: getattr(config, name) for name in lags}
+        start = {"initial_position": tuple(PLACE), "initial_throttle": 0.35}
+        self.plant = make_plant(ideal(as_modelled, **start, wind=(3.0, 1.0, 0.0)))
         self.now_ns = START_NS
         self.events: list[tuple[str, int]] = []
         self.commands: list[Array] = []
@@ -179,7 +181,7 @@ def test_a_reset_of_the_heading_between_any_two_inputs_does_not_move_the_vehicle
     expected = flown(name)
     for at in boundaries(expected)[::4]:
         places = np.array(flown(name, TURNED, at).places)
-        assert_allclose(places, expected.places, rtol=0.0, atol=0.06)
+        assert_allclose(places, expected.places, rtol=0.0, atol=0.005)
 
 
 def test_a_reset_between_odometry_and_reference_changes_no_command_in_lockstep() -> None:

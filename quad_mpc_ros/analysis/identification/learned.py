@@ -24,21 +24,22 @@ _MAX_DRIFT = 0.01  # of the thrust, from the median of one half of the ticks to 
 _AT_BOUND = 0.005
 _MIN_YAW_CHANGE = 0.1  # of a time constant; a smaller change is hardly observable
 _MIN_DRAG_CHANGE = 0.01  # 1/s; at rest it stays as it is given
-_TAUS = ("rate_time_constant", "yaw_time_constant", "thrust_time_constant")
+_TAUS = tuple(f"{lag}_time_constant" for lag in ("rate", "yaw", "torque", "thrust"))
 
 
 @dataclass(frozen=True, kw_only=True)
 class FlightEstimates:
     """The estimates over some ticks: their medians and their spread.
 
-    Time constants [s] are None where the model has no lag, of which nothing is estimated; that of
-    the rates is the mean of roll and pitch. ``drag`` [1/s] is the mean over the axes, None where
+    Time constants [s] are None where the model has no lag, of which nothing is estimated; those of
+    the rates and of the torque are the means of roll and pitch. ``drag`` [1/s] is the mean over the axes, None where
     it is as it was given or has not settled: it is learned in motion only.
     """
 
     thrust_scale: ParameterEstimate
     rate_time_constant: ParameterEstimate | None
     yaw_time_constant: ParameterEstimate | None
+    torque_time_constant: ParameterEstimate | None
     thrust_time_constant: ParameterEstimate | None
     drag: ParameterEstimate | None
     ticks: int
@@ -86,7 +87,12 @@ def learned_file(
     refuse the values.
     """
     entries = vehicle_file.thrust_entries(found.thrust_scale, given, keep=keep)
-    entries["rate_time_constant"] = _rate_entry(found, given)
+    entries["rate_time_constant"] = _lag_entry(
+        found.rate_time_constant, found.yaw_time_constant, given.rate_time_constant
+    )
+    entries["torque_time_constant"] = _lag_entry(
+        found.torque_time_constant, None, given.torque_time_constant
+    )
     if found.thrust_time_constant is not None:
         entries["thrust_time_constant"] = vehicle_file.found_entry(found.thrust_time_constant)
     if found.drag is not None:
@@ -111,24 +117,25 @@ def _drag_entry(found: ParameterEstimate, given: MpcConfig) -> tuple[Any, str]:
     return vehicle_file.axes_entry([_scaled(found, share) for share in shares], given.drag)
 
 
-def _rate_entry(found: FlightEstimates, given: MpcConfig) -> tuple[Any, str]:
-    """Return the lags of the rates: one number, unless yaw's is another or three are given.
+def _lag_entry(
+    shared: ParameterEstimate | None,
+    of_yaw: ParameterEstimate | None,
+    given: float | tuple[float, ...],
+) -> tuple[Any, str]:
+    """Return the lags of the axes: one number, unless yaw's is another or three are given.
 
-    Roll and pitch keep their ratio.
+    Roll and pitch have the ``shared`` lag and keep their ratio.
     """
-    roll, pitch, yaw = per_axis(given.rate_time_constant)
-    shared, of_yaw = found.rate_time_constant, found.yaw_time_constant
+    roll, pitch, yaw = per_axis(given)
     apart = of_yaw is not None and all(
         abs(of_yaw.value - other) > _MIN_YAW_CHANGE * other
         for other in (yaw, yaw if shared is None else shared.value)
     )
-    if isinstance(given.rate_time_constant, float) and not apart:
-        if shared is None:
-            return given.rate_time_constant, vehicle_file.KEPT
-        return vehicle_file.found_entry(shared)
+    if isinstance(given, float) and not apart:
+        return (given, vehicle_file.KEPT) if shared is None else vehicle_file.found_entry(shared)
     shares = [2.0 * lag / ((roll + pitch) or 1.0) for lag in (roll, pitch)]
     of_axes = [None if shared is None else _scaled(shared, share) for share in shares]
-    return vehicle_file.axes_entry([*of_axes, of_yaw], given.rate_time_constant)
+    return vehicle_file.axes_entry([*of_axes, of_yaw], given)
 
 
 def _scaled(estimate: ParameterEstimate, factor: float) -> ParameterEstimate:

@@ -190,6 +190,8 @@ def parameter_file(
     for name in ("rate_time_constant", "rate_gain", "drag", "rotor_drag"):
         usable = [_usable(estimate) for estimate in getattr(found, name)]
         entries[name] = vehicle_file.axes_entry(usable, getattr(given, name))
+    if any(estimate.observable for estimate in found.rate_time_constant):
+        entries["torque_time_constant"] = (0.0, "the fitted lags are of first order")
     for name in ("thrust_time_constant", "input_delay", "translational_lift"):
         estimate = _usable(getattr(found, name))
         entries[name] = (

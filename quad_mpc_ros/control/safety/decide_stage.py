@@ -142,7 +142,9 @@ class DecideStage(Stage):
                 self._inputs.reported or odometry,
                 acting,
                 p_reference=followed[0] if followed and self._source is Source.MPC else None,
-                learned=None if planned.step is None else planned.step.state.prediction["parameters"],
+                learned=None
+                if planned.step is None
+                else planned.step.state.prediction["parameters"],
             ),
         )
         found = self.consistency.breach

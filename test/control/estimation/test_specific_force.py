@@ -176,7 +176,9 @@ class Flown:
             np.random.default_rng(3),
         )
         self._model = changed(NOMINAL, thrust_scale=scale)
-        self._body = Body((0.0,) * 3, (0.0,) * 3, tuple(LEVEL.ravel()), (HOVER, 0.0, 0.0, 0.0), (0.0,) * 3)
+        self._body = Body(
+            (0.0,) * 3, (0.0,) * 3, tuple(LEVEL.ravel()), (HOVER, 0.0, 0.0, 0.0), (0.0,) * 3
+        )
         self._measured = self._odometry()
         self.ekf.start(p_WB=STILL, v_WB_W=STILL, w_WB_B=STILL)
 
