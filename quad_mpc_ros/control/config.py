@@ -15,8 +15,7 @@ from quad_mpc_ros.configuration import (
     per_axis,
 )
 from quad_mpc_ros.configuration.box import FARTHEST, NO_WALL, BoxParameters
-from quad_mpc_ros.control.model.parameters import ActuatorLags
-from quad_mpc_ros.control.model.vehicle import VehicleParameters
+from quad_mpc_ros.control.model.vehicle import ActuatorLags, VehicleParameters
 
 _live = functools.partial(parameter, live=True)
 _advanced = functools.partial(parameter, advanced=True)

@@ -85,7 +85,7 @@ def _axis(
     """
     numbers = loop.time_constant[k], loop.torque_time_constant[k], loop.acceleration_max[k]
     start, follows, half = (rates.w[k], rates.acceleration[k]), command[k], 0.5 * duration
-    if numbers[1] == 0.0 and (numbers[0] == 0.0 or numbers[2] == math.inf):
+    if numbers[0] == 0.0 or (numbers[1] == 0.0 and numbers[2] == math.inf):
         off = start[0] - follows
         kept = math.exp(-duration / numbers[0]) if numbers[0] > 0.0 else 0.0
         return (follows + kept * off, 0.0), follows * duration + numbers[0] * (1.0 - kept) * off

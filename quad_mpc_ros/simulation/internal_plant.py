@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quad_mpc_ros.configuration import ConfigurationError, parameter, per_axis
+from quad_mpc_ros.configuration import parameter, per_axis
 from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
@@ -37,14 +37,14 @@ class InternalParameters(PlantParameters):
     )
     rate_time_constant: float | tuple[float, ...] = parameter(
         0.07,
-        doc="First-order lag of the body rates behind the commanded ones; with "
-        "torque_time_constant one over the proportional gain of the rate loop.",
+        doc="Lag of the body rates behind the commanded ones: one over the proportional gain of "
+        "the rate loop. 0: the rates are those commanded.",
         unit="s",
         minimum=0.0,
         maximum=LONGEST_TIME_CONSTANT,
     )
     torque_time_constant: float | tuple[float, ...] = parameter(
-        0.0,
+        0.02,
         doc="Lag of the torque behind the rate loop: the loop rings if it is above "
         "rate_time_constant.",
         unit="s",
@@ -74,21 +74,6 @@ class InternalParameters(PlantParameters):
         minimum=0.0,
         maximum=LONGEST_TIME_CONSTANT,
     )
-
-    def check(self) -> None:
-        """Refuse a rate loop of second order without a finite gain."""
-        super().check()
-        lags, torque = per_axis(self.rate_time_constant), per_axis(self.torque_time_constant)
-        most = per_axis(self.angular_acceleration_max)
-        if any(
-            tau == 0.0 and (T > 0.0 or a > 0.0)
-            for tau, T, a in zip(lags, torque, most, strict=True)
-        ):
-            raise ConfigurationError(
-                f"{self.owner}.rate_time_constant",
-                self.rate_time_constant,
-                "above 0 with torque_time_constant or angular_acceleration_max",
-            )
 
 
 def constants(

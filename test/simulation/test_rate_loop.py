@@ -12,7 +12,6 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.control.model.vehicle import Vehicle
@@ -80,8 +79,3 @@ def test_throttle_decreases_with_a_lag_of_its_own() -> None:
     assert vehicle.input.throttle == pytest.approx(after)
     flown(vehicle, 0.05, throttle=0.0)
     assert vehicle.input.throttle == pytest.approx(after * math.exp(-0.5))
-
-
-def test_refuses_a_lagging_torque_behind_an_infinite_gain() -> None:
-    with pytest.raises(ConfigurationError, match="rate_time_constant"):
-        ideal({"rate_time_constant": 0.0, "torque_time_constant": 0.05})

@@ -32,8 +32,8 @@ class FlightEstimates:
     """The estimates over some ticks: their medians and their spread.
 
     Time constants [s] are None where the model has no lag, of which nothing is estimated; those of
-    the rates and of the torque are the means of roll and pitch. ``drag`` [1/s] is the mean over the axes, None where
-    it is as it was given or has not settled: it is learned in motion only.
+    the rates and of the torque are the means of roll and pitch. ``drag`` [1/s] is the mean over
+    the axes, None where it is as it was given or has not settled: it is learned in motion only.
     """
 
     thrust_scale: ParameterEstimate

@@ -249,7 +249,7 @@ def _propagate(
 ) -> None:
     """Propagate the sensitivities to attitude, rates and velocity over a substep.
 
-    Of those to the state only the first ``columns`` are needed; the others are zero.
+    Only the first ``columns`` of the state's are needed; the others are zero.
     """
     dR, dv, dp, _rates, _accelerations, means = sensitivities
     J = kernels.right_jacobian(midpoint.half_turn)

@@ -19,7 +19,7 @@ from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.actuators import Actuators, first_order_lag_slopes
 from quad_mpc_ros.control.model.jacobians import air_slopes, propagated_slopes
 from quad_mpc_ros.control.model.parameters import ModelParameters
-from quad_mpc_ros.control.model.rate_loop import LoopStep, loop_step
+from quad_mpc_ros.control.model.rate_loop import LoopResponse, loop_step
 from quad_mpc_ros.control.model.rollout import (
     Body,
     Discretisation,
@@ -226,7 +226,7 @@ def followed_loop(
 
 
 @compiled
-def _after(loop: LoopStep, off: float, acceleration: float) -> tuple[float, float]:
+def _after(loop: LoopResponse, off: float, acceleration: float) -> tuple[float, float]:
     """Return the distance to the command and the acceleration after a step."""
     return (
         loop.rate * off + loop.rate_by_acceleration * acceleration,

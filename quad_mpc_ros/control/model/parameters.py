@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
-from quad_mpc_ros.configuration import PerAxis, per_axis
+from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3
 from quad_mpc_ros.control.lie import kernels
 from quad_mpc_ros.control.model import vehicle as vehicles
-from quad_mpc_ros.control.model.vehicle import Vehicle
+from quad_mpc_ros.control.model.vehicle import ActuatorLags, Vehicle
 
 
 class ModelParameters(Record):
@@ -38,25 +37,6 @@ class ModelParameters(Record):
     # Offsets of the rates from their commands: constant [rad/s] and per modelled specific thrust.
     rate_offset: Vector3
     rate_offset_by_thrust: Vector3
-
-
-@dataclass(frozen=True, kw_only=True)
-class ActuatorLags:
-    """How the model's throttle and body rates follow their commands.
-
-    Attributes:
-        thrust: Time constant of the throttle [s].
-        thrust_down: That of a falling throttle, 0 for the same [s].
-        rate: Time constant of the body rates, one over the gain of their loop [s].
-        torque: Time constant of the torque [s].
-        angular_acceleration_max: Its bound, 0 for none [rad/s^2].
-    """
-
-    thrust: float
-    rate: PerAxis
-    thrust_down: float = 0.0
-    torque: PerAxis = 0.0
-    angular_acceleration_max: PerAxis = 0.0
 
 
 def parameters_of(vehicle: Vehicle, lags: ActuatorLags) -> RecordArray[ModelParameters]:

@@ -20,7 +20,7 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.model.actuators import first_order_lag
 
 
-class LoopStep(NamedTuple):
+class LoopResponse(NamedTuple):
     """Response of an axis over a step, linear in w - w_c and in alpha at its start.
 
     ``rate`` and ``rate_by_acceleration`` [s] lead to w - w_c at the end, ``mean`` and
@@ -46,14 +46,14 @@ class AxisStep(NamedTuple):
     mean: float
     rate: float
     acceleration: float
-    response: LoopStep
+    response: LoopResponse
     follows: float
 
 
 @compiled
 def loop_step(
     time_constant: float, torque_time_constant: float, acceleration_max: float, duration: float
-) -> LoopStep:
+) -> LoopResponse:
     """Return the response over a duration [s], with ``acceleration_max`` infinite without bound.
 
     ``time_constant`` is tau, ``torque_time_constant`` is T [s].
@@ -61,7 +61,7 @@ def loop_step(
     tau, lag = time_constant, torque_time_constant
     if tau <= 0.0 or lag <= 0.0:
         decay, share = first_order_lag(tau, duration)
-        return LoopStep(decay, 0.0, share, 0.0, 0.0, 0.0, _reach(acceleration_max, tau, share))
+        return LoopResponse(decay, 0.0, share, 0.0, 0.0, 0.0, _reach(acceleration_max, tau, share))
     even, odd = _modes(tau, lag, duration)
     rate, acceleration = even + 0.5 * odd / lag, -odd / (tau * lag)
     fading = even - 0.5 * odd / lag
@@ -69,7 +69,7 @@ def loop_step(
     mean = tau * (1.0 - rate - lag * acceleration) / duration
     by_acceleration = tau * (lag * (1.0 - fading) - odd) / duration
     reach = _reach(acceleration_max, tau, mean)
-    return LoopStep(rate, odd, mean, by_acceleration, acceleration, fading, reach)
+    return LoopResponse(rate, odd, mean, by_acceleration, acceleration, fading, reach)
 
 
 @compiled
@@ -96,7 +96,7 @@ def _reach(acceleration_max: float, tau: float, mean: float) -> float:
 
 
 @compiled
-def axis_step(loop: LoopStep, rate: float, acceleration: float, command: float) -> AxisStep:
+def axis_step(loop: LoopResponse, rate: float, acceleration: float, command: float) -> AxisStep:
     """Return an axis after a step under a command [rad/s]."""
     off, follows = rate - command, 1.0
     if abs(off) > loop.reach:
@@ -107,7 +107,7 @@ def axis_step(loop: LoopStep, rate: float, acceleration: float, command: float) 
     faded = loop.acceleration_by_acceleration * acceleration
     faded += loop.acceleration * off
     if follows == 0.0:  # the demand at the bound moves with the rate
-        loop = LoopStep(
+        loop = LoopResponse(
             1.0,
             loop.rate_by_acceleration,
             1.0,

@@ -37,7 +37,7 @@ from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vec
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.actuators import Actuators, actuators_in, first_order_lag
 from quad_mpc_ros.control.model.parameters import ModelParameters
-from quad_mpc_ros.control.model.rate_loop import AxisStep, LoopStep, axis_step, loop_step
+from quad_mpc_ros.control.model.rate_loop import AxisStep, LoopResponse, axis_step, loop_step
 from quad_mpc_ros.control.model.state import U_RATE, U_THROTTLE
 
 SUBSTEPS = 4
@@ -119,7 +119,7 @@ class Discretisation(NamedTuple):
     dt: float
     thrust: tuple[float, float]
     thrust_down: tuple[float, float]
-    loops: tuple[LoopStep, LoopStep, LoopStep]
+    loops: tuple[LoopResponse, LoopResponse, LoopResponse]
     velocity_decay: float
     phi1: float
     phi2: float
@@ -146,7 +146,7 @@ def discretised(model: ModelParameters, dt: float) -> Discretisation:
 
 
 @compiled
-def _loop_step(model: ModelParameters, axis: int, dt: float) -> LoopStep:
+def _loop_step(model: ModelParameters, axis: int, dt: float) -> LoopResponse:
     return loop_step(
         model.rate_time_constants[axis],
         model.torque_time_constants[axis],

@@ -13,6 +13,7 @@ from quad_mpc_ros.configuration import (
     ArgumentError,
     Configuration,
     ConfigurationError,
+    PerAxis,
     parameter,
     per_axis,
 )
@@ -22,6 +23,25 @@ ARM = 0.11
 """From the centre to a rotor [m]: the paper's 220 mm diagonal."""
 
 _ROTOR_POINTS = 24
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ActuatorLags:
+    """How the model's throttle and body rates follow their commands.
+
+    Attributes:
+        thrust: Time constant of the throttle [s].
+        thrust_down: Time constant of a falling throttle, 0 for the same [s].
+        rate: Time constant of the body rates, one over the gain of their loop [s].
+        torque: Time constant of the torque [s].
+        angular_acceleration_max: Its bound, 0 for none [rad/s^2].
+    """
+
+    thrust: float
+    rate: PerAxis
+    thrust_down: float = 0.0
+    torque: PerAxis = 0.0
+    angular_acceleration_max: PerAxis = 0.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -150,7 +150,7 @@ class QpSolver:
 
 
 # Settings with soft rows, found on jumps and on random states and limits: half the iterations.
-_SOFT_SETTINGS = {"scaling": 3, "rho": 0.5, "alpha": 1.6}
+_SOFT_SETTINGS = {"scaling": 1, "rho": 0.7, "alpha": 1.6}
 # Their cost is divided by its steepest slope, so that the tolerance is a share of that.
 _SOFT_TOLERANCE = 2.0
 # With half-spaces, found on a flight among pillars: the slowest hundredth of steps takes half the

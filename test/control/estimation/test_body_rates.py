@@ -13,8 +13,8 @@ from quad_mpc_ros.control.estimation.filter_state import Filter
 from quad_mpc_ros.control.estimation.rate_update import update_rates
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.parameters import ActuatorLags, ModelParameters, parameters_of
-from quad_mpc_ros.control.model.vehicle import Vehicle
+from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
+from quad_mpc_ros.control.model.vehicle import ActuatorLags, Vehicle
 
 PERIOD, FINE = 0.02, 0.0005  # s
 USUAL_DELAY = 0.1  # s, with which a vehicle is followed as usual

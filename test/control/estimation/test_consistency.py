@@ -22,9 +22,9 @@ from quad_mpc_ros.control.estimation.error_state import MOTION
 from quad_mpc_ros.control.estimation.filter_state import Filter
 from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.parameters import ActuatorLags, parameters_of
+from quad_mpc_ros.control.model.parameters import parameters_of
 from quad_mpc_ros.control.model.rollout import Body, propagated
-from quad_mpc_ros.control.model.vehicle import Vehicle
+from quad_mpc_ros.control.model.vehicle import ActuatorLags, Vehicle
 
 FLIGHTS, STEPS, PERIOD = 24, 400, 0.02
 SETTLED = 150  # steps: until then the noise is not known

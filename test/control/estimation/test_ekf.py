@@ -17,10 +17,10 @@ from quad_mpc_ros.control.estimation.error_state import MOTION
 from quad_mpc_ros.control.estimation.filter_state import Filter, is_at_bounds
 from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode, update_mode
 from quad_mpc_ros.control.lie import Array, so3
-from quad_mpc_ros.control.model.parameters import ActuatorLags, ModelParameters, parameters_of
+from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
 from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.state import Input, State
-from quad_mpc_ros.control.model.vehicle import Vehicle
+from quad_mpc_ros.control.model.vehicle import ActuatorLags, Vehicle
 
 VEHICLE = Vehicle()
 PERIOD, FINE = 0.02, 20

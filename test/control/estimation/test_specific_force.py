@@ -22,10 +22,10 @@ from quad_mpc_ros.control.estimation.specific_force import (
 )
 from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode
 from quad_mpc_ros.control.lie import Array, so3
-from quad_mpc_ros.control.model.parameters import ActuatorLags, ModelParameters, parameters_of
+from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
 from quad_mpc_ros.control.model.rollout import Body, StateRecord, propagated
 from quad_mpc_ros.control.model.samples import ImuSample
-from quad_mpc_ros.control.model.vehicle import Vehicle
+from quad_mpc_ros.control.model.vehicle import ActuatorLags, Vehicle
 
 PERIOD = 0.02
 VEHICLE = Vehicle(drag=(0.2, 0.3, 0.4), rotor_drag=(0.1, 0.1, 0.05), translational_lift=0.01)

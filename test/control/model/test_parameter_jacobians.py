@@ -18,10 +18,10 @@ from quad_mpc_ros.control.model.parameter_jacobians import (
     no_motion,
     propagated_with_derivatives,
 )
-from quad_mpc_ros.control.model.parameters import ActuatorLags, ModelParameters, parameters_of
+from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
 from quad_mpc_ros.control.model.rollout import Body, propagated
 from quad_mpc_ros.control.model.state import State, boxminus
-from quad_mpc_ros.control.model.vehicle import Vehicle
+from quad_mpc_ros.control.model.vehicle import ActuatorLags, Vehicle
 
 COMMANDS = ((0.5, 1.0, -2.0, 0.7), (0.2, 1.0, -2.0, 0.7))
 DURATIONS, LONGEST = (0.013, 0.021), 0.0025

@@ -15,9 +15,9 @@ from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.jacobians import STATE_SIZE, jacobians
-from quad_mpc_ros.control.model.parameters import ActuatorLags, ModelParameters, parameters_of
+from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
 from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord, roll_out
-from quad_mpc_ros.control.model.vehicle import Vehicle
+from quad_mpc_ros.control.model.vehicle import ActuatorLags, Vehicle
 
 ROOT = Path(__file__).resolve().parents[3]
 VEHICLE = Vehicle()

@@ -9,12 +9,12 @@ from fixtures.records import changed, state_of
 from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model import reference_window
-from quad_mpc_ros.control.model.parameters import ActuatorLags, ModelParameters, parameters_of
+from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
 from quad_mpc_ros.control.model.reference_window import sample
 from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord, roll_out
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.model.target import TargetStage, sample_target
-from quad_mpc_ros.control.model.vehicle import Vehicle
+from quad_mpc_ros.control.model.vehicle import ActuatorLags, Vehicle
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.server import ReferenceServer
 
