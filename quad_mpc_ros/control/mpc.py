@@ -24,6 +24,8 @@ FORMULATIONS: dict[str, Callable[[MpcConfig], ManifoldProblem | PaperProblem]] =
     "paper": PaperProblem,
 }
 
+_MANY_ITERATIONS = 150  # of the solver, over all linearisations of a step
+
 
 class MpcStep(NamedTuple):
     """Result of one step; ``plan`` is None if the solver failed. ``step_time`` is in seconds.
@@ -102,7 +104,10 @@ class Mpc(Stage):
             if not solution.solved:
                 break
             plan, converged = problem.line_search(solution.inputs, solution.states)
-            if converged or time.perf_counter() - started > self._iteration_limit:
+            # The next step continues from a plan that took long.
+            if converged or iterations > _MANY_ITERATIONS:
+                break
+            if time.perf_counter() - started > self._iteration_limit:
                 break
 
         return MpcStep(

@@ -104,11 +104,21 @@ def settings(node: str, **values: object) -> list[str]:
 def lagging(lag: float) -> list[str]:
     """Return a plant with a lag [s] of rates and thrust, and with 20 ms of delay."""
     return settings(
-        "simulator", rate_time_constant=lag, thrust_time_constant=lag, command_delay=0.02
+        "simulator",
+        rate_time_constant=lag,
+        torque_time_constant=0.0,
+        thrust_time_constant=lag,
+        command_delay=0.02,
     )
 
 
-MODELLED = settings("mpc", rate_time_constant=0.03, thrust_time_constant=0.03, input_delay=0.02)
+MODELLED = settings(
+    "mpc",
+    rate_time_constant=0.03,
+    torque_time_constant=0.0,
+    thrust_time_constant=0.03,
+    input_delay=0.02,
+)
 LEMNISCATE = ["--reference", "lemniscate", "--duration", "8"]
 FAST = [*LEMNISCATE, *settings("reference", angular_frequency=2.6), "--duration", "5"]
 WIND = settings("simulator", wind=[5.0, 0.0, 0.0])

@@ -24,11 +24,11 @@ small, or if one side is rotated against the other: in the plane of axes i and j
 (S_yx,ji - S_yx,ij) / (S_xx,ii + S_xx,jj + 2 r).
 
 A controller that responds to gusts or unknown lags keeps M positive. A rate loop that rings or is
-slow does not: rates have to contradict their commands behind the learned loop as well. Wind and a
-wrong mass change the force by a constant, an offset centre of mass the rates: horizontal force and
-rates are taken relative to their means of the last ``_MEMORY`` seconds (a regression with an
-intercept). The drag that explains most of the difference is subtracted. The vertical force is
-compared directly, within a wide band.
+slow does not, and is no contradiction (:mod:`.plausible_loops`). Wind and a wrong mass change the
+force by a constant, an offset centre of mass the rates: horizontal force and rates are taken
+relative to their means of the last ``_MEMORY`` seconds (a regression with an intercept). The drag
+that explains most of the difference is subtracted. The vertical force is compared directly, within
+a wide band.
 
 The difference of x and y within a sample is bounded, so that one jump counts little. Noise of a
 differentiated position or attitude passes two stages of low-pass; where the bound cuts such noise
@@ -54,11 +54,16 @@ from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.actuators import first_order_lag
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.parameters import ModelParameters, modelled_thrust, parameters_of
-from quad_mpc_ros.control.model.rate_loop import axis_step, loop_step
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import Input, state_from_odometry
 from quad_mpc_ros.control.safety.contradictions import likely_cause
 from quad_mpc_ros.control.safety.ladder import Action, Breach
+from quad_mpc_ros.control.safety.plausible_loops import (
+    PlausibleRates,
+    are_explained,
+    follow_loops,
+    start_loops,
+)
 from quad_mpc_ros.control.stage import Stage
 
 _LONGEST_STEP_NS = 250_000_000  # between two odometries; longer gaps are not compared
@@ -66,7 +71,6 @@ _CONFIRMATIONS = 3  # successive odometries
 _LOWPASS, _MEMORY = 0.15, 0.6  # s
 _ATTITUDE_STAGE, _POSITION_STAGE = 0.04, 0.075  # s, time constants of two equal stages
 _UNMODELLED_LAG = 0.1  # s, additional lag of the rates
-_LAG_CHANGE = 0.2  # of the learned lags, a share, that starts their comparison again
 # Yaw has the least torque: time constant of the largest yaw acceleration, and its lower bound.
 _YAW_ACCELERATION_TIME, _LEAST_YAW_ACCELERATION = 2.0, 3.0  # s, rad/s^2
 # Dead reckoning: time between two starts [s], and a speed that counts as 0 [m/s].
@@ -174,19 +178,13 @@ class ConsistencyState(Record):
     # The same behind an additional, unmodelled lag.
     late_throttle: float
     late_rates: Vector3
-    # Commanded rates behind the learned rate loop.
-    learned_rates: Vector3
-    learned_acceleration: Vector3
-    # Its time constants when its comparison started [s].
-    learned_lags: Vector3
-    learned_torque_lags: Vector3
     yaw_acceleration: float  # rad/s^2, recent maximum
     unturned_rate: float  # rad/s, body rate of the last sample if the attitude hardly turned
     attitude: KinematicPair
     position: KinematicPair
     commanded: Pair  # rates
     commanded_late: Pair
-    commanded_learned: Pair
+    plausible: PlausibleRates  # with other rate loops
     force: Pair
     force_late: Pair
     drag: Pair  # y the velocity, x that of the force
@@ -238,7 +236,7 @@ class ConsistencyMonitor(Stage):
         model["rate_time_constants"] += config.input_delay
         model["thrust_time_constant"] += config.input_delay
         model["thrust_time_constant_down"] += config.input_delay
-        self._model = self._learned = model
+        self._model = model
         self._ground = ground
         self._learns = config.estimate_disturbance
         # The paper's Eq. (1) lacks the transport term, so that no rigid body agrees with it.
@@ -313,7 +311,6 @@ class ConsistencyMonitor(Stage):
         acted: Input | None,
         *,
         p_reference: Array | None = None,
-        learned: RecordArray[ModelParameters] | None = None,
     ) -> Breach | None:
         """Compare an odometry with the previous one, and return the contradiction, if any.
 
@@ -322,10 +319,7 @@ class ConsistencyMonitor(Stage):
             reported: The odometry with jumps: its position, attitude and rates have to agree.
             acted: The command that acted since the previous odometry, None for none.
             p_reference: Position of the reference (3,) [m], None if unknown.
-            learned: The estimated parameters of the model, None for those of the last call.
         """
-        if learned is not None:
-            self._learned = learned
         if self._compares and self._engaged and acted is not None:
             p_WB = odometry.p_WB
             self._compare(odometry, reported, acted, p_WB if p_reference is None else p_reference)
@@ -350,7 +344,7 @@ class ConsistencyMonitor(Stage):
                 is_on_ground=self._ground.allowed is AllowedCommand.IDLE,
                 descends=self.breach is not None,
             ),
-            models=(self._model, self._learned),
+            model=self._model,
         )
         if not compares or self.breach is not None:
             return
@@ -378,9 +372,12 @@ class ConsistencyMonitor(Stage):
 
     def _cause(self, found: Relation) -> str:
         """Return the most likely cause of a contradiction."""
-        if found == Relation.LIFT:
-            return _NO_LIFT
         state, gravity = self._memory[()], self._model[()].gravity
+        if found == Relation.LIFT:
+            # A reversed velocity looks like a fall.
+            if _trace(state.position.yx) >= -0.5 * _trace(state.position.xx):
+                return _NO_LIFT
+            found |= Relation.POSITION
         pairs = {
             "attitude": state.attitude,
             "position": state.position,
@@ -430,18 +427,16 @@ def _follow(
     p_reference: Array,
     duration: float,
     phase: FlightPhase,
-    models: tuple[RecordArray[ModelParameters], RecordArray[ModelParameters]],
+    model: RecordArray[ModelParameters],
 ) -> tuple[int, RestStatus, float]:
     """Compare an odometry with the command that acted for ``duration`` [s], nothing if it is 0.
 
     ``motion`` are position, attitude and velocity with jumps replaced, ``reported`` position,
-    attitude and rates. ``p_reference`` (3,) is the position of the reference, ``models`` are the
-    configured and the learned parameters.
+    attitude and rates. ``p_reference`` (3,) is the position of the reference.
 
     Returns:
         Contradicted relations, rest status, and commanded vertical thrust over weight.
     """
-    model, learned = models
     state, nominal = memory[()], model[()]
     p_controlled, q_WB_xyzw, v_WB_B = motion
     p_WB, q_reported_xyzw, w_WB_B = reported
@@ -453,15 +448,15 @@ def _follow(
     if duration > 0.0:
         _follow_yaw_torque(state, w[2], duration)
         _follow_command(state, nominal, command, duration)
-        _follow_loop(state, learned[()], command, duration)
         _compare_motion(state, p, v, R_reported, w, duration)
         if phase.is_on_ground:
             _forget(state.commanded)
             _forget(state.commanded_late)
-            _forget(state.commanded_learned)
+            start_loops(state.plausible, w)
             _begin_force(memory, model)
         else:
             _compare_with_command(state, nominal, (v, w), R, duration)
+            follow_loops(state.plausible, command.w_WB_B, w, duration)
         found = _contradicted(state, nominal.gravity, phase.is_flying)
         for track in (state.older, state.newer):
             _dead_reckon(track, state, nominal, R, duration)
@@ -472,8 +467,7 @@ def _follow(
     if duration <= 0.0:
         kernels.store_vector(w, state.rates)
         kernels.store_vector(w, state.late_rates)
-        kernels.store_vector(w, state.learned_rates)
-        state.learned_acceleration[:] = 0.0
+        start_loops(state.plausible, w)
         _start_track(state.older, v, R)
         state.newer = state.older
         state.track_age, state.track_time = 0.0, 0.0
@@ -517,39 +511,6 @@ def _follow_command(
             most = state.yaw_acceleration * duration
             late = kernels.clamp(late, state.late_rates[k] - most, state.late_rates[k] + most)
         state.late_rates[k] = late
-
-
-@compiled
-def _follow_loop(
-    state: ConsistencyState, learned: ModelParameters, command: Input, duration: float
-) -> None:
-    """Update the rates behind the learned rate loop by a command.
-
-    The comparison starts again when the loop has changed, as what was compared before is invalid.
-    """
-    started, torque_started = state.learned_lags, state.learned_torque_lags
-    if _have_changed(learned.rate_time_constants, started) or _have_changed(
-        learned.torque_time_constants, torque_started
-    ):
-        started[:], torque_started[:] = learned.rate_time_constants, learned.torque_time_constants
-        _forget(state.commanded_learned)
-        state.learned_rates[:] = state.w_WB_B
-        state.learned_acceleration[:] = 0.0
-    for k in range(3):
-        tau, lag = learned.rate_time_constants[k], learned.torque_time_constants[k]
-        loop = loop_step(tau, lag, learned.angular_acceleration_max[k], duration)
-        rate, acceleration = state.learned_rates[k], state.learned_acceleration[k]
-        after = axis_step(loop, rate, acceleration, command.w_WB_B[k])
-        state.learned_rates[k], state.learned_acceleration[k] = after.rate, after.acceleration
-
-
-@compiled
-def _have_changed(lags: Array, started: Array) -> bool:
-    """Whether time constants (3,) differ from others by more than ``_LAG_CHANGE``."""
-    changed = False
-    for k in range(3):
-        changed |= abs(lags[k] - started[k]) > _LAG_CHANGE * min(lags[k], started[k])
-    return changed
 
 
 @compiled
@@ -617,8 +578,6 @@ def _compare_with_command(
     rates, late_rates = kernels.vector(state.rates), kernels.vector(state.late_rates)
     _lowpass(state.commanded, rates, w, _RATE_STEP, times)
     _lowpass(state.commanded_late, late_rates, w, _RATE_STEP, times)
-    learned_rates = kernels.vector(state.learned_rates)
-    _lowpass(state.commanded_learned, learned_rates, w, _RATE_STEP, times)
     gained = kernels.minus(v, kernels.vector(state.v_WB_W))
     ax, ay, az = kernels.scaled(1.0 / duration, gained)
     force, up = (ax, ay, az + nominal.gravity), kernels.column(R, 2)
@@ -628,7 +587,7 @@ def _compare_with_command(
     _lowpass(state.force_late, late_thrust, force, far, times)
     _lowpass(state.drag, thrust, v, math.inf, times)
     _lowpass(state.drag_on_force, v, force, math.inf, times)
-    for pair in (state.commanded, state.commanded_late, state.commanded_learned):
+    for pair in (state.commanded, state.commanded_late):
         _remember_changes(pair, duration)
     for pair in (state.force, state.force_late, state.drag, state.drag_on_force):
         _remember_changes(pair, duration)
@@ -757,12 +716,14 @@ def _contradicted(state: ConsistencyState, gravity: float, is_flying: bool) -> i
 
 @compiled
 def _rates_are_contradicted(state: ConsistencyState, limits: RelationLimits) -> bool:
-    """Whether rates follow commands neither as modelled, nor later, nor as learned."""
-    squares = _trace(state.commanded.yy)
-    for pair in (state.commanded, state.commanded_late, state.commanded_learned):
-        if not _is_contradicted(pair.yx, pair.xx, squares, limits):
-            return False
-    return True
+    """Whether rates follow commands neither as modelled, nor later, nor through another loop."""
+    modelled, late = state.commanded, state.commanded_late
+    squares = _trace(modelled.yy)
+    return (
+        _is_contradicted(modelled.yx, modelled.xx, squares, limits)
+        and _is_contradicted(late.yx, late.xx, squares, limits)
+        and not are_explained(state.plausible)
+    )
 
 
 @compiled

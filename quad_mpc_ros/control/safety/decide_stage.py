@@ -90,7 +90,7 @@ class DecideStage(Stage):
         """
         fault = "" if planned.failure is None else planned.failure.reason
         if due.odometry is not None:
-            breach = self._breach(due.odometry, planned, flown, acting, now_ns=due.now_ns)
+            breach = self._breach(due.odometry, flown, acting, now_ns=due.now_ns)
         else:
             breach = self.consistency.breach
             if not fault and planned.step is not None:
@@ -122,7 +122,6 @@ class DecideStage(Stage):
     def _breach(
         self,
         odometry: OdometrySample,
-        planned: Planned,
         flown: ReferenceWindow | None,
         acting: Input | None,
         *,
@@ -142,9 +141,6 @@ class DecideStage(Stage):
                 self._inputs.reported or odometry,
                 acting,
                 p_reference=followed[0] if followed and self._source is Source.MPC else None,
-                learned=None
-                if planned.step is None
-                else planned.step.state.prediction["parameters"],
             ),
         )
         found = self.consistency.breach

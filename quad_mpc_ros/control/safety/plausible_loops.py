@@ -1,0 +1,85 @@
+"""Whether body rates follow their commands as a rate loop that rings or is slow would.
+
+Such a loop turns against its command for a while, as a reversed axis does for good. So the rates
+of each axis are compared with those of a few loops (:mod:`..model.rate_loop`). One of them explains
+an axis if it leaves less than half of the squares of the rates of the last seconds, without their
+mean, or no more than a slow motion.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import numpy as np
+
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Record, Vector3
+from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.model.rate_loop import axis_step, loop_step
+
+# (tau, T) [s]: three of a damping ratio of 0.7, two that ring.
+_LOOPS = np.array([(0.12, 0.06), (0.24, 0.12), (0.4, 0.2), (0.04, 0.06), (0.04, 0.16)])
+_LOWPASS, _MEMORY = 0.05, 0.6  # s
+_LEFT_SHARE, _FLOOR = 0.5, 0.3  # of the squares, and in rad/s
+
+_OfLoops = Annotated[Array, (len(_LOOPS), 3)]
+
+
+class PlausibleRates(Record):
+    """Rates behind each loop, both sides low-passed, their means and sums of their squares."""
+
+    rates: _OfLoops  # rad/s
+    acceleration: _OfLoops  # rad/s^2
+    expected: _OfLoops
+    mean_expected: _OfLoops
+    left: _OfLoops  # squares of the difference
+    measured: Vector3
+    mean_measured: Vector3
+    squares: Vector3
+
+
+@compiled
+def start_loops(state: PlausibleRates, w: kernels.Vector) -> None:
+    """Start all loops at body rates, and forget what was compared."""
+    for axis in range(3):
+        state.rates[:, axis] = w[axis]
+        state.expected[:, axis] = state.mean_expected[:, axis] = w[axis]
+        state.measured[axis] = state.mean_measured[axis] = w[axis]
+    state.acceleration[:], state.left[:], state.squares[:] = 0.0, 0.0, 0.0
+
+
+@compiled
+def follow_loops(
+    state: PlausibleRates, command: Array, w: kernels.Vector, duration: float
+) -> None:
+    """Compare body rates with those of the loops after a command (3,) for a duration [s]."""
+    share, forgotten = -math.expm1(-duration / _LOWPASS), -math.expm1(-duration / _MEMORY)
+    for axis in range(3):
+        state.measured[axis] += share * (w[axis] - state.measured[axis])
+        state.mean_measured[axis] += forgotten * (state.measured[axis] - state.mean_measured[axis])
+        y = state.measured[axis] - state.mean_measured[axis]
+        state.squares[axis] += forgotten * (y * y - state.squares[axis])
+        for k in range(len(_LOOPS)):
+            loop = loop_step(_LOOPS[k, 0], _LOOPS[k, 1], math.inf, duration)
+            after = axis_step(
+                loop, state.rates[k, axis], state.acceleration[k, axis], command[axis]
+            )
+            state.rates[k, axis], state.acceleration[k, axis] = after.rate, after.acceleration
+            state.expected[k, axis] += share * (after.rate - state.expected[k, axis])
+            off = state.expected[k, axis] - state.mean_expected[k, axis]
+            state.mean_expected[k, axis] += forgotten * off
+            x = state.expected[k, axis] - state.mean_expected[k, axis]
+            state.left[k, axis] += forgotten * ((y - x) * (y - x) - state.left[k, axis])
+
+
+@compiled
+def are_explained(state: PlausibleRates) -> bool:
+    """Whether some loop explains the rates of each axis."""
+    for axis in range(3):
+        least = math.inf
+        for k in range(len(_LOOPS)):
+            least = min(least, state.left[k, axis])
+        if least > max(_LEFT_SHARE * state.squares[axis], _FLOOR * _FLOOR):
+            return False
+    return True
