@@ -24,7 +24,7 @@ FORMULATIONS: dict[str, Callable[[MpcConfig], ManifoldProblem | PaperProblem]] =
     "paper": PaperProblem,
 }
 
-_MANY_ITERATIONS = 150  # of the solver, over all linearisations of a step
+_MANY_ITERATIONS = 200  # of the solver, over all linearisations of a step
 
 
 class MpcStep(NamedTuple):

@@ -82,7 +82,7 @@ def test_a_crash_is_not_a_success(tmp_path: Path, capsys: pytest.CaptureFixture[
         "--set=mpc.advanced.oscillation.action=warn",
         "--set=mpc.consistency.action=warn",
     ]
-    arguments = ["--reference", "hover", *late, *beside, *warn, "--duration", "6"]
+    arguments = ["--reference", "hover", *late, *beside, *warn, "--duration", "2"]
     assert main(["simulate", *arguments, "--out", str(tmp_path / "run")]) == 1
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["crashed"] is True

@@ -43,6 +43,7 @@ class LowpassedRates(Record):
     command: Vector4
     measured: Vector3  # rad/s
     last: Vector3  # rad/s, previous measurement, unfiltered
+    change: Vector3  # rad/s, between the last two measurements
 
 
 class Filter(Record):

@@ -32,7 +32,8 @@ def update_rates(state: Filter, after: StateRecord, acting: Acting, mode: Update
     x, P, noise, n = state.rates.x, state.rates.P, state.process_noise.rates, RATES.size
     if P[RATES.lag, RATES.lag] + P[RATES.lag + YAW, RATES.lag + YAW] <= 0.0:
         return
-    duration, lowpass = acting.durations.sum(), _lowpassed(state.lowpass, acting, after.w_WB_B)
+    duration, off = acting.durations.sum(), _interpolation_error(state.lowpass, after.w_WB_B)
+    lowpass = _lowpassed(state.lowpass, acting, after.w_WB_B)
     if mode in (UpdateMode.HOLD, UpdateMode.REJECT):
         take_rates(state)
         return
@@ -49,7 +50,8 @@ def update_rates(state: Filter, after: StateRecord, acting: Acting, mode: Update
         nu[k] = state.lowpass.measured[k] - x[RATES.rate + k]
     if mode != UpdateMode.LEARN:
         considered[RATES.lag :] = 1.0
-    R = _RATE_NOISE**2 / duration
+    share = -math.expm1(-duration / _LOWPASS_TIME)  # of the low-pass
+    R = _RATE_NOISE**2 / duration + (share * off) ** 2
     kalman.update(x, P, kalman.innovation(P, H, R, nu), considered)
     _constrain_rates(state, considered)
 
@@ -76,6 +78,7 @@ def begin_rates(state: Filter, w_WB_B: Array) -> None:
     add_offsets(state, lowpass.command)
     for k in range(3):
         lowpass.measured[k] = lowpass.last[k] = w_WB_B[k]
+        lowpass.change[k] = 0.0
         lowpass.command[U_RATE + k] = w_WB_B[k] - lowpass.command[U_RATE + k]
     take_rates(state)
 
@@ -106,6 +109,20 @@ def track_acceleration(
         missed = (after.w_WB_B[axis] - w) / max(duration, _CORRECTION_TIME)
         share = lag / (lag + _CORRECTED_LAG)
         after.angular_acceleration[axis] = acceleration + share * missed
+
+
+@compiled
+def _interpolation_error(lowpass: LowpassedRates, measured: Array) -> float:
+    """Return how far rates may be from a straight line to the measured ones (3,) [rad/s].
+
+    It is an eighth of their second difference, as for a parabola.
+    """
+    largest = 0.0
+    for k in range(3):
+        change = measured[k] - lowpass.last[k]
+        largest = max(largest, abs(change - lowpass.change[k]))
+        lowpass.change[k] = change
+    return 0.125 * largest
 
 
 @compiled

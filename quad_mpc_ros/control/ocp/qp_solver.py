@@ -155,7 +155,7 @@ _SOFT_SETTINGS = {"scaling": 1, "rho": 0.7, "alpha": 1.6}
 _SOFT_TOLERANCE = 2.0
 # With half-spaces, found on flights among pillars, where the way jumps: the longest step takes two
 # thirds of the iterations.
-_HALF_SPACE_SETTINGS = {"alpha": 1.7, "scaling": 6, "rho": 0.5, "adaptive_rho_tolerance": 2.0}
+_HALF_SPACE_SETTINGS = {"alpha": 1.7, "scaling": 6, "rho": 0.5}
 
 # With progress, whose curvature is small and changes with the speed of the reference, the step
 # size is adapted where it is off by 1.7 times, not by five: a quarter off the iterations of the

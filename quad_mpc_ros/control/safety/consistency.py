@@ -76,7 +76,7 @@ _YAW_ACCELERATION_TIME, _LEAST_YAW_ACCELERATION = 2.0, 3.0  # s, rad/s^2
 # Dead reckoning: time between two starts [s], and a speed that counts as 0 [m/s].
 _TRACK_TIME, _SMALL_SPEED = 1.0, 0.5
 # Vertical force over the commanded thrust, and margins as shares of gravity.
-_LEAST_LIFT, _FALLING, _SOME_THRUST = 0.25, 0.7, 0.5
+_LEAST_LIFT, _FALLING, _SOME_THRUST = 0.25, 0.9, 0.5
 # Much thrust over weight, for longer than motors spool up, without climb or motion.
 _MUCH_THRUST, _MUCH_THRUST_NS = 2.6, 2_000_000_000
 _CLIMB_SPEED, _MOVING_SPEED = 0.3, 1.0  # m/s
@@ -706,8 +706,9 @@ def _contradicted(state: ConsistencyState, gravity: float, is_flying: bool) -> i
         state.force_late, drag * along, measured
     ):
         found |= _OFF_FORCE
-    # In a fast climb, drag takes part of the lift.
-    thrust, lift = state.force.x[2], state.force.y[2] + _MOST_DRAG * max(state.v_WB_W[2], 0.0)
+    # In a fast climb, drag takes part of the lift; in a tumble, thrust that is late has turned away.
+    thrust = min(state.force.x[2], state.force_late.x[2])
+    lift = state.force.y[2] + _MOST_DRAG * max(state.v_WB_W[2], 0.0)
     falls = lift < _LEAST_LIFT * thrust and lift < _FALLING * gravity
     if falls and thrust > _SOME_THRUST * gravity:
         found |= _OFF_LIFT

@@ -206,4 +206,6 @@ def test_recovers_from_any_attitude_in_free_fall(seed: int) -> None:
     for step in fly(mpc=mpc, simulator=simulator, reference=reference):
         assert step.tick is not None
         assert step.tick.stats.ground != "crashed"
+        assert step.tick.stats.source in ("mpc", "hover")
     assert step.truth.up > 0.9
+    assert step.truth.p_WB[2] > 25.0

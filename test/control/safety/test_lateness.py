@@ -76,8 +76,8 @@ class Jittered:
 
 @pytest.mark.parametrize("stamps", ["measured", "alone", "arrived"])
 def test_a_vehicle_with_late_odometry_and_delay_of_its_own_keeps_its_way(stamps: str) -> None:
-    """A delay of 90 ms of which 20 are modelled, and 22 ms of lateness in the mean on top."""
-    simulator = SimulatorConfig(command_delay=0.09, odom_rate=1000.0, duration=12.0)
+    """A delay of 70 ms of which 20 are modelled, and 22 ms of lateness in the mean on top."""
+    simulator = SimulatorConfig(command_delay=0.07, odom_rate=1000.0, duration=12.0)
     mpc, reference = MpcConfig(lockstep=False), ReferenceConfig(trajectory="lemniscate")
     controller = Jittered(Controller(mpc), stamps=stamps)
     errors = [

@@ -29,6 +29,7 @@ MS = 1_000_000
 MPC = MpcConfig(
     formulation="manifold",
     rate_time_constant=0.03,
+    torque_time_constant=0.0,
     thrust_time_constant=0.03,
     input_delay=0.015,
     estimate_disturbance=True,
