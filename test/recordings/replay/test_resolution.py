@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fixtures.presets import ideal
 
 from quad_mpc_ros.analysis.figures.command_comparison import compare_commands, comparison_table
 from quad_mpc_ros.control.config import MpcConfig
@@ -20,6 +19,7 @@ from quad_mpc_ros.recordings.replay.resolution import Resolved, resolve
 from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.server import ReferenceServer
+from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
 from quad_mpc_ros.simulation.sensors import OdometryStream
 
@@ -29,7 +29,7 @@ MS = 1_000_000
 MPC = MpcConfig(
     formulation="manifold",
     rate_time_constant=0.03,
-    torque_time_constant=0.0,
+    torque_time_constant=0.02,
     thrust_time_constant=0.03,
     input_delay=0.015,
     estimate_disturbance=True,
@@ -61,7 +61,11 @@ def flown_in_real_time(
     asks for it.
     """
     random = np.random.default_rng(1)
-    simulator = ideal(
+    simulator = SimulatorConfig(
+        rate_time_constant=MPC.rate_time_constant,
+        torque_time_constant=MPC.torque_time_constant,
+        thrust_time_constant=MPC.thrust_time_constant,
+        command_delay=MPC.input_delay,
         duration=3.0,
         odom_rate=odom_rate,
         initial_position=(0.0, 0.0, 2.0),
