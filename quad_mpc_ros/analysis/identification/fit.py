@@ -33,6 +33,7 @@ from quad_mpc_ros.analysis.identification.model import (
     ROTOR_DRAG,
     SCALE,
     THRUST_TAU,
+    TORQUE_TAU,
     ResponseModel,
 )
 from quad_mpc_ros.analysis.identification.result import (
@@ -67,6 +68,7 @@ class _ParameterRange(NamedTuple):
 
 _PARAMETER_RANGES = {
     "rate_tau": _ParameterRange(0.0, 1.0, 0.03, share=0.5, vague=0.01),
+    "torque_tau": _ParameterRange(0.0, 1.0, 0.03, share=0.5, vague=0.01),
     "rate_gain": _ParameterRange(0.2, 3.0, 0.3, vague=0.1),
     "thrust_tau": _ParameterRange(0.0, 1.0, 0.03, share=0.5, vague=0.01),
     "delay": _ParameterRange(0.0, 0.5, 0.03, share=0.5, vague=0.01),
@@ -81,7 +83,7 @@ _PARAMETER_RANGES = {
 
 
 def _vectors() -> Array:
-    """Return one vector (22,) for each field of :class:`_ParameterRange`, in their order."""
+    """Return one vector (25,) for each field of :class:`_ParameterRange`, in their order."""
     vectors = np.empty((len(_ParameterRange._fields), MOST_PARAMETERS))
     for name, known in _PARAMETER_RANGES.items():
         vectors[:, PLACES[name]] = np.array(known)[:, None]
@@ -90,9 +92,7 @@ def _vectors() -> Array:
 
 _LOWEST, _HIGHEST, _SIZES, _MAX_RELATIVE_WIDTHS, _MAX_WIDTHS = _vectors()
 _REPORTED = np.isfinite(_MAX_WIDTHS)
-_ARE_TIMES = np.isin(
-    np.arange(MOST_PARAMETERS), np.r_[PLACES["rate_tau"], PLACES["thrust_tau"], PLACES["delay"]]
-)
+_ARE_TIMES = np.isin(np.arange(MOST_PARAMETERS), np.r_[RATE_TAU, TORQUE_TAU, THRUST_TAU, DELAY])
 
 # Residuals smaller than these are no knowledge: rounding, and what the model leaves out.
 _MIN_SPREAD_RATE, _MIN_SPREAD_VELOCITY = 0.02, 0.005  # rad/s, m/s
@@ -224,11 +224,12 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
     estimates |= found.estimates(np.flatnonzero(free & _REPORTED[: len(free)]), free=True)
     axes = {
         name: tuple(estimates[p] for p in range(PLACES[name].start, PLACES[name].stop))
-        for name in ("rate_tau", "rate_gain", "drag", "rotor_drag")
+        for name in ("rate_tau", "torque_tau", "rate_gain", "drag", "rotor_drag")
     }
     rates, velocity = model.residuals(theta)
     return Identification(
         rate_time_constant=axes["rate_tau"],
+        torque_time_constant=axes["torque_tau"],
         rate_gain=axes["rate_gain"],
         thrust_time_constant=estimates[THRUST_TAU],
         input_delay=estimates[DELAY],
@@ -264,12 +265,13 @@ def _over_voltage(
 
 
 def _as_given(given: MpcConfig, data: Measurements) -> Array:
-    """Return the parameters (22,) that a configuration has; the thrust is that of its vehicle.
+    """Return the parameters (25,) that a configuration has; the thrust is that of its vehicle.
 
     With the voltage it goes only as far as commands compensated for it.
     """
     theta = np.zeros(MOST_PARAMETERS)
     theta[RATE_TAU] = per_axis(given.rate_time_constant)
+    theta[TORQUE_TAU] = per_axis(given.torque_time_constant)
     theta[RATE_GAIN], theta[SCALE] = per_axis(given.rate_gain), 1.0
     theta[THRUST_TAU], theta[DELAY] = given.thrust_time_constant, given.input_delay
     theta[DRAG], theta[LIFT] = per_axis(given.drag), given.translational_lift
@@ -341,7 +343,7 @@ def _lasting(left: Array, steps: Array, varied: float) -> float:
 
 
 def _searched(model: ResponseModel, data: Measurements) -> Array:
-    """Return the best parameters of a grid of time constants and delays."""
+    """Return the best parameters of a grid of time constants and delays, the torque's 0."""
     measured = data.w_WB_B[model.usable]
     shape = (len(_TIME_CONSTANTS), len(_DELAYS))
     rate_cost, thrust_cost = np.empty((*shape, 3)), np.empty(shape)

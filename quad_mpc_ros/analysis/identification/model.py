@@ -1,12 +1,14 @@
 """The model that is fitted, and by how much measurements differ from it.
 
-Commands act after the delay d; body rates and throttle follow them with first-order lags,
+Commands act after the delay d; the throttle follows them with a first-order lag, the body rates
+with a loop of second order,
 
-    dw/dt = (gamma w_c(t - d) - w) / tau_w,  ds/dt = (s_c(t - d) - s) / tau_s,
+    dw/dt = alpha,  T dalpha/dt = (gamma w_c(t - d) - w) / tau_w - alpha,
+    ds/dt = (s_c(t - d) - s) / tau_s,
     dv/dt = g + (k T(s)/m + k_h (u_x^2 + u_y^2)) R e3 - R D R' v + a,   u = R' v,
     D = diag(mu + nu sqrt(k T(s)/(m g))),
 
-which is the prediction model of the controller but for the gains gamma of the rate loop. tau_w and
+which is the prediction model of the controller without its bound on the acceleration. tau_w, T and
 gamma are those of each axis, as mu and nu are. Where the battery's voltage V was recorded, k is
 that at V_r times (V / V_r)^n; commands may have compensated for part of n already. Both lags are
 followed exactly from edge to edge of the commands, wherever those lie between the odometries. The
@@ -42,6 +44,7 @@ class Parameters(Record):
     """All parameters; the fit sees them as a vector (p,)."""
 
     rate_tau: Vector3  # time constants of the body rates [s]
+    torque_tau: Vector3  # of their torques [s]
     rate_gain: Vector3
     thrust_tau: float  # time constant of the throttle [s]
     delay: float  # s
@@ -63,6 +66,7 @@ def _places(dtype: np.dtype[Any], start: int = 0) -> dict[str, slice]:
 PLACES = _places(Parameters.dtype)
 """Where each parameter is in a vector of them; one number is a slice of one."""
 RATE_TAU, RATE_GAIN, RATE_BIAS = (PLACES[f"rate_{name}"] for name in ("tau", "gain", "bias"))
+TORQUE_TAU = PLACES["torque_tau"]
 DRAG, ROTOR_DRAG, ACCELERATION = (PLACES[name] for name in ("drag", "rotor_drag", "acceleration"))
 THRUST_TAU, DELAY, SCALE, LIFT, EXPONENT = (
     PLACES[name].start for name in ("thrust_tau", "delay", "scale", "lift", "exponent")
@@ -104,8 +108,7 @@ class ResponseModel:
 
     def rates(self, theta: Array) -> Array:
         """Return the modelled body rates (u, 3) [rad/s] of loops without a gain."""
-        lag = self._lag("rate", _key(theta[RATE_TAU]))
-        return lag.at(self._data.time[self.usable] - theta[DELAY])
+        return self._rate_lag(theta).at(self._data.time[self.usable] - theta[DELAY])
 
     def _thrust_impulse(self, theta: Array) -> tuple[Array, Array]:
         """Return what the modelled thrust adds to the velocity between odometries (n-1, 3).
@@ -121,11 +124,11 @@ class ResponseModel:
         interval = np.clip(
             np.searchsorted(data.time, middle, side="right") - 1, 0, len(self._interval) - 1
         )
-        lag = self._lag("thrust", (theta[THRUST_TAU],))
+        lag = self._lag("thrust", (theta[THRUST_TAU],), (0.0,))
         mean, mean_square = lag.means(start - delay, duration)
         a, b, c = vehicle.thrust_curve
         thrust = vehicle.motor_count * (a * mean_square + b * mean + c)[:, 0]
-        rates = _Rates(self._lag("rate", _key(theta[RATE_TAU])), theta[RATE_GAIN])
+        rates = _Rates(self._rate_lag(theta), theta[RATE_GAIN])
         axis = self._thrust_axis(rates, delay, start, duration, interval)
         push = (duration * thrust / vehicle.mass)[:, None] * axis
         speed = np.sqrt(np.maximum(thrust, 0.0) / (vehicle.mass * vehicle.gravity))
@@ -232,14 +235,16 @@ class ResponseModel:
             by_power *= self._log_voltage[:, None]
             velocity[:, :, EXPONENT] = -self.relative(_summed(by_power))
         modelled = self.rates(theta)
-        above, below, span = _beside(theta, RATE_TAU, difference)
-        slower = self.rates(above)
-        faster = self.rates(below)
-        by_tau = theta[RATE_GAIN] * (slower - faster) / span
         for axis in range(3):
             rates[:, axis, RATE_BIAS.start + axis] = -1.0
             rates[:, axis, RATE_GAIN.start + axis] = -modelled[:, axis]
-            rates[:, axis, RATE_TAU.start + axis] = -by_tau[:, axis]
+        for constants in (RATE_TAU, TORQUE_TAU):
+            above, below, span = _beside(theta, constants, difference)
+            slower = self.rates(above)
+            faster = self.rates(below)
+            by_tau = theta[RATE_GAIN] * (slower - faster) / span
+            for axis in range(3):
+                rates[:, axis, constants.start + axis] = -by_tau[:, axis]
         # Over more than rounding: at edges of the commands the residuals have kinks.
         for parameter in (THRUST_TAU, DELAY):
             above, below, span = _beside(theta, parameter, difference)
@@ -248,11 +253,18 @@ class ResponseModel:
             velocity[:, :, parameter] = (high[1] - low[1]) / span
         return rates, velocity
 
-    def _response(self, channel: str, time_constant: tuple[float, ...]) -> LaggedCommands:
+    def _rate_lag(self, theta: Array) -> LaggedCommands:
+        return self._lag("rate", _key(theta[RATE_TAU]), _key(theta[TORQUE_TAU]))
+
+    def _response(
+        self, channel: str, time_constant: tuple[float, ...], torque: tuple[float, ...]
+    ) -> LaggedCommands:
         """Return how ``rate``, the body rates, or ``thrust``, the throttle, follows commands."""
         data = self._data
         command = data.w_command if channel == "rate" else data.throttle[:, None]
-        return LaggedCommands(data.command_time, command, time_constant=time_constant)
+        return LaggedCommands(
+            data.command_time, command, time_constant=time_constant, torque_time_constant=torque
+        )
 
 
 class _Rates(NamedTuple):

@@ -37,8 +37,9 @@ _NEED_SPEED = ("drag", "translational_lift")
 _UNSURE_TEXT = (
     "too uncertain to be used: the effect cannot be distinguished from that of others (fly more "
     "dynamically, or record more odometries a second), or the vehicle is not as the model says "
-    "(lags of first order, one delay)"
+    "(one delay, no bound on torques)"
 )
+_OF_AXES = "rate_time_constant", "torque_time_constant", "rate_gain", "drag", "rotor_drag"
 _RATE_AXES, _BODY_AXES = ("roll", "pitch", "yaw"), ("x", "y", "z")
 
 
@@ -67,6 +68,7 @@ def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
     rotor_drag = each("rotor_drag", _BODY_AXES, "1/s", _NO_SPEED)
     return [
         *each("rate_time_constant", _RATE_AXES, "ms", _NO_TURNING),
+        *each("torque_time_constant", _RATE_AXES, "ms", _NO_TURNING),
         *each("rate_gain", _RATE_AXES, "", _NO_TURNING),
         one("thrust_time_constant", "ms", "the commanded throttle hardly changed"),
         one("input_delay", "ms", "the commands hardly changed"),
@@ -163,8 +165,7 @@ def refusal(found: Identification) -> str | None:
             return (
                 f"{misfit:.0%} of the variation of the {name} is left over beyond noise, expected "
                 f"{most:.0%} or less: the odometry and the commands of one vehicle, the rates in "
-                "the frame of odometry.twist_frame, a rate loop that is nearly of first order and "
-                "not saturated"
+                "the frame of odometry.twist_frame, a rate loop that is not saturated"
             )
     return None
 
@@ -187,11 +188,9 @@ def parameter_file(
     if (reason := refusal(found)) is not None:
         raise UserError(f"nothing is written: {reason}")
     entries: vehicle_file.Entries = {}
-    for name in ("rate_time_constant", "rate_gain", "drag", "rotor_drag"):
+    for name in _OF_AXES:
         usable = [_usable(estimate) for estimate in getattr(found, name)]
         entries[name] = vehicle_file.axes_entry(usable, getattr(given, name))
-    if any(estimate.observable for estimate in found.rate_time_constant):
-        entries["torque_time_constant"] = (0.0, "the fitted lags are of first order")
     for name in ("thrust_time_constant", "input_delay", "translational_lift"):
         estimate = _usable(getattr(found, name))
         entries[name] = (

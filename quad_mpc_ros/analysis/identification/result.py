@@ -53,7 +53,7 @@ class FittedCourse:
 class Identification:
     """The fit: time constants and delay [s], thrust over that of the given vehicle, drag [1/s].
 
-    Time constants of the rates, their gains and drag are those of the body axes. What is not
+    Time constants of rates and torques, gains and drag are those of the body axes. What is not
     observable was held as given while the others were fitted; its estimate is that of the fit
     before. ``rotor_drag`` [1/s] is the drag that grows with the rotors' speed.
 
@@ -67,6 +67,7 @@ class Identification:
     """
 
     rate_time_constant: tuple[ParameterEstimate, ...]
+    torque_time_constant: tuple[ParameterEstimate, ...]
     rate_gain: tuple[ParameterEstimate, ...]
     thrust_time_constant: ParameterEstimate
     input_delay: ParameterEstimate

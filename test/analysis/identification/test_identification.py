@@ -30,7 +30,7 @@ from quad_mpc_ros.analysis.identification.result import FittedCourse, Identifica
 from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.configuration import BagError, UserError, files
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.run import RecordedRun
@@ -98,30 +98,34 @@ def assert_near(
         assert estimate.value == pytest.approx(drag, rel=drag_within or relative)
 
 
-@pytest.mark.parametrize("time_constant", [0.0, 0.03, 0.5])
+@pytest.mark.parametrize(
+    ("time_constant", "torque"),
+    [(0.0, 0.0), (0.03, 0.0), (0.5, 0.0), (0.1, 0.02), (0.08, 0.02), (0.03, 0.1)],
+)
 def test_lagged_response_solves_the_differential_equation(
-    time_constant: float,
+    time_constant: float, torque: float
 ) -> None:
     time = np.array([0.0, 0.02, 0.05, 0.3])
     command = np.array([[1.0], [3.0], [-2.0], [0.5]])
-    lag = LaggedCommands(time, command, time_constant=time_constant)
+    lag = LaggedCommands(time, command, time_constant=time_constant, torque_time_constant=torque)
 
     def wanted(t: float) -> float:
         held = command[max(int(np.searchsorted(time, t, side="right")) - 1, 0), 0]
         if time_constant == 0.0:
             return float(held)
-        y = 1.0
+        y = np.array([1.0, 0.0])
+
+        def slope(_: float, y: Array, target: float) -> Array:
+            rise = (target - y[0]) / time_constant
+            return np.array([y[1], (rise - y[1]) / torque] if torque else [rise, 0.0])
+
         for begin, end, target in zip(time, [*time[1:], 10.0], command[:, 0], strict=True):
             if t <= begin:
                 break
             y = solve_ivp(
-                lambda _, y, target=target: (target - y) / time_constant,
-                (begin, min(t, end)),
-                [y],
-                rtol=1e-10,
-                atol=1e-12,
-            ).y[0, -1]
-        return float(y)
+                slope, (begin, min(t, end)), y, args=(target,), rtol=1e-10, atol=1e-12
+            ).y[:, -1]
+        return float(y[0])
 
     asked = np.array([0.01, 0.021, 0.049, 0.12, 0.4])
     assert lag.at(asked)[:, 0] == pytest.approx([wanted(t) for t in asked], abs=1e-8)
@@ -139,10 +143,17 @@ def explained(course: FittedCourse) -> float:
     return float(1.0 - np.sum((course.measured - course.fitted) ** 2) / varied)
 
 
+@pytest.mark.parametrize("torque", [0.0, 0.03, 0.1])
 @pytest.mark.parametrize("odom_rate", [50.0, 200.0])
-def test_finds_the_simulated_vehicle_exactly_without_noise(odom_rate: float) -> None:
-    found = identified(flown(**TRUTH, drag=0.3, odom_rate=odom_rate, duration=10.0))
+def test_finds_the_simulated_vehicle_exactly_without_noise(
+    odom_rate: float, torque: float
+) -> None:
+    """Loops of first order, and of damping 0.5 and 0.27."""
+    vehicle = {**TRUTH, "torque_time_constant": torque, "drag": 0.3}
+    found = identified(flown(**vehicle, odom_rate=odom_rate, duration=10.0))
     assert_near(found, relative=0.01, drag=0.3, drag_within=0.03)
+    for estimate in found.torque_time_constant:
+        assert estimate.value == pytest.approx(torque, rel=0.01, abs=2e-4)
     assert explained(found.rates) > 0.999
 
 
