@@ -54,10 +54,10 @@ class LaggedCommands:
         tau = np.maximum(np.asarray(time_constant, dtype=np.float64), _MIN_TIME_CONSTANT)
         lag = np.maximum(np.asarray(torque_time_constant, dtype=np.float64), _NO_TORQUE_LAG)
         middle, product = -0.5 / lag, 1.0 / (tau * lag)
-        split = np.sqrt(middle * middle - product + 0j)
+        split: _Modes = np.sqrt((middle * middle - product).astype(np.complex128))
         split = np.where(np.abs(split) < -_MIN_SPLIT * middle, -_MIN_SPLIT * middle, split)
-        fast = middle - split
-        self._modes: tuple[_Modes, _Modes] = product / fast, fast
+        fast: _Modes = middle - split
+        self._modes = product / fast, fast
         self._time, self._command = time, np.ascontiguousarray(command)
         self._distance, self._slope = _followed(self._command, self._steps(np.diff(time)))
 

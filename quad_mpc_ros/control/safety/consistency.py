@@ -706,7 +706,7 @@ def _contradicted(state: ConsistencyState, gravity: float, is_flying: bool) -> i
         state.force_late, drag * along, measured
     ):
         found |= _OFF_FORCE
-    # In a fast climb, drag takes part of the lift; in a tumble, thrust that is late has turned away.
+    # In a fast climb, drag takes part of the lift; in a tumble, late thrust has turned away.
     thrust = min(state.force.x[2], state.force_late.x[2])
     lift = state.force.y[2] + _MOST_DRAG * max(state.v_WB_W[2], 0.0)
     falls = lift < _LEAST_LIFT * thrust and lift < _FALLING * gravity

@@ -1,9 +1,9 @@
 """Whether body rates follow their commands as a rate loop that rings or is slow would.
 
 Such a loop turns against its command for a while, as a reversed axis does for good. So the rates
-of each axis are compared with those of a few loops (:mod:`..model.rate_loop`). One explains an axis
-if it leaves less than half of the squares of the rates of the last seconds, without their mean, or
-no more than a slow motion.
+of each axis are compared with those of a few loops (:mod:`..model.rate_loop`). One explains an
+axis if it leaves less than half of the squares of the rates of the last seconds, without their
+mean, or no more than a slow motion.
 """
 
 from __future__ import annotations
