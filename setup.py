@@ -154,8 +154,7 @@ setup(
         "mavlink": ["pymavlink>=2.4.41", "pyserial>=3.5"],  # mavlink_bridge
         "crazyflie": ["cflib>=0.1.34"],  # crazyflie_bridge
         "report": ["plotly>=6.0"],  # quad_mpc report
-        # quad_mpc campaign on a cluster, with Parquet; quad_mpc tune
-        "campaign": ["dask", "distributed", "optuna>=4", "pyarrow"],
+        "campaign": ["optuna>=4", "pyarrow"],  # quad_mpc tune; Parquet
         "browser": ["playwright"],  # its test in a Chromium that is installed
         "docs": ["sphinx>=8.2", "furo", "myst-parser>=4"],  # make docs
         "test": [

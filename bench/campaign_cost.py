@@ -1,6 +1,6 @@
 """What a campaign costs beside its flights: handing them out, taking their results, the table.
 
-python bench/campaign_cost.py [--workers N | --scheduler ADDRESS] [--flights N]
+python bench/campaign_cost.py [--workers N] [--flights N]
 
 Flies many flights of one step, of which little is left but what is asked for, and subtracts what
 as many take in this process. *Once* is what it takes until each worker has flown one: processes
@@ -12,7 +12,6 @@ every process that takes part, so that other work on the machine does not count.
 from __future__ import annotations
 
 import argparse
-import importlib
 import multiprocessing
 import resource
 import sys
@@ -24,9 +23,9 @@ from typing import Any
 from quad_mpc_ros.commands.campaign_options import add_engine_options, engine_of
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
 from quad_mpc_ros.extras.campaigns.campaign_file import campaign_from
-from quad_mpc_ros.extras.campaigns.engine import Engine
 from quad_mpc_ros.extras.campaigns.flight import fly_batch
 from quad_mpc_ros.extras.campaigns.flying import begin, fly_into
+from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers
 
 _STEP, _WHOLE = 0.02, 12.0  # s of flight
 _USUAL = 500  # flights of a campaign
@@ -58,17 +57,12 @@ def own_seconds(duration: float, *, flights: int) -> float:
     return min(taken) / flights
 
 
-def used_seconds(scheduler: str | None) -> float:
-    """Return the processor time [s] of this process, those it ended, and those of a cluster."""
+def used_seconds() -> float:
+    """Return the processor time [s] of this process and of those it ended."""
     while multiprocessing.active_children():
         time.sleep(0.01)
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
-    used = time.process_time() + children.ru_utime + children.ru_stime
-    if scheduler is None:
-        return used
-    with importlib.import_module("distributed").Client(scheduler, set_as_default=False) as client:
-        workers = sum(client.run(time.process_time).values())
-        return float(used + workers + client.run_on_scheduler(time.process_time))
+    return time.process_time() + children.ru_utime + children.ru_stime
 
 
 def engine_seconds(options: argparse.Namespace, *, flights: int) -> tuple[int, float, float]:
@@ -77,7 +71,7 @@ def engine_seconds(options: argparse.Namespace, *, flights: int) -> tuple[int, f
     The latter is processor time [s], with that of the table: of all, and of this process for the
     ``flights`` alone.
     """
-    before = used_seconds(options.scheduler)
+    before = used_seconds()
     with tempfile.TemporaryDirectory() as folder, engine_of(options) as engine:
         workers = engine.workers
         fly_in(Path(folder) / "first", engine, flights=workers)
@@ -85,10 +79,10 @@ def engine_seconds(options: argparse.Namespace, *, flights: int) -> tuple[int, f
         if flights:
             fly_in(Path(folder) / "many", engine, flights=flights)
         here = time.process_time() - started
-    return workers, used_seconds(options.scheduler) - before, here
+    return workers, used_seconds() - before, here
 
 
-def fly_in(folder: Path, engine: Engine, *, flights: int) -> None:
+def fly_in(folder: Path, engine: LocalWorkers, *, flights: int) -> None:
     """Fly a campaign of flights of one step into a new folder."""
     folder.mkdir()
     flown = campaign(flights=flights, duration=_STEP, vary=_VARY)

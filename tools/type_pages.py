@@ -79,7 +79,6 @@ NEEDS_THE_STACK = "needs the flight stack"
 ELSEWHERE = {
     r"^make (run|test)": "CI types it",
     r"^QUAD_MPC_\w+=": "needs a firmware",
-    r"^dask |--scheduler tcp": "needs other machines",
     r"apt(-get)? |docker |colcon |rosdep ": "needs an installed ROS 2 or a container engine",
     r"^pip install|^python3 -m venv": "the package is installed already",
     r"ros2 security|--enclave|^export ROS_SECURITY|^policies=": "needs sros2",

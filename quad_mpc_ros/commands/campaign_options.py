@@ -13,7 +13,7 @@ from quad_mpc_ros.commands.run_options import add_config, add_out, add_set
 from quad_mpc_ros.configuration import UserError
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.extras.campaigns.engine import Engine
+    from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers
 
 
 T = TypeVar("T")
@@ -84,27 +84,16 @@ def campaign_folder(options: argparse.Namespace, holds: Sequence[str]) -> Iterat
 
 def add_engine_options(parser: argparse.ArgumentParser) -> None:
     """Add the choice of workers."""
-    workers = parser.add_mutually_exclusive_group()
-    workers.add_argument(
+    parser.add_argument(
         "--workers",
         type=int,
         metavar="N",
         help="number of processes on this machine (default: one for each processor)",
     )
-    workers.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="the workers of a Dask cluster, by the address of its scheduler: "
-        "tcp://127.0.0.1:8786. Needs Dask: pip install 'quad_mpc_ros[campaign]'",
-    )
 
 
-def engine_of(options: argparse.Namespace) -> Engine:
-    """Return the workers of the options. Raises :class:`UserError` where there are none."""
-    if options.scheduler is not None:
-        from quad_mpc_ros.extras.campaigns.dask_workers import DaskWorkers
-
-        return DaskWorkers(options.scheduler)
+def engine_of(options: argparse.Namespace) -> LocalWorkers:
+    """Return the workers of the options. Raises :class:`UserError` for less than one."""
     from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers
 
     if options.workers is not None and options.workers < 1:

@@ -83,7 +83,7 @@ def _starts(command: Array, duration: Array, lags: Array) -> Array:
 
 @compiled
 def _responses(command: Array, starts: Array, since: Array, duration: Array, lags: Array) -> Array:
-    """Return y, its mean and mean square (n, k, 3) from times ``since`` commands over durations."""
+    """Return y ``since`` commands, and the means of y and y^2 over durations (n, k, 3)."""
     responses = np.empty((*command.shape, 3))
     for i in range(len(since)):
         for k in range(command.shape[1]):

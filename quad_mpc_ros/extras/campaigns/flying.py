@@ -14,10 +14,10 @@ from quad_mpc_ros.extras.campaigns.campaign_file import (
     identity_text,
     read_campaign,
 )
-from quad_mpc_ros.extras.campaigns.engine import Engine, batched
 from quad_mpc_ros.extras.campaigns.flight import FlownFlight, column_names
 from quad_mpc_ros.extras.campaigns.journal import NAME as JOURNAL_NAME
 from quad_mpc_ros.extras.campaigns.journal import Journal
+from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers, batched
 from quad_mpc_ros.extras.campaigns.table import CSV_NAME, PARQUET_NAME, Row, write_table
 
 CAMPAIGN_NAME = "campaign.yaml"
@@ -68,7 +68,7 @@ def grown(campaign: Campaign, flights: int | None, folder: Path) -> Campaign:
 
 
 def fly_into(
-    folder: Path, campaign: Campaign, engine: Engine, observe: Observer | None = None
+    folder: Path, campaign: Campaign, engine: LocalWorkers, observe: Observer | None = None
 ) -> list[Row]:
     """Fly what is left to fly of the campaign in a folder, and write its table.
 
@@ -93,7 +93,7 @@ def fly_into(
     return rows
 
 
-def fly(campaign: Campaign, engine: Engine) -> list[Row]:
+def fly(campaign: Campaign, engine: LocalWorkers) -> list[Row]:
     """Fly a campaign and return its rows in order, without a file."""
     numbers = range(campaign.flights)
     batches = engine.fly(campaign, batched(numbers, workers=engine.workers))

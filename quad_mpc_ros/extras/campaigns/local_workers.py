@@ -18,6 +18,8 @@ from typing import NamedTuple
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
 from quad_mpc_ros.extras.campaigns.flight import FlownFlight, fly_batch, lost_flight
 
+_MAX_BATCH_SIZE = 16
+_BATCHES_PER_WORKER = 8
 _MAX_CRASHES = 2
 # Libraries of linear algebra: more threads than one only wait for each other here.
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -36,7 +38,7 @@ class _Worker(NamedTuple):
 
 
 class LocalWorkers:
-    """Processes that each fly a batch at a time. The use is that of :class:`.engine.Engine`.
+    """Processes that each fly a batch at a time; leaving the context ends them.
 
     Each has its own pipe and shares nothing with others, so that the batch of one that died is
     known.
@@ -51,7 +53,11 @@ class LocalWorkers:
     def fly(
         self, campaign: Campaign, batches: Sequence[Sequence[int]]
     ) -> Iterator[list[FlownFlight]]:
-        """Fly batches of numbers and yield each as it is done."""
+        """Fly batches of numbers and yield each as it is done, in any order.
+
+        A worker that dies is replaced, and what it flew is flown again. A flight that no worker
+        survives comes with an error. Closing the iterator gives up what is under way.
+        """
         waiting = deque(map(_Task, batches))
         try:
             while waiting or self._flying:
@@ -94,6 +100,15 @@ class LocalWorkers:
         for _, worker in self._flying.values():
             _end(worker)
         self._flying.clear()
+
+
+def batched(numbers: Sequence[int], *, workers: int) -> list[Sequence[int]]:
+    """Return the numbers in batches: large enough to cost little to hand out, small enough that
+    all workers have some to the end and little is lost with one.
+    """
+    size = len(numbers) // (_BATCHES_PER_WORKER * workers)
+    size = min(max(size, 1), _MAX_BATCH_SIZE)
+    return [numbers[begin : begin + size] for begin in range(0, len(numbers), size)]
 
 
 def _again(task: _Task) -> list[_Task]:

@@ -26,7 +26,6 @@ from fixtures.campaigns import (
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.extras.campaigns import dask_workers
 from quad_mpc_ros.extras.campaigns import flight as flight_module
 from quad_mpc_ros.extras.campaigns.campaign_file import campaign_from
 from quad_mpc_ros.extras.campaigns.flight import column_names, fly_one
@@ -250,8 +249,6 @@ MISTAKES = {
     "no file": ([], "FILE: expected the file of a campaign"),
     "no such file": (["hoover"], "nor one that is shipped"),
     "workers": (["{file}", "--workers", "0"], "--workers: given 0"),
-    "scheduler": (["{file}", "--scheduler", "tcp://127.0.0.1:1"], "no Dask scheduler answers"),
-    "no address": (["{file}", "--scheduler", "nowhere at all"], "--scheduler"),
     "flights": (["{file}", "--flights", "0"], "flights: given 0"),
     "set": (["{file}", "--set", "mpc.mas=1"], "mpc.mas"),
     "varied and set": (["{file}", "--set", "simulator.seed=1"], "simulator.seed: it is set, too"),
@@ -263,11 +260,7 @@ def test_mistakes_on_the_command_line_are_one_line(
     mistake: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    if "scheduler" in mistake or "address" in mistake:
-        pytest.importorskip("distributed")
-        monkeypatch.setattr(dask_workers, "PATIENCE", 0.5)
     arguments, message = MISTAKES[mistake]
     file, out = tmp_path / "file.yaml", tmp_path / "out"
     file.write_text(yaml.safe_dump(CONTENT))

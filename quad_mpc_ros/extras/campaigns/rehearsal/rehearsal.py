@@ -9,8 +9,8 @@ from typing import Any
 from quad_mpc_ros.configuration import files
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
 from quad_mpc_ros.extras.campaigns.campaign_file import Overrides, campaign_from
-from quad_mpc_ros.extras.campaigns.engine import Engine, batched
 from quad_mpc_ros.extras.campaigns.flight import FlownFlight
+from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers, batched
 from quad_mpc_ros.extras.campaigns.rehearsal.directions import Direction, directions_of
 from quad_mpc_ros.recordings.evaluation.crash import crash_text
 from quad_mpc_ros.simulation.config import SimulatorConfig
@@ -115,7 +115,7 @@ Observer = Callable[[str], None]
 
 
 def rehearse(
-    config: Sequence[str], assignments: Sequence[str], engine: Engine, observe: Observer
+    config: Sequence[str], assignments: Sequence[str], engine: LocalWorkers, observe: Observer
 ) -> Rehearsal:
     """Fly the guess and, where it holds, search the limit of each direction by bisection.
 
@@ -169,7 +169,7 @@ def disturbed_campaign(config: Sequence[str], assignments: Sequence[str]) -> Cam
     return campaign_from(DISTURBED, overrides, where="rehearse")
 
 
-def _flown(campaign: Campaign, engine: Engine) -> list[Flown]:
+def _flown(campaign: Campaign, engine: LocalWorkers) -> list[Flown]:
     batches = batched(range(campaign.flights), workers=engine.workers)
     flown = [each for batch in engine.fly(campaign, batches) for each in batch]
     return sorted((_judged(each) for each in flown), key=lambda each: each.number)

@@ -15,7 +15,7 @@ from typing import Any
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
-from quad_mpc_ros.extras.campaigns.engine import Engine
+from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers
 from quad_mpc_ros.extras.campaigns.tuning.objectives import check_measured
 from quad_mpc_ros.extras.campaigns.tuning.optimiser import Optimiser
 from quad_mpc_ros.extras.campaigns.tuning.trial import FLOWN, GIVEN_UP, REFUSED, Trial
@@ -45,7 +45,7 @@ class Study:
         """Return the trials done, in order."""
         return self._optimiser.trials()
 
-    def run(self, engine: Engine, observe: Observer | None = None) -> None:
+    def run(self, engine: LocalWorkers, observe: Observer | None = None) -> None:
         """Fly trials until there are enough, or have taken long enough."""
         done = self.trials()
         while self._goes_on(done):
@@ -58,7 +58,7 @@ class Study:
         in_time = sum(trial.seconds for trial in done) < self._tuning.timeout
         return not done or (in_time and len(done) < self._tuning.trials)
 
-    def _base(self, engine: Engine, observe: _FlightObserver | None) -> Trial:
+    def _base(self, engine: LocalWorkers, observe: _FlightObserver | None) -> Trial:
         """Fly the campaigns as they are, to the end, and keep that."""
         begun = time.monotonic()
         flown = fly_trial(self._tuning.campaigns, engine, give_up=None, observe=observe)
@@ -73,7 +73,7 @@ class Study:
             self._optimiser.keep(trial, point)
         return trial
 
-    def _next(self, engine: Engine, number: int, observe: _FlightObserver | None) -> Trial:
+    def _next(self, engine: LocalWorkers, number: int, observe: _FlightObserver | None) -> Trial:
         """Fly what the optimiser proposes, and keep that."""
         begun = time.monotonic()
         point = self._optimiser.proposed(number)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
-from quad_mpc_ros.extras.campaigns.engine import Engine, batched
+from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers, batched
 from quad_mpc_ros.extras.campaigns.table import NUMBER, Row
 from quad_mpc_ros.extras.campaigns.tuning.objectives import is_lost
 
@@ -36,7 +36,7 @@ class TrialFlights:
 
 def fly_trial(
     campaigns: Mapping[str, Campaign],
-    engine: Engine,
+    engine: LocalWorkers,
     *,
     give_up: float | None,
     observe: Observer | None = None,
@@ -68,7 +68,7 @@ def fly_trial(
 
 def _flown(
     campaign: Campaign,
-    engine: Engine,
+    engine: LocalWorkers,
     numbers: Sequence[int],
     done: int,
     observe: Observer | None,
