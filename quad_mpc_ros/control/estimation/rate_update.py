@@ -113,16 +113,17 @@ def track_acceleration(
 
 @compiled
 def _interpolation_error(lowpass: LowpassedRates, measured: Array) -> float:
-    """Return how far rates may be from a straight line to the measured ones (3,) [rad/s].
+    """Return how far rates are from a straight line to the measured ones (3,) [rad/s].
 
-    It is an eighth of their second difference, as for a parabola.
+    A parabola is off by an eighth of its second difference at most. Half of that: commands that
+    alternate from sample to sample must still show that lags are short.
     """
     largest = 0.0
     for k in range(3):
         change = measured[k] - lowpass.last[k]
         largest = max(largest, abs(change - lowpass.change[k]))
         lowpass.change[k] = change
-    return 0.125 * largest
+    return largest / 16.0
 
 
 @compiled
