@@ -30,6 +30,7 @@ from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import imu_in, new_message, odometry_in, reference_in
 from quad_mpc_ros.ros.nodes.obstacle_inputs import ObstacleInputs
+from quad_mpc_ros.ros.rate_loop_monitor import RateLoopMonitor
 from quad_mpc_ros.ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
@@ -85,6 +86,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._gates: HeldGates | None = None if guidance is None else guidance.gates
         with log_compilation(self):
             self._controller = warmed_up(config, deadline=config.deadline_seconds, guide=guide)
+        self._rate_loop = RateLoopMonitor()
         self._standby = Standby(config)
         self._in_lockstep = self.health.lockstep = config.lockstep
         self._engaged: bool | None = None  # commands act unless a bridge reports otherwise
@@ -385,6 +387,10 @@ class MpcNode(ManagedNode[MpcConfig]):
         if tick.stats.accelerometer in _IMU_WARNINGS:
             level = max(level, WARN)
             text += f", the accelerometer {_IMU_WARNINGS[tick.stats.accelerometer]}"
+        if fault := self._rate_loop.check(tick.stats):
+            level = max(level, WARN)
+            text += f", {fault}"
+            self.warnings.warn(fault)
         if tick.stats.avoidance == FAILED:
             level = max(level, WARN)
             text += ", the guide failed: obstacles are not avoided"

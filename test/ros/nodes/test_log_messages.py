@@ -74,6 +74,16 @@ def test_logs_each_failsafe_level_and_flies_on_when_the_inputs_return(
     assert process.poll() is None
 
 
+def test_names_a_rate_loop_that_rings(start: Start, peer: Any, tmp_path: Path) -> None:
+    """2.5 Hz with a damping ratio of 0.32, learned in flight."""
+    loop = ("-p", "rate_time_constant:=0.04", "-p", "torque_time_constant:=0.1")
+    start("simulator", *loop, "-p", "initial_position:=[0.0, 0.0, 2.0]")
+    start("reference", "-p", "trajectory:=lemniscate", "-p", "angular_frequency:=1.5")
+    start("mpc")
+    log = tmp_path / "mpc.log"
+    assert peer.wait(lambda: "rate loop of roll and pitch: 2.5 Hz" in log.read_text(), 30.0)
+
+
 class Clock:
     """Seconds as the test says."""
 

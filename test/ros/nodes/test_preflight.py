@@ -33,7 +33,8 @@ INTRUDER = textwrap.dedent("""
     rclpy.init()
     node = rclpy.create_node("intruder", namespace="unfit")
     node.create_publisher(TwistStamped, "command", qos_profile_sensor_data)
-    node.create_subscription(Odometry, "odom", print, 10)  # reliable
+    node.create_subscription(Odometry, "odom", lambda _: None, 10)  # reliable
+    print("there", flush=True)
     with contextlib.suppress(KeyboardInterrupt):
         rclpy.spin(node)
 """)
@@ -41,7 +42,9 @@ INTRUDER = textwrap.dedent("""
 
 @pytest.fixture
 def intruder() -> Iterator[None]:
-    process = subprocess.Popen([sys.executable, "-c", INTRUDER])
+    process = subprocess.Popen([sys.executable, "-c", INTRUDER], stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"there\n"
     yield
     end(process)
 

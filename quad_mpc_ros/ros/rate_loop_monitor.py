@@ -1,0 +1,42 @@
+"""Recognises a rate loop that rings or is slow, by the estimated time constants."""
+
+from __future__ import annotations
+
+import math
+
+from quad_mpc_ros.control.tick import TickStats
+
+_LEAST_DAMPING, _LEAST_FREQUENCY = 0.45, 1.2  # Hz
+_CONFIRMED_NS = 5_000_000_000
+
+
+class RateLoopMonitor:
+    """Follows the estimate of the loop of roll and pitch.
+
+    With the gain 1 / tau and the lag T of the torque, the natural frequency is 1 / sqrt(tau T),
+    the damping ratio sqrt(tau / T) / 2.
+    """
+
+    def __init__(self) -> None:
+        self._since_ns: int | None = None
+
+    def check(self, stats: TickStats) -> str | None:
+        """Return what has been wrong for five seconds and what to do, None for nothing."""
+        tau, torque = 1e-3 * stats.rate_time_constant_ms, 1e-3 * stats.torque_time_constant_ms
+        if tau <= 0.0 or torque <= 0.0:
+            self._since_ns = None
+            return None
+        frequency = 1.0 / (2.0 * math.pi * math.sqrt(tau * torque))
+        damping = 0.5 * math.sqrt(tau / torque)
+        if damping < _LEAST_DAMPING:
+            advice = "lower its P or raise its D, or expect it to swing after fast turns"
+        elif frequency < _LEAST_FREQUENCY:
+            advice = "raise its P, or expect large errors in fast turns"
+        else:
+            self._since_ns = None
+            return None
+        if self._since_ns is None or stats.stamp_ns < self._since_ns:
+            self._since_ns = stats.stamp_ns
+        if stats.stamp_ns - self._since_ns < _CONFIRMED_NS:
+            return None
+        return f"rate loop of roll and pitch: {frequency:.1f} Hz, damping {damping:.2f}: {advice}"
