@@ -49,7 +49,7 @@ class LaggedCommands:
     def means(self, time: Array, duration: Array) -> tuple[Array, Array]:
         """Return the means (n, k) of y and of y^2 over stretches that no command divides.
 
-        That of y^2 is exact for a lag of first order.
+        The mean of y^2 is exact for a lag of first order.
         """
         # By a time inside the stretch, so that rounding at its edge picks no other command.
         index = self._index(time + 0.5 * duration)
