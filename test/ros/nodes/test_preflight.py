@@ -44,9 +44,10 @@ INTRUDER = textwrap.dedent("""
 def intruder() -> Iterator[None]:
     process = subprocess.Popen([sys.executable, "-c", INTRUDER], stdout=subprocess.PIPE)
     assert process.stdout is not None
-    assert process.stdout.readline() == b"there\n"
-    yield
-    end(process)
+    with process.stdout:
+        assert process.stdout.readline() == b"there\n"
+        yield
+        end(process)
 
 
 def preflight(
