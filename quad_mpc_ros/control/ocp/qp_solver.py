@@ -153,15 +153,15 @@ class QpSolver:
 _SOFT_SETTINGS = {"scaling": 1, "rho": 0.7, "alpha": 1.6}
 # Their cost is divided by its steepest slope, so that the tolerance is a share of that.
 _SOFT_TOLERANCE = 2.0
-# With half-spaces, found on flights among pillars, where the way jumps: the longest step takes two
-# thirds of the iterations.
+# With half-spaces, found on flights among pillars, where the way jumps. A step size that was
+# adapted earlier than OSQP does it went to and fro until a solve failed.
 _HALF_SPACE_SETTINGS = {"alpha": 1.7, "scaling": 6, "rho": 0.5}
 
 # With progress, whose curvature is small and changes with the speed of the reference, the step
 # size is adapted where it is off by 1.7 times, not by five: a quarter off the iterations of the
 # slowest hundredth of random problems without soft rows, a tenth with. Soft rows of the tilt turn
 # from one linearisation to the next, and begin again without multipliers: a fifth off. Not with
-# half-spaces, where the step size went to and fro until a solve failed.
+# half-spaces.
 _PROGRESS_SETTINGS = {"adaptive_rho_tolerance": 1.7}
 
 
