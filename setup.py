@@ -9,7 +9,7 @@ PACKAGE = "quad_mpc_ros"
 INIT = Path(PACKAGE, "__init__.py").read_text(encoding="utf-8")
 
 # The bridges to flight stacks. A new one is one line here, from which come its executable and the
-# entry point by which launch files, ``quad_mpc bridges`` and the parameter files know it.
+# entry point by which launch files and the parameter files know it.
 BRIDGES = {
     "px4_bridge": "quad_mpc_ros.ros.bridges.px4:Px4Bridge",
     "mavros_bridge": "quad_mpc_ros.ros.bridges.mavros:MavrosBridge",
@@ -154,7 +154,7 @@ setup(
         "mavlink": ["pymavlink>=2.4.41", "pyserial>=3.5"],  # mavlink_bridge
         "crazyflie": ["cflib>=0.1.34"],  # crazyflie_bridge
         "report": ["plotly>=6.0"],  # quad_mpc report
-        "campaign": ["optuna>=4", "pyarrow"],  # quad_mpc tune; Parquet
+        "campaign": ["optuna>=4"],  # quad_mpc tune
         "browser": ["playwright"],  # its test in a Chromium that is installed
         "docs": ["sphinx>=8.2", "furo", "myst-parser>=4"],  # make docs
         "test": [
@@ -170,7 +170,6 @@ setup(
             "mypy",
             "piqp",
             "plotly>=6.0",
-            "pyarrow",
             "pymavlink>=2.4.41",
             "pyserial>=3.5",
         ],

@@ -41,6 +41,7 @@ from quad_mpc_ros.extras.obstacles.files import read_scene
 from quad_mpc_ros.extras.obstacles.surfaces import area, surface_points
 from quad_mpc_ros.extras.racing.gates import course_text, read_course
 from quad_mpc_ros.recordings.evaluation.metrics import summarise
+from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.recording import Recording, flown_points
 from quad_mpc_ros.recordings.repair import repair
 from quad_mpc_ros.references.config import ReferenceConfig
@@ -235,9 +236,9 @@ def _judged(trajectory: str) -> Callable[[Path], None]:
 
 
 def _bag_commands(path: Path) -> None:
-    """Read a bag as ``bag info``, ``report`` and ``resolve`` do; repair it."""
+    """Read a bag as ``report`` and ``resolve`` do; repair it."""
     refusal: UserError | None = None
-    for read in (_info, _report, lambda each: Recording(each).run()):
+    for read in (_report, lambda each: Recording(each).run()):
         try:
             read(path)
         except UserError as error:
@@ -247,7 +248,7 @@ def _bag_commands(path: Path) -> None:
     except UserError as error:
         refusal = error
     else:
-        _info(path)
+        BagReader(path)
         if repair(path).needed:
             raise AssertionError("a repaired bag needs another repair")
     if refusal is not None:
@@ -258,17 +259,6 @@ def _single_bag(path: Path) -> None:
     for broken in path.parent.glob("mutated*.broken"):
         broken.unlink()
     _bag_commands(path)
-
-
-def _info(path: Path) -> None:
-    said = io.StringIO()
-    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
-        code = cli.main(["bag", "info", str(path)])
-    lines = said.getvalue().splitlines()
-    if code == 2 and len(lines) == 1:
-        raise UserError(lines[0])
-    if code != 0:
-        raise AssertionError(f"exit code {code}: {lines}")
 
 
 def _report(path: Path) -> None:

@@ -30,7 +30,7 @@ class ToyConfig(BridgeConfig):
 class ToyBridge(SwitchedBridge):
     """To a stack that takes degrees per second and newtons."""
 
-    name, speaks, packages, Config = "toy_bridge", "toy_msgs", ("toy_msgs",), ToyConfig
+    name, packages, Config = "toy_bridge", ("toy_msgs",), ToyConfig
     how_to_get = "it is a toy"
     publications = (RATES,)
 

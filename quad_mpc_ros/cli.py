@@ -33,9 +33,8 @@ COMMANDS = {
     "parameter file",
     "resolve": "feed a recorded flight to the controller: what would it have commanded?",
     "replay": "publish a recorded bag again",
-    "bag": "look into a bag, or repair one",
+    "bag": "repair a bag",
     "params": "print every parameter: type, default, unit, range, whether live, meaning",
-    "bridges": "list the bridges to flight stacks and what is installed for them",
     "compile": "compile everything now, so that no node has to when it starts",
 }
 """What each command does; the module of that name does it."""

@@ -1,26 +1,18 @@
-"""``quad_mpc bag``: look into a bag, repair one."""
+"""``quad_mpc bag``: repair a bag."""
 
 from __future__ import annotations
 
 import argparse
-import datetime
 from pathlib import Path
 
 from quad_mpc_ros.commands.recording import WHICH_BAG
-from quad_mpc_ros.configuration.text_tables import text_table
-from quad_mpc_ros.recordings.bag_metadata import TimeSpan
-from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.repair import RepairedFile, repair
-
-_MIB = 2**20
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what can be done with a bag directory."""
-    parser.description = "Look into a bag, or repair one."
+    """Add the repair of a bag directory."""
+    parser.description = "Repair a bag; ros2 bag info lists its topics."
     commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="command")
-    info = commands.add_parser("info", help="what is in a bag: topics, counts, duration")
-    info.add_argument("bag", type=Path, metavar="BAG", help=WHICH_BAG)
     repairing = commands.add_parser(
         "repair",
         help="complete a recording that was cut short",
@@ -32,19 +24,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do what was asked for; return the exit code."""
-    if options.command == "repair":
-        _repair(options.bag)
-    print(_info(options.bag))
-    return 0
-
-
-def _repair(directory: Path) -> None:
-    done = repair(directory)
+    """Repair the bag; return the exit code."""
+    done = repair(options.bag)
     for file in done.files:
         print(_repaired(file))
-    wrote = "metadata.yaml written\n" if directory.is_dir() else ""
-    print(wrote if done.needed else "nothing to repair\n")
+    if not done.needed:
+        print("nothing to repair")
+    elif options.bag.is_dir():
+        print("metadata.yaml written")
+    return 0
 
 
 def _repaired(file: RepairedFile) -> str:
@@ -57,30 +45,3 @@ def _repaired(file: RepairedFile) -> str:
         f"{corrected}; "
         f"the original is {file.original.name}"
     )
-
-
-def _info(path: Path) -> str:
-    reader = BagReader(path)
-    count = sum(info.message_count for info in reader.topics.values())
-    size = sum(file.stat().st_size for file in reader.files)
-    lines = [
-        f"bag       {reader.path}",
-        f"files     {', '.join(file.name for file in reader.files)} ({size / _MIB:.1f} MiB)",
-        f"duration  {reader.duration_ns * 1e-9:.3f} s{_start(reader.span)}",
-        f"messages  {count}",
-    ]
-    if reader.warning:
-        lines.append(reader.warning)
-    topics = [
-        (f"  {topic}", f"{info.message_count}", info.type_name)
-        for topic, info in sorted(reader.topics.items())
-    ]
-    lines += text_table(topics, align="lrl", widths=(0, 8, 0))
-    return "\n".join(lines)
-
-
-def _start(span: TimeSpan | None) -> str:
-    if span is None:
-        return ""
-    start = datetime.datetime.fromtimestamp(span.start_ns * 1e-9, datetime.UTC)
-    return f" from {start:%Y-%m-%d %H:%M:%S} UTC"

@@ -24,10 +24,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add which campaign, over which parameters, with which workers, into what."""
     parser.description = (
         "Fly many flights of the closed loop without ROS, with parameters that a file varies "
-        "from flight to flight (docs/howto/campaigns.md). Writes flights.csv and, with pyarrow, "
-        "flights.parquet, a row a flight; flights/NUMBER.yaml, with which 'quad_mpc simulate "
-        "--config' makes one again; and campaign.png. Exit code 0 when all were "
-        "flown, crashed or not. Ctrl-C or a kill loses only the flights under way."
+        "from flight to flight (docs/howto/campaigns.md). Writes flights.csv, a row a flight; "
+        "flights/NUMBER.yaml, with which 'quad_mpc simulate --config' makes one again; and "
+        "campaign.png. Exit code 0 when all were flown, crashed or not. Ctrl-C or a kill loses "
+        "only the flights under way."
     )
     add_campaign_options(parser, "campaign")
     parser.add_argument(

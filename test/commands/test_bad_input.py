@@ -139,7 +139,7 @@ def test_wildcard_sets_every_node_with_the_parameter(tmp_path: Path) -> None:
     assert loaded["simulator"].flattened()["drag"] == 0.3
 
 
-@pytest.mark.parametrize("arguments", [["report"], ["bag", "info"], ["simulate", "--config"]])
+@pytest.mark.parametrize("arguments", [["report"], ["bag", "repair"], ["simulate", "--config"]])
 def test_a_path_that_is_too_long_is_refused(
     arguments: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:

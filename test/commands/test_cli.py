@@ -55,11 +55,10 @@ def test_an_unknown_argument_points_to_the_help_of_the_command(
     ]
 
 
-@pytest.mark.parametrize("arguments", [["params"], ["bridges"]])
-def test_a_closed_pipe_ends_without_a_message(arguments: list[str]) -> None:
+def test_a_closed_pipe_ends_without_a_message() -> None:
     """A pipe such as ``quad_mpc params | head`` closes in the middle or at the last flush."""
     process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "quad_mpc_ros.cli", *arguments],
+        [sys.executable, "-P", "-m", "quad_mpc_ros.cli", "params"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     )

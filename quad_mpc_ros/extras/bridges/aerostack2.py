@@ -86,7 +86,6 @@ class Aerostack2Bridge(Bridge):
     """Thrust in newton and body rates out, self-localization and platform info in."""
 
     name = "aerostack2_bridge"
-    speaks = "Aerostack2: TwistStamped and as2_msgs/Thrust"
     packages = ("as2_msgs",)
     how_to_get = (
         "install Aerostack2 (https://aerostack2.github.io), or build as2_msgs of "

@@ -94,7 +94,6 @@ class Crazyswarm2Bridge(Bridge):
     """Legacy setpoints with rates in degrees and thrust in PWM out, odometry in."""
 
     name = "crazyswarm2_bridge"
-    speaks = "Crazyswarm2: cmd_vel_legacy (Twist)"
     packages = ("crazyflie_interfaces",)
     how_to_get = (
         "install Crazyswarm2 (https://imrclab.github.io/crazyswarm2/installation.html), or build "

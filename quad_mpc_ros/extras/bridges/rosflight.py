@@ -127,7 +127,6 @@ class RosflightBridge(Bridge):
     """Offboard commands out, estimated state and status in."""
 
     name = "rosflight_bridge"
-    speaks = "ROSflight 2: rosflight_msgs/Command"
     packages = ("rosflight_msgs", "roscopter_msgs")
     how_to_get = (
         "clone https://github.com/rosflight/rosflight_ros_pkgs and "

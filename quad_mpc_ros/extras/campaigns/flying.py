@@ -18,12 +18,12 @@ from quad_mpc_ros.extras.campaigns.flight import FlownFlight, column_names
 from quad_mpc_ros.extras.campaigns.journal import NAME as JOURNAL_NAME
 from quad_mpc_ros.extras.campaigns.journal import Journal
 from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers, batched
-from quad_mpc_ros.extras.campaigns.table import CSV_NAME, PARQUET_NAME, Row, write_table
+from quad_mpc_ros.extras.campaigns.table import CSV_NAME, Row, write_table
 
 CAMPAIGN_NAME = "campaign.yaml"
 FIGURE_NAME = "campaign.png"
 FLIGHTS_NAME = "flights"
-HOLDS = (CAMPAIGN_NAME, FLIGHTS_NAME, JOURNAL_NAME, CSV_NAME, PARQUET_NAME, FIGURE_NAME)
+HOLDS = (CAMPAIGN_NAME, FLIGHTS_NAME, JOURNAL_NAME, CSV_NAME, FIGURE_NAME)
 """What the folder of a campaign holds, and must not hold before."""
 
 Observer = Callable[[int, int, int], None]

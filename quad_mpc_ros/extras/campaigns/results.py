@@ -8,7 +8,7 @@ from pathlib import Path
 
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.extras.campaigns.campaign import Campaign, number_text
-from quad_mpc_ros.extras.campaigns.table import CSV_NAME, NUMBER, PARQUET_NAME, Row
+from quad_mpc_ros.extras.campaigns.table import CSV_NAME, NUMBER, Row
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 
 _LISTED_FIGURES = (
@@ -41,8 +41,6 @@ def results_text(folder: Path, campaign: Campaign, rows: Sequence[Row]) -> str:
         name = f"{number_text(int(worst[NUMBER]), campaign.flights)}.yaml"
         lines.append(f"worst    quad_mpc simulate --config {folder / 'flights' / name}")
     lines.append(f"table    {folder / CSV_NAME}")
-    if (folder / PARQUET_NAME).exists():
-        lines.append(f"         {folder / PARQUET_NAME}")
     return "\n".join(lines)
 
 

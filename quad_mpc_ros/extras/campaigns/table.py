@@ -1,4 +1,4 @@
-"""The table of a campaign: one row a flight, as ``flights.csv`` and ``flights.parquet``.
+"""The table of a campaign: one row a flight, as ``flights.csv``.
 
 Columns in order: ``flight``, the number; every varied parameter by its name, vectors as ``name.0``
 and so on; :data:`VERDICT`; then the figures. A cell that has no value is empty.
@@ -7,8 +7,6 @@ and so on; :data:`VERDICT`; then the figures. A cell that has no value is empty.
 from __future__ import annotations
 
 import csv
-import importlib
-import importlib.util
 import io
 import math
 from collections.abc import Mapping, Sequence
@@ -21,14 +19,14 @@ NUMBER = "flight"
 VERDICT = ("error", "crashed", "crash", "crash_time_s")
 """Why the flight raised, whether it crashed, how, and when."""
 
-CSV_NAME, PARQUET_NAME = "flights.csv", "flights.parquet"
+CSV_NAME = "flights.csv"
 
 Row = Mapping[str, Any]
 """A flight by the names of the columns: numbers, texts, None for no value."""
 
 
 def write_table(folder: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
-    """Write the rows, in order of their numbers, as CSV and, where pyarrow is, as Parquet.
+    """Write the rows, in order of their numbers, as CSV.
 
     Equal rows give equal bytes. Raises ``OSError``.
     """
@@ -38,13 +36,6 @@ def write_table(folder: Path, rows: Sequence[Row], names: Sequence[str]) -> None
     writer.writerow(names)
     writer.writerows([_cell(row.get(name)) for name in names] for row in ordered)
     write_atomically(folder / CSV_NAME, text.getvalue(), overwrite=True)
-    if has_parquet():
-        _write_parquet(folder / PARQUET_NAME, ordered, names)
-
-
-def has_parquet() -> bool:
-    """Whether ``flights.parquet`` can be written: whether pyarrow is installed."""
-    return importlib.util.find_spec("pyarrow") is not None
 
 
 def _cell(value: Any) -> Any:
@@ -53,12 +44,3 @@ def _cell(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return ""
     return "" if value is None else value
-
-
-def _write_parquet(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
-    pyarrow = importlib.import_module("pyarrow")
-    parquet = importlib.import_module("pyarrow.parquet")
-    table = pyarrow.table({name: [row.get(name) for row in rows] for name in names})
-    part = path.with_name(f".{path.name}.part")
-    parquet.write_table(table, part)
-    part.replace(path)

@@ -125,8 +125,6 @@ class Bridge(ABC):
 
     name: ClassVar[str]
     """Name of the executable and of the node, like ``px4_bridge``."""
-    speaks: ClassVar[str]
-    """The stack and its messages, for ``quad_mpc bridges``."""
     packages: ClassVar[tuple[str, ...]]
     """The required packages."""
     how_to_get: ClassVar[str]

@@ -67,7 +67,6 @@ class MavrosBridge(Bridge):
     """Bridge with attitude targets (body rates) out; local odometry and state in."""
 
     name = "mavros_bridge"
-    speaks = "MAVROS with PX4 or ArduPilot: AttitudeTarget"
     packages = ("mavros_msgs",)
     how_to_get = "sudo apt install ros-jazzy-mavros-msgs"
     Config = MavrosConfig

@@ -144,7 +144,6 @@ class Px4Bridge(Bridge):
     """Bridge with heartbeat and rate setpoints out; vehicle odometry and status in."""
 
     name = "px4_bridge"
-    speaks = "PX4 over uXRCE-DDS: VehicleRatesSetpoint"
     packages = ("px4_msgs",)
     how_to_get = (
         "clone https://github.com/PX4/px4_msgs on the branch of the vehicle's PX4 release into "

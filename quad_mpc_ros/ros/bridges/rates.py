@@ -70,7 +70,6 @@ class RatesBridge(SwitchedBridge):
     """Bridge with a twist in the stack's units out; odometry in."""
 
     name = "rates_bridge"
-    speaks = "anything that takes body rates and thrust: TwistStamped"
     packages = ("geometry_msgs",)
     how_to_get = "sudo apt install ros-jazzy-common-interfaces"
     Config = RatesConfig

@@ -7,30 +7,12 @@ is imported.
 
 from __future__ import annotations
 
-import importlib.util
-from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from quad_mpc_ros.configuration import Configuration, UserError
 from quad_mpc_ros.configuration.extension import BRIDGES
 from quad_mpc_ros.configuration.spelling import did_you_mean
-
-
-@dataclass(frozen=True, kw_only=True)
-class RegisteredBridge:
-    """A registered bridge; ``fault`` is the reason why it cannot be loaded, or empty."""
-
-    name: str
-    speaks: str = ""
-    missing: tuple[str, ...] = ()
-    how_to_get: str = ""
-    fault: str = ""
-
-
-def registered_bridges() -> list[RegisteredBridge]:
-    """Return all registered bridges, sorted by name."""
-    return [_described(entry) for entry in _entries()]
 
 
 def bridge_packages() -> dict[str, str]:
@@ -49,7 +31,7 @@ def bridge_configurations() -> dict[str, type[Configuration]]:
         try:
             bridge: Any = entry.load()
             found[str(bridge.name)] = bridge.Config
-        except (ImportError, AttributeError):  # quad_mpc bridges reports it
+        except (ImportError, AttributeError):  # reported when it is started
             continue
     return found
 
@@ -71,17 +53,3 @@ def load_bridge(name: str) -> Any:
 
 def _entries() -> list[EntryPoint]:
     return sorted(entry_points(group=BRIDGES), key=lambda entry: entry.name)
-
-
-def _described(entry: EntryPoint) -> RegisteredBridge:
-    try:
-        bridge: Any = entry.load()
-        packages = tuple(str(package) for package in bridge.packages)
-        return RegisteredBridge(
-            name=entry.name,
-            speaks=str(bridge.speaks),
-            missing=tuple(name for name in packages if importlib.util.find_spec(name) is None),
-            how_to_get=str(bridge.how_to_get),
-        )
-    except (ImportError, AttributeError) as error:
-        return RegisteredBridge(name=entry.name, fault=f"{entry.value}: {error}")

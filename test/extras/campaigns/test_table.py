@@ -1,10 +1,8 @@
-"""The table of a campaign, read with the csv module and with pyarrow."""
+"""The table of a campaign, read with the csv module."""
 
 import csv
 
-import pytest
-
-from quad_mpc_ros.extras.campaigns.table import has_parquet, write_table
+from quad_mpc_ros.extras.campaigns.table import write_table
 
 NAMES = ["flight", "mpc.R.1", "reference.trajectory", "error", "crashed", "crash", "crash_time_s"]
 NAMES += ["position_rmse_m", "fallbacks"]
@@ -49,21 +47,6 @@ def test_the_order_of_the_rows_changes_no_byte(tmp_path):
         write_table(folder, rows, NAMES)
     for file in first.iterdir():
         assert file.read_bytes() == (second / file.name).read_bytes()
-
-
-@pytest.mark.skipif(not has_parquet(), reason="pyarrow is an extra")
-def test_parquet_holds_what_the_csv_holds(tmp_path):
-    import pyarrow.parquet
-
-    write_table(tmp_path, ROWS, NAMES)
-    parquet = pyarrow.parquet.read_table(tmp_path / "flights.parquet").to_pylist()
-    with (tmp_path / "flights.csv").open(newline="") as file:
-        for wanted, found in zip(csv.DictReader(file), parquet, strict=True):
-            assert list(wanted) == list(found) == NAMES
-            for name, cell in wanted.items():
-                value = found[name]
-                text = "" if value is None else str(int(value) if name == "crashed" else value)
-                assert text == cell
 
 
 def test_a_campaign_without_flights_is_a_header(tmp_path):

@@ -48,7 +48,6 @@ class BetaflightBridge(Bridge):
     """Sticks out, telemetry in, over a serial line; odometry from an estimator beside it."""
 
     name = "betaflight_bridge"
-    speaks = "Betaflight: MSP over a serial port"
     packages = ("nav_msgs", "serial")
     how_to_get = "pip install 'quad_mpc_ros[serial]'"
     Config = BetaflightConfig

@@ -41,7 +41,6 @@ class CrazyflieBridge(Bridge):
     """Rates and thrust out by CRTP, telemetry in; odometry from an estimator beside it."""
 
     name = "crazyflie_bridge"
-    speaks = "Crazyflie: CRTP over radio, USB or UDP"
     packages = ("nav_msgs", "cflib")
     how_to_get = "pip install 'quad_mpc_ros[crazyflie]'"
     Config = CrazyflieConfig

@@ -63,7 +63,6 @@ class MavlinkBridge(Bridge):
     """Bridge with attitude targets (body rates) out; state, modes and parameters in."""
 
     name = "mavlink_bridge"
-    speaks = "PX4 or ArduPilot: MAVLink over a serial port, UDP or TCP"
     packages = ("pymavlink", "serial")
     how_to_get = "pip install 'quad_mpc_ros[mavlink]'"
     Config = MavlinkConfig
