@@ -214,7 +214,7 @@ def flight(
     *,
     start: str = "air",
     plant: str = "rotors",
-    duration: float = 6.0,
+    duration: float = 9.0,
     mpc: MpcConfig | None = None,
     **simulator: object,
 ) -> Iterator[Moment]:

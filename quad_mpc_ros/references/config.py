@@ -32,7 +32,7 @@ from quad_mpc_ros.references.point_table import bag_path, csv_path
 from quad_mpc_ros.references.split_s import SplitSParameters, split_s
 from quad_mpc_ros.references.square import SquareParameters, smooth_square, square
 from quad_mpc_ros.references.trajectory import Trajectory
-from quad_mpc_ros.references.vertical_loop import VerticalLoop, VerticalLoopParameters
+from quad_mpc_ros.references.vertical_loop import VerticalLoopParameters, vertical_loop
 from quad_mpc_ros.references.waypoints import (
     Hover,
     WaypointParameters,
@@ -70,7 +70,7 @@ TRAJECTORIES: dict[str, TrajectoryEntry[ReferenceConfig]] = {
     "ellipse": TrajectoryEntry(make=Ellipse),
     "lemniscate": TrajectoryEntry(make=Lemniscate),
     "minimum_snap": TrajectoryEntry(make=through_waypoints),
-    "vertical_loop": TrajectoryEntry(make=VerticalLoop, scalable=False),
+    "vertical_loop": TrajectoryEntry(make=vertical_loop, scalable=False),
     "flip": TrajectoryEntry(make=flip, scalable=False),
     "split_s": TrajectoryEntry(make=split_s, scalable=False),
     "excitation": TrajectoryEntry(make=excitation),
@@ -125,6 +125,11 @@ class ReferenceConfig(
         unit="m",
         above=0.0,
         maximum=1e3,
+    )
+    takeoff_check: bool = parameter(
+        True,
+        doc="Whether a take-off circles once with a radius of 3 cm, 0.25 m above the ground, so "
+        "that the MPC finds wrong axes of the odometry before the vehicle climbs.",
     )
     touchdown_speed: float = parameter(
         0.3,

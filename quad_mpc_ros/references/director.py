@@ -29,6 +29,7 @@ from quad_mpc_ros.references.feasibility import Feasibility, judged
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.minimum_snap import End, Leg
 from quad_mpc_ros.references.path import RestPath, Straight
+from quad_mpc_ros.references.take_off import take_off_path
 from quad_mpc_ros.references.timeline import Phase, Timeline
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.references.transition import FlatState, flat_state_of, transition
@@ -151,10 +152,15 @@ class Director:
         """Climb to ``height`` [m] above the ground, and hold."""
         if self.mode(now_ns) != GROUND:
             return self._refused(now_ns, "take-off")
-        start = flat_state_of(self.timeline, now_ns)
-        above = self.timeline.at([now_ns]).p_WB[0]
-        above[2] = self.ground + height
-        return self._go(now_ns, TAKEOFF, FlatState.at_rest(above, yaw=start.yaw), then=HOLD)
+        path = take_off_path(
+            self.timeline.at([now_ns]).p_WB[0],
+            height=self.ground + height,
+            checks=self._config.takeoff_check,
+            max_speed=min(self._config.max_speed, _VERTICAL_SPEED),
+            max_acceleration=self._config.max_acceleration,
+        )
+        leg = FlatTrajectory(path, self._config, yaw=flat_state_of(self.timeline, now_ns).yaw)
+        return self._follow_if_feasible(now_ns, TAKEOFF, leg, then=HOLD)
 
     def slipped(self, now_ns: int, *, p_WB: Array) -> None:
         """Move a take-off to a hold above a vehicle that slips or drifts before lift-off."""
@@ -294,6 +300,18 @@ class Director:
             leg = self._leg(name, start, goal)
         except ValueError as error:
             return _infeasible(str(error))
+        return self._follow_if_feasible(now_ns, name, leg, then=then, trajectory=trajectory)
+
+    def _follow_if_feasible(
+        self,
+        now_ns: int,
+        name: str,
+        leg: FlatTrajectory,
+        *,
+        then: str,
+        trajectory: Trajectory | None = None,
+    ) -> Reply:
+        """Follow a leg from now on if it is feasible, then a trajectory, or stay at its end."""
         verdict = self._judged(name, leg)
         if not verdict.feasible:
             return _infeasible(verdict.reason())

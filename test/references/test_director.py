@@ -19,6 +19,7 @@ from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.references.director import HOLD, TOO_LATE, Director, Reply
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.minimum_snap import End
+from quad_mpc_ros.references.take_off import CHECK_HEIGHT, CHECK_RADIUS
 from quad_mpc_ros.references.timeline import Timeline
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.references.transition import FlatState, transition
@@ -68,6 +69,34 @@ def at(director: Director, time_ns: int) -> tuple[Array, Array, Array]:
     samples = director.timeline.at([time_ns])
     R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw[0])
     return samples.p_WB[0], samples.v_WB_W[0], R_WB
+
+
+@pytest.mark.parametrize("checks", [True, False])
+def test_a_take_off_circles_near_the_ground_if_it_checks_the_axes(checks: bool) -> None:
+    config = configured().updated({"takeoff_check": checks})
+    director = Director.on_ground(config, p_WB=GROUND, yaw=0.5)
+    assert director.take_off(START, height=2.0).accepted
+    assert_nothing_jumps(director.timeline, START, START + 10 * SECOND)
+
+    times = [START + k * SECOND // 100 for k in range(1000)]
+    found = director.timeline.at(times)
+    aside = found.p_WB[:, :2] - GROUND[:2]
+    widest = np.ptp(aside, axis=0)
+    assert_allclose(widest, 2.0 * CHECK_RADIUS if checks else 0.0, atol=1e-4)
+    moves = np.hypot(*aside.T) > 1e-9
+    assert_allclose(found.p_WB[moves, 2], GROUND[2] + CHECK_HEIGHT, atol=1e-12)
+    velocity = np.gradient(found.p_WB, 0.01, axis=0)
+    assert_allclose(velocity, found.v_WB_W, atol=5e-3)
+    assert_allclose(np.gradient(found.v_WB_W, 0.01, axis=0), found.a_WB_W, atol=0.05)
+    assert np.abs(found.a_WB_W[:, :2]).max() < 1.5
+
+
+def test_a_take_off_to_less_than_the_height_of_the_circle_only_climbs() -> None:
+    director = directed()
+    assert director.take_off(START, height=0.2).accepted
+    end = director.timeline.at([START + 10 * SECOND]).p_WB[0]
+    assert_allclose(end, GROUND + np.array([0.0, 0.0, 0.2]), atol=1e-12)
+    assert_nothing_jumps(director.timeline, START, START + 10 * SECOND)
 
 
 def test_a_whole_flight() -> None:

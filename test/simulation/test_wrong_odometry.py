@@ -64,6 +64,26 @@ def test_a_take_off_with_wrong_axes_is_stopped_at_a_third_of_a_metre(case: str) 
     assert found.farthest[1] < 0.8
 
 
+@pytest.mark.parametrize(
+    "case",
+    [
+        "x reversed",
+        "x and y swapped",
+        "x of the position reversed",
+        "heading off by 90 degrees",
+        "heading off by 180 degrees",
+        "heading off by 90 degrees, velocity right",
+        "roll rate reversed",
+    ],
+)
+def test_the_circle_of_a_take_off_finds_wrong_axes_before_the_climb(case: str) -> None:
+    found = outcome(list(flight(case, start="ground")))
+    assert found.found_after is not None
+    assert found.found_after - wrong_odometry.TAKE_OFF_AT < 3.0
+    assert found.farthest[0] < 1.6
+    assert found.farthest[1] < 0.6
+
+
 @pytest.mark.parametrize("start", wrong_odometry.STARTS)
 @pytest.mark.parametrize("plant", ["rotors", "internal"])
 def test_finds_nothing_where_odometry_and_vehicle_are_right(start: str, plant: str) -> None:
