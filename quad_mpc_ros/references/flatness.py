@@ -46,6 +46,7 @@ _REVERSAL_COSINE = -0.99  # cosine of a turn in 2 ms that is none
 _UPSIDE_DOWN_COSINE = -1.0 + 1e-9  # cosine of the tilt
 _UP = np.array([[0.0, 0.0, 1.0]])
 _SETTLED, _MOST_ITERATIONS = 1e-13, 100
+_PLAIN_ITERATIONS = 30  # until the mean of two successive ones is taken, as they may alternate
 _ROTOR_TOLERANCE = 1e-10  # of their speed over that of hover, and per second
 
 
@@ -96,13 +97,15 @@ def flat_inputs(
     if not rotors.any():
         return motion.inputs(air, np.zeros_like(air))
     speed, speed_rate = np.ones((len(v_WB_W), 1)), np.zeros((len(v_WB_W), 1))
-    for _ in range(_MOST_ITERATIONS):
+    for count in range(_MOST_ITERATIONS):
         found = motion.inputs(air + speed * rotors, speed_rate * rotors)
         thrust = np.maximum(found.specific_thrust, _MIN_FORCE)
         rate = motion.thrust_rate(found, air + speed * rotors, speed_rate * rotors)
         before = speed, speed_rate
         speed = np.sqrt(thrust / gravity)[:, None]
         speed_rate = 0.5 * rate[:, None] / (gravity * speed)
+        if count >= _PLAIN_ITERATIONS:
+            speed, speed_rate = 0.5 * (before[0] + speed), 0.5 * (before[1] + speed_rate)
         off = max(np.max(np.abs(speed - before[0])), np.max(np.abs(speed_rate - before[1])))
         if off < _ROTOR_TOLERANCE:
             return found
@@ -200,7 +203,7 @@ class _AnisotropicDrag:
         """
         x_drag, y_drag = self.drag[:, :1], self.drag[:, 1:2]
         mean, half = 0.5 * (x_drag + y_drag), 0.5 * (x_drag - y_drag)
-        for _ in range(_MOST_ITERATIONS):
+        for count in range(_MOST_ITERATIONS):
             tilt, _ = _shortest_tilt(z, np.zeros_like(z))
             R = tilt @ turn
             x, y = R[..., 0], R[..., 1]
@@ -208,6 +211,8 @@ class _AnisotropicDrag:
             force = self.force + mean * self.v + half * sideways
             length = np.sqrt(np.sum(force * force, axis=-1, keepdims=True))
             before, z = z, force / np.maximum(length, _MIN_FORCE)
+            if count >= _PLAIN_ITERATIONS:
+                z = 0.5 * (before + z)
             if np.max(np.abs(z - before), initial=0.0) < _SETTLED:
                 return z, length[..., 0]
         raise ValueError(
