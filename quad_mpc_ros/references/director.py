@@ -157,7 +157,7 @@ class Director:
             height=self.ground + height,
             checks=self._config.takeoff_check,
             max_speed=min(self._config.max_speed, _VERTICAL_SPEED),
-            max_acceleration=self._config.max_acceleration,
+            max_acceleration=min(self._config.max_acceleration, 0.5 * self._config.gravity),
         )
         leg = FlatTrajectory(path, self._config, yaw=flat_state_of(self.timeline, now_ns).yaw)
         return self._follow_if_feasible(now_ns, TAKEOFF, leg, then=HOLD)
