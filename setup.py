@@ -129,7 +129,6 @@ setup(
         "osqp>=1.0.3",
         "mcap>=1.6",
         "rosbags>=0.11.6",
-        "zstandard",
         "PyYAML",
         "matplotlib",
     ],
@@ -153,9 +152,7 @@ setup(
         "serial": ["pyserial>=3.5"],  # betaflight_bridge
         "mavlink": ["pymavlink>=2.4.41", "pyserial>=3.5"],  # mavlink_bridge
         "crazyflie": ["cflib>=0.1.34"],  # crazyflie_bridge
-        "report": ["plotly>=6.0"],  # quad_mpc report
         "campaign": ["optuna>=4"],  # quad_mpc tune
-        "browser": ["playwright"],  # its test in a Chromium that is installed
         "docs": ["sphinx>=8.2", "furo", "myst-parser>=4"],  # make docs
         "test": [
             "casadi>=3.6.5",
@@ -169,7 +166,6 @@ setup(
             "mcap-ros2-support",
             "mypy",
             "piqp",
-            "plotly>=6.0",
             "pymavlink>=2.4.41",
             "pyserial>=3.5",
         ],

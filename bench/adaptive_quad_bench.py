@@ -238,12 +238,12 @@ class Craft:
             if self._time_ns % PERIOD_NS == 0:
                 self._disturb()
             rate_loop.run(
-                self._memory[()],
+                self._memory,
                 w_WB_B=self._state["w"],
                 throttle=self._throttle,
                 rates=self._rates,
                 on_ground=False,
-                loop=self._loop[()],
+                loop=self._loop,
                 mix=self._mix,
                 out=self._speeds,
             )

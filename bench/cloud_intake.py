@@ -62,9 +62,7 @@ def measure(clouds: str, *, points: int, scans: int) -> tuple[float, float, int]
         stamp_ns = round(1e9 * (1.0 + number / RATE))
         eye = np.array([-8.0 + SPEED * number / RATE, 0.0, 1.5])
         p_SQ = seen(shapes, eye, points, random)
-        data = written_point_cloud(
-            PointCloud(stamp_ns=stamp_ns, frame_id="base_link", p_SQ=p_SQ, given=points)
-        )
+        data = written_point_cloud(PointCloud(stamp_ns=stamp_ns, frame_id="base_link", p_SQ=p_SQ))
         world.receive_odometry(OdometrySample.at_rest(eye, stamp_ns=stamp_ns))
         began = time.thread_time()
         world.receive_cloud(point_cloud_from_message(message_in(OBSTACLES, data)))

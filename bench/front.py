@@ -184,7 +184,7 @@ def draw(flown: Sequence[Flown], path: Path) -> None:
             [1e3 * max(each.margin, 0.0) for each in flown],
             [100 * each.lost for each in flown],
         ),
-        ("delay beyond the modelled that it holds [ms]", "lost, only the mass configured [%]"),
+        ("tolerated delay beyond the model's [ms]", "crashed, only the mass configured [%]"),
         strict=True,
     ):
         axes.plot(places, accuracy, "o", color="#0072B2")

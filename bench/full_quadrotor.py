@@ -74,11 +74,8 @@ def check(plan: RacePlan, config: FlightConfig) -> Check:
     drag = np.array(per_axis(mpc.drag))
     nodes, worst = plan.nodes, np.zeros(4)
     thrusts, rates, heights = [], [], []
-    lagging = nodes.states.shape[1] > 13
 
     def thrusts_at(since: float, x: Array, u: Array, w: Array) -> Array:
-        if not lagging:
-            return u
         start = np.append(x[10:13], x[13])
         now = u + (start - u) * np.exp(-since / lags)
         turn = ((u - now) / lags)[:3]

@@ -63,7 +63,7 @@ _OBSTACLES = (
 _CAMPAIGN = (
     "flights: 20\nseed: 3\nconfig: [default]\nreference: hover\nduration: 4.0\nset:\n"
     "  mpc.mass: 0.5\nvary:\n  simulator.mass_scale: {uniform: [0.9, 1.1]}\n"
-    "  simulator.wind: {normal: [[0.0, 0.0, 0.0], [1.0, 1.0, 0.5]]}\n"
+    "  simulator.wind: {uniform: [[0.0, 0.0, 0.0], [1.0, 1.0, 0.5]]}\n"
     "  mpc.rate_time_constant: {choice: [0.02, 0.04]}\n"
 )
 _TUNING = (
@@ -277,7 +277,6 @@ def _motion() -> MotionTable:
         a_WB_W=np.column_stack((a, zero, zero)),
         q_WB_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (21, 1)),
         w_WB_B=np.zeros((21, 3)),
-        planned_with='{"model": "rates"}',
     )
 
 

@@ -22,7 +22,7 @@ from quad_mpc_ros.messages.diagnostics import written_stats
 from quad_mpc_ros.messages.topics import ODOMETRY, STATS
 from quad_mpc_ros.recordings.logs import tick_stats
 from quad_mpc_ros.recordings.parameters import write_parameters
-from quad_mpc_ros.recordings.qos_profile import parse_qos_profiles
+from quad_mpc_ros.recordings.qos import parse_qos_text
 from quad_mpc_ros.recordings.reader import RecordedMessage
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.writer import BagWriter
@@ -43,7 +43,7 @@ def repeat(bag: Path, out: Path, *, duration: float) -> int:
     count = 0
     with BagWriter(out) as writer:
         for name, info in recording.bag.topics.items():
-            profiles = parse_qos_profiles(info.qos_profiles)
+            profiles = parse_qos_text(info.qos_profiles)
             writer.add_topic(name, info.type_name, qos_profiles=profiles)
         for node, values in recording.parameters.items():
             write_parameters(writer, node, values)

@@ -70,8 +70,8 @@ def vehicle(
     """Fly one of them, a step at a time."""
     names = {other: f"uav{other}" for other in range(len(radio.sent)) if other != number}
     own = config.updated({"obstacles.neighbours": tuple(names.values())})
-    world = ObstacleWorld(own.obstacles, radius=radius)
-    guide = ObstacleAvoidance(config, world, radius=radius, neighbours=world)
+    world = ObstacleWorld(own.obstacles)
+    guide = ObstacleAvoidance(own, world, radius=radius)
     controller = Controller(config, guide=guide)
     simulator = SimulatorConfig.build(
         {

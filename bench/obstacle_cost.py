@@ -21,7 +21,8 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
-from quad_mpc_ros.extras.obstacles.avoidance import MovingPoints, ObstacleAvoidance
+from quad_mpc_ros.extras.obstacles.avoidance import ObstacleAvoidance
+from quad_mpc_ros.extras.obstacles.moving import MovingPoints
 
 _TICKS = 400
 

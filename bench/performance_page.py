@@ -131,7 +131,7 @@ _LEGEND = (
     "A step takes odometry and reference and returns a command, called from Python. *first* is "
     "the longest first step of a flight; the other columns exclude it. Iterations are the sum "
     "over the solves of a step. The RMSE includes the jumps of the reference. *MPC alone* "
-    "excludes validation, failsafe and limits, which the other peers do not have."
+    "excludes validation, failsafe and limits, which acados and cvxpy do not have."
 )
 
 _OTHER_MEASUREMENTS = """
@@ -149,8 +149,8 @@ is an rclpy node without computation.
 | 200 Hz | 1.17 / 2.47 (0.04 % late by a period) | 0.60 / 2.39 |
 
 - **Processor:** MPC 10 %, relay 4 % of a core at 50 Hz. The MPC is configured after 1.1 s.
-- **Memory:** MPC 240, simulator 203, reference 80, recorder 78 MiB. It grows by 0.4 MB in 30
-  minutes (`make soak`, 2026-11-22).
+- **Memory:** MPC 240, simulator 203, reference 80, recorder 78 MiB. The MPC's memory grows by 0.4 MB in
+  30 minutes (`make soak`, 2026-11-22).
 - **Vehicles** on two cores (`quad_mpc fly --vehicles 5 --duration 60`, 2026-11-23): with five,
   99.95 % of the commands come within a period, with eight 97.5 %.
 
@@ -161,7 +161,7 @@ Times real time in one process, `python bench/closed_loop.py --duration 12`, 202
 `rotors` 65 to 74, `betaflight` 5, `rotorpy` 0.5.
 
 **Campaigns:** 500 hovers of 12 s take 42 s with two workers: 7 flights per second and core. More
-workers than cores gain nothing. The overhead is 2.1 ms per flight and 2.5 s at the start
+workers than cores bring no speedup. The overhead is 2.1 ms per flight and 2.5 s at the start
 (`python bench/campaign_cost.py`, 2026-11-24).
 """
 

@@ -76,7 +76,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--races", type=int, default=100)
     parser.add_argument("--first", type=int, default=0, help="seed of the first one")
-    parser.add_argument("--model", choices=("rates", "rotors"), default="rates")
     options = parser.parse_args()
     config = load_config(VEHICLE)
     # Yaw at 0.3 rad/s forbids most smooth paths, which turn about the thrust: that of minimum
@@ -88,7 +87,7 @@ def main() -> None:
         course: Course = course_from(content, source=f"race {seed}")
         begun = time.process_time()
         try:
-            plan = plan_race(course, *config, model=options.model)
+            plan = plan_race(course, *config)
         except UserError as error:
             failed.append(seed)
             print(f"race {seed}: {error}", flush=True)

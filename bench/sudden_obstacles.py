@@ -31,7 +31,8 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.extras.obstacles.avoidance import MovingPoints, ObstacleAvoidance
+from quad_mpc_ros.extras.obstacles.avoidance import ObstacleAvoidance
+from quad_mpc_ros.extras.obstacles.moving import MovingPoints
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.path import PathSamples
 from quad_mpc_ros.simulation.closed_loop import fly

@@ -160,6 +160,7 @@ FAULTS: dict[str, Actuation] = {
     "roll and pitch swapped": lambda s, w: (s, w[[1, 0, 2]]),
     "rates ignored": lambda s, w: (s, 0.0 * w),
     "no thrust": lambda s, w: (0.0, w),
+    "throttle reversed": lambda s, w: (1.0 - s, w),
     "a quarter of the throttle": lambda s, w: (0.25 * s, w),
 }
 """What reaches the actuators of a command."""

@@ -1,20 +1,19 @@
 """Model predictive control of a quadrotor on SO(3), for ROS 2 and without it.
 
-These names are the library. None of them needs ROS; each is imported when it is first used.
+These names are the public API. No name needs ROS; each name is imported on first use.
 
 - to control: :class:`.Controller`, :class:`.MpcConfig`, :class:`.Vehicle`;
-- what goes in and out: :class:`.OdometrySample`, :class:`.ReferenceWindow`,
-  :class:`.CommandSample`;
+- inputs and outputs: :class:`.OdometrySample`, :class:`.ReferenceWindow`, :class:`.CommandSample`;
 - to simulate: :func:`.simulate`, :class:`.SimulatorConfig`, :class:`.ReferenceConfig`, with
   :func:`.load_config` for presets and parameter files;
 - to plan a race through gates: :func:`.plan_race` (the extra ``plan``);
-- to read and judge a flight: :class:`.Recording`, :class:`.Flight`, :func:`.summarise`;
+- to read and evaluate a flight: :class:`.Recording`, :class:`.Flight`, :func:`.summarise`;
 - to identify a vehicle: :func:`.identify`;
 - rotations: :mod:`so3 <quad_mpc_ros.control.lie.so3>`.
 
 World frame ENU, body frame FLU, SI units, radians; stamps are integer nanoseconds. ``p_WB`` is the
-position of the body in the world, ``v_WB_B`` its velocity in body axes, ``w_WB_B`` its rates,
-``R_WB`` its attitude, with the body's axes as columns.
+position of the body in the world, ``v_WB_B`` the velocity in body axes, ``w_WB_B`` the body rates,
+``R_WB`` the attitude, with the body's axes as columns.
 
 Example:
     >>> from quad_mpc_ros import Controller, MpcConfig, OdometrySample, ReferenceWindow
@@ -87,7 +86,7 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
-    """Import a name of the library when it is first used (PEP 562)."""
+    """Import a name of the library on first use (PEP 562)."""
     module = _MODULES.get(name)
     if module is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

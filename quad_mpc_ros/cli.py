@@ -19,25 +19,22 @@ from quad_mpc_ros.configuration.argument_parser import ArgumentParser
 COMMANDS = {
     "fly": "fly over DDS: simulator, reference, mpc and recorder as separate processes",
     "simulate": "fly the same in one process without ROS, faster than real time",
-    "watch": "show the status of flying vehicles in the terminal",
-    "rehearse": "how wrong may the guess of a vehicle be? margins, and a verdict before it flies",
-    "campaign": "fly many flights with parameters that vary, on every core or a cluster",
-    "tune": "search controller parameters by campaigns, with Optuna: a Pareto front",
-    "check-reference": "judge a reference before it is flown: throttle and body rates against the "
-    "limits",
-    "plan": "plan the race of least time through gates, for a vehicle",
-    "preflight": "look at the running nodes before a flight: vehicle, limits, topics, odometry",
-    "report": "show recorded runs on one page: path, errors, solver",
-    "identify": "fit lags, delay, thrust and drag of the vehicle to a recorded flight",
-    "save-vehicle": "save the thrust and lags that a flying controller has estimated as a "
-    "parameter file",
-    "resolve": "feed a recorded flight to the controller: what would it have commanded?",
-    "replay": "publish a recorded bag again",
+    "watch": "print the status of flying vehicles",
+    "rehearse": "find the vehicle file errors that the MPC tolerates, before the first flight",
+    "campaign": "simulate many flights with varied parameters, on all cores",
+    "tune": "search controller parameters with Optuna: a Pareto front",
+    "check-reference": "compare a reference with the limits of the vehicle",
+    "plan": "plan a time-optimal race through gates",
+    "preflight": "check the running nodes before a flight: vehicle, limits, topics, odometry",
+    "report": "write an HTML page of recorded runs: path, errors, solver",
+    "identify": "estimate lags, delay, thrust and drag of the vehicle from a recorded flight",
+    "resolve": "recompute the commands of a recorded flight",
+    "replay": "publish a recorded bag",
     "bag": "repair a bag",
-    "params": "print every parameter: type, default, unit, range, whether live, meaning",
-    "compile": "compile everything now, so that no node has to when it starts",
+    "params": "list all parameters: type, default, unit, range, live, meaning",
+    "compile": "compile all code now, so that no node compiles when it starts",
 }
-"""What each command does; the module of that name does it."""
+"""The task of each command, which is in the module of the same name."""
 
 
 _EXTRAS_PREFIX = "quad_mpc_ros.extras."
@@ -51,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         finally:
             sys.stdout.flush()  # here, where a closed pipe is an exception that can be caught
     except BrokenPipeError:
-        # What is still buffered goes nowhere, or the interpreter would complain at its end.
+        # Discard the buffer; otherwise the interpreter prints an error when it exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_BROKEN_PIPE
 
@@ -88,7 +85,7 @@ def _missing_part(given: Sequence[str], module: str) -> str:
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Let SIGINT raise ``KeyboardInterrupt`` where it would end the process, as at its start."""
+    """Let SIGINT raise ``KeyboardInterrupt`` instead of ending the process."""
     ends_process = signal.getsignal(signal.SIGINT) is signal.SIG_DFL
     try:
         if ends_process:
@@ -100,14 +97,14 @@ def _interruptible() -> Iterator[None]:
 
 
 def parser_for(given: Sequence[str]) -> argparse.ArgumentParser:
-    """Return the parser, with the options of the command that is given only.
+    """Return the parser, with the options of the given command only.
 
-    The parsers of the others take time to build: they name trajectories and plants.
+    The parsers of other commands are slow to build: some list trajectories and plants.
     """
     parser = ArgumentParser(
         prog="quad_mpc",
         description="Model predictive control of a quadrotor on SO(3).",
-        epilog="Every command explains itself: quad_mpc COMMAND --help.",
+        epilog="Options of a command: quad_mpc COMMAND --help.",
     )
     parser.add_argument("--version", action="version", version=f"quad_mpc {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)

@@ -1,7 +1,7 @@
-"""Entry points of the executables: Ctrl-C ends them at once while they import modules.
+"""Entry points of the executables: Ctrl-C ends an executable at once, even during imports.
 
-Python turns SIGINT into an exception, which in the middle of an import is a page of traceback. So
-the signal has its default effect, to end the process, until the imported code handles it.
+Python turns SIGINT into an exception, which prints a page of traceback during an import. So the
+signal has its default effect, to end the process, until the imported code handles the signal.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ def _run_bridge(name: str) -> int:
 
 
 def module_of(name: str) -> str:
-    """Return the module with the main function of an executable that is no bridge."""
+    """Return the module with the main function of an executable other than a bridge."""
     return _OTHER_PROGRAMS.get(name, f"{_NODES_PACKAGE}.{name}")
 
 
 def __getattr__(name: str) -> Callable[[], int]:
-    """Return the function of an executable (PEP 562): each is the same but for its name."""
+    """Return the function of an executable (PEP 562): the functions differ only in name."""
     if name == "quad_mpc" or name.endswith(("_node", _BRIDGE_SUFFIX)):
         return lambda: run(name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -72,7 +72,7 @@ class _Domains:
     reports a killed process for 20 s.
     """
 
-    most = 20
+    most = 14  # of 80, so that five processes can run tests at once
     _rest = 25.0  # s
     _longest = 60.0  # s, of waiting for an empty one
 

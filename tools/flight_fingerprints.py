@@ -83,8 +83,6 @@ SIMULATED: dict[str, tuple[list[str], list[str]]] = {
             "reference.angular_frequency=1.8",
             "mpc.limits.tilt_max=0.5",
             "mpc.limits.speed_max=4.0",
-            "mpc.advanced.limits.throttle_margin=0.1",
-            "mpc.advanced.limits.rate_slew=30.0",
         ],
     ),
     "contouring": (

@@ -101,9 +101,8 @@ class Pilot:
         def receive(message: Any) -> None:
             if "odometry" in subscription.topic.name:
                 self.now_ns = max(self.now_ns, 1000 * int(message.timestamp))
-            odometry = subscription.receive(message, self.now_ns)
-            if odometry is not None:
-                self._waiting.append(odometry)
+            subscription.receive(message, self.now_ns)
+            self._waiting += [odometry for odometry, _ in self._bridge.take_odometries()]
 
         return receive
 

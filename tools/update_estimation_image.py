@@ -53,10 +53,10 @@ def main() -> None:
 def _draw(time: Array, stats: list[TickStats], error: Array) -> None:
     panels = (
         ("thrust scale", [("thrust_scale", SCALE)]),
-        ("disturbance, m/s²", [("disturbance_x", DRAG * WIND), ("disturbance_z", 0.0)]),
-        ("drag, 1/s", [("drag", DRAG)]),
+        ("disturbance [m/s²]", [("disturbance_x", DRAG * WIND), ("disturbance_z", 0.0)]),
+        ("drag [1/s]", [("drag", DRAG)]),
         (
-            "time constants, ms",
+            "time constants [ms]",
             [
                 ("rate_time_constant_ms", 1e3 * RATE_LAG),
                 ("thrust_time_constant_ms", 1e3 * THRUST_LAG),

@@ -81,7 +81,7 @@ def view_from_above(step: LoopStep, world: ObstacleWorld, flown: Array, path: Pa
         draw_corridor(axes, guided.corridor, plan.p_WB)
     points = world.points(stamp_ns, near=place, radius=8.0)
     level = points[np.abs(points[:, 2] - place[2]) < 0.6]
-    axes.scatter(*level[:, :2].T, s=4, color=style.BOUND, label="seen", zorder=4)
+    axes.scatter(*level[:, :2].T, s=4, color=style.BOUND, label="detected points", zorder=4)
     axes.plot([0.0, 9.0], [0.0, 0.0], color=style.REFERENCE, linestyle="--", label="reference")
     axes.plot(*flown[:, :2].T, color=style.FLOWN, linewidth=2.0, label="flown", zorder=5)
     axes.plot(*plan.p_WB[:, :2].T, color="#CC79A7", linewidth=2.0, label="plan", zorder=6)

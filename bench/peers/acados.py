@@ -146,7 +146,7 @@ class AcadosPeer:
         """Draw a far reference (N, ...) near, and set what the limits allow beyond its own."""
         away = p_WB - references[0, 0:3] + self._step * references[0, 3:6]
         far = np.array([np.hypot(away[0], away[1])] * 2 + [abs(away[2])])
-        distance = self._limits.pull_distance
+        distance = self._limits.position_error_max
         references[:, 0:3] += (1.0 - distance / np.maximum(far, distance)) * away
         most = []
         if "tilt_max" in self._limits.in_use:
@@ -205,11 +205,6 @@ def _require_plain_model(config: MpcConfig) -> None:
         raise PeerUnavailableError(
             f"the acados peer has no {', '.join(wanted)}: --set mpc.{wanted[0]}=0, or false"
         )
-    for name in config.limits.in_use:
-        if name not in SOFT:
-            names = {spec.path: spec.name for spec in config.specs()}
-            path = f"{config.owner}.{names[f'limits.{name}']}"
-            raise PeerUnavailableError(f"the acados peer has no {path}: --set {path}=0")
 
 
 def _acados() -> Path:

@@ -1,4 +1,4 @@
-"""What recorded flights show: the vehicle identified from them, figures, report.
+"""Analysis of recorded flights: identification, figures, report.
 
-May import recordings and what is below; nothing here imports rclpy.
+May import recordings and lower layers; nothing here imports rclpy.
 """

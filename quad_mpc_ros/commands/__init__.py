@@ -1,8 +1,8 @@
-"""The commands of ``quad_mpc``, a module or a package each, and the exit codes they end with.
+"""Commands of ``quad_mpc``, one module each, and exit codes.
 
-``add_options(parser)`` says what a command can be given and what it does, ``run(options)`` does it
-and returns the exit code. A module is imported when its command is asked for; what takes long to
-import, ``run`` imports, so that ``--help`` is quick. May import everything.
+``add_options(parser)`` adds the options and the description of a command, ``run(options)`` runs
+the command and returns the exit code. Only the module of the given command is imported. ``run``
+itself imports slow modules, so that ``--help`` is fast.
 """
 
 EXIT_FAILED = 1

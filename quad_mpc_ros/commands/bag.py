@@ -15,10 +15,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="command")
     repairing = commands.add_parser(
         "repair",
-        help="complete a recording that was cut short",
+        help="complete an unfinished recording",
         description="Restore the index and metadata.yaml after the recorder was killed or lost "
-        "power, after files were renamed, and correct log times of a clock that was not set. "
-        "Damaged files stay beside the repaired ones as <name>.broken. A sound bag is left alone.",
+        "power or after files were renamed, and correct log times from an unset clock. Damaged "
+        "files are kept as <name>.broken. An intact bag is not changed.",
     )
     repairing.add_argument("bag", type=Path, metavar="BAG", help=WHICH_BAG)
 
@@ -36,12 +36,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _repaired(file: RepairedFile) -> str:
-    left = [f"{file.unreadable_bytes} bytes after the last whole record"]
-    if file.damaged_chunks:
-        left.append(f"{file.damaged_chunks} damaged chunks")
-    corrected = f", {file.corrected_times} log times corrected" if file.corrected_times else ""
     return (
-        f"{file.path.name}: {file.message_count} messages kept, left out {' and '.join(left)}"
-        f"{corrected}; "
-        f"the original is {file.original.name}"
+        f"{file.path.name}: {file.message_count} messages kept, omitted {file.damaged_chunks} "
+        f"damaged chunks; the original is {file.original.name}"
     )

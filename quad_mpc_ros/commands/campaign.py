@@ -1,10 +1,9 @@
-"""``quad_mpc campaign``: many flights that differ, flown on every core or on a cluster."""
+"""``quad_mpc campaign``: many flights with varied parameters, on all cores."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from quad_mpc_ros.commands.campaign_options import (
@@ -13,7 +12,6 @@ from quad_mpc_ros.commands.campaign_options import (
     engine_of,
     new_or_resumed,
 )
-from quad_mpc_ros.commands.output import results_in
 from quad_mpc_ros.commands.progress import ProgressLine
 
 if TYPE_CHECKING:
@@ -21,26 +19,26 @@ if TYPE_CHECKING:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add which campaign, over which parameters, with which workers, into what."""
+    """Add the campaign, the parameters, the workers and the output."""
     parser.description = (
-        "Fly many flights of the closed loop without ROS, with parameters that a file varies "
-        "from flight to flight (docs/howto/campaigns.md). Writes flights.csv, a row a flight; "
-        "flights/NUMBER.yaml, with which 'quad_mpc simulate --config' makes one again; and "
-        "campaign.png. Exit code 0 when all were flown, crashed or not. Ctrl-C or a kill loses "
-        "only the flights under way."
+        "Fly many flights of the closed loop without ROS, with parameters that vary from flight "
+        "to flight as a file states (docs/howto/campaigns.md). Writes flights.csv with a row for "
+        "each flight, flights/NUMBER.yaml to repeat a flight with 'quad_mpc simulate --config', "
+        "and campaign.png with the errors over each varied parameter. Exit code 0 if all flights "
+        "were flown, crashed or not. Ctrl-C or a kill loses only the running flights."
     )
     add_campaign_options(parser, "campaign")
     parser.add_argument(
         "--flights",
         type=int,
         metavar="N",
-        help="number of flights, instead of the file's; with --resume more than it has",
+        help="number of flights; overrides the file",
     )
-    parser.add_argument("--seed", type=int, metavar="N", help="seed, instead of the file's")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed; overrides the file")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Fly what is left to fly, print how it went, and return the exit code."""
+    """Fly the remaining flights, print the results, and return the exit code."""
     from quad_mpc_ros.extras.campaigns.figure import write_figure
     from quad_mpc_ros.extras.campaigns.flying import HOLDS, begin, fly_into
     from quad_mpc_ros.extras.campaigns.results import results_text
@@ -54,42 +52,30 @@ def run(options: argparse.Namespace) -> int:
             file=sys.stderr,
         )
         progress = ProgressLine()
+
+        def observe(done: int, total: int, crashed: int) -> None:
+            progress.show(f"{done} of {total} flights, {crashed} crashed", always=done == total)
+
         try:
-            rows = fly_into(out, campaign, engine, _observer(progress))
+            rows = fly_into(out, campaign, engine, observe)
         except KeyboardInterrupt:
             print(f"\nto continue: quad_mpc campaign --resume {out}", file=sys.stderr)
             raise
         finally:
             progress.close()
+        write_figure(out, campaign, rows)
     print(results_text(out, campaign, rows))
-    with results_in(out):
-        print(f"figure   {write_figure(out, campaign, rows)}")
     return 0
 
 
-def _observer(progress: ProgressLine) -> Callable[[int, int, int], None]:
-    """Return what shows how many flights are done, how many crashed, and the time left."""
-    first: list[int] = []  # flights that a resumed campaign had done before
-
-    def observe(done: int, total: int, crashed: int) -> None:
-        if not first:
-            first.append(done)
-        if progress.due or done == total:
-            left = (total - done) * progress.seconds / max(done - first[0], 1)
-            when = f"   {left:5.0f} s left" if done > first[0] else ""
-            progress.show(f"{done} of {total} flights, {crashed} crashed{when}")
-
-    return observe
-
-
 def _campaign(options: argparse.Namespace) -> Campaign:
-    """Return the campaign that is asked for."""
+    """Return the requested campaign."""
     from quad_mpc_ros.extras.campaigns.campaign_file import (
         Overrides,
         located_campaign,
         read_campaign,
     )
-    from quad_mpc_ros.extras.campaigns.flying import campaign_of, grown
+    from quad_mpc_ros.extras.campaigns.flying import campaign_of
 
     overrides = Overrides(
         config=options.config,
@@ -97,13 +83,11 @@ def _campaign(options: argparse.Namespace) -> Campaign:
         flights=options.flights,
         seed=options.seed,
     )
-    campaign = new_or_resumed(
+    return new_or_resumed(
         options,
         "campaign",
         read=lambda: read_campaign(located_campaign(options.file), overrides),
         read_folder=campaign_of,
-        overrides=bool(options.config or options.assignments) or options.seed is not None,
+        overrides=bool(options.config or options.assignments)
+        or (options.flights, options.seed) != (None, None),
     )
-    if options.resume is None:
-        return campaign
-    return grown(campaign, options.flights, options.resume)

@@ -1,4 +1,4 @@
-"""What the commands that fly campaigns have in common: options, workers, resuming."""
+"""Options, workers and resuming of the commands that fly campaigns."""
 
 from __future__ import annotations
 
@@ -20,22 +20,21 @@ T = TypeVar("T")
 
 
 def add_campaign_options(parser: argparse.ArgumentParser, kind: str) -> None:
-    """Add the file of a campaign or a study, its folder, the workers, what overrides the file."""
+    """Add the file of a campaign or a study, its folder, the workers and the overrides."""
     parser.add_argument(
         "file",
         type=Path,
         nargs="?",
         metavar="FILE",
-        help=f"file of the {kind}, or the name of a shipped one "
-        "(docs/howto/campaigns.md); left out with --resume",
+        help=f"file or name of a shipped {kind} (docs/howto/campaigns.md); omit with --resume",
     )
-    add_out(parser, f"the {kind}; must not hold one", "<name of the file>")
+    add_out(parser, f"the {kind}; must not contain one yet", "<name of the file>")
     parser.add_argument(
         "--resume", type=Path, metavar="DIR", help=f"continue the {kind} in a folder"
     )
     add_engine_options(parser)
-    add_config(parser, "over what the file says")
-    add_set(parser, "set one parameter over what the file says")
+    add_config(parser, "that overrides the file")
+    add_set(parser, "set one parameter; overrides the file")
 
 
 def new_or_resumed(
@@ -48,15 +47,15 @@ def new_or_resumed(
 ) -> T:
     """Return the campaign or study of the options.
 
-    Raises :class:`UserError` for a new one into a folder that is not empty, and for resuming one
-    with a file, a folder or ``overrides``.
+    Raises :class:`UserError` if a new folder is not empty, or if ``--resume`` is combined with a
+    file, a folder or ``overrides``.
     """
     out: Path | None = options.out
     if options.resume is not None:
         if overrides or options.file is not None or out is not None:
             raise UserError(
-                f"--resume: the {kind} in {options.resume} continues unchanged: leave out FILE, "
-                "--out and options that change it"
+                f"--resume: the {kind} in {options.resume} continues unchanged: omit FILE, "
+                f"--out and options that change the {kind}"
             )
         return read_folder(options.resume)
     if options.file is None:
@@ -72,9 +71,9 @@ def new_or_resumed(
 
 @contextlib.contextmanager
 def campaign_folder(options: argparse.Namespace, holds: Sequence[str]) -> Iterator[Path]:
-    """Yield the folder of ``--resume``, or a new one; call it once all else is checked.
+    """Yield the folder of ``--resume``, or a new folder; call this after all other checks.
 
-    Raises :class:`UserError` when it cannot be written.
+    Raises :class:`UserError` if the folder cannot be written.
     """
     resumed: Path | None = options.resume
     out = resumed or prepared_out(options.out or create_out(options.file.stem), holds=holds)
@@ -93,7 +92,7 @@ def add_engine_options(parser: argparse.ArgumentParser) -> None:
 
 
 def engine_of(options: argparse.Namespace) -> LocalWorkers:
-    """Return the workers of the options. Raises :class:`UserError` for less than one."""
+    """Return the workers of the options. Raises :class:`UserError` for less than one worker."""
     from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers
 
     if options.workers is not None and options.workers < 1:

@@ -1,9 +1,10 @@
-"""``quad_mpc check-reference``: whether the vehicle can fly a reference, before it does."""
+"""``quad_mpc check-reference``: compare a reference with the limits of the vehicle."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+from collections.abc import Sequence
 
 from quad_mpc_ros.analysis.figures.reference_figure import write_reference
 from quad_mpc_ros.commands import EXIT_FAILED
@@ -23,17 +24,17 @@ _FIGURE_NAME = "reference.png"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what to judge, and where to draw it."""
+    """Add the reference, the vehicle and the output."""
     parser.description = (
-        "Print and draw what a reference needs along its whole way against the vehicle's "
-        "limits. Exit code 0 when it is feasible, 1 when it is not, 2 for bad input."
+        "Print and draw throttle, body rates and height of a whole reference against the limits "
+        "of the vehicle. Exit code 0 if it is feasible, 1 if not, 2 for bad input."
     )
     add_configuration_options(parser)
-    add_out(parser, f"{_FIGURE_NAME}; must not hold one", "<reference>")
+    add_out(parser, f"{_FIGURE_NAME}; must not contain one yet", "<reference>")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Judge, show and draw; return the exit code."""
+    """Evaluate, print and draw the reference; return the exit code."""
     assignments = [*reference_assignments(options), *options.assignments]
     loaded = load_config(*(options.config or ["default"]), assignments=assignments)
     config = _within_the_mpc(loaded.reference, loaded.mpc)
@@ -57,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _course(config: ReferenceConfig) -> Course | None:
-    """Return the configured course, None without one."""
+    """Return the configured course, None without a course."""
     if not config.gates:
         return None
     from quad_mpc_ros.extras.racing.gates import read_course
@@ -66,7 +67,7 @@ def _course(config: ReferenceConfig) -> Course | None:
 
 
 def _within_the_mpc(reference: ReferenceConfig, mpc: MpcConfig) -> ReferenceConfig:
-    """Return the reference with the bounds of the MPC where these are the tighter ones."""
+    """Return the reference with the bounds of the MPC where these are tighter."""
     omega_max = map(min, reference.omega_max, mpc.omega_max)
     return dataclasses.replace(
         reference,
@@ -77,10 +78,10 @@ def _within_the_mpc(reference: ReferenceConfig, mpc: MpcConfig) -> ReferenceConf
 
 
 def _beyond_the_controller(verdict: Feasibility, mpc: MpcConfig) -> list[str]:
-    """Return a remark for each rate that the reference may have and the MPC may not command."""
+    """Return a note for each body rate of the reference that the MPC must not command."""
     return [
         f"note: {need.name} {need.worst:.4g} rad/s is beyond mpc.omega_max, {bound:.4g}: the MPC "
-        "cannot follow it there exactly"
+        "cannot track it exactly"
         for need, bound in rates_beyond(verdict, mpc.omega_max)
     ]
 
@@ -93,23 +94,17 @@ def _verdict_table(verdict: Feasibility) -> str:
         ("highest speed", f"{over_time.speed.max():.2f} m/s"),
         ("highest acceleration", f"{over_time.acceleration.max():.2f} m/s^2"),
     ]
-    needs = [
-        (
-            need.name,
-            need.unit.strip(),
-            f"{need.worst:.3f}",
-            f"{need.time:.3f} s",
-            f"{need.limit:.3f}",
-            f"{need.margin:.3f}",
+    needs: list[Sequence[str]] = [("", "", "needed", "at", "limit", "left")]
+    for need in verdict.needs:
+        values = (f"{value:.3f}" for value in (need.limit, need.margin))
+        needs.append(
+            (need.name, need.unit.strip(), f"{need.worst:.3f}", f"{need.time:.3f} s", *values)
         )
-        for need in verdict.needs
-    ]
-    header = ("", "", "needed", "at", "limit", "left")
     return "\n".join(
         (
-            *text_table(facts, align="ll", widths=(21, 0), gap=" "),
+            *text_table(facts, align="ll"),
             "",
-            *text_table([header, *needs], align="llrrrr", widths=(21, 6, 11, 11, 11, 11), gap=" "),
+            *text_table(needs, align="llrrrr"),
             "",
             "feasible" if verdict.feasible else f"not feasible: {verdict.reason()}",
         )

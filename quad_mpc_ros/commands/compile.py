@@ -1,8 +1,9 @@
-"""``quad_mpc compile``: makes all machine code now, so that no node has to when it starts."""
+"""``quad_mpc compile``: compile all code now, so that no node compiles when it starts."""
 
 from __future__ import annotations
 
 import argparse
+import functools
 import itertools
 import multiprocessing
 import os
@@ -22,27 +23,28 @@ _PROGRESS_PERIOD = 5.0  # s
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command is."""
+    """Add the description and the option."""
     parser.description = (
         "Compile the machine code of the controller, the simulator and the references on all "
-        "cores, and keep it in the user's cache folder or in NUMBA_CACHE_DIR. The cache is valid "
-        "for these sources, this Python, these libraries and this processor: run it again after "
-        "an update. If machine code is missing, a node compiles it first and logs that it does."
+        "cores, and store it in the user's cache folder or in NUMBA_CACHE_DIR. The cache is valid "
+        "for these sources, this Python, these libraries and this processor: run the command "
+        "again after an update. If machine code is missing, a node compiles it first and logs "
+        "that it does."
     )
     parser.add_argument("--again", action="store_true", help="empty the cache first")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compile what is missing; return the exit code."""
+    """Compile missing functions; return the exit code."""
     folder = cache_folder()
     if folder is None:
         print(
-            "error: compile cache: cannot write it, expected a writable folder; "
-            "set NUMBA_CACHE_DIR to one",
+            "error: compile cache: cannot write the cache, expected a writable folder; set "
+            "NUMBA_CACHE_DIR to a writable folder",
             file=sys.stderr,
         )
         return 1
-    complete = folder / "complete"  # spares the flights that look for missing functions
+    complete = folder / "complete"  # skips the flights that look for missing functions
     if options.again:
         shutil.rmtree(folder)
         folder.mkdir()
@@ -61,20 +63,25 @@ def run(options: argparse.Namespace) -> int:
         return 1
     complete.touch()
     os.sync()  # a truncated file would crash the nodes that load it
-    print(f"all is compiled: {cached_functions()} functions, {time.monotonic() - begun:.0f} s")
+    print(f"all compiled: {cached_functions()} functions, {time.monotonic() - begun:.0f} s")
     return 0
 
 
 def _compile(begun: float) -> None:
-    """Compile in one process per core, first the parts that share least; raise what fails.
+    """Compile in one process per core, starting with the parts that share least code.
 
     Two processes that compile the same function may overwrite each other's index, so the last part
-    is everything.
+    compiles everything.
     """
+    from quad_mpc_ros.control.config import MpcConfig
+    from quad_mpc_ros.control.warm_up import compile_estimation, compile_problem
+
     cores = len(os.sched_getaffinity(0))
     stages: list[list[Callable[[], None]]] = [[_everything]]
     if cores > 1 and not cached_functions():
-        stages.insert(0, [_problem, _estimation, _plants])
+        problem = functools.partial(compile_problem, MpcConfig())
+        estimation = functools.partial(compile_estimation, MpcConfig())
+        stages.insert(0, [problem, estimation, _plants])
         print(f"compiling on {cores} cores; the first time takes most of a minute", flush=True)
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(cores, len(stages[0])), mp_context=context) as pool:
@@ -88,20 +95,6 @@ def _compile(begun: float) -> None:
                     part.result()
 
 
-def _problem() -> None:
-    from quad_mpc_ros.control.config import MpcConfig
-    from quad_mpc_ros.control.warm_up import compile_problem
-
-    compile_problem(MpcConfig())
-
-
-def _estimation() -> None:
-    from quad_mpc_ros.control.config import MpcConfig
-    from quad_mpc_ros.control.warm_up import compile_estimation
-
-    compile_estimation(MpcConfig())
-
-
 def _plants() -> None:
     from quad_mpc_ros.configuration import UserError
     from quad_mpc_ros.recordings.evaluation.simulated import load_config
@@ -112,12 +105,12 @@ def _plants() -> None:
         try:
             config = load_config(preset, assignments=(f"simulator.plant={name}",))
             compile_plant(config.simulator)
-        except (ImportError, UserError):  # it is not installed
+        except (ImportError, UserError):  # the plant is not installed
             continue
 
 
 def _everything() -> None:
-    """Fly a little of everything."""
+    """Fly all presets briefly, with and without lags and estimation."""
     from quad_mpc_ros.recordings.evaluation.simulated import load_config
     from quad_mpc_ros.simulation.closed_loop import fly
 

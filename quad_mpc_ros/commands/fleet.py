@@ -1,4 +1,4 @@
-"""Several vehicles at once: each with its nodes in a namespace, one table for all."""
+"""Several simulated vehicles at once: configurations by namespace, one table of results."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import copy
 import dataclasses
 import sys
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from quad_mpc_ros.commands import EXIT_FAILED
@@ -16,57 +15,47 @@ from quad_mpc_ros.commands.run_configuration import HALF_SPACES, RunConfig, run_
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE, STATS
 
-_MIN_SEPARATION = 2.0  # m, of vehicles at the start
+_SEPARATION = 2.0  # m, of vehicles at the start
 RECORDED = tuple(topic.name for topic in (ODOMETRY, REFERENCE, COMMAND, STATS))
-"""Topics that are recorded of each vehicle of a fleet: those that the table needs.
+"""Recorded topics of each of several vehicles: the topics that the table needs.
 
-Every further topic costs time of a recorder, and plans that of an MPC.
+Each further topic costs time in a recorder, and plans cost time in an MPC.
 """
 
 
 def fleet_configurations(options: argparse.Namespace) -> dict[str, RunConfig]:
-    """Return the configuration of each vehicle by its namespace, their folders made."""
-    configs = {}
-    recorded = ", ".join(RECORDED)
-    out: Path | None = options.out
-    for number in range(1, options.vehicles + 1):
-        namespace = f"uav{number}"
-        given = copy.copy(options)
-        keeps_clear = options.neighbours or options.obstacles is not None
-        made = [
-            f"recorder.topics=[{recorded}]",
-            f"reference.origin=[0.0, {_MIN_SEPARATION * (number - 1)}]",
-            *(_as_neighbour(options, number) if keeps_clear else ()),
+    """Return the configuration of each vehicle by namespace, and create the folders.
+
+    Raises :class:`UserError` for invalid options.
+    """
+    configs: dict[str, RunConfig] = {}
+    names = [f"uav{number}" for number in range(1, options.vehicles + 1)]
+    vehicle_options = copy.copy(options)
+    for number, name in enumerate(names):
+        y = _SEPARATION * number
+        assignments = [
+            f"recorder.topics=[{', '.join(RECORDED)}]",
+            f"reference.origin=[0.0, {y}]",
         ]
-        given.assignments = [*made, *options.assignments]
-        given.out = out
-        made_config = run_configuration(given, lockstep=False, vehicle=namespace)
-        out = made_config.out.parent
-        configs[namespace] = _beside(made_config, number)
+        if options.neighbours or options.obstacles is not None:
+            others = ", ".join(other for other in names if other != name)
+            assignments += [
+                f"mpc.obstacles.neighbours=[{others}]",
+                f"mpc.obstacles.half_spaces={HALF_SPACES}",
+            ]
+        vehicle_options.assignments = [*assignments, *options.assignments]
+        config = run_configuration(vehicle_options, lockstep=False, vehicle=name)
+        vehicle_options.out = config.out.parent  # one folder for all, also without --out
+        simulator = config.simulator
+        # Another start is that on the reference, or is configured.
+        if simulator.initial_position == (0.0, 0.0, 0.0):
+            simulator = dataclasses.replace(simulator, initial_position=(0.0, y, 0.0))
+        configs[name] = dataclasses.replace(config, simulator=simulator)
     return configs
 
 
-def _as_neighbour(options: argparse.Namespace, number: int) -> list[str]:
-    """Return what makes a vehicle keep clear of the others, as assignments."""
-    others = [f"uav{other}" for other in range(1, options.vehicles + 1) if other != number]
-    return [
-        f"mpc.obstacles.neighbours=[{', '.join(others)}]",
-        f"mpc.obstacles.half_spaces={HALF_SPACES}",
-    ]
-
-
-def _beside(config: RunConfig, number: int) -> RunConfig:
-    """Return the configuration of a vehicle that starts on the ground beside the others."""
-    simulator = config.simulator
-    if simulator.initial_position != (0.0, 0.0, 0.0):  # on its reference, or where a file says
-        return config
-    place = (0.0, _MIN_SEPARATION * (number - 1), 0.0)
-    moved = dataclasses.replace(simulator, initial_position=place)
-    return dataclasses.replace(config, simulator=moved)
-
-
 def finish_fleet(configs: Mapping[str, RunConfig], *, wall_seconds: float) -> int:
-    """Evaluate each vehicle's bag, show one table, and return the exit code."""
+    """Evaluate the bag of each vehicle, print one table, and return the exit code."""
     from quad_mpc_ros.recordings.evaluation.metrics import summarise, with_neighbours
     from quad_mpc_ros.recordings.evaluation.verdict import verdict_on
     from quad_mpc_ros.recordings.recording import Recording
@@ -89,7 +78,7 @@ def finish_fleet(configs: Mapping[str, RunConfig], *, wall_seconds: float) -> in
 
 
 def _fleet_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return a table of vehicles, and of all of them together."""
+    """Return a table with a row for each vehicle, and a line for all vehicles."""
     to_command = ("odometry to command p50", "p99", "max [ms]")
     rows = [["", "RMSE [m]", "nearest [m]", *to_command, "late or none", "fallbacks"]]
     asked = late = fallbacks = 0
@@ -109,7 +98,7 @@ def _fleet_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
             ]
         )
     share = 100.0 * (1.0 - late / max(asked, 1))
-    within = f"answered within a period: {share:.2f} % of {asked}, fallbacks: {fallbacks}"
+    within = f"answered odometries: {share:.2f} % of {asked}, fallbacks: {fallbacks}"
     return "\n".join((*text_table(rows, align="lrrrrrrr"), within))
 
 

@@ -1,8 +1,9 @@
-"""Watching a flight from the process that started it: are its nodes connected, how far is it."""
+"""Monitor of a flight: connections of the nodes, progress, early ends."""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import sys
 import time
 from collections.abc import Collection, Mapping, Sequence
@@ -30,10 +31,10 @@ from quad_mpc_ros.messages.topics import (
 from quad_mpc_ros.ros.command_ownership import DISCOVERING
 from quad_mpc_ros.ros.messages import odometry_in
 
-# The first start after an installation compiles, on a small computer for minutes.
+# The first start after an installation compiles, which takes minutes on a small computer.
 _READY_TIMEOUT = 240.0
 _WAIT_LOG_DELAY = 5.0
-# How many peers an endpoint must have matched before the clock starts, by node and topic.
+# Matched peers that each endpoint needs before the clock starts, by node and topic.
 # Publishers count subscribers: the odometry's are mpc, reference, recorder and this monitor.
 # Subscribers count publishers, of which there must be exactly one.
 _REQUIRED_PEERS: dict[str, dict[str, int]] = {
@@ -51,7 +52,7 @@ _REQUIRED_PEERS: dict[str, dict[str, int]] = {
         for topic in (ODOMETRY, REFERENCE, COMMAND, PREDICTED_PATH, REFERENCE_PATH, STATS)
     },
 }
-_DUPLICATE_TEXTS = {
+_SUBSCRIBED = {
     "simulator": (COMMAND.name,),
     "mpc": (ODOMETRY.name, REFERENCE.name),
     "reference": (ODOMETRY.name,),
@@ -60,18 +61,15 @@ _DUPLICATE_TEXTS = {
 _CLOCK_PEERS = 4
 
 
-def _expected(
-    recorded: Collection[str] | None, *, watched: bool, together: bool
+def _required_peers(
+    recorded: Collection[str] | None, *, observed: bool, together: bool
 ) -> dict[str, dict[str, int]]:
-    """Return the peers of a vehicle's endpoints; if ``watched``, the monitor is one of them.
-
-    MPC and reference ``together`` in one process need no DDS.
-    """
+    """Return the required peers of one vehicle; if ``observed``, the monitor is also a peer."""
     peers = {node: dict(topics) for node, topics in _REQUIRED_PEERS.items()}
     if together:
         del peers["mpc"][REFERENCE.name]
         peers["reference"][REFERENCE.name] -= 1
-    if not watched:
+    if not observed:
         peers["simulator"][ODOMETRY.name] -= 1
     if recorded is not None:
         for name in peers["recorder"].keys() - set(recorded):
@@ -83,11 +81,11 @@ def _expected(
 
 
 class FlightMonitor(Observer):
-    """A small node, spun from the main thread of ``quad_mpc fly``.
+    """A node that is spun from the main thread of ``quad_mpc fly``.
 
-    It waits for the vehicles in ``namespaces`` and shows the progress of the first one.
-    ``recorded`` are the topics that are, if not all; ``together`` are MPC and reference in one
-    process.
+    The node waits for the vehicles in ``namespaces`` and observes the flight of the first vehicle.
+    ``recorded`` are the recorded topics, None for all. With ``together`` MPC and reference are in
+    one process and exchange references without DDS.
     """
 
     def __init__(
@@ -103,13 +101,13 @@ class FlightMonitor(Observer):
         self._recorded = recorded
         self._peers: dict[str, dict[str, int]] = {}
         for prefix in self._prefixes:
-            watched = prefix == self._prefixes[0]
-            expected = _expected(recorded, watched=watched, together=together)
-            for node, topics in expected.items():
-                on_bag = node == "recorder"
-                self._peers[prefix + node] = {
-                    f"/{prefix}{name}" if on_bag else name: count for name, count in topics.items()
-                }
+            observed = prefix == self._prefixes[0]
+            peers = _required_peers(recorded, observed=observed, together=together)
+            # The recorder reports topics with their full names.
+            peers["recorder"] = {
+                f"/{prefix}{name}": count for name, count in peers["recorder"].items()
+            }
+            self._peers |= {prefix + node: topics for node, topics in peers.items()}
         if lockstep:
             self._peers["simulator"][CLOCK.name] = _CLOCK_PEERS
             self._peers["recorder"][CLOCK.name] = 1
@@ -120,9 +118,9 @@ class FlightMonitor(Observer):
     def __enter__(self) -> Self:
         super().__enter__()
         subscribe(self.node, DIAGNOSTICS, self._on_diagnostics)
-        # Raw: decoded only when progress is shown, not fifty times a second.
-        named = dataclasses.replace(ODOMETRY, name=self._prefixes[0] + ODOMETRY.name)
-        subscribe(self.node, named, self._on_odometry, raw=True)
+        # Raw, because it is decoded only for the progress, not fifty times a second.
+        odometry = dataclasses.replace(ODOMETRY, name=self._prefixes[0] + ODOMETRY.name)
+        subscribe(self.node, odometry, self._on_odometry, raw=True)
         self._starts = [
             self.node.create_client(Trigger, f"{prefix}simulator/start")
             for prefix in self._prefixes
@@ -130,7 +128,7 @@ class FlightMonitor(Observer):
         return self
 
     def spin(self, seconds: float) -> None:
-        """Handle what has arrived, waiting at most so long for the first of it."""
+        """Handle received messages, waiting at most ``seconds`` for the first one."""
         self.executor.spin_once(timeout_sec=seconds)
 
     def ready(self) -> bool:
@@ -138,52 +136,41 @@ class FlightMonitor(Observer):
         return not self.missing() and all(start.service_is_ready() for start in self._starts)
 
     def missing(self) -> list[str]:
-        """Return what is still to come, as ``node: topic``."""
-        missing = []
-        for node, topics in self._peers.items():
-            health = self._health.get(node, {})
-            missing += [
-                f"{node}: {topic}"
-                for topic, peers in topics.items()
-                if int(health.get(f"{PEERS_KEY}{topic}", 0)) < peers
-            ]
+        """Return the missing connections as ``node: topic``."""
+        missing = [
+            f"{node}: {topic}"
+            for node, topics in self._peers.items()
+            for topic, peers in topics.items()
+            if self._matched(node, topic) < peers
+        ]
         for prefix in self._prefixes:
-            recorder = self._health.get(f"{prefix}recorder", {})
             missing += [
                 f"{prefix}recorder: {topic.name}"
                 for topic in (BATTERY, IMU)
                 if f"{PEERS_KEY}{topic.name}" in self._health.get(f"{prefix}simulator", {})
                 and (self._recorded is None or topic.name in self._recorded)
-                and recorder.get(f"{PEERS_KEY}/{prefix}{topic.name}", "0") == "0"
+                and not self._matched(f"{prefix}recorder", f"/{prefix}{topic.name}")
             ]
-            # Or it would fly for a while uncommanded.
+            # Until it knows the other publishers of commands, the MPC publishes none.
             if self._health.get(f"{prefix}mpc", {}).get(DISCOVERING) != "false":
-                missing.append(f"{prefix}mpc: who else commands")
+                missing.append(f"{prefix}mpc: other publishers of commands")
             if self._health.get(f"{prefix}recorder", {}).get("parameters_missing", "all"):
                 missing.append(f"{prefix}recorder: parameters")
         return missing
 
-    def intruders(self) -> str:
-        """Return a topic that has more than one publisher, or nothing."""
-        for prefix in self._prefixes:
-            for node, topics in _DUPLICATE_TEXTS.items():
-                for topic in topics:
-                    health = self._health.get(prefix + node, {})
-                    count = int(health.get(f"{PEERS_KEY}{topic}", 0))
-                    if count > 1:
-                        return f"{count} publishers on {prefix}{topic}"
+    def duplicate_publishers(self) -> str:
+        """Return a topic that has more than one publisher, or an empty string."""
+        for prefix, (node, topics) in itertools.product(self._prefixes, _SUBSCRIBED.items()):
+            for topic in topics:
+                count = self._matched(prefix + node, topic)
+                if count > 1:
+                    return f"{count} publishers on {prefix}{topic}"
         return ""
 
-    def lost(self) -> str:
-        """Return what is missing in the bags, empty if nothing is."""
+    def lost_messages(self) -> int:
+        """Return the number of messages that the recorders have lost."""
         recorders = (self._health.get(f"{prefix}recorder", {}) for prefix in self._prefixes)
-        lost = sum(int(health.get("lost", 0)) for health in recorders)
-        if not lost:
-            return ""
-        return (
-            f"{lost} messages were not recorded: the machine was too busy; fly fewer vehicles or "
-            "record fewer topics (recorder.topics)"
-        )
+        return sum(int(health.get("lost", 0)) for health in recorders)
 
     def flown(self) -> float:
         """Return the time flown until the latest odometry [s]."""
@@ -195,9 +182,13 @@ class FlightMonitor(Observer):
         return (stamp_ns - self._first_ns) * 1e-9
 
     def start_simulator(self) -> None:
-        """Start the clock of the simulator, or of all of them."""
+        """Start the clocks of all simulators."""
         for answer in [start.call_async(Trigger.Request()) for start in self._starts]:
             self.executor.spin_until_future_complete(answer, timeout_sec=5.0)
+
+    def _matched(self, node: str, topic: str) -> int:
+        """Return the number of peers of an endpoint, as the node reports it."""
+        return int(self._health.get(node, {}).get(f"{PEERS_KEY}{topic}", 0))
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
@@ -213,28 +204,31 @@ def watch_flight(
 ) -> float:
     """Wait until all nodes are connected, start the clock, and wait for the end.
 
-    ``vehicles`` are the processes by namespace and node; ``duration`` [s] is that of the flight.
-    Returns the seconds flown on the wall clock. Raises :class:`FlightError`.
+    ``vehicles`` are the nodes by namespace and name; ``duration`` [s] is the flight's. Returns the
+    seconds flown on the wall clock. Raises :class:`FlightError`.
     """
     _await_readiness(monitor, vehicles)
     monitor.start_simulator()
-    flying = {namespace: dict(processes) for namespace, processes in vehicles.items()}
-    simulators = [processes.pop("simulator") for processes in flying.values()]
+    others = {namespace: dict(nodes) for namespace, nodes in vehicles.items()}
+    simulators = [nodes.pop("simulator") for nodes in others.values()]
     started, progress = time.monotonic(), ProgressLine()
     while any(simulator.exit_code is None for simulator in simulators):
         monitor.spin(0.05)
-        if progress.due:
-            progress.show_flight(monitor.flown(), duration)
-        for processes in flying.values():
-            _drop_ended_recorder(processes)
-        _check_alive(flying)
+        progress.show_flight(monitor.flown(), duration)
+        for nodes in others.values():
+            _drop_ended_recorder(nodes)
+        _check_alive(others)
     progress.close()
-    if monitor.lost():
-        print(f"warning: {monitor.lost()}", file=sys.stderr)
+    if lost := monitor.lost_messages():
+        print(
+            f"warning: {lost} messages were not recorded because the computer was too busy; "
+            "fly fewer vehicles or record fewer topics (recorder.topics)",
+            file=sys.stderr,
+        )
     for simulator in simulators:
         if simulator.exit_code != 0:
             raise FlightError(
-                f"the simulator failed (exit code {simulator.exit_code})\n{simulator.last_words()}"
+                f"the simulator failed (exit code {simulator.exit_code})\n{simulator.log_tail()}"
             )
     return time.monotonic() - started
 
@@ -245,20 +239,20 @@ def _await_readiness(
     print("  waiting for the nodes to connect", file=sys.stderr, flush=True)
     started = time.monotonic()
     first_start = not cached_functions()
-    patient = False
+    logged = False
     while not monitor.ready():
         _check_alive(vehicles)
-        if monitor.intruders():
+        if duplicate := monitor.duplicate_publishers():
             raise FlightError(
-                f"{monitor.intruders()}: another flight on this ROS domain; "
-                "end it or set ROS_DOMAIN_ID to another number"
+                f"{duplicate}: another flight runs in this ROS domain; stop that flight or set "
+                "ROS_DOMAIN_ID to another number"
             )
         waited = time.monotonic() - started
-        if waited > _WAIT_LOG_DELAY and not patient:
-            patient = True
+        if waited > _WAIT_LOG_DELAY and not logged:
+            logged = True
             text = f"still waiting for {', '.join(monitor.missing()[:3])}"
             if first_start:
-                text = "the first start compiles, which takes a while"
+                text = "the first start compiles the code, which takes up to a minute"
             print(f"  {text}", file=sys.stderr, flush=True)
         if waited > _READY_TIMEOUT:
             raise FlightError(
@@ -268,19 +262,21 @@ def _await_readiness(
         monitor.spin(0.02)
 
 
-def _drop_ended_recorder(processes: dict[str, NodeProcess]) -> None:
-    """Report a recorder that has ended, whose disk may be full, and fly on without it."""
-    recorder = processes.get("recorder")
+def _drop_ended_recorder(nodes: dict[str, NodeProcess]) -> None:
+    """Report a recorder that has ended, for example on a full disk, and continue without it."""
+    recorder = nodes.get("recorder")
     if recorder is not None and recorder.exit_code is not None:
         print(
-            f"\nerror: {recorder.obituary()}\n  the flight continues", file=sys.stderr, flush=True
+            f"\nerror: {recorder.unexpected_end()}\n  the flight continues",
+            file=sys.stderr,
+            flush=True,
         )
-        del processes["recorder"]
+        del nodes["recorder"]
 
 
 def _check_alive(vehicles: Mapping[str, Mapping[str, NodeProcess]]) -> None:
-    for namespace, processes in vehicles.items():
-        for process in processes.values():
+    for namespace, nodes in vehicles.items():
+        for process in nodes.values():
             if process.exit_code is not None:
                 where = f"{namespace}: " if namespace else ""
-                raise FlightError(f"{where}{process.obituary()}")
+                raise FlightError(f"{where}{process.unexpected_end()}")

@@ -20,6 +20,7 @@ from quad_mpc_ros.commands.results import finish
 from quad_mpc_ros.commands.run_configuration import RunConfig, run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.recordings.repair import repair
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -33,26 +34,26 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--lockstep",
         action="store_true",
-        help="simulated time that waits for every command: repeatable bit for bit",
+        help="step simulated time only after each command: repeatable bit for bit",
     )
     parser.add_argument(
         "--together",
         action="store_true",
-        help="mpc and reference in one process, as stack_node does; with one vehicle",
+        help="run mpc and reference in one process, like stack_node; requires one vehicle",
     )
     parser.add_argument(
         "--vehicles",
         type=int,
         default=1,
         metavar="N",
-        help="fly N vehicles at once, 2 m apart, each in a namespace, uav1 and so on, without "
-        "figures (default: 1)",
+        help="fly N vehicles at once, 2 m apart, in the namespaces uav1, uav2 and so on, "
+        "without figures (default: 1)",
     )
     parser.add_argument(
         "--neighbours",
         action="store_true",
-        help="with --vehicles: each keeps clear of the others by their plans; --obstacles implies "
-        "it",
+        help="with --vehicles: the vehicles avoid each other, using their published plans; "
+        "--obstacles implies it",
     )
 
 
@@ -67,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
         raise UserError("--neighbours: given with --vehicles 1, expected 2 or more")
     if options.together and options.vehicles > 1:
         raise UserError(f"--together: expected --vehicles 1, given {options.vehicles}")
-    # Other machines on the network fly their own; set the variable to share this flight with them.
+    # Other computers on the network fly on their own; set the variable to share the flight.
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     if options.vehicles > 1:
         configs = fleet_configurations(options)
@@ -78,6 +79,9 @@ def run(options: argparse.Namespace) -> int:
     except FlightError as failure:
         print(f"error: {failure}", file=sys.stderr)
         return EXIT_FAILED
+    if not all_recorded:
+        for config in configs.values():
+            repair(config.out / "bag")
     if options.vehicles > 1:
         code = finish_fleet(configs, wall_seconds=wall_seconds)
     else:
@@ -88,8 +92,8 @@ def run(options: argparse.Namespace) -> int:
 def _fly(configs: Mapping[str, RunConfig], options: argparse.Namespace) -> tuple[float, bool]:
     """Start the nodes of each vehicle, fly, and stop them.
 
-    Returns the seconds flown on the wall clock, and whether all recorders ended well. Raises
-    :class:`FlightError`.
+    ``configs`` are the configurations by namespace. Returns the seconds flown on the wall clock,
+    and whether all recorders ended without an error. Raises :class:`FlightError`.
     """
     first = next(iter(configs.values()))
     into = first.out if len(configs) == 1 else first.out.parent
@@ -100,7 +104,7 @@ def _fly(configs: Mapping[str, RunConfig], options: argparse.Namespace) -> tuple
             vehicles[namespace] = start_all(
                 config, lockstep=options.lockstep, namespace=namespace, together=options.together
             )
-        # While the nodes start, for it takes as long to import.
+        # Imported while the nodes start, because both take about as long.
         from quad_mpc_ros.commands.flight_monitor import FlightMonitor, watch_flight
 
         with FlightMonitor(
@@ -111,7 +115,6 @@ def _fly(configs: Mapping[str, RunConfig], options: argparse.Namespace) -> tuple
         ) as monitor:
             wall_seconds = watch_flight(monitor, vehicles, first.simulator.duration)
     finally:
-        for processes in vehicles.values():
-            stop_all(processes)
-    recorders = [processes["recorder"] for processes in vehicles.values()]
-    return wall_seconds, not any(recorder.exit_code for recorder in recorders)
+        for nodes in vehicles.values():
+            stop_all(nodes)
+    return wall_seconds, not any(nodes["recorder"].exit_code for nodes in vehicles.values())

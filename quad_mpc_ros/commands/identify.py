@@ -1,4 +1,4 @@
-"""``quad_mpc identify``: lags, delay, thrust and drag of a vehicle from a recorded flight."""
+"""``quad_mpc identify``: estimate lags, delay, thrust and drag from a recorded flight."""
 
 from __future__ import annotations
 
@@ -9,21 +9,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from quad_mpc_ros.commands import recording
-from quad_mpc_ros.commands.output import check_writable, write_new
-from quad_mpc_ros.commands.save_vehicle import add_vehicle_file_options
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.commands.output import check_writable, results_in, write_new
 
 if TYPE_CHECKING:
     from quad_mpc_ros.recordings.run import RecordedRun
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the bag, and where to write what was found."""
+    """Add the bag, the outputs and the value to keep."""
     parser.description = (
-        "Fit the lags of body rates and thrust, the input delay, the thrust per mass, over the "
-        "battery's voltage if that was recorded, and the drag to the commands and the odometry "
-        "of a flight. Prints the vehicle file, ROS parameters for every node below /**, on "
-        "standard output, and what was found with its 95 % intervals on standard error."
+        "Estimate lags of body rates and thrust, input delay, thrust per mass and drag from "
+        "commands and odometry of a flight, and with a recorded battery the effect of the "
+        "voltage on the thrust. Print the vehicle file (ROS parameters below /**) on standard "
+        "output, and a table of estimates with 95 % intervals on standard error."
     )
     recording.add_options(parser)
     parser.add_argument(
@@ -33,13 +31,20 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="sensor_msgs/BatteryState, or BatteryStatus of px4_msgs or rosflight_msgs (default: "
         "the only one in the bag)",
     )
-    add_vehicle_file_options(parser)
+    parser.add_argument(
+        "--keep",
+        choices=("mass", "curve"),
+        default="mass",
+        help="configured value to keep, as only the thrust per mass is observable: mass scales "
+        "the thrust curve, curve changes the mass (default: mass)",
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="write the vehicle file instead of printing it"
+    )
     parser.add_argument(
         "--plot", type=Path, metavar="PNG", help="draw measured and fitted rates and thrust"
     )
-    parser.add_argument(
-        "--overwrite", action="store_true", help="let --out and --plot replace existing files"
-    )
+    parser.add_argument("--overwrite", action="store_true", help="replace existing files")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -53,10 +58,11 @@ def run(options: argparse.Namespace) -> int:
     )
     from quad_mpc_ros.analysis.identification.report import identification_table, parameter_file
     from quad_mpc_ros.control.config import MpcConfig
+    from quad_mpc_ros.recordings.recording import Recording
 
     for name, path in (("--out", options.out), ("--plot", options.plot)):
         check_writable(name, path, overwrite=options.overwrite)
-    bag = recording.opened(options.bag)
+    bag = Recording(options.bag)
     run = bag.run(recording.topic_names(options), topics=RECORDED)
     mpc = cast("MpcConfig", recording.configuration(options, run)["mpc"])
     bridge = _bridge(options, run)
@@ -72,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
             file=sys.stderr,
         )
     found = fit(data, given=mpc)
-    # In lockstep a command takes no time.
+    # In lockstep the computation takes no time.
     lockstep = bag.parameters_of(MpcConfig).get("lockstep", False)
     age = float("nan") if lockstep else data.command_age
     table = identification_table(found, mpc, command_age=age, file=options.out)
@@ -84,18 +90,14 @@ def run(options: argparse.Namespace) -> int:
         write_new("--out", options.out, text, overwrite=options.overwrite)
         print(f"\nparameters  {options.out}", file=sys.stderr)
     if options.plot is not None:
-        try:
-            figure = write_fit_figure(found, options.plot)
-            print(f"plot        {figure}", file=sys.stderr)
-        except OSError as error:
-            raise UserError(
-                f"--plot: {options.plot} cannot be written: {error.strerror}"
-            ) from error
+        with results_in(options.plot):
+            write_fit_figure(found, options.plot)
+        print(f"plot        {options.plot}", file=sys.stderr)
     return 0
 
 
 def _bridge(options: argparse.Namespace, run: RecordedRun) -> Mapping[str, Any]:
-    """Return the recorded parameters of the bridge, with what ``--config`` says over them."""
+    """Return the recorded parameters of the bridge, overridden by ``--config``."""
     from quad_mpc_ros.analysis.identification.measurements import recorded_bridge
     from quad_mpc_ros.commands.run_configuration import SCHEMA
     from quad_mpc_ros.configuration import files

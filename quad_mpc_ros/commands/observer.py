@@ -1,4 +1,4 @@
-"""A small node of a command, spun from its main thread beside the nodes that fly."""
+"""Node of a command that observes a flight, spun from the main thread."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.messages import message_class, qos_of
 from quad_mpc_ros.ros.nodes.parameter_query import ParameterQuery
 
-_MAX_WAIT = 0.05  # s, until a condition is looked at again
+_MAX_WAIT = 0.05  # s, until a condition is checked again
 
 
 class Observer:
-    """Base of nodes that watch a flight: ``node`` and ``executor`` exist inside of ``with``.
+    """Base of nodes that observe a flight; ``node`` and ``executor`` exist inside ``with``.
 
     Python handles Ctrl-C, so that the command can end the nodes in order.
     """
@@ -38,7 +38,7 @@ class Observer:
         return self
 
     def spin_until(self, condition: Callable[[], bool], deadline: float) -> bool:
-        """Handle what arrives until a condition holds; return False at a monotonic time [s]."""
+        """Handle messages until a condition holds; return False at a monotonic time [s]."""
         while not condition():
             remaining = deadline - time.monotonic()
             if remaining <= 0.0:
@@ -47,7 +47,7 @@ class Observer:
         return True
 
     def parameters(self, names: Iterable[str], deadline: float) -> dict[str, dict[str, Any]]:
-        """Return the parameters of the nodes, by full name, that answer until a time [s]."""
+        """Return the parameters, by full name, of the nodes that answer until a time [s]."""
         queries = {name: ParameterQuery(self.node, name) for name in names}
         found: dict[str, dict[str, Any]] = {}
 
@@ -69,13 +69,13 @@ class Observer:
 
 
 def checked_namespace(given: str) -> str:
-    """Return a namespace without slashes around it. Raises :class:`UserError` for none of ROS."""
+    """Return a namespace without outer slashes; raises :class:`UserError` if invalid."""
     namespace = given.strip("/")
     try:
         validate_namespace(f"/{namespace}")
     except InvalidNamespaceException as error:
         raise UserError(
-            f"--namespace: given {given!r}, expected one of ROS, as uav1: "
+            f"--namespace: given {given!r}, expected a ROS namespace, for example uav1: "
             f"{' '.join(str(error).split())}"
         ) from error
     return namespace

@@ -1,4 +1,4 @@
-"""Where commands write: files and folders that are new, and whole or not at all."""
+"""Output files and folders of commands; existing files are kept, new files are complete."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from quad_mpc_ros.configuration.atomic_file import write_atomically
 
 
 def check_writable(option: str, path: Path | None, *, overwrite: bool) -> None:
-    """Refuse what an option named before any work is done for it. Raises :class:`UserError`."""
+    """Check an output file before the work starts. Raises :class:`UserError`."""
     if path is None:
         return
     if path.is_dir():
@@ -27,13 +27,13 @@ def check_writable(option: str, path: Path | None, *, overwrite: bool) -> None:
         )
     above = next(folder for folder in path.absolute().parents if os.path.lexists(folder))
     if not (above.is_dir() and os.access(above, os.W_OK | os.X_OK)):
-        raise UserError(f"{option}: {path} cannot be written: {above} is no folder to write into")
+        raise UserError(f"{option}: {path} cannot be written: {above} is not a writable folder")
 
 
 def write_new(option: str, path: Path, text: str, *, overwrite: bool) -> None:
-    """Write a file and the folders above it. Other programs see all of it or what was there.
+    """Write a file atomically, and create missing folders.
 
-    Raises :class:`UserError` for a file that exists by now, or that cannot be written.
+    Raises :class:`UserError` for a file that exists by now, or cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -43,10 +43,10 @@ def write_new(option: str, path: Path, text: str, *, overwrite: bool) -> None:
 
 
 def create_out(label: str) -> Path:
-    """Make a folder for a run that was not given one, and return it.
+    """Create and return a folder for a run without ``--out``.
 
-    Another run may have begun in the same second. Where no folder can be made, who writes into it
-    says why.
+    Another run may have started in the same second. If no folder can be created, writing into the
+    folder raises the error.
     """
     now = datetime.datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
     names = itertools.chain([label], (f"{label}_{number}" for number in itertools.count(1)))
@@ -61,9 +61,9 @@ def create_out(label: str) -> Path:
 
 
 def prepared_out(out: Path, *, holds: Sequence[str] = ("bag", "summary.json", "figures")) -> Path:
-    """Make the folder of a run and return it; refuse one that has what it is to hold.
+    """Create and return the folder of a run.
 
-    Raises :class:`UserError`.
+    Raises :class:`UserError` if the folder already has one of ``holds`` or cannot be written.
     """
     for name in holds:
         if (out / name).exists():
@@ -82,7 +82,7 @@ def prepared_out(out: Path, *, holds: Sequence[str] = ("bag", "summary.json", "f
 
 @contextlib.contextmanager
 def results_in(out: Path) -> Iterator[None]:
-    """Write results into a folder. Raises :class:`UserError` when that fails."""
+    """Write results into a folder. Raises :class:`UserError` if this fails."""
     try:
         yield
     except OSError as error:

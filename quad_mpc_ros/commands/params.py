@@ -1,4 +1,4 @@
-"""``quad_mpc params``: what can be set, on which node, to what, and what it means."""
+"""``quad_mpc params``: list the parameters of the nodes."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _INDENT = "    "
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add which parameters to print, and how."""
+    """Add the names of nodes and parameters."""
     parser.description = (
-        "Print what can be set on the nodes, or on some of them. Live parameters may change "
-        "in flight (ros2 param set); the others are taken when a node is configured. Exit "
-        "code 2 for an unknown name."
+        "List the parameters of all nodes, or of some. Live parameters may change in flight (ros2 "
+        "param set); the others are read when a node is configured. Exit code 2 for an unknown "
+        "name."
     )
     parser.add_argument(
         "names",
@@ -32,7 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the parameters that are asked for. Raises :class:`UserError` for an unknown name."""
+    """Print the requested parameters. Raises :class:`UserError` for an unknown name."""
     from quad_mpc_ros.ros.bridges.registry import bridge_configurations
 
     nodes = {**own_nodes(), **bridge_configurations()}
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def own_nodes() -> dict[str, type[Configuration]]:
-    """Return the configurations of the nodes of a flight, and of those that run by themselves."""
+    """Return the configurations of the nodes of this package, without bridges."""
     from quad_mpc_ros.commands.run_configuration import SCHEMA
     from quad_mpc_ros.messages.markers import VisualisationConfig
     from quad_mpc_ros.recordings.config import PlayerConfig
@@ -55,9 +55,7 @@ def _found(
 ) -> tuple[str, Sequence[ParameterSpec]]:
     node, _, inner = name.strip("/").partition(".")
     if node not in nodes:
-        raise UserError(
-            f"there is no node {node!r}{did_you_mean(node, nodes)}: {', '.join(nodes)}"
-        )
+        raise UserError(f"unknown node {node!r}{did_you_mean(node, nodes)}: {', '.join(nodes)}")
     specs = nodes[node].specs()
     if not inner:
         return node, specs
@@ -71,12 +69,12 @@ def _found(
 
 
 def kind_text(spec: ParameterSpec) -> str:
-    """Return the type of a parameter as tables name it."""
+    """Return the type of a parameter for tables."""
     return f"{spec.kind} or 3" if spec.per_axis else spec.kind
 
 
 def _table(node: str, specs: Sequence[ParameterSpec]) -> str:
-    """Return a table to read on a terminal."""
+    """Return a table for a terminal."""
     rows = [("parameter", "type", "default", "unit", "range", "live")]
     rows += [
         (

@@ -1,4 +1,4 @@
-"""``quad_mpc plan``: the race of least time through gates, as a file to fly."""
+"""``quad_mpc plan``: time-optimal race through gates, as a file to fly."""
 
 from __future__ import annotations
 
@@ -14,52 +14,37 @@ from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.output import check_writable, results_in, write_new
 from quad_mpc_ros.commands.progress import ProgressLine
 from quad_mpc_ros.commands.run_options import add_config, add_set
-from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.configuration.arguments import number
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.racing.gates import read_course
 from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
-from quad_mpc_ros.extras.racing.planning.limits import MODELS
 from quad_mpc_ros.extras.racing.planning.race_plan import RacePlan, plan_race
 from quad_mpc_ros.extras.racing.verdict import VEHICLE_RADIUS
 from quad_mpc_ros.recordings.evaluation.simulated import load_config
 from quad_mpc_ros.references.feasibility import Feasibility, judged
 
+_LIMIT_MARGIN = 0.05  # share of the range between hover and each limit, left to the controller
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what is planned, for which vehicle, and where it is written."""
+    """Add the options for course, vehicle, output and margins."""
     parser.description = (
-        "Plan the race of least time through gates within the limits of a vehicle, as a table "
-        "that reference.file names, and a picture of it. "
-        "Exit code 0 for a plan within the limits, 1 beyond them, 2 for bad input."
+        "Plan a time-optimal race through gates within the limits of a vehicle. Writes a table "
+        "for reference.file and a figure. Exit code 0 for a plan within the limits, 1 beyond the "
+        "limits, 2 for bad input."
     )
     parser.add_argument(
-        "gates", metavar="FILE", help="course of gates, or a shipped one: seven_gates, split_s"
+        "gates", metavar="FILE", help="file of gates, or a shipped track: seven_gates, split_s"
     )
     add_config(parser, "of the vehicle (vehicles/cpc, …)")
     parser.add_argument(
         "--out",
         type=Path,
         default=Path("race.csv"),
-        help="the plan, a table (default: race.csv)",
+        help="table to write (default: race.csv)",
     )
-    parser.add_argument("--overwrite", action="store_true", help="replace a plan that exists")
-    parser.add_argument(
-        "--model",
-        choices=MODELS,
-        default=MODELS[0],
-        help="rates: body rates and thrust are commanded and lag; rotors: the thrusts of the "
-        "rotors change at once, as in published plans (default: rates)",
-    )
-    parser.add_argument(
-        "--margin",
-        type=float,
-        default=0.05,
-        metavar="SHARE",
-        help="share of the way from hovering to each limit that is left to the controller: "
-        "reference.limit_margin (default: 0.05)",
-    )
+    parser.add_argument("--overwrite", action="store_true", help="replace existing files")
     parser.add_argument(
         "--gate-margin",
         type=float,
@@ -72,7 +57,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=VEHICLE_RADIUS,
         metavar="M",
-        help="of the vehicle: kept, too, from the frames of gates in a plane (default: "
+        help="radius of the vehicle, added to the distance from the frame of an opening (default: "
         f"{VEHICLE_RADIUS:g} m)",
     )
     parser.add_argument(
@@ -82,20 +67,22 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="longest step between nodes of the plan (default: 0.05 s)",
     )
-    add_set(parser, "set one parameter of mpc, simulator or reference")
+    add_set(
+        parser,
+        "set one parameter of mpc, simulator or reference, for example reference.limit_margin "
+        f"(default here: {_LIMIT_MARGIN:g})",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Plan, write, draw; return the exit code."""
     _check_numbers(options)
-    if options.out.suffix == ".mcap":
-        raise UserError(f"--out: given {options.out}, expected a table, for example race.csv")
     check_writable("--out", options.out, overwrite=options.overwrite)
     picture = options.out.with_suffix(".png")
     check_writable("--out", picture, overwrite=options.overwrite)
-    casadi()  # or refuse to plan
+    casadi()  # fails if CasADi is not installed
     course = read_course(options.gates)
-    margin = f"reference.limit_margin={options.margin!r}"
+    margin = f"reference.limit_margin={_LIMIT_MARGIN}"
     config = load_config(
         *(options.config or ["default"]), assignments=[margin, *options.assignments]
     )
@@ -104,7 +91,6 @@ def run(options: argparse.Namespace) -> int:
         plan = plan_race(
             course,
             *config,
-            model=options.model,
             gate_margin=options.gate_margin,
             radius=options.radius,
             step=options.step,
@@ -125,8 +111,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check_numbers(options: argparse.Namespace) -> None:
-    """Refuse by the option's name what the planner would refuse by its own."""
-    number(options.margin, "--margin", least=0.0, below=1.0)
+    """Check the numbers here, so that errors name the options."""
     number(options.gate_margin, "--gate-margin", least=0.0, below=100.0)
     number(options.radius, "--radius", least=0.0, below=10.0)
     number(options.step, "--step", above=0.004, below=0.5)
@@ -134,7 +119,7 @@ def _check_numbers(options: argparse.Namespace) -> None:
 
 @contextlib.contextmanager
 def _interrupts() -> Iterator[threading.Event]:
-    """Yield what Ctrl-C sets: inside of an iteration the optimiser turns it into its own error."""
+    """Yield an event that Ctrl-C sets, because the optimiser would convert an exception."""
     interrupted = threading.Event()
     before = signal.signal(signal.SIGINT, lambda *_: interrupted.set())
     try:
@@ -146,15 +131,14 @@ def _interrupts() -> Iterator[threading.Event]:
 def _shown_by(
     progress: ProgressLine, interrupted: threading.Event
 ) -> Callable[[str, int, float, Array], None]:
-    """Return what shows how far the search is, and ends it once it is interrupted."""
+    """Return a callback that shows the progress and stops an interrupted search."""
 
     def show(stage: str, iteration: int, planned: float, _variables: Array) -> None:
         if interrupted.is_set():
             raise KeyboardInterrupt
-        if progress.due:
-            progress.show(
-                f"{stage}: iteration {iteration}, {planned:.3f} s   after {progress.seconds:.0f} s"
-            )
+        progress.show(
+            f"{stage}: iteration {iteration}, {planned:.3f} s   after {progress.seconds:.0f} s"
+        )
 
     return show
 
@@ -172,5 +156,5 @@ def _table(plan: RacePlan, verdict: Feasibility, *, seconds: float) -> str:
             rows.append((f"gate {gate}", "-", "-"))
         else:
             rows.append((f"gate {gate}", f"{passage.time:.3f} s", f"{passage.miss:.3f} m"))
-    lines = text_table(facts, align="ll", widths=(15, 0), gap=" ")
-    return "\n".join((*lines, "", *text_table(rows, align="lrr", widths=(10, 11, 13), gap=" ")))
+    lines = text_table(facts, align="ll")
+    return "\n".join((*lines, "", *text_table(rows, align="lrr")))

@@ -1,4 +1,4 @@
-"""``quad_mpc preflight``: whether the running nodes of a vehicle are fit to fly."""
+"""``quad_mpc preflight``: check the running nodes of a vehicle before a flight."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _MIN_TIMEOUT = 1.0  # s
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add which vehicle to look at, and what it should be."""
+    """Add the vehicle and its expected configuration."""
     parser.description = (
-        "Look at the running nodes of a vehicle before it flies, and print a line for each check: "
-        "ok, or what to do (docs/howto/preflight.md). Nothing is changed or flown. Exit code 0 "
-        "when it may fly, warnings allowed, 1 when something must be fixed, 2 for wrong input."
+        "Check the running nodes of a vehicle before a flight, and print a line for each check: "
+        "ok, or what to do (docs/howto/preflight.md). The command changes nothing. Exit code 0 "
+        "without errors (warnings are allowed), 1 with errors, 2 for bad input."
     )
     parser.add_argument(
         "--namespace", default="", metavar="NS", help="namespace of the vehicle (default: none)"
@@ -33,23 +33,24 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--bridge",
         default="",
         metavar="NAME",
-        help="bridge that must run, as px4, or none (default: whichever runs, or the simulator)",
+        help="required bridge, for example px4, or none (default: the running bridge or the "
+        "simulator)",
     )
-    add_config(parser, "that the nodes should have been given")
+    add_config(parser, "that the nodes should use")
     parser.add_argument(
         "--timeout",
         type=float,
         default=10.0,
         metavar="S",
-        help="how long to wait for nodes, their answers and odometry (default: 10)",
+        help="time to wait for nodes, answers and odometry (default: 10)",
     )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Look, judge, print; return the exit code."""
+    """Check, print and return the exit code."""
     if not _MIN_TIMEOUT <= options.timeout < float("inf"):
         raise UserError(f"--timeout: given {options.timeout}, expected {_MIN_TIMEOUT:g} or more")
-    require_ros("preflight", instead="; 'simulate' and 'campaign' rehearse without it")
+    require_ros("preflight", instead="; without ROS 2, use 'simulate' and 'campaign'")
     from quad_mpc_ros.commands.observer import checked_namespace
     from quad_mpc_ros.commands.running_vehicle import RunningVehicle
     from quad_mpc_ros.ros.preflight.checks import findings

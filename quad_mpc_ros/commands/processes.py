@@ -1,4 +1,4 @@
-"""The nodes of a flight as child processes: started, watched, ended in order."""
+"""Nodes of a flight as child processes."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _ROS_PACKAGES = ("rclpy", "nav_msgs", "trajectory_msgs", "diagnostic_msgs", "std
 
 
 class FlightError(Exception):
-    """The flight could not start or came to an early end; the message says why."""
+    """The flight could not start or ended early; the message has the reason."""
 
 
 class NodeProcess:
     """One node, with its parameter file and its log in the folder of the run.
 
-    ``module`` is run instead of the node's own, ``others`` are nodes in it as well, ``namespace``
-    is a vehicle's.
+    ``module`` is run instead of the module of the node, with the nodes ``others`` in it;
+    ``namespace`` is the vehicle's.
     """
 
     def __init__(
@@ -57,13 +57,13 @@ class NodeProcess:
             values = {
                 **getattr(run, name).flattened(),
                 "use_sim_time": use_sim_time,
-                # The flight begins when all is ready: then the simulator is started, not before.
+                # The flight begins when all nodes are ready: then the monitor starts it.
                 "autostart": name != "simulator",
             }
             texts.append(files.dump(f"/{namespace}/{name}" if namespace else name, values))
         parameters.write_text("".join(texts), encoding="utf-8")
-        # Simulated time waits for all nodes: no priorities are needed.
-        waits = node == "recorder" and not use_sim_time
+        # Simulated time waits for all nodes, so it needs no priorities.
+        has_low_priority = node == "recorder" and not use_sim_time
         program = _module(module) if module else _executable(node)
         remaps = ("-r", f"__ns:=/{namespace}") if namespace else ()
         with self._log.open("wb") as log:
@@ -73,18 +73,19 @@ class NodeProcess:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 env=_environment(),
-                # Ctrl-C is for the parent, which ends the nodes in order.
+                # Ctrl-C goes to the parent only, which ends the nodes in order.
                 start_new_session=True,
-                preexec_fn=_prepare_recorder if waits else _die_with_parent,
+                preexec_fn=_prepare_recorder if has_low_priority else _die_with_parent,
             )
+        self.pid = self._process.pid
 
     @property
     def exit_code(self) -> int | None:
-        """Exit code, or None while it runs."""
+        """Exit code, or None while the node runs."""
         return self._process.poll()
 
     def stop(self) -> int:
-        """End the node as Ctrl-C would, by force when it does not end; return the exit code."""
+        """Stop the node like Ctrl-C, or kill a node that does not stop; return the exit code."""
         if self._process.poll() is None:
             self._process.send_signal(signal.SIGINT)
         try:
@@ -93,20 +94,20 @@ class NodeProcess:
             self._process.kill()
             return self._process.wait()
 
-    def obituary(self) -> str:
-        """Return that it ended by itself, and its last words."""
-        return f"{self.node} ended by itself (exit code {self.exit_code})\n{self.last_words()}"
+    def unexpected_end(self) -> str:
+        """Return the message about a node that ended unexpectedly, with the end of its log."""
+        return f"{self.node} ended by itself (exit code {self.exit_code})\n{self.log_tail()}"
 
-    def last_words(self) -> str:
+    def log_tail(self) -> str:
         """Return the end of the log."""
         lines = self._log.read_text(encoding="utf-8", errors="replace").splitlines()
         return "\n".join(f"  {self.node}: {line}" for line in lines[-_LOG_TAIL:])
 
 
 def run_in_foreground(node: str, ros_arguments: Sequence[str]) -> int:
-    """Run a node on this terminal until it ends, by itself or by Ctrl-C; return its exit code.
+    """Run a node in this terminal until it ends or Ctrl-C; return its exit code.
 
-    Raises ``KeyboardInterrupt`` on Ctrl-C, which the node gets as well, after it has ended.
+    Ctrl-C reaches the node as well; ``KeyboardInterrupt`` is raised after it has ended.
     """
     process = subprocess.Popen(
         (*_executable(node), "--ros-args", *ros_arguments),
@@ -122,7 +123,7 @@ def run_in_foreground(node: str, ros_arguments: Sequence[str]) -> int:
 
 
 def require_ros(command: str, *, instead: str = "") -> None:
-    """Raise :class:`UserError` when ROS 2 is not there; ``instead`` is what goes without it."""
+    """Raise :class:`UserError` without ROS 2; ``instead`` names an alternative without it."""
     missing = [name for name in _ROS_PACKAGES if importlib.util.find_spec(name) is None]
     if missing:
         raise UserError(
@@ -136,7 +137,7 @@ def start_all(
 ) -> dict[str, NodeProcess]:
     """Start every node of a flight; in lockstep all but the simulator follow its clock.
 
-    MPC and reference ``together`` are one process, by the name of the MPC.
+    MPC and reference ``together`` are one process, with the name of the MPC.
     """
     from quad_mpc_ros.commands.run_configuration import SCHEMA
 
@@ -155,7 +156,7 @@ def start_all(
 
 
 def stop_all(processes: dict[str, NodeProcess]) -> None:
-    """End the nodes, the recorder last, so that it records the end of the others."""
+    """Stop the nodes, the recorder last, to record the end of the others."""
     for node in sorted(processes, key=lambda name: name == "recorder"):
         processes[node].stop()
 
@@ -176,7 +177,7 @@ def _environment() -> dict[str, str]:
 
 
 def _die_with_parent() -> None:
-    """Ask Linux for SIGINT when the parent dies: a killed flight leaves no node behind."""
+    """Request SIGINT when the parent dies, so that no node outlives a killed flight."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
 
 

@@ -1,4 +1,4 @@
-"""Showing progress: one line that rewrites itself in a terminal, or a line a second in a log."""
+"""Progress: one line, updated in a terminal, or a line per second in a log."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _LOG_PERIOD = 1.0
 
 
 class ProgressLine:
-    """A line on standard error, now and then another one."""
+    """A progress line on standard error."""
 
     def __init__(self) -> None:
         self._terminal = sys.stderr.isatty()
@@ -23,21 +23,19 @@ class ProgressLine:
         """Time since the start [s]."""
         return time.monotonic() - self._started
 
-    @property
-    def due(self) -> bool:
-        """Whether it is time to show something."""
-        return time.monotonic() >= self._due
-
-    def show(self, text: str) -> None:
-        """Show a text in place of the last one."""
-        self._due = time.monotonic() + self._period
+    def show(self, text: str, *, always: bool = False) -> None:
+        """Replace the text of the line if an update is due, or ``always``."""
+        now = time.monotonic()
+        if now < self._due and not always:
+            return
+        self._due = now + self._period
         if self._terminal:
             print(f"\r  {text:<76}", end="", file=sys.stderr, flush=True)
         else:
             print(f"  {text}", file=sys.stderr, flush=True)
 
     def show_flight(self, flown: float, duration: float) -> None:
-        """Show how much of a flight is flown, both in [s]."""
+        """Show the time flown and the duration of the flight [s]."""
         speed = flown / max(self.seconds, 1e-6)
         self.show(f"{flown:6.1f} s of {duration:g} s   {speed:5.2f} x real time")
 

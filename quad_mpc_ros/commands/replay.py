@@ -1,4 +1,4 @@
-"""``quad_mpc replay``: the player node on this terminal."""
+"""``quad_mpc replay``: the player node in this terminal."""
 
 from __future__ import annotations
 
@@ -8,29 +8,27 @@ from pathlib import Path
 
 from quad_mpc_ros.commands.processes import require_ros, run_in_foreground
 from quad_mpc_ros.commands.recording import WHICH_BAG
-from quad_mpc_ros.configuration import ConfigurationError, UserError, files
+from quad_mpc_ros.configuration import ConfigurationError, files
 from quad_mpc_ros.recordings.config import PlayerConfig
 
 _CLOCK_RATE = 40.0  # as ros2 bag play
 
-# By the name of the player's parameter, where the option has another.
+# Options by the parameter of the player, where the names differ.
 _OPTION_NAMES = {"bag": "BAG", "clock_rate": "--clock"}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options; those left out are the defaults of the player node."""
+    """Add the options, with the defaults of the player node."""
     parser.description = (
-        "Publish the messages of a bag on their topics again, in the time in which they were "
-        "recorded. Pause and resume by the services /player/pause and /player/resume. player_node "
-        "has more parameters: quad_mpc params player. Exit code 2 for a bag that cannot be played."
+        "Publish the messages of a bag on their topics, at the recorded times. Pause and resume "
+        "with the services /player/pause and /player/resume. player_node has more parameters: "
+        "quad_mpc params player. Exit code 2 for a bag that cannot be played."
     )
     parser.add_argument("bag", metavar="BAG", help=WHICH_BAG)
     parser.add_argument("--rate", type=float, metavar="X", help="speed (default: 1)")
+    parser.add_argument("--start", type=float, metavar="S", help="start S seconds into the bag")
     parser.add_argument(
-        "--start", type=float, metavar="S", help="seconds into the bag to start at"
-    )
-    parser.add_argument(
-        "--topics", nargs="+", metavar="TOPIC", help="play these topics (default: all)"
+        "--topics", nargs="+", metavar="TOPIC", help="publish only these topics (default: all)"
     )
     parser.add_argument(
         "--clock",
@@ -39,21 +37,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         const=_CLOCK_RATE,
         dest="clock_rate",
         metavar="HZ",
-        help="publish the recorded time on /clock, in place of a recorded /clock "
+        help="publish the recorded time on /clock instead of a recorded /clock "
         f"(default: {_CLOCK_RATE:g} Hz)",
-    )
-    parser.add_argument(
-        "--remap",
-        action="append",
-        default=[],
-        metavar="FROM:=TO",
-        help="play a topic under another name; may be repeated",
     )
 
 
 def run(options: argparse.Namespace) -> int:
     """Play a bag until its end or Ctrl-C; return the exit code of the player."""
-    remaps = [argument for rule in options.remap for argument in ("-r", _remap(rule))]
     given = {
         spec.name: value
         for spec in PlayerConfig.specs()
@@ -69,11 +59,4 @@ def run(options: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory() as folder:
         parameters = Path(folder, "player.yaml")
         parameters.write_text(files.dump("player", values), encoding="utf-8")
-        return run_in_foreground("player", ["--params-file", str(parameters), *remaps])
-
-
-def _remap(rule: str) -> str:
-    source, separator, target = rule.partition(":=")
-    if not (source and separator and target):
-        raise UserError(f"--remap: given {rule!r}, expected FROM:=TO")
-    return rule
+        return run_in_foreground("player", ["--params-file", str(parameters)])

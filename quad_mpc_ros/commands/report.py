@@ -1,9 +1,8 @@
-"""``quad_mpc report``: recorded runs on one page, and their series as files."""
+"""``quad_mpc report``: an HTML page of recorded runs, and their time series as CSV."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,19 +11,17 @@ from quad_mpc_ros.configuration import UserError
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the runs and where to write what is made of them."""
+    """Add the runs and the outputs."""
     parser.description = (
-        "Make a self-contained HTML page of one recorded run, or of several beside each "
-        "other, with figures to zoom in and a table of the figures of merit. "
-        "Needs Plotly: pip install 'quad_mpc_ros[report]'. Exit code 2 for what cannot be used."
+        "Write a self-contained HTML page of one recorded run, or of several next to each other: "
+        "summary, metrics, parameters, figures."
     )
     parser.add_argument(
         "runs",
         type=Path,
         nargs="+",
         metavar="DIR",
-        help="folder of a run with bag/ in it, bag directory, or .mcap file; several are shown "
-        "beside each other",
+        help="folder of a run with bag/ in it, bag directory, or .mcap file",
     )
     parser.add_argument(
         "--out",
@@ -37,12 +34,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--csv",
         type=Path,
         metavar="DIR",
-        help="write the time series of runs as CSV too, into a folder per run in DIR: "
-        "odometry.csv, commands.csv, ticks.csv",
+        help="write odometry.csv, commands.csv and ticks.csv of each run into a folder in DIR",
     )
-    parser.add_argument(
-        "--overwrite", action="store_true", help="replace files that exist already"
-    )
+    parser.add_argument("--overwrite", action="store_true", help="replace existing files")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -54,8 +48,6 @@ def run(options: argparse.Namespace) -> int:
     runs = read_runs(bags)
     write_new("--out", options.out, page(runs), overwrite=options.overwrite)
     for run in runs:
-        if run.warning:
-            print(f"warning: {run.warning}", file=sys.stderr)
         print(f"{run.name}: {run.verdict.line}")
         print("\n".join(f"  to do: {each}" for each in run.verdict.advice))
     print(f"report  {options.out}")
@@ -69,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _named(given: Sequence[Path]) -> dict[str, Path]:
-    """Return the bags by the names of their runs, numbered where folders have the same name."""
+    """Return the bags, keyed by run name, with numbers if folders have equal names."""
     from quad_mpc_ros.recordings.bag_metadata import bag_of
 
     bags: dict[str, Path] = {}
@@ -90,7 +82,7 @@ def _named(given: Sequence[Path]) -> dict[str, Path]:
 
 
 def _check(options: argparse.Namespace, names: Sequence[str]) -> None:
-    """Refuse, before anything is read, to write over what is there."""
+    """Reject existing output files before anything is read."""
     from quad_mpc_ros.analysis.report import TABLE_NAMES
 
     planned = [("--out", options.out)]

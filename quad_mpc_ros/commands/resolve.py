@@ -1,4 +1,4 @@
-"""``quad_mpc resolve``: what would a controller have commanded in a recorded flight?"""
+"""``quad_mpc resolve``: recompute the commands of a recorded flight."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _MAX_WARNINGS = 5
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the bag, another reference, and where to write."""
+    """Add the bag, the reference and the output."""
     parser.description = (
         "Feed the recorded odometry and reference to the controller, without ROS, and compare "
-        "its commands with the recorded ones. With the recorded parameters, which are the "
-        "default, they are the same; --config and --set ask what others would have commanded. "
-        "Writes DIR/bag, DIR/summary.json and DIR/figures/commands.png."
+        "its commands with the recorded ones. With the recorded parameters (default) the "
+        "commands are identical; override parameters with --config and --set. Writes DIR/bag, "
+        "DIR/summary.json and DIR/figures/commands.png."
     )
     recording.add_options(parser)
     parser.add_argument(
@@ -42,17 +42,18 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--reference",
         metavar="NAME",
-        help="trajectory to follow from the first odometry on, instead of the recorded reference: "
-        "one that 'quad_mpc simulate --help' lists",
+        help="trajectory that starts at the first odometry, instead of the recorded reference; "
+        "'quad_mpc simulate --help' lists the names",
     )
-    add_out(parser, "bag, summary.json and figures; must not hold any", "resolved")
+    add_out(parser, "bag, summary.json and figures; must not contain any yet", "resolved")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Feed, record and compare; return the exit code."""
+    """Recompute, record and compare; return the exit code."""
     from quad_mpc_ros.messages.topics import REFERENCE
+    from quad_mpc_ros.recordings.recording import Recording
 
-    run = recording.opened(options.bag).run(recording.topic_names(options))
+    run = Recording(options.bag).run(recording.topic_names(options))
     config = recording.configuration(options, run, assignments=_adopted(options, run))
     mpc = cast("MpcConfig", config["mpc"])
     windows = None
@@ -60,21 +61,21 @@ def run(options: argparse.Namespace) -> int:
         windows = _made_windows(cast("ReferenceConfig", config["reference"]), run)
     elif not run.windows:
         raise BagError(
-            f"{run.bag}: no reference in it: give --reference NAME, or --reference-topic with "
-            f"one of type {REFERENCE.type_name}"
+            f"{run.bag}: contains no reference: use --reference NAME, or --reference-topic with "
+            f"a topic of type {REFERENCE.type_name}"
         )
     out = prepared_out(options.out or create_out("resolved"))
     print(f"resolving {run.bag} into {out}", file=sys.stderr)
     steps = _recorded(out / "bag", run, mpc, windows)
     if not any(step.tick is not None and step.tick.command is not None for step in steps):
-        print("warning: the controller gave no command", file=sys.stderr)
+        print("warning: the controller returned no command", file=sys.stderr)
     comparison = _compared(run, steps)
     _write_results(out, run, comparison, mpc)
     return 0
 
 
 def _adopted(options: argparse.Namespace, run: RecordedRun) -> tuple[str, ...]:
-    """Return what is taken over from the bag and the options below what is given with --set."""
+    """Return assignments from the bag and the options, which ``--set`` overrides."""
     from quad_mpc_ros.control.config import MpcConfig
     from quad_mpc_ros.recordings.parameters import recorded_parameters
 
@@ -83,7 +84,7 @@ def _adopted(options: argparse.Namespace, run: RecordedRun) -> tuple[str, ...]:
         frame = run.odometries[0].value.frame_id
         made += [f"mpc.odometry.frame_id={frame}", f"reference.frame_id={frame}"]
         print(
-            f"the bag holds no parameters of a node mpc: defaults, and its frame {frame!r}",
+            f"the bag has no parameters of mpc: using defaults and the odometry's frame {frame!r}",
             file=sys.stderr,
         )
     if options.reference is not None:
@@ -103,7 +104,7 @@ def _made_windows(config: ReferenceConfig, run: RecordedRun) -> WindowSource:
 def _recorded(
     bag: Path, run: RecordedRun, mpc: MpcConfig, windows: WindowSource | None
 ) -> list[Resolved]:
-    """Feed the flight to the controller and write what goes in and out of it to a bag."""
+    """Feed the flight to the controller, and record its inputs and outputs in a bag."""
     from quad_mpc_ros.commands.run_recorder import RunRecorder
     from quad_mpc_ros.messages import topics
     from quad_mpc_ros.recordings.replay.resolution import resolve
@@ -116,14 +117,6 @@ def _recorded(
     steps = []
     with RunRecorder(
         bag,
-        offered=(
-            topics.ODOMETRY,
-            topics.REFERENCE,
-            topics.COMMAND,
-            topics.RECORDED_COMMAND,
-            topics.PREDICTED_PATH,
-            topics.STATS,
-        ),
         parameters={**others, mpc.owner: mpc.flattened()},
         frame_id=mpc.odometry.frame_id,
     ) as recorder:
@@ -151,7 +144,7 @@ def _recorded(
 
 
 def _print_few_warnings() -> Callable[[str], None]:
-    """Return what prints warnings of the controller: each once, and not too many."""
+    """Return a callback that prints each warning of the controller once, up to a maximum."""
     printed: set[str] = set()
 
     def warn(text: str) -> None:
@@ -163,7 +156,7 @@ def _print_few_warnings() -> Callable[[str], None]:
 
 
 def _compared(run: RecordedRun, steps: Iterable[Resolved]) -> CommandComparison:
-    """Compare up to the end of the flight; afterwards the watchdog acts, as it must."""
+    """Compare up to the last odometry; afterwards only the watchdog sends commands."""
     from quad_mpc_ros.analysis.figures.command_comparison import compare_commands
 
     end_ns = max(odometry.value.stamp_ns for odometry in run.odometries)
@@ -171,8 +164,6 @@ def _compared(run: RecordedRun, steps: Iterable[Resolved]) -> CommandComparison:
     return compare_commands(
         [sent.value for sent in run.commands if sent.value.stamp_ns <= end_ns],
         [tick.command for tick in ticks if tick.command is not None],
-        recorded_stats=[stats for stats in run.stats if stats.stamp_ns <= end_ns],
-        resolved_stats=[tick.stats for tick in ticks],
     )
 
 

@@ -1,4 +1,4 @@
-"""The results of a run: summary, figures, the table on the screen, the exit code."""
+"""Results of a run: summary, figures, printed table, exit code."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from quad_mpc_ros.recordings.recording import Recording
 
 
 def finish(out: Path, *, wall_seconds: float) -> int:
-    """Evaluate the bag in ``out``, write and show the results, and return the exit code.
+    """Evaluate the bag in ``out``, write and print the results, and return the exit code.
 
-    It is 0 only when the MPC itself gave every command and the vehicle did not crash.
+    The code is 0 only if the MPC sent every command and the vehicle did not crash.
     """
     print("  evaluating the recording", file=sys.stderr, flush=True)
     flight = Recording(out / "bag").flight()

@@ -1,4 +1,4 @@
-"""The configuration of a run: every node's parameters, what is flown, where results go."""
+"""Configuration of a run: parameters of all nodes, trajectory, output folder."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from typing import Any, TypeVar, cast
 
 from quad_mpc_ros.commands.output import create_out, prepared_out, results_in
 from quad_mpc_ros.commands.run_options import (
-    CONTOURING_SHARE,
     DEFAULT_DURATION,
+    DETOUR_SHARE,
     SETTLING_TIME,
-    check_duration,
 )
 from quad_mpc_ros.configuration import Configuration, ConfigurationError, UserError, files
+from quad_mpc_ros.configuration.arguments import number
 from quad_mpc_ros.configuration.vehicle import disagreements
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.recordings.config import RecorderConfig
@@ -29,9 +29,7 @@ from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.closed_loop import start_on
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant, plant_entry
 
-HALF_SPACES = 8
-"""A stage, where something is to be kept clear of."""
-
+HALF_SPACES = 8  # per stage, with obstacles or neighbours
 _HasGates = TypeVar("_HasGates", MpcConfig, ReferenceConfig)
 
 SCHEMA: files.Schema = {
@@ -44,7 +42,7 @@ SCHEMA: files.Schema = {
 
 @dataclass(frozen=True, kw_only=True)
 class RunConfig:
-    """The configuration of every node of a run, what it flies, where its results go."""
+    """Configuration of every node of a run, its trajectory and its output folder."""
 
     mpc: MpcConfig
     simulator: SimulatorConfig
@@ -62,11 +60,11 @@ class RunConfig:
 def run_configuration(
     options: argparse.Namespace, *, lockstep: bool, vehicle: str = ""
 ) -> RunConfig:
-    """Return the configuration of a run, its folder made once all else is found usable.
+    """Return the configuration of a run, and create the folder if the configuration is valid.
 
-    A vehicle of a fleet has a folder of its own in that of the fleet.
+    Each ``vehicle`` of several has a subfolder in the folder of the run.
 
-    Raises :class:`UserError` for anything that cannot be used.
+    Raises :class:`UserError` for invalid options.
     """
     sources = _sources(options)
     made = [*_assignments(options, lockstep=lockstep), *_of_obstacles(options)]
@@ -86,7 +84,7 @@ def run_configuration(
             ]
     loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA, base=base)
     _check_imu(loaded["mpc"], loaded["simulator"])
-    make_plant(cast(SimulatorConfig, loaded["simulator"]))  # is what it needs installed?
+    make_plant(cast(SimulatorConfig, loaded["simulator"]))  # fails if a package is missing
     mpc_config = _with_course(cast(MpcConfig, loaded["mpc"]))
     root = options.out or create_out("fleet" if vehicle else reference.trajectory)
     out = prepared_out(root / vehicle)
@@ -105,7 +103,7 @@ def run_configuration(
 
 
 def _check_imu(mpc: Configuration, simulator: Configuration) -> None:
-    """Raise :class:`UserError` where odometries in lockstep would wait for an accelerometer."""
+    """Raise :class:`UserError` if odometries in lockstep would wait for an accelerometer."""
     assert isinstance(mpc, MpcConfig)
     assert isinstance(simulator, SimulatorConfig)
     if mpc.uses_accelerometer and mpc.lockstep and simulator.imu_rate == 0.0:
@@ -124,7 +122,7 @@ def _of_obstacles(options: argparse.Namespace) -> list[str]:
     file: Path | None = options.obstacles
     if file is None:
         if options.sensor is not None:
-            raise UserError(f"--sensor: given {options.sensor}, expected --obstacles FILE with it")
+            raise UserError(f"--sensor: given {options.sensor}, needs --obstacles FILE")
         return []
     from quad_mpc_ros.extras.obstacles.files import read_scene
 
@@ -156,7 +154,7 @@ def _with_own_file(
 
 
 def _with_course(config: _HasGates) -> _HasGates:
-    """Return the parameters with the course itself in place of its file: the bag has it, too."""
+    """Replace the gate file by its content, so that the bag contains the gates."""
     if not config.gates:
         return config
     from quad_mpc_ros.extras.racing.gates import course_text
@@ -168,11 +166,11 @@ def _warn_of_different_vehicles(loaded: Mapping[str, Configuration]) -> None:
     differ = disagreements({node: config.vehicle_values() for node, config in loaded.items()})
     if differ:
         text = "; ".join(differ.values())
-        print(f"warning: the nodes were given different vehicles: {text}", file=sys.stderr)
+        print(f"warning: the nodes have different vehicle parameters: {text}", file=sys.stderr)
 
 
 def _sources(options: argparse.Namespace) -> list[str]:
-    """Return the parameter files, that of the plant first."""
+    """Return the parameter files, starting with the plant's."""
     plant = plant_entry(options.plant) if options.plant is not None else None
     preset = [plant.preset] if plant is not None and plant.preset else []
     return [*preset, *(options.config or ["default"])]
@@ -191,7 +189,7 @@ def _starts_on_reference(
 
 
 def _assignments(options: argparse.Namespace, *, lockstep: bool) -> list[str]:
-    """Return the options as assignments, to come before the explicit ones, which win."""
+    """Return the options as assignments; explicit assignments have precedence."""
     made = [
         f"{node}.lockstep={str(lockstep).lower()}" for node in ("mpc", "simulator", "reference")
     ]
@@ -203,7 +201,7 @@ def _assignments(options: argparse.Namespace, *, lockstep: bool) -> list[str]:
 
 
 def reference_assignments(options: argparse.Namespace) -> list[str]:
-    """Return ``--reference`` and ``--gates`` as assignments, to come before the explicit ones."""
+    """Return ``--reference`` and ``--gates`` as assignments; explicit ones have precedence."""
     made = []
     if options.gates is not None:
         made.append(f"reference.gates={files.value_text(options.gates)}")
@@ -215,19 +213,19 @@ def reference_assignments(options: argparse.Namespace) -> list[str]:
 def _duration(
     options: argparse.Namespace, loaded: Mapping[str, Configuration], trajectory: Trajectory
 ) -> list[str]:
-    """Return the length of the flight as an assignment: the option's, a file's, the task's.
+    """Return the duration as an assignment: from the option, a file or the task.
 
-    Without either a flight lasts as long as its trajectory, one lap of it, and a moment more.
+    By default a flight lasts one lap of its trajectory, and a little longer.
     """
     mpc, simulator = cast(MpcConfig, loaded["mpc"]), cast(SimulatorConfig, loaded["simulator"])
     duration = options.duration
     if duration is not None:
-        check_duration(duration)
+        number(duration, "--duration", above=0.0)
     elif simulator.duration:  # 0, endless, is for a simulator by itself
         return []
     else:
-        share = CONTOURING_SHARE if mpc.formulation == "contouring" else 1.0
-        task = share * 1e-9 * trajectory.period_ns + SETTLING_TIME
+        detours = mpc.formulation == "contouring" or mpc.obstacles.half_spaces > 0
+        task = (DETOUR_SHARE if detours else 1.0) * 1e-9 * trajectory.period_ns + SETTLING_TIME
         duration = max(DEFAULT_DURATION, task)
     return [f"simulator.duration={files.value_text(duration)}"]
 
@@ -235,9 +233,9 @@ def _duration(
 def _start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> dict[str, Any]:
     """Return the parameters that start the simulator in motion on a trajectory.
 
-    Raises :class:`UserError` when the simulator's vehicle has no throttle for it.
+    Raises :class:`UserError` if the simulated vehicle has not enough throttle.
     """
     try:
         return start_on(trajectory, simulator)
     except ValueError as error:
-        raise UserError(f"--start reference: {error}; --start ground needs none") from error
+        raise UserError(f"--start reference: {error}; use --start ground") from error

@@ -1,20 +1,17 @@
-"""The options of the commands that fly: what is configured, how long, from where, into what."""
+"""Options of the commands that fly: configuration, duration, start, output."""
 
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
-
-from quad_mpc_ros.configuration import UserError
 
 DEFAULT_DURATION = 10.0  # s, at least
 SETTLING_TIME = 2.0  # s, after the end of a trajectory
-CONTOURING_SHARE = 1.25  # of its duration, where time may be given up
+DETOUR_SHARE = 1.25  # of its duration, with obstacles or where time may be given up
 
 
 def add_configuration_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say what is configured to a command."""
+    """Add the options of the configuration to a command."""
     from quad_mpc_ros.references.config import TRAJECTORIES
 
     add_config(
@@ -34,9 +31,9 @@ def add_gates(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--gates",
         metavar="FILE",
-        help="course of gates, or the name of a shipped one (split_s, seven_gates): it is drawn "
-        "and judged, and flown unless --reference says otherwise; along a plan with --set "
-        "reference.file=race.csv",
+        help="file of gates, or the name of a shipped track (split_s, seven_gates): draw the "
+        "gates, evaluate the passages, and fly through the gates unless --reference selects "
+        "another trajectory; to fly a plan, add --set reference.file=race.csv",
     )
 
 
@@ -47,7 +44,8 @@ def add_config(parser: argparse.ArgumentParser, which: str = "") -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help=f"{f'ROS parameter file or preset {which}'.strip()}; may be repeated, later ones win",
+        help=f"{f'ROS parameter file or preset {which}'.strip()}; may be repeated, later files "
+        "override earlier ones",
     )
 
 
@@ -64,7 +62,7 @@ def add_set(parser: argparse.ArgumentParser, meaning: str) -> None:
 
 
 def add_out(parser: argparse.ArgumentParser, content: str, label: str) -> None:
-    """Add ``--out``, the folder of ``content``; ``label`` ends the name that it has by default."""
+    """Add ``--out``, the folder of ``content``; ``label`` is the end of its default name."""
     parser.add_argument(
         "--out",
         type=Path,
@@ -73,43 +71,36 @@ def add_out(parser: argparse.ArgumentParser, content: str, label: str) -> None:
     )
 
 
-def check_duration(seconds: float) -> None:
-    """Raise :class:`UserError` unless ``--duration`` is a length of time."""
-    if not (math.isfinite(seconds) and seconds > 0.0):
-        raise UserError(f"--duration: given {seconds}, expected a number > 0")
-
-
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a run to a command."""
     add_configuration_options(parser)
     parser.add_argument(
         "--start",
         choices=("ground", "reference"),
-        help="where the flight begins: as simulator.initial_* say, which is on the ground, or in "
-        "motion on the reference; --set simulator.initial_*=VALUE wins (default: reference where "
-        "that is smooth and flown at once, but for what a file says of simulator.initial_*; else "
-        "ground)",
+        help="start on the ground (simulator.initial_*), or in motion on the reference; --set "
+        "simulator.initial_*=VALUE overrides both (default: reference if the reference is smooth "
+        "and starts at once, and no file sets simulator.initial_*; otherwise ground)",
     )
     parser.add_argument(
         "--duration",
         type=float,
         metavar="S",
-        help="length of the flight in seconds (default: simulator.duration of a file, or one lap "
-        f"of the reference and {SETTLING_TIME:g}, at least {DEFAULT_DURATION:g})",
+        help="duration of the flight in seconds (default: simulator.duration of a file, or one "
+        f"lap of the reference and {SETTLING_TIME:g}, at least {DEFAULT_DURATION:g})",
     )
     parser.add_argument(
         "--obstacles",
         type=Path,
         metavar="FILE",
-        help="fly among the boxes, cylinders and spheres of FILE: the mpc keeps clear of them, "
-        "and a vehicle that touches one has crashed (docs/howto/obstacles.md)",
+        help="fly among the boxes, cylinders and spheres of FILE: the mpc avoids the obstacles, "
+        "and a collision is a crash (docs/howto/obstacles.md)",
     )
     parser.add_argument(
         "--sensor",
         choices=("rays", "markers"),
-        help="the mpc does not know FILE, but sees what is within simulator.obstacles."
-        "sensor_range, 6 m, as points or as shapes (default: it knows what stands, and sees "
-        "what moves or appears as shapes)",
+        help="publish the obstacles of FILE within simulator.obstacles.sensor_range (6 m) as "
+        "points or shapes, and do not give FILE to the mpc (default: the mpc reads FILE; "
+        "obstacles that move or appear later are published as shapes)",
     )
-    add_out(parser, "bag, summary.json and figures; must not hold any", "<reference>")
+    add_out(parser, "bag, summary.json and figures; must not contain any yet", "<reference>")
     parser.set_defaults(plant=None)

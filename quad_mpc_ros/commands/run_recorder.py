@@ -1,4 +1,4 @@
-"""Writing a bag without ROS: the messages that the nodes would have published."""
+"""Recording of a simulated or resolved run without ROS, with the messages of the nodes."""
 
 from __future__ import annotations
 
@@ -18,32 +18,30 @@ from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
 from quad_mpc_ros.messages.corridor import written_corridor
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.recordings.parameters import write_parameters
-from quad_mpc_ros.recordings.qos_profile import QosProfile
+from quad_mpc_ros.recordings.qos import offered_qos
 from quad_mpc_ros.recordings.writer import BagWriter
 from quad_mpc_ros.references.trajectory import TrajectorySamples
 
 
 class RunRecorder:
-    """A bag of the values that go in and out of a controller; times in nanoseconds."""
+    """A bag of the inputs and outputs of a controller; times in nanoseconds."""
 
     def __init__(
         self,
         bag: Path,
         *,
-        offered: tuple[Topic, ...],
         parameters: Mapping[str, Mapping[str, Any]],
         frame_id: str,
         compression: str = "zstd",
     ) -> None:
-        """Begin a bag of the topics ``offered`` and the parameters of nodes.
+        """Create a bag with the parameters of nodes; topics are added with their first message.
 
-        ``frame_id`` is the world's. Raises :class:`BagError` when it cannot be begun, or exists.
+        ``frame_id`` names the world frame. Raises :class:`BagError` if the bag exists or cannot be
+        created.
         """
         self._frame_id = frame_id
         self._writer = BagWriter(bag, compression=compression)  # type: ignore[arg-type]
-        self._offered: set[Topic] = set()
-        for topic in offered:
-            self._offer(topic)
+        self._topics: set[Topic] = set()
         for node, values in parameters.items():
             write_parameters(self._writer, node, values)
 
@@ -54,7 +52,7 @@ class RunRecorder:
         self._writer.close()
 
     def reference_path(self, whole: TrajectorySamples, *, stamp_ns: int) -> None:
-        """Write the whole reference, as the reference node latches it."""
+        """Write the whole reference, which the reference node publishes latched."""
         path = cdr.written_path(
             stamp_ns=stamp_ns,
             step_ns=0,
@@ -69,13 +67,11 @@ class RunRecorder:
         self._write(topics.ODOMETRY, time_ns, cdr.written_odometry(odometry))
 
     def imu(self, sample: ImuSample, *, time_ns: int) -> None:
-        """Write what an accelerometer measured; without one the topic is not offered."""
-        self._offer(topics.IMU)
+        """Write an accelerometer sample."""
         self._write(topics.IMU, time_ns, cdr.written_imu(sample))
 
     def battery(self, voltage: float, *, time_ns: int) -> None:
-        """Write the voltage of a battery [V]; without one the topic is not offered."""
-        self._offer(topics.BATTERY)
+        """Write the voltage of a battery [V]."""
         self._write(topics.BATTERY, time_ns, cdr.written_battery(voltage, stamp_ns=time_ns))
 
     def reference(self, window: ReferenceWindow, *, child_frame_id: str, time_ns: int) -> None:
@@ -86,14 +82,14 @@ class RunRecorder:
     def command(
         self, command: CommandSample, *, topic: Topic, time_ns: int, answered_ns: int
     ) -> None:
-        """Write a command that came at a time and was published a little later."""
+        """Write a command with its log time and its publish time, ``answered_ns``."""
         self._write(topic, time_ns, cdr.written_command(command), publish_time_ns=answered_ns)
 
     def tick(self, tick: Tick, *, time_ns: int) -> None:
         """Write the command, the statistics and the plan of a tick."""
         command, plan = tick.command, tick.plan
         if command is not None:
-            # Answered at once in the time of the loop; what it took is on the wall clock.
+            # Simulated time stands still during a step, so its duration is added here.
             answered_ns = time_ns + round(1e3 * tick.stats.step_time_us)
             self.command(command, topic=topics.COMMAND, time_ns=time_ns, answered_ns=answered_ns)
         self._write(topics.STATS, time_ns, diagnostics.written_stats(tick.stats))
@@ -101,29 +97,24 @@ class RunRecorder:
             data = conversions.written_plan(plan, frame_id=self._frame_id)
             self._write(topics.PREDICTED_PATH, time_ns, data)
             if tick.guided is not None:
-                self._offer(topics.CORRIDOR)
                 data = written_corridor(
                     tick.guided.corridor, stamp_ns=plan.stamp_ns, frame_id=self._frame_id
                 )
                 self._write(topics.CORRIDOR, time_ns, data)
 
     def flush_if_due(self) -> None:
-        """Hand what has gathered to the operating system now and then."""
+        """Flush the bag periodically."""
         self._writer.flush_if_due(time.monotonic())
-
-    def _offer(self, topic: Topic) -> None:
-        if topic not in self._offered:
-            self._offered.add(topic)
-            profile = QosProfile(
-                depth=topic.depth,
-                reliability="reliable" if topic.reliable else "best_effort",
-                durability="transient_local" if topic.latched else "volatile",
-            )
-            self._writer.add_topic(f"/{topic.name}", topic.type_name, qos_profiles=[profile])
 
     def _write(
         self, topic: Topic, time_ns: int, data: bytes, *, publish_time_ns: int | None = None
     ) -> None:
+        if topic not in self._topics:
+            self._topics.add(topic)
+            profile = offered_qos(
+                depth=topic.depth, reliable=topic.reliable, latched=topic.latched
+            )
+            self._writer.add_topic(f"/{topic.name}", topic.type_name, qos_profiles=[profile])
         self._writer.write(
             f"/{topic.name}",
             data,

@@ -1,4 +1,4 @@
-"""The running nodes of a vehicle, looked at from outside: what the checks before a flight read."""
+"""Observation of the running nodes of a vehicle, for the checks before a flight."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ from quad_mpc_ros.ros.preflight.facts import (
 from quad_mpc_ros.ros.preflight.reference import sample_reference
 
 _NODE_NAME = "quad_mpc_preflight"
-_DISCOVERY_TIME = 1.5  # s: in which nodes are discovered, and report their health
+_DISCOVERY_TIME = 1.5  # s, until nodes are discovered and have reported their health
 _ODOMETRY_TIME = 1.5  # s: of odometry
 _USE_SIM_TIME = "use_sim_time"
 
 
 class RunningVehicle(Observer):
-    """A small node beside those of the vehicle in ``namespace``, without slashes around it."""
+    """A node that observes the vehicle in ``namespace``, which has no outer slashes."""
 
     def __init__(self, namespace: str) -> None:
         super().__init__(_NODE_NAME)
@@ -52,13 +52,13 @@ class RunningVehicle(Observer):
         return self
 
     def facts(self, *, bridge: str, timeout: float) -> Facts:
-        """Look at the vehicle for some seconds, at most ``timeout``, and return what is there.
+        """Observe the vehicle for some seconds, at most ``timeout``, and return the facts.
 
         ``bridge`` is as in :class:`Facts`.
         """
         begun = time.monotonic()
         deadline = begun + timeout
-        # A vehicle may have another source of its reference, so this does not take all the time.
+        # A vehicle may have another source of its reference, so this does not wait all the time.
         expected = {MPC_NODE, REFERENCE_NODE}
         self.spin_until(lambda: expected <= set(self._names()), begun + 0.5 * timeout)
         names = self._settled_names(deadline)
@@ -83,7 +83,7 @@ class RunningVehicle(Observer):
         )
 
     def _settled_names(self, deadline: float) -> list[str]:
-        """Return the nodes of the vehicle once no more of them appear."""
+        """Return the nodes of the vehicle once no more nodes appear."""
         names, since = self._names(), time.monotonic()
 
         def settled() -> bool:
@@ -96,9 +96,9 @@ class RunningVehicle(Observer):
         return names
 
     def _names(self) -> list[str]:
-        """Return the nodes of the vehicle, one that is there twice twice.
+        """Return the nodes of the vehicle, with duplicates.
 
-        A node may have reported its health before the graph knows its name.
+        A node's health may be reported before its name is in the graph.
         """
         there = [
             f"{space.rstrip('/')}/{name}"
@@ -112,12 +112,12 @@ class RunningVehicle(Observer):
         ]
 
     def _follow_time(self, parameters: Mapping[str, Mapping[str, Any]]) -> None:
-        """Let arrivals be timed by the clock of the MPC."""
+        """Use the clock of the MPC for arrivals."""
         if parameters.get(MPC_NODE, {}).get(_USE_SIM_TIME):
             self.node.set_parameters([Parameter(_USE_SIM_TIME, value=True)])
 
     def _watch(self, odometries: Topic, deadline: float) -> None:
-        """Take odometry for a while, and one report of each node."""
+        """Receive odometry for a while."""
         clock = SteadyTime(self.node.get_clock())
 
         def on_odometry(data: bytes) -> None:
@@ -150,7 +150,7 @@ class RunningVehicle(Observer):
         )
 
     def _odometry_topic(self) -> Topic:
-        """Return the topic of odometry, under the name to which the MPC remapped it."""
+        """Return the odometry topic, with the name to which the MPC remapped it."""
         used: list[str] = []
         if MPC_NODE in self._names():
             used = [
@@ -169,14 +169,14 @@ class RunningVehicle(Observer):
 
 
 def node_configurations() -> dict[str, type[Configuration]]:
-    """Return the parameters of every node that a vehicle may have, by its name."""
+    """Return the parameters of every possible node of a vehicle, by node name."""
     return {**SCHEMA, **bridge_configurations()}
 
 
 def _configuration(name: str, parameters: Mapping[str, Any]) -> tuple[Configuration | None, str]:
-    """Return what a node was configured with, or why that is not known."""
+    """Return the configuration of a node, or an error."""
     kind = node_configurations().get(name, BridgeConfig)
-    # A node has parameters of ROS itself as well; a bridge of another package has its own.
+    # Nodes also have parameters of ROS, and bridges of other packages have their own.
     known = {spec.name for spec in kind.specs()} if kind is BridgeConfig else parameters.keys()
     given = {
         parameter: value

@@ -1,4 +1,4 @@
-"""``quad_mpc simulate``: the closed loop in one process, without ROS, faster than real time."""
+"""``quad_mpc simulate``: closed loop in one process, without ROS."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from quad_mpc_ros.commands.run_configuration import SCHEMA, run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.commands.run_recorder import RunRecorder
 from quad_mpc_ros.configuration import ConfigurationError
-from quad_mpc_ros.messages import topics
 from quad_mpc_ros.references.server import ReferenceServer
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import PLANTS, make_plant
@@ -20,7 +19,7 @@ from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a run that need not keep up with a wall clock: what flies, too."""
+    """Add the options of a run, and the plant."""
     parser.description = (
         "Fly the closed loop in one process, without ROS. Writes the same files as 'fly'; the "
         "commands are those of 'fly --lockstep', bit for bit."
@@ -29,9 +28,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--plant",
         metavar="NAME",
-        help=f"what flies: {', '.join(PLANTS)} (default: as simulator.plant says, internal); "
-        "betaflight, mujoco, rotorpy and rotors come with a preset, over which --config and --set "
-        "win",
+        help=f"simulated vehicle: {', '.join(PLANTS)} (default: simulator.plant, internal); "
+        "betaflight, mujoco, rotorpy and rotors have a preset, which --config and --set override",
     )
 
 
@@ -46,10 +44,8 @@ def run(options: argparse.Namespace) -> int:
     print(f"simulating the {config.reference.trajectory} into {config.out}", file=sys.stderr)
     started = time.monotonic()
     plant = make_plant(config.simulator)
-    recorded = (topics.ODOMETRY, topics.REFERENCE, topics.COMMAND)
     with RunRecorder(
         config.bag,
-        offered=(*recorded, topics.PREDICTED_PATH, topics.REFERENCE_PATH, topics.STATS),
         parameters={node: getattr(config, node).flattened() for node in SCHEMA},
         frame_id=config.mpc.odometry.frame_id,
         compression=config.recorder.compression,
@@ -64,16 +60,15 @@ def run(options: argparse.Namespace) -> int:
             trajectory=config.trajectory,
         ):
             _record(recorder, step)
-            if progress.due:
-                flown = (step.odometry.stamp_ns - SIMULATION_START_NS) * 1e-9
-                progress.show_flight(flown, config.simulator.duration)
+            flown = (step.odometry.stamp_ns - SIMULATION_START_NS) * 1e-9
+            progress.show_flight(flown, config.simulator.duration)
     wall_seconds = time.monotonic() - started
     progress.close()
     return finish(config.out, wall_seconds=wall_seconds)
 
 
 def _record(recorder: RunRecorder, step: LoopStep) -> None:
-    """Write one odometry and what followed from it."""
+    """Write one odometry and its consequences."""
     odometry, stamp_ns = step.odometry, step.odometry.stamp_ns
     for sample in step.imu:
         recorder.imu(sample, time_ns=sample.stamp_ns)

@@ -1,4 +1,4 @@
-"""``quad_mpc watch``: the status of flying vehicles in the terminal."""
+"""``quad_mpc watch``: print the status of flying vehicles."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from quad_mpc_ros.commands.processes import require_ros
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what to watch, and how."""
+    """Add the namespaces and the mode."""
     parser.description = (
-        "Print the active source, the tracking error, ages, counters and estimates each "
-        "second in a table with a column for each vehicle, and below it the nodes that report a "
-        "warning or an error. Ctrl-C ends it. Exit code 1 if --once had nothing to show."
+        "Print the active source, the tracking error, ages, counters and estimates each second "
+        "in a table with a column for each vehicle, and below it the nodes that report a warning "
+        "or an error. Stop with Ctrl-C. Exit code 1 if --once found no vehicle."
     )
     parser.add_argument(
         "--namespace",
         action="append",
         metavar="NAME",
-        help="a vehicle to watch, / for the one without a namespace; may be repeated (default: "
-        "all that are found)",
+        help="namespace of a vehicle, / for a vehicle without one; may be repeated (default: all "
+        "vehicles)",
     )
     parser.add_argument("--once", action="store_true", help="print one table and exit")
 

@@ -1,7 +1,7 @@
-"""Watching vehicles that fly now, over DDS: a table with a column for each.
+"""Status of flying vehicles over DDS: a table with a column for each vehicle.
 
-The figures are those that the nodes report on ``/diagnostics`` once a second. Odometry and
-reference stay bytes until a table is printed: at 50 Hz decoding them all would take a whole core.
+Most values are from ``/diagnostics``, where the nodes report once a second. Odometry and reference
+are decoded only when a table is printed, because decoding every message takes a whole core.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ _TABLE_COLUMNS = (
     *((_MPC, f"disturbance_{axis}") for axis in "xyz"),
     *((_MPC, f"{lag}_time_constant_ms") for lag in ("rate", "yaw", "thrust")),
 )
-"""Node and key of each row of figures, as in docs/reference/diagnostics.md."""
+"""Node and key of each row, as in docs/reference/diagnostics.md."""
 
 _TABLE_PERIOD = 1.0  # s, between two tables
 _REPORT_TIMEOUT = 3.0  # s; nodes report once a second
-_STARTUP_TIME = 5.0  # s: while they start, nodes are found seconds after each other
+_STARTUP_TIME = 5.0  # s, because nodes may be discovered seconds after each other
 _MISSING = "-"
 _LEVELS = ("OK", "WARN", "ERROR", "STALE")
 _CLEAR_SCREEN = "\x1b[H\x1b[2J"
@@ -55,65 +55,60 @@ class NodeStatus:
     text: str
     values: dict[str, str]
 
+    def level_at(self, now: float) -> str:
+        """Return the level, with its age if the node has stopped reporting at a time [s]."""
+        age = now - self.seconds
+        return self.level if age <= _REPORT_TIMEOUT else f"{self.level} ({age:.0f} s old)"
+
 
 @dataclass
 class WatchedVehicle:
-    """The newest status of each node of a vehicle, and messages with the time of their arrival."""
+    """Newest status of each node of a vehicle, and newest message of each topic."""
 
     nodes: dict[str, NodeStatus] = field(default_factory=dict)
-    messages: dict[str, tuple[bytes, float]] = field(default_factory=dict)
+    messages: dict[str, bytes] = field(default_factory=dict)
 
     def cells(self, now: float) -> dict[str, str]:
-        """Return the texts of the vehicle's column by the labels of the rows, at a time [s]."""
+        """Return the texts of the vehicle's column, keyed by row label, at a time [s]."""
         return {
-            **self._motion(now),
-            **{key: self._figure(node, key, now) for node, key in _TABLE_COLUMNS},
-            **{
-                f"node {name}": _with_age(node.level, now - node.seconds)
-                for name, node in sorted(self.nodes.items())
-            },
+            **self._motion(),
+            **{key: self._value(node, key) for node, key in _TABLE_COLUMNS},
+            **{f"node {name}": node.level_at(now) for name, node in sorted(self.nodes.items())},
         }
 
-    def _figure(self, node: str, key: str, now: float) -> str:
+    def _value(self, node: str, key: str) -> str:
         status = self.nodes.get(node)
-        if status is None or not status.values.get(key):
-            return _MISSING
-        return _with_age(_rounded(status.values[key]), now - status.seconds)
+        return _MISSING if status is None else _rounded(status.values.get(key) or _MISSING)
 
-    def _motion(self, now: float) -> dict[str, str]:
+    def _motion(self) -> dict[str, str]:
         odometry = self._read(ODOMETRY, odometry_in)
         if odometry is None:
             return {"position": _MISSING, "error": _MISSING}
-        age = now - self.messages[ODOMETRY.name][1]
         window, error = self._read(REFERENCE, reference_in), _MISSING
         if window is not None:
             wanted = window.pose_at(odometry.stamp_ns)[0]
-            error = _with_age(f"{np.linalg.norm(wanted - odometry.p_WB):.3f} m", age)
+            error = f"{np.linalg.norm(wanted - odometry.p_WB):.3f} m"
         x, y, z = odometry.p_WB.tolist()
-        return {"position": _with_age(f"{x:z.2f} {y:z.2f} {z:z.2f} m", age), "error": error}
+        return {"position": f"{x:z.2f} {y:z.2f} {z:z.2f} m", "error": error}
 
     def _read(self, topic: Topic, convert: Callable[[bytes], T]) -> T | None:
-        """Return the newest message of a topic; None if there is none that can be used."""
+        """Return the newest message of a topic; None without a valid one."""
         try:
-            return convert(self.messages[topic.name][0])
+            return convert(self.messages[topic.name])
         except (KeyError, ValueError):
             return None
 
 
 def _rounded(text: str) -> str:
-    """Return a number with the digits that can be read while it changes."""
+    """Return a number with four digits; other texts are unchanged."""
     try:
         return f"{float(text):.4g}" if "." in text else text
     except ValueError:
         return text
 
 
-def _with_age(text: str, age: float) -> str:
-    return text if age <= _REPORT_TIMEOUT else f"{text} ({age:.0f} s old)"
-
-
 def status_text(vehicles: Mapping[str, WatchedVehicle], now: float) -> str:
-    """Return the table of vehicles, by their namespaces, with the warnings of their nodes."""
+    """Return the table of vehicles, keyed by namespace, with the warnings of their nodes."""
     columns = {f"/{name}": vehicle.cells(now) for name, vehicle in sorted(vehicles.items())}
     labels = dict.fromkeys(label for cells in columns.values() for label in cells)
     rows = [("vehicle", *columns)]
@@ -138,9 +133,9 @@ def watch_once(namespaces: Sequence[str] | None) -> bool:
 
 
 def watch(namespaces: Sequence[str] | None) -> None:
-    """Print a table each second until Ctrl-C, over the last one if this is a terminal.
+    """Print a table each second until Ctrl-C; in a terminal it replaces the last table.
 
-    Ctrl-C is noted only: as an exception, other libraries could turn it into another one.
+    Ctrl-C sets an event, because libraries could convert an exception into another.
     """
     stopped = threading.Event()
     before = signal.signal(signal.SIGINT, lambda *_: stopped.set())
@@ -155,7 +150,7 @@ def watch(namespaces: Sequence[str] | None) -> None:
 
 
 class _Watcher(Observer):
-    """A node that receives the reports of all vehicles, or of those in some namespaces."""
+    """A node that receives the reports of all vehicles, or of some namespaces."""
 
     def __init__(self, namespaces: Sequence[str] | None) -> None:
         super().__init__("quad_mpc_watch")
@@ -174,16 +169,16 @@ class _Watcher(Observer):
         return any(_MPC in vehicle.nodes for vehicle in self._vehicles.values())
 
     def has_all(self) -> bool:
-        """Whether MPC, reference and odometry of each vehicle were received, of one at least."""
+        """Whether MPC, reference and odometry of all vehicles were received, at least one."""
         return self.has_reports() and all(
             {_MPC, "reference"} <= vehicle.nodes.keys() and ODOMETRY.name in vehicle.messages
             for vehicle in self._vehicles.values()
         )
 
     def text(self) -> str:
-        """Return the table, or that there are no vehicles."""
+        """Return the table, or a note that there are no vehicles."""
         if not self._vehicles:
-            return "no MPC reports on /diagnostics in this ROS domain yet; Ctrl-C ends"
+            return "no MPC reports on /diagnostics in this ROS domain yet; stop with Ctrl-C"
         return status_text(self._vehicles, time.monotonic())
 
     def _add(self, namespace: str) -> None:
@@ -191,7 +186,7 @@ class _Watcher(Observer):
         prefix = f"/{namespace}" if namespace else ""
         for topic in (ODOMETRY, REFERENCE):
             named = dataclasses.replace(topic, name=f"{prefix}/{topic.name}")
-            take = functools.partial(_take, vehicle, topic.name)
+            take = functools.partial(vehicle.messages.__setitem__, topic.name)
             subscribe(self.node, named, take, raw=True)
 
     def _on_diagnostics(self, message: Any) -> None:
@@ -207,7 +202,3 @@ class _Watcher(Observer):
                     text=status.message,
                     values={pair.key: pair.value for pair in status.values},
                 )
-
-
-def _take(vehicle: WatchedVehicle, name: str, data: bytes) -> None:
-    vehicle.messages[name] = (data, time.monotonic())

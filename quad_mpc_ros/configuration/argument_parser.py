@@ -1,4 +1,4 @@
-"""Command lines that refuse in one line."""
+"""Command lines that report errors in one line."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ _EXIT_BAD_INPUT = 2
 
 
 class ArgumentParser(argparse.ArgumentParser):
-    """Says in one line what is wrong, as everything else does, and where it is explained."""
+    """Reports errors of the command line in one line, with a pointer to ``--help``."""
 
     def error(self, message: str) -> NoReturn:
-        """End with what is wrong."""
+        """Exit with the error message."""
         self.exit(_EXIT_BAD_INPUT, f"error: {message}\nsee {self.prog} --help\n")

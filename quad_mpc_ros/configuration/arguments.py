@@ -2,7 +2,7 @@
 
 Each function returns the argument in the type that the library uses, or raises
 :class:`ArgumentError` with the argument's name, the given and the expected value. An argument of
-that type is returned unchanged, so that a check costs less than a microsecond.
+the type is returned unchanged, so that a check costs less than a microsecond.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from quad_mpc_ros.configuration.errors import ArgumentError
 T = TypeVar("T")
 
 LONGEST_NS = 2**62
-"""Stamps and times [ns] are smaller, 146 years: differences of two fit into 64 bits."""
+"""Bound of stamps and times [ns], 146 years: differences of two fit into 64 bits."""
 
 _FLOAT, _STAMP = np.dtype(np.float64), np.dtype(np.int64)
 _REAL, _WHOLE = "fiu", "iu"  # kinds of NumPy's types
@@ -32,8 +32,8 @@ def array(
 ) -> NDArray[np.float64]:
     """Return numbers as an array of floats of a shape; a leading ``...`` stands for any axes.
 
-    The array can be written and is contiguous, as compiled code takes it. A list of numbers is
-    converted; text, complex numbers and objects are refused.
+    The array is writable and contiguous, as compiled code requires. A list of numbers is
+    converted; text, complex numbers and objects are rejected.
     """
     found: Any = given
     ready = type(found) is np.ndarray and found.dtype == _FLOAT and found.flags.carray

@@ -24,7 +24,7 @@ def write_atomically(path: Path, text: str, *, overwrite: bool = True) -> None:
 
 @contextmanager
 def placed(path: Path, *, overwrite: bool) -> Iterator[Path]:
-    """Yield a temporary name whose file becomes ``path``; raises as :func:`write_atomically`."""
+    """Yield a temporary name whose file becomes ``path``; raises like :func:`write_atomically`."""
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
         draft = Path(folder) / path.name
         yield draft

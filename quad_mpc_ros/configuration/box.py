@@ -9,7 +9,7 @@ from quad_mpc_ros.configuration.errors import ConfigurationError
 from quad_mpc_ros.configuration.fields import Configuration, parameter
 
 FARTHEST = 1e7
-"""Largest coordinate [m]; those of UTM are smaller."""
+"""Largest coordinate [m]; UTM coordinates are smaller."""
 
 NO_WALL = (-FARTHEST,) * 3, (FARTHEST,) * 3
 
@@ -20,7 +20,7 @@ class BoxParameters(Configuration):
 
     minimum: tuple[float, ...] = parameter(
         NO_WALL[0],
-        doc="Lowest position inside the fence, usually that of the mpc; -1e7 is no wall.",
+        doc="Lowest position inside the fence, usually the mpc's fence; -1e7 is no wall.",
         unit="m",
         length=3,
         minimum=-FARTHEST,
@@ -36,7 +36,7 @@ class BoxParameters(Configuration):
     )
 
     def check(self) -> None:
-        """Refuse a box with no inside."""
+        """Reject a box without interior."""
         if not all(low < high for low, high in zip(self.minimum, self.maximum, strict=True)):
             raise ConfigurationError(
                 f"{self.owner}.minimum",
@@ -54,10 +54,10 @@ class BoxParameters(Configuration):
 
     @property
     def has_walls(self) -> bool:
-        """Whether it has any wall."""
+        """Whether the box has any wall."""
         return any(map(math.isfinite, (*self.walls[0], *self.walls[1])))
 
     @property
     def is_closed(self) -> bool:
-        """Whether it has all six walls."""
+        """Whether the box has all six walls."""
         return all(map(math.isfinite, (*self.walls[0], *self.walls[1])))

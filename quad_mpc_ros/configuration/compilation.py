@@ -1,8 +1,8 @@
 """Compiling functions with Numba and keeping the machine code in a cache on disk.
 
-Numba looks a function up by the path and the modification time of its file. It does not check the
-files of the functions that it calls. The cache is therefore a folder named after a digest of all
-sources of compiled code with their paths and times, and of the versions that compile them.
+Numba looks a function up by the path and the modification time of its file. Numba does not check
+the files of called functions. The cache is therefore a folder named after a digest of all sources
+of compiled code, with paths and times, and of the compiling versions.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ FUNCTIONS: list[Any] = []
 
 
 def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Compile a function when it is first called, and keep the machine code on disk.
+    """Compile a function on its first call, and keep the machine code on disk.
 
     Floating point is strict: a flight is the same, bit for bit, in every process of a machine.
     """
@@ -52,7 +52,7 @@ def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 def compiled_without_gil(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Compile as :func:`compiled`, without holding the GIL."""
+    """Compile like :func:`compiled`, without holding the GIL."""
     return _compiled(function, nogil=True)
 
 
@@ -72,7 +72,7 @@ def _compiled(function: Callable[_P, _T], *, nogil: bool) -> Callable[_P, _T]:
 
 
 def functions_compiled() -> int:
-    """Return how many functions this process has compiled because the cache did not have them."""
+    """Return how many functions missing in the cache this process has compiled."""
     return sum(sum(function.stats.cache_misses.values()) for function in FUNCTIONS)
 
 
@@ -80,7 +80,7 @@ def functions_compiled() -> int:
 def cache_folder() -> Path | None:
     """Return the folder of the compile cache; None if it cannot be written.
 
-    It is in ``NUMBA_CACHE_DIR``, by default in the user's cache folder.
+    The folder is in ``NUMBA_CACHE_DIR``, by default in the user's cache folder.
     """
     try:
         user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
@@ -94,7 +94,7 @@ def cache_folder() -> Path | None:
 
 
 def cached_functions() -> int:
-    """Return how many functions the compile cache holds."""
+    """Return the number of functions in the compile cache."""
     folder = cache_folder()
     return 0 if folder is None else sum(1 for _ in folder.rglob("*.nbc"))
 

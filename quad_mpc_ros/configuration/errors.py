@@ -8,12 +8,12 @@ _MAX_LENGTH = 300  # characters of a value
 class UserError(Exception):
     """Unusable input of the user; commands exit with code 2.
 
-    The message is one line: what was given, what was expected, what to do.
+    The message is one line with the given input, the expected input and the remedy.
     """
 
 
 class ArgumentError(UserError, ValueError):
-    """An unusable argument, with its name, the given value and the expected one."""
+    """An unusable argument, with name, given value and expected value."""
 
     def __init__(self, name: str, given: object, expected: str) -> None:
         super().__init__(f"{name}: given {text_of(given)}, expected {expected}")
@@ -36,13 +36,13 @@ class ArgumentError(UserError, ValueError):
 
 
 class ConfigurationError(ArgumentError):
-    """An unusable parameter, with its name, the given value and the allowed values."""
+    """An unusable parameter, with name, given value and allowed values."""
 
 
 class BagError(UserError):
     """A bag, a schema or a message that cannot be written or read.
 
-    The message is one line with the file or type, the reason and, if possible, what to do.
+    The message is one line with the file or type, the reason and, if possible, a remedy.
     """
 
 

@@ -1,7 +1,7 @@
 """Parameters of trajectories and plants of other packages.
 
-A package registers one by an entry point ``name = module:OBJECT`` in a group of this package. The
-entry point is looked up if a name is not one of this package.
+A package registers a trajectory or plant with an entry point ``name = module:OBJECT`` in a group
+of this package. The entry point is looked up if a name does not belong to this package.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def registered_names(group: str) -> set[str]:
 def registered(group: str, name: str) -> Any:
     """Return the object registered under a name, or None.
 
-    Raises :class:`UserError` if it cannot be loaded.
+    Raises :class:`UserError` if loading fails.
     """
     from importlib.metadata import entry_points  # slow to import
 
@@ -48,7 +48,7 @@ def registered(group: str, name: str) -> Any:
 def optional_part(name: str, *, needed_by: str) -> Any:
     """Return the object registered under a name in the group :data:`EXTRAS`.
 
-    If it is not installed, raises :class:`UserError` with the parameter ``needed_by``.
+    If the part is not installed, raises :class:`UserError` with the parameter ``needed_by``.
     """
     try:
         found, cause = registered(EXTRAS, name), f"{EXTRAS} has no entry point of this name"
@@ -69,7 +69,7 @@ class ExtensibleConfiguration(Configuration):
     choice: ClassVar[str]
     """Name of the parameter."""
     group: ClassVar[str]
-    """Group of the entry points. They lead to objects with an attribute ``parameters``."""
+    """Group of the entry points. The entry points are objects with an attribute ``parameters``."""
 
     @classmethod
     def build(cls, values: Mapping[str, object]) -> Self:
@@ -82,7 +82,7 @@ class ExtensibleConfiguration(Configuration):
 
     @classmethod
     def chosen_by(cls, values: Mapping[str, object]) -> type[Self]:
-        """Return the parameter set with the parameters of what ``values`` choose."""
+        """Return the parameter set with the parameters of the entries that ``values`` choose."""
         chosen = values.get(cls.choice)
         kind: Any = _extended(cast(Any, cls), chosen) if isinstance(chosen, str) else cls
         extended: type[Self] = kind
@@ -100,7 +100,7 @@ def _extended(kind: type[ExtensibleConfiguration], name: str) -> type[Extensible
     if found is None:
         return kind
     if not hasattr(found, "parameters"):
-        raise UserError(f"{kind.group}: {name} leads to {found!r}, expected an entry")
+        raise UserError(f"{kind.group}: {name} is {found!r}, expected an entry")
     added: type[Configuration] | None = found.parameters
     for field in dataclasses.fields(added) if added else ():
         known = kind.__dataclass_fields__.get(field.name)

@@ -1,4 +1,4 @@
-"""Declaring a parameter: name, type, default, unit, range and meaning in one place.
+"""Declaration of a parameter: name, type, default, unit, range and meaning in one place.
 
 A node's parameters are the fields of a frozen dataclass derived from :class:`Configuration`.
 YAML files, rclpy declarations and the documentation are derived from those fields. Validation
@@ -37,12 +37,12 @@ def per_axis(value: PerAxis) -> tuple[float, float, float]:
 class ParameterSpec:
     """Specification of a parameter.
 
-    ``above`` and ``below`` are exclusive bounds, ``minimum`` and ``maximum`` inclusive ones;
-    for arrays they hold for every element. ``length`` is the required number of elements.
+    ``above`` and ``below`` are exclusive bounds, ``minimum`` and ``maximum`` inclusive bounds;
+    bounds of an array apply to every element. ``length`` is the required number of elements.
     ``per_axis`` also allows three numbers, one for each body axis. ``live`` allows a change in
-    flight, with ``switch`` not from or to zero, which changes the structure of the problem. The
-    name of an ``advanced`` parameter, which users do not need to set, begins with ``advanced.``.
-    ``path`` is the path of the field.
+    flight; ``switch`` forbids changes from or to zero, which change the structure of the problem.
+    The name of an ``advanced`` parameter, which users do not need to set, begins with
+    ``advanced.``. ``path`` is the path of the field.
     """
 
     path: str = ""
@@ -67,7 +67,7 @@ class ParameterSpec:
         return f"{_ADVANCED}{self.path}" if self.advanced else self.path
 
     def may_change(self, before: Any, after: Any) -> bool:
-        """Whether the value may change in flight from one to another, both validated."""
+        """Whether the value may change in flight between two validated values."""
         if not self.live:
             return bool(before == after)
         return not self.switch or (before == 0) == (after == 0)
@@ -83,7 +83,7 @@ class ParameterSpec:
             noun = singular
         bounds = [f"{symbol} {bound:g}" for symbol, bound in self._bounds()]
         phrase = " ".join([noun, " and ".join(bounds)]).strip()
-        return f"{phrase}, or {_AXES} of them (body x, y, z)" if self.per_axis else phrase
+        return f"{phrase}, or {_AXES} numbers (body x, y, z)" if self.per_axis else phrase
 
     def validated(self, value: object, *, owner: str = "") -> Any:
         """Return ``value`` in its canonical type, or raise :class:`ConfigurationError`."""
@@ -102,13 +102,13 @@ class ParameterSpec:
             raise ConfigurationError(name, value, self.allowed()) from None
 
     def _elements(self, value: Any, length: int | None) -> tuple[Any, ...]:
-        """Return an array in its canonical type; ``ValueError`` for one that is not allowed."""
+        """Return an array in its canonical type; ``ValueError`` if it is not allowed."""
         if value is None or length not in (None, len(value)):
             raise ValueError
         return tuple(self._canonical(element) for element in value)
 
     def _canonical(self, value: object) -> Any:
-        """Return a scalar in its canonical type; ``ValueError`` for one that is not allowed."""
+        """Return a scalar in its canonical type; ``ValueError`` if it is not allowed."""
         kind = self.kind.removesuffix("_array")
         if not isinstance(value, _TYPES[kind]) or isinstance(value, bool) != (kind == "bool"):
             raise ValueError
@@ -158,7 +158,7 @@ class Configuration:
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
-            spec = _spec_of(type(self), field)
+            spec = _own_specs(type(self)).get(field.name)
             if spec is not None:
                 value = spec.validated(getattr(self, field.name), owner=self.owner)
                 object.__setattr__(self, field.name, value)
@@ -170,11 +170,11 @@ class Configuration:
         self.check()
 
     def check(self) -> None:
-        """Raise :class:`ConfigurationError` when parameters contradict each other."""
+        """Raise :class:`ConfigurationError` if parameters contradict each other."""
 
     @classmethod
     def specs(cls) -> tuple[ParameterSpec, ...]:
-        """Return the specification of every parameter, groups flattened, advanced ones last."""
+        """Return all specifications, groups flattened, advanced parameters last."""
         return _specs(cls)
 
     @classmethod
@@ -184,7 +184,7 @@ class Configuration:
         Raises :class:`ConfigurationError` for an unknown name or an unusable value.
         """
         if not isinstance(values, Mapping) or not all(isinstance(name, str) for name in values):
-            raise ConfigurationError(cls.owner, values, "values by the names of parameters")
+            raise ConfigurationError(cls.owner, values, "values keyed by parameter name")
         paths = {spec.name: spec.path for spec in cls.specs()}
         for name, value in values.items():
             if name not in paths:
@@ -196,15 +196,15 @@ class Configuration:
 
     @classmethod
     def chosen_by(cls, values: Mapping[str, object]) -> type[Self]:
-        """Return the class that :meth:`build` makes of these values."""
+        """Return the class that :meth:`build` instantiates for these values."""
         return cls
 
     @classmethod
     def built(cls, values: Mapping[str, object]) -> Self:
-        """Return the parameter set with values by the path of their field."""
+        """Return the parameter set with values, keyed by the path of their field."""
         arguments: dict[str, Any] = {}
         for field in dataclasses.fields(cls):
-            if _spec_of(cls, field) is not None:
+            if field.name in _own_specs(cls):
                 if field.name in values:
                     arguments[field.name] = values[field.name]
                 continue
@@ -219,7 +219,7 @@ class Configuration:
 
     @classmethod
     def share(cls, common: Mapping[str, object], own: Mapping[str, object]) -> dict[str, object]:
-        """Return the parameters for every node that this node has, by its names.
+        """Return the parameters for every node (``/**``) that apply to this node.
 
         ``own`` are the parameters for this node.
         """
@@ -227,17 +227,17 @@ class Configuration:
         return {name: value for name, value in common.items() if name in known}
 
     def flattened(self) -> dict[str, Any]:
-        """Return every parameter by its dotted name; arrays as tuples."""
+        """Return all parameters, keyed by dotted name; arrays as tuples."""
         return {spec.name: operator.attrgetter(spec.path)(self) for spec in self.specs()}
 
     def vehicle_values(self) -> dict[str, Any]:
-        """Return the node's vehicle parameters, by the names of a vehicle file."""
+        """Return the node's vehicle parameters, with the names of a vehicle file."""
         return {name: value for name, value in self.flattened().items() if name in VEHICLE}
 
     def updated(self, changes: Mapping[str, object]) -> Self:
         """Return a copy with ``changes`` (dotted names) applied, validated as a whole."""
         if not isinstance(changes, Mapping):
-            raise ConfigurationError(self.owner, changes, "values by the names of parameters")
+            raise ConfigurationError(self.owner, changes, "values keyed by parameter name")
         return self.build({**self.flattened(), **changes})
 
 
@@ -247,15 +247,15 @@ class ManagedConfiguration(Configuration):
 
     autostart: bool = parameter(
         True,
-        doc="Configure and activate by itself at the start, as soon as what it needs is there; "
-        "false waits for the transitions of the lifecycle.",
+        doc="Configure and activate the node automatically at the start, as soon as its inputs "
+        "are available; false waits for lifecycle transitions.",
     )
 
 
 _NOUNS = {
     "double": ("a number", "numbers"),
     "integer": ("a whole number", "whole numbers"),
-    "bool": ("true or false", "times true or false"),
+    "bool": ("true or false", "values true or false"),
     "string": ("text", "texts"),
 }
 
@@ -282,7 +282,7 @@ def _kind_of(annotation: Any) -> str:
 def _specs_of(cls: type[Configuration]) -> tuple[ParameterSpec, ...]:
     found: list[ParameterSpec] = []
     for field in dataclasses.fields(cls):
-        spec = _spec_of(cls, field)
+        spec = _own_specs(cls).get(field.name)
         if spec is not None:
             found.append(spec)
         else:
@@ -292,10 +292,6 @@ def _specs_of(cls: type[Configuration]) -> tuple[ParameterSpec, ...]:
                 for inner in group.specs()
             )
     return tuple(sorted(found, key=lambda spec: spec.advanced))
-
-
-def _spec_of(cls: type[Configuration], field: dataclasses.Field[Any]) -> ParameterSpec | None:
-    return _own_specs(cls).get(field.name)
 
 
 def _own_specs_of(cls: type[Configuration]) -> dict[str, ParameterSpec]:

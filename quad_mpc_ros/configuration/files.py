@@ -49,8 +49,8 @@ def load(
 ) -> dict[str, Configuration]:
     """Return the configuration of every node of the schema, later sources over earlier ones.
 
-    ``base`` are parameters by node that come before the first source. ``sources`` are paths or
-    names of presets, ``assignments`` are ``node.parameter=value`` and have precedence. Raises
+    ``base`` are parameters by node, with the lowest precedence. ``sources`` are paths or names of
+    presets, ``assignments`` are ``node.parameter=value`` and have precedence. Raises
     :class:`UserError` for an unreadable file and :class:`ConfigurationError` for its content.
     """
     values, origins = _collected(sources, assignments, schema=schema, base=base)
@@ -71,11 +71,11 @@ def collected(
     schema: Schema,
     base: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> dict[str, dict[str, Any]]:
-    """Return the parameters of every node of the schema, not yet validated.
+    """Return the unvalidated parameters of every node of the schema.
 
-    The arguments are those of :func:`load`. Each node gets its share of the parameters for every
-    node (``/**``); parameters of a node by name have precedence in any order. Raises
-    :class:`UserError` for an unreadable file or an unknown parameter.
+    Arguments as in :func:`load`. Each node gets its share of the parameters for every node
+    (``/**``); parameters of a named node have precedence, in any order. Raises :class:`UserError`
+    for an unreadable file or an unknown parameter.
     """
     return _collected(sources, assignments, schema=schema, base=base)[0]
 
@@ -120,7 +120,7 @@ def _collected(
 def _refuse_unknown_of(
     kind: type[Configuration], values: Mapping[str, Any], origins: Mapping[str, str]
 ) -> None:
-    """Refuse unknown parameters of a node, with the name of the file."""
+    """Reject unknown parameters of a node, with the name of the file."""
     known = {spec.name for spec in kind.specs()}
     for name in origins.keys() & values.keys() - known:
         try:
@@ -132,7 +132,7 @@ def _refuse_unknown_of(
 def dump(node: str, values: Mapping[str, Any]) -> str:
     """Return a ROS parameter file of one node's parameters by dotted name.
 
-    Empty lists are left out: ROS cannot infer their type.
+    Empty lists are omitted: ROS cannot infer their type.
     """
     listed = {
         name: list(value) if isinstance(value, tuple) else value
@@ -143,7 +143,7 @@ def dump(node: str, values: Mapping[str, Any]) -> str:
 
 
 def is_of_ros(name: str) -> bool:
-    """Return whether a parameter is one that ROS gives every node."""
+    """Return whether ROS declares a parameter on every node."""
     return name in _OF_ROS or name.startswith(_GROUP_OF_ROS)
 
 
@@ -154,7 +154,7 @@ def value_text(value: Any) -> str:
 
 
 def presets() -> dict[str, Path]:
-    """Return the shipped parameter files by name; those in a folder as ``folder/name``."""
+    """Return the shipped parameter files by name, in subfolders as ``folder/name``."""
     folder = _config_directory()
     found = sorted([*folder.glob("*.yaml"), *folder.glob("vehicles/*.yaml")])
     return {path.relative_to(folder).with_suffix("").as_posix(): path for path in found}
@@ -184,9 +184,9 @@ def _config_directory() -> Path:
 
 
 def expanded(given: str) -> Path:
-    """Return a path with the home folder of ``~``.
+    """Return a path with ``~`` expanded.
 
-    ``Path.expanduser`` raises for an unknown user; here the path stays as it is.
+    ``Path.expanduser`` raises for an unknown user; here the path is returned unchanged.
     """
     return Path(os.path.expanduser(given))  # noqa: PTH111
 
@@ -252,11 +252,11 @@ class ParameterSection:
 
     @property
     def of_any_node(self) -> bool:
-        """Whether the key matches nodes of any name, as ``/**``."""
+        """Whether the key matches nodes of any name, like ``/**``."""
         return self.node in ("*", "**")
 
     def is_read_by(self, full_name: str) -> bool:
-        """Whether ROS reads it for a node with this full name: ``/uav1/mpc``."""
+        """Whether ROS applies the section to a node with this full name: ``/uav1/mpc``."""
         words = {"**": r"(/\w+)*", "*": r"/\w+"}
         parts = (words.get(word, f"/{re.escape(word)}") for word in self.key.split("/") if word)
         return re.fullmatch("".join(parts), full_name) is not None
@@ -265,7 +265,7 @@ class ParameterSection:
 def sections(path: Path) -> list[ParameterSection]:
     """Return the sections of a parameter file; raise :class:`UserError` for invalid content.
 
-    Namespaces may be nested or joined by ``/``. Content that ROS rejects or misreads is refused.
+    Namespaces may be nested or joined by ``/``. Content that ROS rejects or misreads is rejected.
     """
     content = ros_yaml.read_file(path)
     if content is None:
@@ -276,7 +276,7 @@ def sections(path: Path) -> list[ParameterSection]:
 
 
 def refuse_what_ros_misreads(where: str, value: Any) -> None:
-    """Raise :class:`UserError` for a list of lists, and for one of values of different types."""
+    """Raise :class:`UserError` for nested lists, and for lists of different types."""
     if not isinstance(value, list):
         return
     kinds = {type(element) for element in value}
@@ -312,7 +312,7 @@ def _sections(content: Mapping[Any, Any], within: str, path: Path) -> Iterator[P
 
 
 def _parameters(content: Mapping[Any, Any], where: str) -> dict[str, Any]:
-    """Return parameters by dotted names; refuse those that ROS rejects."""
+    """Return parameters by dotted names; reject names that ROS rejects."""
     values: dict[str, Any] = {}
     for name, value in flattened(content):
         if value is None or value == {}:
@@ -337,7 +337,7 @@ def _read(path: Path, schema: Schema) -> dict[str, dict[str, Any]]:
 
 
 def _refuse_unknown(values: Mapping[str, Any], schema: Schema, path: Path) -> None:
-    """Refuse parameters that no node has."""
+    """Reject parameters that no node has."""
     known = {spec.name for kind in schema.values() for spec in kind.specs()}
     for name, value in values.items():
         if name in known or describes_vehicle(name):
@@ -363,7 +363,7 @@ def _node_meant(section: ParameterSection, schema: Schema, path: Path) -> str:
 
 
 def flattened(parameters: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """Return parameters by their dotted names, however deep they are nested."""
+    """Return parameters by dotted name, at any depth of nesting."""
     flat: list[tuple[str, Any]] = []
     for name, value in parameters.items():
         if isinstance(value, dict) and value:

@@ -14,7 +14,7 @@ the compiled boundary::
     wheels["radius"]  # (4,), a view; wheels[2].axle_W is one as well
 
 Compiled functions that Python calls take such arrays, whose dispatch costs 0.2 µs, and use
-``wheel[()]``; functions that they call take the record.
+``wheel[()]``; compiled functions called from there take the record.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Vector3 = Annotated[NDArray[np.float64], (3,)]
 Vector4 = Annotated[NDArray[np.float64], (4,)]
 """Four numbers."""
 Matrix3 = Annotated[NDArray[np.float64], (3, 3)]
-"""Three by three numbers."""
+"""A 3 by 3 matrix."""
 
 
 class Record:
@@ -58,7 +58,7 @@ class Record:
     if TYPE_CHECKING:
 
         def copy(self) -> Self:
-            """Return a copy, in memory of its own."""
+            """Return a copy in separate memory."""
 
     def __init_subclass__(cls) -> None:
         hints = get_type_hints(cls, include_extras=True)
@@ -74,7 +74,7 @@ class Record:
 
     @classmethod
     def zeros(cls, *shape: int) -> RecordArray[Self]:
-        """Return an array of zeros; without a shape one of no dimensions, a single record."""
+        """Return an array of zeros; without a shape, a single record without dimensions."""
         zeros: Any = np.zeros(shape, cls.dtype)
         return zeros  # type: ignore[no-any-return]
 
@@ -92,7 +92,7 @@ def _format(hint: Any) -> tuple[Any, tuple[int, ...]]:
 if TYPE_CHECKING:
 
     class RecordArray(Generic[R]):
-        """An array of records, to type checkers; a NumPy array of the structured type in fact."""
+        """An array of records for type checkers; at run time a structured NumPy array."""
 
         shape: tuple[int, ...]
 

@@ -1,17 +1,17 @@
-"""The reader of every YAML file of this package; it reads YAML as ROS does.
+"""The reader of every YAML file of this package, with the rules of ROS.
 
-PyYAML follows YAML 1.1 and takes ``5e-2``, ``1e3`` and ``y`` for text, ``1_000`` and ``1:30`` for
-numbers, ``2026-01-01`` for a date and ``null`` for nothing. ROS (``get_value`` of
-rcl_yaml_param_parser) asks C: a word is a bool if it is one of a list, else what ``strtoll`` with
-base 0 or ``strtod`` takes as a whole, else text. As in ROS, aliases and empty names are refused
-and tags other than ``!!str`` mean nothing. A name that is given twice is refused, too.
+PyYAML follows YAML 1.1 and reads ``5e-2``, ``1e3`` and ``y`` as text, ``1_000`` and ``1:30`` as
+numbers, ``2026-01-01`` as a date and ``null`` as no value. ROS (``get_value`` of
+rcl_yaml_param_parser) uses C functions: a word is a bool if it is in a list, else a number if
+``strtoll`` with base 0 or ``strtod`` parses the whole word, else text. Real numbers in hexadecimal
+or out of range are not supported here. As in ROS, aliases and empty names are rejected and tags
+other than ``!!str`` are ignored. Duplicate names are rejected, too.
 """
 
 from __future__ import annotations
 
 import math
 import re
-import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -31,11 +31,8 @@ _INTEGERS = {
     10: re.compile(r"[+-]?[1-9][0-9]*"),
 }
 _DECIMAL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
-_HEXADECIMAL = re.compile(
-    r"[+-]?0[xX](?:[0-9a-fA-F]+\.?[0-9a-fA-F]*|\.[0-9a-fA-F]+)(?:[pP][+-]?[0-9]+)?"
-)
 _INFINITE = re.compile(r"([+-]?)(?:\.(?:inf|Inf|INF)|(?i:inf|infinity))")
-_NOT_A_NUMBER = re.compile(r"\.(?:nan|NaN|NAN)|[+-]?(?i:nan)(?:\([0-9a-zA-Z_]*\))?")
+_NOT_A_NUMBER = re.compile(r"\.(?:nan|NaN|NAN)|[+-]?(?i:nan)")
 
 _MAX_DIGITS = 100  # Python refuses to convert thousands of digits
 
@@ -58,24 +55,12 @@ def scalar(word: str) -> bool | int | float | str:
 
 
 def _real(word: str) -> float | None:
-    """Return the result of ``strtod`` for a word; None if it does not parse the whole word."""
+    """Return the real number that a word represents, else None."""
     if infinite := _INFINITE.fullmatch(word):
         return -math.inf if infinite[1] == "-" else math.inf
     if _NOT_A_NUMBER.fullmatch(word):
         return math.nan
-    try:
-        if _DECIMAL.fullmatch(word):
-            number, digits = float(word), word.lower().partition("e")[0]
-        elif _HEXADECIMAL.fullmatch(word):
-            number, digits = float.fromhex(word), word.lower().partition("p")[0].partition("x")[2]
-        else:
-            return None
-    except OverflowError:
-        return None
-    # Beyond the range, or so small that digits are lost: ERANGE.
-    if sys.float_info.min <= abs(number) < math.inf or not digits.strip("+-0."):
-        return number
-    return None
+    return float(word) if _DECIMAL.fullmatch(word) else None
 
 
 class _Loader(yaml.SafeLoader):
@@ -85,7 +70,7 @@ class _Loader(yaml.SafeLoader):
     yaml_constructors = {}  # noqa: RUF012
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Refuse aliases, as ROS does: a few lines of them make millions of values."""
+        """Reject aliases, as ROS does: a few lines of aliases make millions of values."""
         if self.check_event(yaml.AliasEvent):
             event = self.peek_event()  # type: ignore[no-untyped-call]
             problem = "an alias (*name), expected the value itself"
@@ -98,7 +83,7 @@ class _Dumper(yaml.SafeDumper):
 
 
 def _value(loader: yaml.SafeLoader, node: yaml.Node) -> Any:
-    """Return the value of a node, ignoring all tags but that of text."""
+    """Return the value of a node, ignoring all tags except ``!!str``."""
     if isinstance(node, yaml.MappingNode):
         return _mapping(loader, node)
     if isinstance(node, yaml.SequenceNode):
@@ -136,15 +121,15 @@ _Dumper.add_representer(str, _text)
 
 
 def read(text: str) -> Any:
-    """Return the content of a text, None for an empty text; raise :class:`yaml.YAMLError`."""
+    """Parse a text, None if the text is empty; raise :class:`yaml.YAMLError`."""
     try:
         return yaml.load(text, Loader=_Loader)
     except RecursionError:
-        raise yaml.YAMLError("it is nested too deeply") from None
+        raise yaml.YAMLError("nested too deeply") from None
 
 
 def read_text(text: str, where: str) -> Any:
-    """Return the content of a text; raise :class:`UserError`, which begins with ``where``."""
+    """Parse a text; raise :class:`UserError`, which begins with ``where``."""
     try:
         content = read(text)
     except yaml.YAMLError as error:
@@ -157,7 +142,7 @@ def read_text(text: str, where: str) -> Any:
 
 
 def read_file(path: Path) -> Any:
-    """Return the content of a file; raise :class:`UserError` when it cannot be read."""
+    """Return the content of a file; raise :class:`UserError` if reading fails."""
     return read_text(file_text(path), str(path))
 
 
@@ -169,7 +154,7 @@ def _is_toml(text: str) -> bool:
 
 
 def _reason(error: yaml.YAMLError) -> str:
-    """Return in one line what is wrong, and where."""
+    """Return the error and its position in one line."""
     if not isinstance(error, yaml.MarkedYAMLError) or error.problem is None:
         return " ".join(str(error).split())
     mark = error.problem_mark
@@ -179,6 +164,6 @@ def _reason(error: yaml.YAMLError) -> str:
 
 
 def written(content: Any, **options: Any) -> str:
-    """Return a text that :func:`read`, and ROS, read back; ``options`` are those of PyYAML."""
+    """Return a text that :func:`read` and ROS can read; ``options`` are passed to PyYAML."""
     text: str = yaml.dump(content, Dumper=_Dumper, **options)
     return text

@@ -21,15 +21,8 @@ class CsvRow(NamedTuple):
     cells: list[str]
 
 
-class CsvTable(NamedTuple):
-    """The rows of a file with the header, and its comments (lines that begin with ``#``)."""
-
-    rows: list[CsvRow]
-    comments: list[str]
-
-
 def file_text(path: Path) -> str:
-    """Return the text of a file; raise :class:`UserError` when it cannot be read."""
+    """Return the text of a file; raise :class:`UserError` if reading fails."""
     try:
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:
@@ -40,18 +33,17 @@ def file_text(path: Path) -> str:
         ) from error
 
 
-def read_csv_table(path: Path) -> CsvTable:
-    """Return a table without its empty lines.
+def read_csv_table(path: Path) -> list[CsvRow]:
+    """Return the rows of a table, without empty lines and comments.
 
-    Raises :class:`UserError` for a file that cannot be read, another separator than the comma and
-    quotes that do not end.
+    Raises :class:`UserError` for a file that cannot be read, a separator other than the comma and
+    unclosed quotes.
     """
     numbered = [
         (number, line)
         for number, line in enumerate(file_text(path).splitlines(), start=1)
         if line.strip()
     ]
-    comments = [line for _, line in numbered if line.lstrip().startswith(_COMMENT)]
     lines = [(n, line) for n, line in numbered if not line.lstrip().startswith(_COMMENT)]
     reader = csv.reader((line for _, line in lines), strict=True, skipinitialspace=True)
     rows = []
@@ -64,16 +56,16 @@ def read_csv_table(path: Path) -> CsvTable:
         raise UserError(f"{path}: line {line}: {error}") from error
     if rows and len(rows[0].cells) == 1:
         _refuse_other_separator(path, lines)
-    return CsvTable(rows=rows, comments=comments)
+    return rows
 
 
 def has_decimal_comma(text: str) -> bool:
-    """Return whether a text is a number with a comma in place of the point."""
+    """Return whether a text is a number with a decimal comma."""
     return _DECIMAL_COMMA.fullmatch(text.strip()) is not None
 
 
 def _refuse_other_separator(path: Path, lines: list[tuple[int, str]]) -> None:
-    """Refuse a table whose lines have another separator than the comma."""
+    """Reject a table with a separator other than the comma."""
     number, header = lines[0]
     found = next((each for each in _OTHER_SEPARATORS if each in header.strip()), None)
     if found is None:

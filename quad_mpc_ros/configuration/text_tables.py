@@ -8,13 +8,12 @@ from collections.abc import Sequence
 def text_table(
     rows: Sequence[Sequence[str]], *, align: str, widths: Sequence[int] = (), gap: str = "  "
 ) -> list[str]:
-    """Lay out rows of equally many cells in columns; return a line a row.
+    """Lay out rows of equally many cells in columns; return one line per row.
 
     Args:
-        rows: The cells; a header is a row like the others, an empty row is an empty line.
-        align: A letter a column: ``l`` for left, ``r`` for right.
-        widths: The least width of each column. A column is as wide as its widest cell where that
-            is more.
+        rows: The cells; a header is an ordinary row, an empty row is an empty line.
+        align: One letter per column: ``l`` for left, ``r`` for right.
+        widths: The minimum width of each column. A column is at least as wide as its widest cell.
         gap: The space between two columns, never empty.
     """
     least = widths or [0] * len(align)

@@ -24,7 +24,7 @@ _live_advanced = functools.partial(_live, advanced=True)
 
 @dataclass(frozen=True, kw_only=True)
 class OdometryParameters(Configuration):
-    """How to read the odometry."""
+    """Interpretation of the odometry."""
 
     owner = "mpc.odometry"
 
@@ -45,9 +45,7 @@ class SolverParameters(Configuration):
     tolerance: float = _advanced(
         1e-3, doc="Absolute and relative tolerance of the scaled problem.", above=0.0, below=0.1
     )
-    max_iterations: int = _advanced(
-        1000, doc="Iterations until a solve counts as failed.", minimum=1
-    )
+    max_iterations: int = _advanced(1000, doc="Iterations after which a solve fails.", minimum=1)
 
 
 _corner = functools.partial(_live, unit="m", length=3, minimum=-FARTHEST, maximum=FARTHEST)
@@ -61,22 +59,23 @@ class FenceParameters(BoxParameters):
     owner = "mpc.fence"
 
     minimum: tuple[float, ...] = _corner(
-        NO_WALL[0], doc="Lowest position inside the fence; -1e7 is no wall."
+        NO_WALL[0], doc="Lower corner of the fence; -1e7 is no wall."
     )
     maximum: tuple[float, ...] = _corner(
-        NO_WALL[1], doc="Highest position inside the fence; 1e7 is no wall."
+        NO_WALL[1], doc="Upper corner of the fence; 1e7 is no wall."
     )
     action: str = _live(
         "hover",
-        doc="Outside of it: warn and fly on; hover inside of it without the solver, as soon as "
-        "there is just room to stop; or stop publishing until the node is activated again.",
+        doc="Action at the fence: warn and fly on; hover inside the fence without the solver, as "
+        "soon as the stopping distance reaches a wall; or stop publishing until the node is "
+        "activated again.",
         choices=_ACTIONS,
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class EnvelopeParameters(Configuration):
-    """Limits of tilt, body rates and speed; by default none."""
+    """Limits of tilt, body rates and speed; by default unlimited."""
 
     owner = "mpc.envelope"
 
@@ -87,9 +86,9 @@ class EnvelopeParameters(Configuration):
         above=0.0,
         maximum=math.pi,
     )
-    rate_max: float = _live(100.0, doc="Largest body rate, its norm.", unit="rad/s", above=0.0)
+    rate_max: float = _live(100.0, doc="Largest norm of the body rates.", unit="rad/s", above=0.0)
     speed_max: float = _live(100.0, doc="Largest speed.", unit="m/s", above=0.0)
-    action: str = _live("warn", doc="Beyond it: as for fence.action.", choices=_ACTIONS)
+    action: str = _live("warn", doc="Action beyond a limit, as fence.action.", choices=_ACTIONS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,17 +99,17 @@ class OscillationParameters(Configuration):
 
     tilt_amplitude: float = _live_advanced(
         0.2,
-        doc="Angle to both sides of what the reference asks for, six changes of side within 3 s.",
+        doc="Amplitude of the tilt about the reference's tilt, with six changes of sign in 3 s.",
         unit="rad",
         above=0.0,
         maximum=math.pi,
     )
     action: str = _live_advanced(
-        "hover", doc="On oscillation: as for fence.action.", choices=_ACTIONS
+        "hover", doc="Action on oscillation, as fence.action.", choices=_ACTIONS
     )
     hold_time: float = _live_advanced(
         10.0,
-        doc="How long the action lasts; three times as long each time that it oscillates again.",
+        doc="Duration of the action; tripled with each further oscillation.",
         unit="s",
         above=0.0,
     )
@@ -124,8 +123,8 @@ class ConsistencyParameters(Configuration):
 
     action: str = _live(
         "descend",
-        doc="If the odometry contradicts itself or the commands (frames, signs, units, thrust): "
-        "warn and fly on; hover without the solver; descend level by dead reckoning for "
+        doc="Action if the odometry contradicts itself or the commands (frames, signs, units, "
+        "thrust): warn and fly on; hover without the solver; descend level by dead reckoning for "
         "blind_time, then stop publishing; or stop publishing at once. The action lasts until the "
         "MPC is engaged again.",
         choices=("warn", "hover", "descend", "stop"),
@@ -134,53 +133,46 @@ class ConsistencyParameters(Configuration):
 
 @dataclass(frozen=True, kw_only=True)
 class SlewParameters(Configuration):
-    """How fast a command may change; applied last, to every source, unknown to the plan."""
+    """Limits on the change of commands, applied last to every source; the plan ignores them."""
 
     owner = "mpc.slew"
 
     throttle: float = _live_advanced(
-        0.0, doc="Largest change of the throttle; 0 is any.", unit="1/s", minimum=0.0
+        0.0, doc="Largest rate of change of the throttle; 0 disables it.", unit="1/s", minimum=0.0
     )
     body_rates: float = _live_advanced(
-        0.0, doc="Largest change of each body rate; 0 is any.", unit="rad/s^2", minimum=0.0
+        0.0,
+        doc="Largest rate of change of each body rate; 0 disables it.",
+        unit="rad/s^2",
+        minimum=0.0,
     )
 
 
 _limit = functools.partial(_live, minimum=0.0, switch=True)
-_advanced_limit = functools.partial(_limit, advanced=True)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlanLimitParameters(Configuration):
-    """Soft limits inside the plan of ``manifold``; those at 0 are not in its problem at all.
+    """Soft limits of the plan of ``manifold``; a limit of 0 is omitted from the problem.
 
-    They bound what the controller adds to the reference, which may ask for more by itself.
+    The limits bound deviations from the reference. The reference itself may exceed a limit.
     """
 
     owner = "mpc.limits"
 
     tilt_max: float = _limit(
         0.61,
-        doc="manifold: largest angle between the thrust axis and up that is planned; 0 is any.",
+        doc="manifold: largest planned angle between the thrust axis and up; 0 disables it.",
         unit="rad",
         maximum=math.pi,
     )
-    speed_max: float = _limit(0.0, doc="manifold: largest speed planned; 0 is any.", unit="m/s")
-    throttle_margin: float = _advanced_limit(
-        0.0,
-        doc="manifold: distance to throttle_min and throttle_max that is kept for control; 0 is "
-        "none.",
-        below=0.5,
+    speed_max: float = _limit(
+        0.0, doc="manifold: largest planned speed; 0 disables it.", unit="m/s"
     )
-    rate_slew: float = _advanced_limit(
-        0.0,
-        doc="manifold: largest change planned of each body rate commanded; 0 is any.",
-        unit="rad/s^2",
-    )
-    pull_distance: float = _live_advanced(
+    position_error_max: float = _live_advanced(
         1.5,
-        doc="manifold, with any of these limits: a reference further away than this, across or in "
-        "height, pulls as if it were here. Sets the speed of an approach.",
+        doc="manifold, with any of these limits: bound on the position error in the cost, "
+        "horizontal and vertical each. This bound sets the approach speed to a distant reference.",
         unit="m",
         above=0.0,
     )
@@ -188,7 +180,7 @@ class PlanLimitParameters(Configuration):
     @property
     def in_use(self) -> list[str]:
         """The names of the active limits."""
-        names = ("tilt_max", "speed_max", "throttle_margin", "rate_slew")
+        names = ("tilt_max", "speed_max")
         return [name for name in names if getattr(self, name) > 0.0]
 
 
@@ -200,72 +192,64 @@ class ContouringParameters(Configuration):
 
     progress_weight: float = _live(
         10.0,
-        doc="contouring: weight on the speed at which the reference's time passes, less 1. The "
-        "less, the sooner time is given up for accuracy.",
+        doc="contouring: weight on the deviation of the progress speed from 1. With a smaller "
+        "weight the vehicle slows down earlier to stay on the path.",
         above=0.0,
     )
     speed_min: float = _live_advanced(
         0.2,
-        doc="contouring: lowest speed at which the reference's time passes.",
+        doc="contouring: lowest progress speed, relative to the speed of the reference.",
         minimum=0.0,
         below=1.0,
     )
     speed_max: float = _live_advanced(
         1.05,
-        doc="contouring: highest speed at which the reference's time passes.",
+        doc="contouring: highest progress speed, relative to the speed of the reference.",
         minimum=1.0,
         maximum=2.0,
     )
-    behind_max: float = _live_advanced(
+    delay_max: float = _live_advanced(
         10.0,
-        doc="contouring: how far the vehicle may be behind the reference's time.",
+        doc="contouring: largest delay behind the reference.",
         unit="s",
         above=0.0,
         maximum=60.0,
     )
 
 
-_keeping = functools.partial(_live_advanced, minimum=0.0)
-
 GATE_HALF_SPACES = 8
 """Half-spaces on the position that hold the opening of a gate."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class WorldParameters(Configuration):
-    """Sources of obstacles."""
+class ObstacleParameters(Configuration):
+    """Obstacle avoidance; without half-spaces the problem is unchanged."""
+
+    owner = "mpc.obstacles"
 
     file: str = parameter(
-        "", doc="File of boxes, cylinders and spheres that stand, and of the volume of flight."
+        "", doc="File of static boxes, cylinders and spheres, and of the flight volume."
     )
     clouds: str = parameter(
         "scan",
-        doc="What comes on obstacles: scans, which are forgotten after a time, or a map, each of "
-        "which replaces the one before and stays.",
+        doc="Content of the topic obstacles: scans, which expire after forget_after, or maps, "
+        "each of which replaces the previous map.",
         choices=("scan", "map"),
     )
     forget_after: float = parameter(
-        0.5, doc="How long a point of a scan is remembered.", unit="s", above=0.0, maximum=60.0
+        0.5, doc="Time after which a point of a scan expires.", unit="s", above=0.0, maximum=60.0
     )
     resolution: float = _advanced(
         0.1,
-        doc="Side of the cubes of each of which one point of a cloud is kept.",
+        doc="Side length of the voxels; one point of a cloud is kept per voxel.",
         unit="m",
         minimum=0.01,
         maximum=1.0,
     )
     neighbours: tuple[str, ...] = parameter(
         (),
-        doc="Namespaces of other vehicles, whose mpc/predicted_path and odom are read.",
+        doc="Namespaces of other vehicles to avoid, by their mpc/predicted_path and odom.",
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class ObstacleParameters(WorldParameters):
-    """Obstacle avoidance; without half-spaces the problem is unchanged."""
-
-    owner = "mpc.obstacles"
-
     half_spaces: int = parameter(
         0,
         doc="manifold, contouring: maximum number of half-spaces for the position in each stage "
@@ -274,54 +258,43 @@ class ObstacleParameters(WorldParameters):
         maximum=32,
     )
     margin: float = _live(
-        0.1, doc="Distance kept beyond the vehicle's radius.", unit="m", minimum=0.0
+        0.1,
+        doc="Distance to obstacles in addition to the vehicle's radius.",
+        unit="m",
+        minimum=0.0,
     )
-    margin_growth: float = _keeping(
+    margin_growth: float = _live_advanced(
         0.02,
-        doc="What the margin grows by with the speed: for how long it is not known where the "
-        "vehicle is, by an error of the delay or of the lags.",
+        doc="Growth of the margin with the speed, for errors of the modelled delay and lags.",
         unit="s",
+        minimum=0.0,
     )
     range: float = _live(
-        8.0, doc="How far around the vehicle obstacles are regarded.", unit="m", above=0.0
+        8.0,
+        doc="Distance from the vehicle within which obstacles are avoided.",
+        unit="m",
+        above=0.0,
     )
     acceleration: float = _live(
         5.0,
-        doc="Acceleration of the ways around: how hard they brake, speed up and turn.",
+        doc="Largest acceleration of avoidance paths.",
         unit="m/s^2",
         above=0.0,
     )
     speed_max: float = _live(
         4.0,
-        doc="Speed of the ways around, and of stopping in front; a faster reference may have its "
-        "own.",
+        doc="Largest speed of avoidance paths and before stops; a faster reference keeps its "
+        "speed.",
         unit="m/s",
         above=0.0,
     )
     downwash: float = _live_advanced(
         2.0,
-        doc="How much further apart than sideways neighbours keep above each other.",
+        doc="Vertical distance between neighbours relative to the horizontal distance.",
         minimum=1.0,
     )
     floor: float = _live(
-        0.3, doc="Lowest height of the ways around; a lower reference may have its own.", unit="m"
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class RealtimeParameters(Configuration):
-    """Settings of operating system and Python for real time."""
-
-    owner = "mpc.realtime"
-
-    scheduler_priority: int = _advanced(
-        0, doc="Priority under SCHED_FIFO; 0 is the normal scheduler.", minimum=0, maximum=99
-    )
-    lock_memory: bool = _advanced(False, doc="Keep all memory of the process from being swapped.")
-    garbage_collection: str = _advanced(
-        "between_ticks",
-        doc="When Python collects garbage: between ticks, or automatic, at any moment.",
-        choices=("between_ticks", "automatic"),
+        0.3, doc="Lowest height of avoidance paths; a lower reference keeps its height.", unit="m"
     )
 
 
@@ -332,27 +305,29 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     owner = "mpc"
 
     control_rate: float = parameter(
-        50.0, doc="Commands per second; odometry is decimated to it.", unit="Hz", above=0.0
+        50.0, doc="Control rate; faster odometry is decimated to it.", unit="Hz", above=0.0
     )
     formulation: str = parameter(
         "manifold",
-        doc="Model in the horizon: manifold, contouring (manifold, and progress along the "
-        "reference gives way where the vehicle cannot follow), or paper (its Eq. 4).",
+        doc="Model in the horizon: manifold, contouring (manifold that slows down along the "
+        "reference where the vehicle cannot follow), or paper (Eq. 4 of the paper).",
         choices=("manifold", "contouring", "paper"),
     )
-    horizon_steps: int = parameter(12, doc="Steps N of the horizon.", minimum=1, maximum=200)
+    horizon_steps: int = parameter(
+        12, doc="Number of stages N of the horizon.", minimum=1, maximum=200
+    )
     horizon_step: float = parameter(
-        0.08, doc="Time between two stages of the horizon.", unit="s", above=0.0
+        0.08, doc="Duration of a stage of the horizon.", unit="s", above=0.0
     )
     Q: tuple[float, ...] = _live(
         (10.0, 10.0, 10.0, 1.0, 1.0, 1.0, 0.15, 0.15, 0.15),
-        doc="Diagonal weight on the error of position, velocity, attitude.",
+        doc="Diagonal weights of the errors of position, velocity and attitude.",
         length=9,
         minimum=0.0,
     )
     R: tuple[float, ...] = _live(
         (0.4, 0.05, 0.05, 0.05),
-        doc="Diagonal weight on the error of throttle and body rates.",
+        doc="Diagonal weights of the errors of throttle and body rates.",
         length=4,
         minimum=0.0,
     )
@@ -368,16 +343,16 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     throttle_max: float = _live(1.0, doc="Upper bound on the throttle.", minimum=0.0, maximum=1.0)
     rate_time_constant: float | tuple[float, ...] = parameter(
         0.07,
-        doc="manifold: lag of the body rates behind their command, one over the proportional gain "
-        "of the vehicle's rate loop.",
+        doc="manifold: time constant of the body rates, one over the proportional gain of the "
+        "vehicle's rate loop.",
         unit="s",
         minimum=0.0,
         maximum=1.0,
     )
     torque_time_constant: float | tuple[float, ...] = parameter(
         0.02,
-        doc="manifold: lag of the torque behind the rate loop, which rings if it is above "
-        "rate_time_constant. 0: the rates lag by rate_time_constant alone, and the problem is "
+        doc="manifold: time constant of the torque in the rate loop; the loop rings if it "
+        "exceeds rate_time_constant. With 0 the rates have a first-order lag, and the problem is "
         "smaller.",
         unit="s",
         minimum=0.0,
@@ -385,94 +360,94 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     )
     angular_acceleration_max: float | tuple[float, ...] = parameter(
         0.0,
-        doc="manifold: largest angular acceleration; 0 is no limit.",
+        doc="manifold: largest angular acceleration of the rate loop; 0 disables the bound.",
         unit="rad/s^2",
         minimum=0.0,
     )
     rate_gain: float | tuple[float, ...] = parameter(
         1.0,
-        doc="manifold: body rates in the long run over those commanded.",
+        doc="manifold: ratio of steady-state to commanded body rates.",
         minimum=0.2,
         maximum=3.0,
     )
     thrust_time_constant: float = parameter(
         0.04,
-        doc="manifold: first-order lag of the throttle behind its command.",
+        doc="manifold: time constant of the throttle.",
         unit="s",
         minimum=0.0,
         maximum=1.0,
     )
     thrust_time_constant_down: float = parameter(
         0.0,
-        doc="manifold: lag while the throttle decreases; 0 is thrust_time_constant.",
+        doc="manifold: time constant of a falling throttle; 0 is thrust_time_constant.",
         unit="s",
         minimum=0.0,
         maximum=1.0,
     )
     input_delay: float = parameter(
         0.02,
-        doc="Time from the stamp of an odometry to when the command that answers it acts, the "
-        "odometry's own delay included; the state is predicted across it, and across what an "
-        "odometry comes later than the fastest.",
+        doc="Time from the stamp of an odometry until its command acts, including the delay of "
+        "the odometry. The state is predicted over this time and over the extra latency of each "
+        "odometry.",
         unit="s",
         minimum=0.0,
         maximum=0.5,
     )
     estimate_disturbance: bool = parameter(
         True,
-        doc="manifold: estimate an acceleration, the thrust's scale, the drag, the actuators' "
-        "time constants where they lag and the bias of the measured velocity, and allow for them.",
+        doc="manifold: estimate and compensate a disturbance acceleration, the thrust scale, the "
+        "drag, the modelled time constants and the bias of the measured velocity.",
     )
     disturbance_max: float = _live_advanced(
         5.0,
-        doc="manifold: largest acceleration along the ground that the estimate may find; raise it "
-        "where strong pushes are to be held.",
+        doc="manifold: largest horizontal disturbance acceleration that is estimated; increase it "
+        "to withstand stronger forces.",
         unit="m/s^2",
         above=0.0,
         maximum=50.0,
     )
     accelerometer_noise: float = _advanced(
         0.0,
-        doc="manifold: standard deviation that is assumed of what the accelerometer of the topic "
-        "imu measures on the average from one odometry to the next, some four times its noise; "
-        "0.5 is of use where the odometry's velocity is noisy, 0 is to listen to none.",
+        doc="manifold: assumed standard deviation of the mean of the accelerometer (topic imu) "
+        "between two odometries, about four times its noise. 0.5 helps with noisy odometry "
+        "velocities; 0 disables the accelerometer.",
         unit="m/s^2",
         minimum=0.0,
         maximum=20.0,
     )
     lockstep: bool = parameter(
-        False, doc="Answer each odometry with the reference of the same stamp, in simulated time."
+        False, doc="Answer each odometry using the reference of the same stamp, in simulated time."
     )
     odom_timeout: float = _live(
-        0.1, doc="Odometry older than this is unusable.", unit="s", above=0.0
+        0.1, doc="Age after which odometry is unusable.", unit="s", above=0.0
     )
     odom_gap: float = _live_advanced(
         0.4,
-        doc="How long after the last odometry the MPC plans on, from where its own commands "
-        "should have brought the vehicle; 0 is no longer than odom_timeout.",
+        doc="Time after the last odometry during which the MPC plans from a predicted state; 0 "
+        "predicts until odom_timeout only.",
         unit="s",
         minimum=0.0,
         maximum=1.0,
     )
     reference_timeout: float = _live(
         0.5,
-        doc="A reference older than this is unusable, unless it still reaches over the horizon.",
+        doc="Age after which a reference is unusable, unless its window still covers the horizon.",
         unit="s",
         above=0.0,
     )
     deadline: float = _advanced(
         0.8,
-        doc="Share of a control period within which a plan has to be ready, or it is dropped; "
-        "not in lockstep.",
+        doc="Longest computation of a plan as a share of a control period; later plans are "
+        "dropped. Ignored in lockstep.",
         above=0.0,
         maximum=1.0,
     )
     plan_hold_time: float = _live(
-        0.2, doc="How long the last plan is flown on when no new one comes.", unit="s", minimum=0.0
+        0.2, doc="Time for which the last plan is flown without a new plan.", unit="s", minimum=0.0
     )
     blind_time: float = _live(
         1.0,
-        doc="How long to level and descend without odometry before falling silent.",
+        doc="Duration of the level descent without odometry; then publishing stops.",
         unit="s",
         minimum=0.0,
     )
@@ -487,11 +462,10 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     contouring: ContouringParameters = dataclasses.field(default_factory=ContouringParameters)
     gates: str = parameter(
         "",
-        doc="contouring: file of the course whose openings are held by half-spaces, or its text "
-        "in braces; none is to trust the reference.",
+        doc="contouring: file of gates, or the content of the file in braces; half-spaces keep "
+        "the plan inside the gate openings; an empty text disables the half-spaces.",
     )
     obstacles: ObstacleParameters = dataclasses.field(default_factory=ObstacleParameters)
-    realtime: RealtimeParameters = dataclasses.field(default_factory=RealtimeParameters)
 
     @property
     def on_manifold(self) -> bool:
@@ -516,12 +490,12 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
 
     @property
     def holds_gates(self) -> bool:
-        """Whether the openings of gates are held."""
+        """Whether half-spaces keep the plan inside gate openings."""
         return self.formulation == "contouring" and bool(self.gates)
 
     @property
     def guided_by(self) -> str:
-        """The parameter that requires a guide, else empty."""
+        """The parameter that requires a guide, empty without a guide."""
         if self.obstacles.half_spaces > 0:
             return f"{self.owner}.obstacles.half_spaces"
         return f"{self.owner}.gates" if self.holds_gates else ""
@@ -533,7 +507,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
 
     @property
     def unmodelled_lags(self) -> list[str]:
-        """The names of the lags that are zero, unlike those of any real vehicle."""
+        """The names of the lags that are zero; on real vehicles no lag is zero."""
         if not self.on_manifold:
             return []
         names = ("rate_time_constant", "thrust_time_constant", "input_delay")
@@ -545,7 +519,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
         return math.inf if self.lockstep else self.deadline / self.control_rate
 
     def check(self) -> None:
-        """Refuse bounds that leave no throttle, and bounds that forbid hovering."""
+        """Reject bounds that leave no throttle, and bounds that forbid hovering."""
         super().check()
         hover = self.vehicle().hover_throttle
         if not self.throttle_min < hover < self.throttle_max:
@@ -561,11 +535,4 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
                 f"{self.owner}.obstacles.half_spaces",
                 self.obstacles.half_spaces,
                 "0 with formulation paper, whose problem has no half-spaces",
-            )
-        room = min(hover - self.throttle_min, self.throttle_max - hover)
-        if not self.limits.throttle_margin < room:
-            raise ConfigurationError(
-                f"{self.owner}.advanced.limits.throttle_margin",
-                self.limits.throttle_margin,
-                f"a number below {room:.4f}, the distance of the hover throttle to its bounds",
             )

@@ -6,8 +6,8 @@ record. The controller uses neither ROS nor a wall clock; ``now_ns`` is an argum
 
 from __future__ import annotations
 
-import functools
 import math
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -15,9 +15,9 @@ import numpy as np
 from quad_mpc_ros.configuration import ArgumentError
 from quad_mpc_ros.configuration.arguments import instance, number
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.estimate_stage import Estimate, EstimateStage
+from quad_mpc_ros.control.estimate_stage import EstimateStage
 from quad_mpc_ros.control.estimation.ground_state import GroundState
-from quad_mpc_ros.control.guide import Avoidance, Guide
+from quad_mpc_ros.control.guide import Guide
 from quad_mpc_ros.control.guide_stage import GuideStage
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import (
@@ -29,42 +29,40 @@ from quad_mpc_ros.control.model.samples import (
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.plan_stage import Planned, PlanStage
 from quad_mpc_ros.control.safety.decide_stage import Decided, DecideStage
-from quad_mpc_ros.control.safety.fallbacks import LearnedModel
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
 from quad_mpc_ros.control.safety.limit_stage import LimitStage
-from quad_mpc_ros.control.stage import Due, Failure, Stage
+from quad_mpc_ros.control.stage import Due, Stage
 from quad_mpc_ros.control.stage_log import StageLog
-from quad_mpc_ros.control.tick import Tick, figures_of
+from quad_mpc_ros.control.tick import Tick
 
 _SECOND = 1_000_000_000
-_NO_ESTIMATE = Failure("estimate", "not run without odometry")
 _CLOCK_SET_PERIODS = 3  # an odometry so many periods from its due time means a clock was set
 
 
 class Controller:
     """MPC with fallbacks and limits around it.
 
-    Odometry triggers the ticks. At each it minimises, over the inputs u_i = (throttle, body
-    rates) of the horizon and subject to the linearised model and the bounds on the inputs,
+    Odometry triggers the ticks. At each step the MPC minimises, over the inputs u_i = (throttle,
+    body rates) of the horizon and subject to the linearised model and the bounds on the inputs,
 
         sum_i x_i' Q x_i + u_i' R u_i,
 
     where x_i and u_i are the errors to the reference on the manifold R^6 x SO(3), and returns the
-    first input. Sent commands are recorded; if another command acted, call
+    first input. Sent commands are recorded; if another command was executed, call
     :meth:`replace_last_command`.
 
-    In lockstep an odometry waits for the reference of its stamp, and a repeated odometry gets the
-    same answer, so that lost messages can be sent again.
+    In lockstep an odometry waits for the reference of its stamp, and a repeated odometry gets an
+    identical command, so that lost messages can be sent again.
 
     Args:
-        config: Parameters; :meth:`reconfigure` changes live ones.
+        config: Parameters; :meth:`reconfigure` changes live parameters.
         deadline: Longest time for a plan [s]; later plans are dropped.
         guide: Guide for obstacles or gates, None without a guide.
 
     The constructor, :meth:`step` and :meth:`replace_last_command` raise :class:`.ArgumentError`, a
     ``ValueError``, for an argument of another type; other methods check no types. Unusable
-    odometry and references are ignored: :meth:`take_warnings` returns why, and the last valid ones
-    stay in use.
+    odometry and references are ignored: :meth:`take_warnings` returns the reason, and the last
+    valid inputs stay in use.
 
     Example:
         >>> controller = Controller(MpcConfig())
@@ -94,6 +92,7 @@ class Controller:
             ground,
             limits=self._deciding.limits,
             consistency=self._deciding.consistency,
+            learned=self._estimation.learned,
             log=log,
         )
         self._period_ns = round(_SECOND / config.control_rate)
@@ -129,12 +128,12 @@ class Controller:
         return tuple(stage for owner in owners for stage in owner.stages)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Apply changed live parameters between two ticks; the warm start stays."""
+        """Apply changed live parameters between two ticks; the warm start is kept."""
         self._config = config
         self._to_all(lambda stage: stage.reconfigure(config))
 
     def engage(self, engaged: bool) -> None:
-        """Set whether commands act on the vehicle: armed, and in the offboard mode."""
+        """Set whether the vehicle executes commands: armed, and in offboard mode."""
         if engaged == self._engaged:
             return
         self._engaged = engaged
@@ -142,12 +141,12 @@ class Controller:
 
     def landed(self, landed: bool | None) -> None:
         """Set whether the flight stack reports the vehicle landed; None without a report."""
-        self._estimation.ground.set_landed(landed)
+        self._estimation.ground.landed = landed
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Apply an announced step of the estimate: the vehicle stays, its coordinates change.
+        """Apply an announced odometry jump: the vehicle stays, its coordinates change.
 
-        Held positions and the present reference are transformed. Call this before the first
+        Held positions and the current reference are transformed. Call this before the first
         odometry in the new coordinates.
         """
         self._to_all(lambda stage: stage.reset_estimate(reset))
@@ -171,12 +170,12 @@ class Controller:
 
         Args:
             odometry: State of the vehicle, in ENU and FLU.
-            reference: Reference window; it has to cover the stamp.
+            reference: Reference window that covers the stamp.
 
         Returns:
             The tick; its ``command`` is None if the safety ladder sends nothing. None without a
-            tick: the odometry is unusable (:meth:`take_warnings` returns why), or not yet due at
-            ``control_rate``.
+            tick: the odometry is unusable (:meth:`take_warnings` returns the reason), or not yet
+            due at ``control_rate``.
         """
         instance(reference, "reference", ReferenceWindow)
         now_ns = instance(odometry, "odometry", OdometrySample).stamp_ns
@@ -184,7 +183,7 @@ class Controller:
         return self.receive_odometry(odometry, now_ns=now_ns) or answered
 
     def check_stamps(self, wanted: bool) -> None:
-        """Set whether stamps are compared with arrivals; not for a recorded, accepted odometry."""
+        """Set whether stamps are compared with arrivals; disable for recorded odometry."""
         self._inputs.gate.checks_stamps = wanted
 
     def receive_odometry(self, odometry: OdometrySample, *, now_ns: int) -> Tick | None:
@@ -202,7 +201,7 @@ class Controller:
         if accepted is None:
             return None
         for reset in self._inputs.jumps.take_resets():
-            self._estimation.transform_estimate(reset)
+            self._estimation.estimator.reset_estimate(reset)
         if self._config.lockstep:
             return self._last_tick if self._is_answered() else self._answer_in_lockstep()
         if not self._decimation.is_due(accepted.stamp_ns):
@@ -237,7 +236,7 @@ class Controller:
         """
         if not self._config.uses_accelerometer or not self._inputs.accept_imu(sample):
             return None
-        self._estimation.take_imu(sample)
+        self._estimation.estimator.add_imu(sample)
         if self._config.lockstep and not self._is_answered():
             return self._answer_in_lockstep()
         return None
@@ -257,22 +256,24 @@ class Controller:
         if self._config.lockstep or not lost:
             return None
         sent_ns = self._estimation.elapsed_ns(now_ns=now_ns)
-        return self._control(Due(None, now_ns, sent_ns, now_ns, self._period_ns * 1e-9))
+        duration = self._period_ns * 1e-9
+        return self._control(Due(None, now_ns, sent_ns, now_ns, duration, time.perf_counter()))
 
     def seconds_until_odometry_lost(self, *, now_ns: int) -> float:
-        """Return how long :meth:`watch` will do nothing in any case [s]."""
+        """Return the time for which :meth:`watch` certainly does nothing [s]."""
         return self._inputs.seconds_until_odometry_lost(now_ns=now_ns)
 
     def replace_last_command(self, command: CommandSample, *, now_ns: int) -> None:
-        """Record that this command was sent instead of that of the last tick."""
+        """Record that this command was sent instead of the last tick's command."""
         command = instance(command, "command", CommandSample).checked()
         if not (math.isfinite(command.throttle) and np.isfinite(command.w_WB_B).all()):
-            raise ArgumentError("command", command, "a command of finite numbers")
+            raise ArgumentError("command", command, "finite numbers in the command")
         u = Input(throttle=command.throttle, w_WB_B=command.w_WB_B)
         self._limiting.replace(u, now_ns=now_ns)
         tick = self._last_tick
         replaces = tick is not None and tick.stamp_ns == command.stamp_ns
-        self._estimation.record(u, stamp_ns=self._sent_ns if replaces else command.stamp_ns)
+        sent_ns = self._sent_ns if replaces else command.stamp_ns
+        self._estimation.record(u, stamp_ns=sent_ns)
 
     def _is_answered(self) -> bool:
         """Whether the last tick belongs to the newest odometry."""
@@ -280,7 +281,7 @@ class Controller:
         return odometry is not None and tick is not None and tick.stamp_ns == odometry.stamp_ns
 
     def _answer_in_lockstep(self) -> Tick | None:
-        """Run the control step of the newest odometry if the reference of its stamp is there."""
+        """Run the control step of the newest odometry if its reference has arrived."""
         odometry, window = self._inputs.odometry, self._inputs.reference
         if odometry is None or window is None or window.stamp_ns != odometry.stamp_ns:
             return None
@@ -292,78 +293,58 @@ class Controller:
         return self._answer(odometry, held_ns=held_ns, now_ns=odometry.stamp_ns)
 
     def _awaits_imu(self, stamp_ns: int) -> bool:
-        """Whether an odometry in lockstep, but the first, waits for an IMU sample of its stamp."""
+        """Whether an odometry in lockstep, except the first, waits for its IMU sample."""
         if not self._config.uses_accelerometer or self._last_tick is None:
             return False
         imu_ns = self._inputs.imu_stamp_ns
         return imu_ns is None or imu_ns < stamp_ns
 
     def _answer(self, odometry: OdometrySample, *, held_ns: int, now_ns: int) -> Tick:
-        """Run the control step of an odometry; its command is expected to act for ``held_ns``."""
+        """Run the control step of an odometry; the command is expected to act for ``held_ns``."""
         sent_ns = self._estimation.answer_ns(odometry.stamp_ns, now_ns=now_ns)
-        return self._control(Due(odometry, odometry.stamp_ns, sent_ns, now_ns, held_ns * 1e-9))
+        started, duration = time.perf_counter(), held_ns * 1e-9
+        return self._control(Due(odometry, odometry.stamp_ns, sent_ns, now_ns, duration, started))
 
     def _control(self, due: Due) -> Tick:
-        """Run a control step on validated inputs, and check that the reference covers it."""
+        """Run a control step: validate, estimate, guide, plan, decide, limit, record."""
         inputs, acting = self._inputs, self._limiting.acting
         reference = inputs.reference_at(due.sent_ns, now_ns=due.now_ns)
-
-        estimate: Estimate | Failure = _NO_ESTIMATE
-        if due.odometry is not None or self._deciding.may_predict_without_odometry(
-            now_ns=due.now_ns
-        ):
-            estimate = self._estimation.step(
-                due, acting=acting, reference=inputs.reference, idle_wanted=inputs.idle_wanted
-            )
-        guided = self._guidance.step(due, estimate, reference)
-        planned = self._planning.step(estimate, guided)
+        state = self._estimation.step(
+            due,
+            acting=acting,
+            reference=inputs.reference,
+            idle_wanted=inputs.idle_wanted,
+            may_predict=due.odometry is None
+            and self._deciding.may_predict_without_odometry(now_ns=due.now_ns),
+        )
+        guided = self._guidance.step(due, state, reference)
+        planned = self._planning.step(due, state, guided)
         decided = self._deciding.step(due, planned, flown=self._guidance.window, acting=acting)
-        command = self._limiting.step(
-            due, decided, corridor=self._guidance.corridor, learned=self._learned
-        )
+        command = self._limiting.step(due, decided, corridor=self._guidance.corridor)
         return self._record(due, planned, decided, command)
-
-    def _learned(self) -> LearnedModel:
-        """Return the estimate for the fallbacks."""
-        model = self._estimation.parameters()
-        return LearnedModel(
-            thrust_scale=float(model.thrust_scale),
-            a_W=tuple(model.a_W.tolist()),
-            rate_lag=0.5 * sum(model.rate_time_constants.tolist()[:2]),
-            torque_lag=0.5 * sum(model.torque_time_constants.tolist()[:2]),
-            acceleration=self._estimation.angular_acceleration(),
-        )
 
     def _record(self, due: Due, planned: Planned, decided: Decided, u: Input | None) -> Tick:
         """Pass command and plan to the stages that record them, and return the tick."""
+        inputs, estimation, guidance = self._inputs, self._estimation, self._guidance
         command = None
         if u is not None:
             self._sent_ns = due.sent_ns
-            self._estimation.record(u, stamp_ns=due.sent_ns)
+            estimation.record(u, stamp_ns=due.sent_ns)
             command = CommandSample(stamp_ns=due.stamp_ns, throttle=u.throttle, w_WB_B=u.w_WB_B)
-        self._guidance.record(decided.plan, sent_ns=due.sent_ns)
-        guided, behind = self._guidance.guided, self._guidance.behind
-        reference = self._inputs.reference
+        guidance.record(decided.plan, sent_ns=due.sent_ns)
         self._last_tick = Tick(
             command=command,
             decision=decided.decision,
             stamp_ns=due.stamp_ns,
-            figures=functools.partial(
-                figures_of,
-                decided.decision,
-                planned.step,
-                self._log.counts,
-                stamp_ns=due.stamp_ns,
-                ages_ns=self._inputs.ages_ns(due.now_ns),
-                reference_stamp_ns=0 if reference is None else reference.stamp_ns,
-                ground=self._estimation.ground.state,
-                estimate=self._estimation.status,
-                avoidance=Avoidance() if guided is None else guided.avoidance,
-                behind=behind,
-            ),
-            guided=guided,
-            behind=behind,
             plan=decided.plan,
+            guided=guidance.guided,
+            behind=guidance.delayed.behind,
+            step=planned.step,
+            counts=self._log.counts,
+            ages_ns=inputs.ages_ns(due.now_ns),
+            reference_stamp_ns=0 if inputs.reference is None else inputs.reference.stamp_ns,
+            ground=estimation.ground.state,
+            estimate=estimation.estimator.status,
         )
         return self._last_tick
 
@@ -372,7 +353,7 @@ class Decimation:
     """Selects the odometry nearest to each tick of the control rate.
 
     An odometry may be early by half the distance between odometries, so that jitter at the control
-    rate costs no tick.
+    rate skips no tick.
     """
 
     def __init__(self, period_ns: int) -> None:

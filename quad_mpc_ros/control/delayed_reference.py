@@ -1,8 +1,8 @@
-"""The delay of the vehicle behind the reference's clock, and the reference delayed by it.
+"""The delay of the vehicle behind the reference, and the delayed reference.
 
-The publisher of the reference does not know the delay: windows begin at the present. Their samples
-are kept until the vehicle has passed them, so that it flies the whole path, later. A jump of the
-reference ends the delay.
+The publisher of the reference does not know the delay: windows begin at the current time. Samples
+are kept until the vehicle has passed them, so that it flies the whole path with delay. A jump of
+the reference ends the delay.
 """
 
 from __future__ import annotations
@@ -38,37 +38,31 @@ class DelayedReference(Stage):
 
     def __init__(self, config: MpcConfig) -> None:
         self._engaged = True
-        self._reset()
+        self.reset()
         self.reconfigure(config)
 
-    def _reset(self) -> None:
+    def reset(self) -> None:
+        """Reset the delay to zero."""
         self.behind = 0.0
         self._reference: ReferenceWindow | None = None
         self._flown: _Flown | None = None
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Apply a changed ``behind_max``, the largest delay [s]."""
-        self._config = config
-        self._behind_max = config.contouring.behind_max
-
-    def fresh_copy(self) -> DelayedReference:
-        """Return a new instance with the same engagement."""
-        fresh = DelayedReference(self._config)
-        fresh.engage(self._engaged)
-        return fresh
+        """Apply a changed ``delay_max``, the largest delay [s]."""
+        self._delay_max = config.contouring.delay_max
 
     def engage(self, engaged: bool) -> None:
         """Reset the delay; only an engaged vehicle is behind."""
         self._engaged = engaged
-        self._reset()
+        self.reset()
 
     def take(self, plan: Plan, *, stamp_ns: int) -> None:
-        """Take the plan for the odometry of a stamp; its speeds determine the delay."""
+        """Take the plan for the odometry of a stamp; the plan's speeds determine the delay."""
         if self._engaged and plan.speeds.size > 0:
             self._flown = _Flown(plan, stamp_ns, stamp_ns)
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Transform the kept reference by an announced step of the estimate."""
+        """Transform the kept reference by an announced odometry jump."""
         if self._reference is not None:
             self._reference = reset.window(self._reference)
 
@@ -95,7 +89,7 @@ class DelayedReference(Stage):
         plan, began_ns, counted_ns = self._flown
         since, until = 1e-9 * (counted_ns - began_ns), 1e-9 * (stamp_ns - began_ns)
         behind = self.behind + plan.given_up(since, until)
-        self.behind = min(max(behind, -_MAX_AHEAD), self._behind_max)
+        self.behind = min(max(behind, -_MAX_AHEAD), self._delay_max)
         self._flown = self._flown._replace(counted_ns=stamp_ns)
 
     def _extended(self, window: ReferenceWindow) -> ReferenceWindow:
@@ -126,14 +120,14 @@ def _from(window: ReferenceWindow, first: int) -> ReferenceWindow:
 
 
 def _has_jumped(reference: ReferenceWindow, window: ReferenceWindow) -> bool:
-    """Whether a window differs from the previous reference at the same time."""
+    """Whether a window differs from the previous reference at equal times."""
     both_ns = max(each.stamp_ns + int(each.offset_ns[0]) for each in (reference, window))
     (p_before, _), (p_after, _) = reference.pose_at(both_ns), window.pose_at(both_ns)
     return float(np.linalg.norm(p_after - p_before)) > _JUMP_DISTANCE
 
 
 def _is_over(reference: ReferenceWindow, window: ReferenceWindow, behind: float) -> bool:
-    """Whether the reference has been at rest at the same place for ``behind`` seconds."""
+    """Whether the reference has been at rest for ``behind`` seconds."""
     if window.v_WB_W[0].any() or window.a_WB_W[0].any():
         return False
     p_W, _ = reference.pose_at(window.stamp_ns - round(1e9 * behind))

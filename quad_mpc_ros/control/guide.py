@@ -19,7 +19,7 @@ class Avoidance(NamedTuple):
 
     ``state`` is free (the reference is flown), around, or stopped; failed if the guide raised an
     error, off without a guide. ``clearance`` [m] is between the surfaces of the vehicle and the
-    nearest known obstacle, infinity if none is near.
+    nearest known obstacle, infinity if no obstacle is near.
     """
 
     state: str = "off"
@@ -38,8 +38,8 @@ class Guided(NamedTuple):
 class Guide(Stage, ABC):
     """Changes the reference to avoid obstacles.
 
-    If the reference is free, the guide returns the same window without a corridor, so that the
-    commands are those without a guide. If a guide raises, the reference is flown without a
+    If the reference is free, the guide returns the unchanged window without a corridor, so that
+    the commands equal those without a guide. If a guide raises, the reference is flown without a
     corridor in that step; the next step calls the guide again.
     """
 

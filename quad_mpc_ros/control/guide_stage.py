@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.delayed_reference import DelayedReference
-from quad_mpc_ros.control.estimate_stage import Estimate
 from quad_mpc_ros.control.guide import FAILED, Avoidance, Guide, Guided
 from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.prediction import PredictedState
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.stage import Due, Failure, Stage
@@ -19,9 +19,10 @@ class GuideStage(Stage):
 
     Attributes:
         guide: The guide, None without a guide.
-        guided: Last result of the guide, None before the first and without a guide.
+        guided: Last result of the guide, None before the first result and without a guide.
         window: Window flown instead of the reference, None for the reference itself.
         corridor: The free region, None for no constraint.
+        delayed: The reference, delayed like the vehicle.
     """
 
     def __init__(self, config: MpcConfig, guide: Guide | None, log: StageLog) -> None:
@@ -31,21 +32,16 @@ class GuideStage(Stage):
         self.window: ReferenceWindow | None = None
         self.corridor: Corridor | None = None
         self._plan: Plan | None = None
-        self._delayed = DelayedReference(config)
+        self.delayed = DelayedReference(config)
 
     @property
     def stages(self) -> tuple[Stage, ...]:
         """This stage, the delayed reference and the guide."""
         guide = () if self.guide is None else self.guide.stages
-        return self, self._delayed, *guide
-
-    @property
-    def behind(self) -> float:
-        """Delay of the vehicle behind the reference's clock [s]."""
-        return self._delayed.behind
+        return self, self.delayed, *guide
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Transform plan, windows and corridors by an announced step of the estimate."""
+        """Transform plan, windows and corridors by an announced odometry jump."""
         if self._plan is not None:
             axes = reset.vectors(self._plan.R_WB.swapaxes(1, 2)).swapaxes(1, 2)
             self._plan = self._plan._replace(p_WB=reset.points(self._plan.p_WB), R_WB=axes)
@@ -57,7 +53,7 @@ class GuideStage(Stage):
         self.corridor = _moved(self.corridor, reset)
 
     def step(
-        self, due: Due, estimate: Estimate | Failure, reference: ReferenceWindow | Failure
+        self, due: Due, state: PredictedState | Failure, reference: ReferenceWindow | Failure
     ) -> Guided | Failure:
         """Return the window and corridor to fly.
 
@@ -66,8 +62,8 @@ class GuideStage(Stage):
         """
         if isinstance(reference, Failure):
             return reference
-        if isinstance(estimate, Failure):
-            return estimate
+        if isinstance(state, Failure):
+            return state
         guided = self._guided_window(due.odometry, self._delayed_window(reference, due.sent_ns))
         self.window = None if guided.window is reference else guided.window
         self.corridor = guided.corridor
@@ -75,10 +71,10 @@ class GuideStage(Stage):
 
     def _delayed_window(self, reference: ReferenceWindow, sent_ns: int) -> ReferenceWindow:
         try:
-            return self._delayed.at(reference, sent_ns)
+            return self.delayed.at(reference, sent_ns)
         except Exception as error:
             self._log.stage_error("delayed reference", error)
-            self._delayed = self._delayed.fresh_copy()
+            self.delayed.reset()
             return reference
 
     def _guided_window(self, odometry: OdometrySample | None, window: ReferenceWindow) -> Guided:
@@ -98,7 +94,7 @@ class GuideStage(Stage):
         """Take the plan that is flown, None without a plan."""
         self._plan = plan
         if plan is not None:
-            self._delayed.take(plan, stamp_ns=sent_ns)
+            self.delayed.take(plan, stamp_ns=sent_ns)
 
 
 def _moved(corridor: Corridor | None, reset: EstimateReset) -> Corridor | None:

@@ -30,7 +30,7 @@ _MANY_ITERATIONS = 200  # of the solver, over all linearisations of a step
 class MpcStep(NamedTuple):
     """Result of one step; ``plan`` is None if the solver failed. ``step_time`` is in seconds.
 
-    ``state`` is the initial state, ``solution`` that of the last solve, ``iterations`` and
+    ``state`` is the initial state, ``solution`` the last solver result, ``iterations`` and
     ``solve_time`` [s] are sums over all solves.
     """
 
@@ -45,8 +45,9 @@ class MpcStep(NamedTuple):
 class Mpc(Stage):
     """Model predictive control by sequential quadratic programming, one persistent sparse QP.
 
-    The problem owns the stages and its plans, the QP the scaled matrices, the solver the last
-    solution, from which it starts; the step owns nothing that outlives it.
+    A second QP and solver serve steps with a corridor. The problem owns the stages and plans, the
+    QP owns the scaled matrices, and the solver owns its last solution, the warm start. A step owns
+    no lasting state.
     """
 
     def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
@@ -80,14 +81,14 @@ class Mpc(Stage):
         window: ReferenceWindow,
         corridor: Corridor | None = None,
         *,
-        used: float = 0.0,
+        started: float | None = None,
     ) -> MpcStep:
         """Compute the plan from a predicted state.
 
-        It stays in a ``corridor``, if the configuration has half-spaces for it. ``used`` [s] is
-        the part of the deadline that the step has used so far.
+        The plan stays in a ``corridor`` if half-spaces are configured. ``started`` is the start
+        time of the deadline [s], by :func:`time.perf_counter`; None starts now.
         """
-        started, problem = time.perf_counter() - used, self._problem
+        started, problem = started or time.perf_counter(), self._problem
         if self._constrained is None or corridor is None:
             corridor, (qp, solver) = None, self._unconstrained
         else:
@@ -120,7 +121,7 @@ class Mpc(Stage):
         )
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Apply new weights and bounds; pattern, plan and warm start stay.
+        """Apply new weights and bounds; pattern, plan and warm start are kept.
 
         A reset of the estimate requires no change: plans are deviations from reference inputs.
         """

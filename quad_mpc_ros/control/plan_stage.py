@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-import time
 from typing import NamedTuple
 
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.estimate_stage import Estimate
 from quad_mpc_ros.control.guide import Guided
 from quad_mpc_ros.control.lie.kernels import infinity_norm
+from quad_mpc_ros.control.model.prediction import PredictedState
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
 from quad_mpc_ros.control.ocp.plan import Plan
-from quad_mpc_ros.control.stage import Failure, Stage
+from quad_mpc_ros.control.stage import Due, Failure, Stage
 from quad_mpc_ros.control.stage_log import StageLog
 
 
@@ -20,8 +19,8 @@ class Planned(NamedTuple):
     """Result of the stage.
 
     Attributes:
-        step: The step of the MPC, also if its plan cannot be flown; None if it did not run.
-        failure: Why there is no plan to fly, None if there is one.
+        step: The step of the MPC, even if its plan cannot be flown; None without a step.
+        failure: The reason why no plan can be flown, else None.
     """
 
     step: MpcStep | None
@@ -46,22 +45,22 @@ class PlanStage(Stage):
         """This stage and the MPC."""
         return self, *self._mpc.stages
 
-    def step(self, estimate: Estimate | Failure, guided: Guided | Failure) -> Planned:
-        """Return the plan, or why there is none."""
+    def step(self, due: Due, state: PredictedState | Failure, guided: Guided | Failure) -> Planned:
+        """Return the plan, or the reason why no plan exists."""
         if isinstance(guided, Failure):
             return Planned(None, guided)
-        if isinstance(estimate, Failure):
-            return Planned(None, estimate)
-        used = time.perf_counter() - estimate.started
+        if isinstance(state, Failure):
+            return Planned(None, state)
+        window, corridor, _avoidance = guided
         try:
-            step = self._mpc.solve(estimate.state, guided.window, guided.corridor, used=used)
+            step = self._mpc.solve(state, window, corridor, started=due.started)
         except Exception as error:  # the fallbacks have to fly the vehicle in any case
             self._mpc.restart()
             return Planned(None, self._log.solver_failure(f"error in the MPC: {error!r}"))
         return Planned(step, self._failure_of(step))
 
     def _failure_of(self, step: MpcStep) -> Failure | None:
-        """Return why the plan of a step cannot be flown, None if it can."""
+        """Return the reason why the plan of a step cannot be flown, else None."""
         if step.plan is None:
             return self._log.solver_failure(f"solver: {step.solution.status}")
         if not infinity_norm(step.plan.inputs.ravel()) < math.inf:  # also true for NaN

@@ -19,9 +19,10 @@ class Due(NamedTuple):
     Attributes:
         odometry: The odometry, twist in the body frame; None in a step without odometry.
         stamp_ns: Stamp of the command.
-        sent_ns: When the command is sent, by the clock of the odometry's stamps.
-        now_ns: When the command is sent, by the clock of the arrivals.
+        sent_ns: Sending time of the command, by the clock of the odometry's stamps.
+        now_ns: Sending time of the command, by the clock of the arrivals.
         duration: Expected duration of the command [s].
+        started: Start of the control step [s], by :func:`time.perf_counter`.
     """
 
     odometry: OdometrySample | None
@@ -29,10 +30,11 @@ class Due(NamedTuple):
     sent_ns: int
     now_ns: int
     duration: float
+    started: float
 
 
 class Failure(NamedTuple):
-    """The stage that gave no result, and the reason."""
+    """The stage that returned no result, and the reason."""
 
     stage: str
     reason: str
@@ -41,8 +43,8 @@ class Failure(NamedTuple):
 class Stage:
     """An owner of flight state.
 
-    A stage overrides the events that concern its state. It does not forward them: the controller
-    calls every stage in :attr:`stages`.
+    A stage overrides the events that concern its state. Stages do not forward events: the
+    controller calls every stage in :attr:`stages`.
     """
 
     @property
@@ -51,10 +53,10 @@ class Stage:
         return (self,)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Apply changed live parameters; the flight state stays."""
+        """Apply changed live parameters; the flight state is kept."""
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Transform the flight state by an announced step of the odometry's frame."""
+        """Transform the flight state by an announced odometry jump."""
 
     def engage(self, engaged: bool) -> None:
-        """Set whether commands act on the vehicle."""
+        """Set whether the vehicle executes commands."""

@@ -40,12 +40,12 @@ class StageLog:
         self.counts = Counts(commands + 1, fallbacks + by_fallback, *others)
 
     def reject(self, reason: str) -> None:
-        """Count an unusable input, and warn of it."""
+        """Count an unusable input, and warn."""
         self._count("rejected_inputs")
         self.warn(reason)
 
     def stage_error(self, stage: str, error: Exception) -> Failure:
-        """Count an exception in a stage other than the MPC, and warn of it."""
+        """Count an exception in a stage other than the MPC, and warn."""
         failure = Failure(stage, f"error in the {stage}: {error!r}")
         self._count("stage_errors")
         self.warn(failure.reason)

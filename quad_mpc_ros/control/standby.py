@@ -1,8 +1,6 @@
-"""The newest inputs of an inactive controller, and whether it can be activated."""
+"""The newest inputs of an inactive controller, and whether the controller can be activated."""
 
 from __future__ import annotations
-
-from typing import Generic, NamedTuple, TypeVar
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
@@ -15,24 +13,16 @@ from quad_mpc_ros.control.tick import Tick
 _SECOND = 1_000_000_000
 
 
-M = TypeVar("M", OdometrySample, ReferenceWindow)
-
-
-class _Received(NamedTuple, Generic[M]):
-    message: M
-    now_ns: int
-
-
 class Standby:
-    """Keeps the newest odometry and reference; times are those of the controller."""
+    """Keeps the newest odometry and reference with their times of arrival, by the node's clock."""
 
     def __init__(self, config: MpcConfig) -> None:
         self._gate = OdometryGate(config)
         self._refusal: str | None = "no odometry yet"  # of the newest odometry
         self._has_odometry = False  # valid or not
-        self._odometry: _Received[OdometrySample] | None = None
+        self._odometry: tuple[OdometrySample, int] | None = None
         self._advances = config.lockstep  # in lockstep the simulator waits after each odometry
-        self._reference: _Received[ReferenceWindow] | None = None
+        self._reference: tuple[ReferenceWindow, int] | None = None
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Apply changed timeouts."""
@@ -44,20 +34,21 @@ class Standby:
         self._refusal = self._gate.refusal(odometry, now_ns=now_ns)
         if self._refusal is None:
             self._advances |= self._odometry is not None
-            self._odometry = _Received(odometry, now_ns)
+            self._odometry = odometry, now_ns
 
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
         """Take a reference window."""
-        self._reference = _Received(window, now_ns)
+        self._reference = window, now_ns
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Transform the inputs by an announced step of the estimate."""
-        if self._odometry is not None and self._odometry.message.stamp_ns < reset.stamp_ns:
-            moved = reset.odometry(self._odometry.message)
-            self._odometry = self._odometry._replace(message=moved)
+        """Transform the inputs by an announced odometry jump."""
+        if self._odometry is not None:
+            odometry, odometry_ns = self._odometry
+            if odometry.stamp_ns < reset.stamp_ns:
+                self._odometry = reset.odometry(odometry), odometry_ns
         if self._reference is not None:
-            moved_window = reset.window(self._reference.message)
-            self._reference = self._reference._replace(message=moved_window)
+            window, window_ns = self._reference
+            self._reference = reset.window(window), window_ns
 
     @property
     def missing(self) -> str | None:
@@ -99,5 +90,6 @@ class Standby:
         """Pass the inputs to a new controller, and return its first tick."""
         if self._odometry is None or self._reference is None:
             return None
-        controller.receive_reference(self._reference.message, now_ns=self._reference.now_ns)
-        return controller.receive_odometry(self._odometry.message, now_ns=self._odometry.now_ns)
+        (odometry, odometry_ns), (window, window_ns) = self._odometry, self._reference
+        controller.receive_reference(window, now_ns=window_ns)
+        return controller.receive_odometry(odometry, now_ns=odometry_ns)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -21,35 +20,57 @@ if TYPE_CHECKING:  # reading the figures of a recording requires no solver
     from quad_mpc_ros.control.stage_log import Counts
 
 
+@dataclass(kw_only=True, eq=False)
 class Tick:
     """Result of one tick; ``command`` is None if the ladder publishes nothing.
 
-    The figures are computed on first access, which is after the command is sent.
+    Attributes:
+        command: The command to send.
+        decision: The active source and its reason.
+        stamp_ns: Stamp of the odometry, or the time of a tick without odometry [ns].
+        plan: The active plan, None without a plan.
+        guided: Result of the guide, None without a guide.
+        behind: Delay behind the reference's clock, formulation ``contouring`` [s].
+        step: The step of the MPC, None without a step.
+        counts: Counts of the flight so far.
+        ages_ns: Ages of odometry and reference [ns].
+        reference_stamp_ns: Stamp of the reference [ns], 0 without a reference.
+        ground: The ground state.
+        estimate: Status of the estimate.
     """
 
-    def __init__(
-        self,
-        *,
-        command: CommandSample | None,
-        decision: Decision,
-        stamp_ns: int,
-        figures: Callable[[], TickStats],
-        plan: Plan | None,
-        guided: Guided | None = None,
-        behind: float = 0.0,
-    ) -> None:
-        self.command = command
-        self.decision = decision
-        self.stamp_ns = stamp_ns
-        self.plan = plan
-        self.guided = guided  # result of the guide, if there is one
-        self.behind = behind  # delay behind the reference's clock, formulation contouring [s]
-        self._figures = figures
+    command: CommandSample | None
+    decision: Decision
+    stamp_ns: int
+    plan: Plan | None
+    guided: Guided | None
+    behind: float
+    step: MpcStep | None
+    counts: Counts
+    ages_ns: tuple[int, int]
+    reference_stamp_ns: int
+    ground: GroundState
+    estimate: EstimateStatus
 
     @functools.cached_property
     def stats(self) -> TickStats:
-        """The figures of the tick."""
-        return self._figures()
+        """The figures of the tick, computed on first access: after the command is sent."""
+        odom_age_ns, reference_age_ns = self.ages_ns
+        figures = {} if self.guided is None else _avoidance_figures(self.guided.avoidance)
+        return TickStats(
+            stamp_ns=self.stamp_ns,
+            source=self.decision.source.name.lower(),
+            reason=self.decision.reason,
+            odom_age_ms=1e-6 * odom_age_ns,
+            reference_age_ms=1e-6 * reference_age_ns,
+            reference_stamp_ns=self.reference_stamp_ns,
+            ground=self.ground.value,
+            progress_delay_s=self.behind,
+            estimate_resets=self.estimate.resets,
+            **figures,
+            **self.counts._asdict(),
+            **_solver_figures(self.step, self.estimate),
+        )
 
 
 @dataclass(kw_only=True, slots=True)
@@ -64,12 +85,12 @@ class TickStats:
     primal_residual: float  # of the scaled problem
     dual_residual: float  # of the scaled problem
     solve_time_us: float  # OSQP's own run time [us]
-    step_time_us: float  # state in to plan out [us]
+    step_time_us: float  # from the start of the control step to the plan [us]
     ground: str = "unknown"  # or on_ground, lifting_off, flying, touching_down, crashed
     avoidance: str = "off"  # of obstacles: off, free (the reference), around, stopped, failed
     avoidance_reason: str = ""  # why not free
     clearance_m: float = math.inf  # from the vehicle's surface to the nearest known obstacle [m]
-    behind_s: float = 0.0  # delay behind the reference's clock, formulation contouring [s]
+    progress_delay_s: float = 0.0  # delay behind the reference's clock, formulation contouring [s]
     disturbance_x: float = 0.0  # estimated disturbance acceleration, world [m/s^2]
     disturbance_y: float = 0.0  # as disturbance_x
     disturbance_z: float = 0.0  # as disturbance_x
@@ -105,39 +126,12 @@ class TickStats:
         return [(field.name, str(getattr(self, field.name))) for field in dataclasses.fields(self)]
 
 
-def figures_of(
-    decision: Decision,
-    step: MpcStep | None,
-    counts: Counts,
-    *,
-    stamp_ns: int,
-    ages_ns: tuple[int, int],
-    reference_stamp_ns: int,
-    ground: GroundState,
-    estimate: EstimateStatus,
-    avoidance: Avoidance,
-    behind: float,
-) -> TickStats:
-    """Return the figures of a tick; ``step`` is None if the MPC did not run.
-
-    ``ages_ns`` are the ages of odometry and reference.
-    """
-    odom_age_ns, reference_age_ns = ages_ns
-    return TickStats(
-        stamp_ns=stamp_ns,
-        source=decision.source.name.lower(),
-        reason=decision.reason,
-        odom_age_ms=1e-6 * odom_age_ns,
-        reference_age_ms=1e-6 * reference_age_ns,
-        reference_stamp_ns=reference_stamp_ns,
-        ground=ground.value,
-        avoidance=avoidance.state,
-        avoidance_reason=avoidance.reason,
-        clearance_m=avoidance.clearance,
-        behind_s=behind,
-        **counts._asdict(),
-        **_solver_figures(step, estimate),
-    )
+def _avoidance_figures(avoidance: Avoidance) -> dict[str, Any]:
+    return {
+        "avoidance": avoidance.state,
+        "avoidance_reason": avoidance.reason,
+        "clearance_m": avoidance.clearance,
+    }
 
 
 def _solver_figures(step: MpcStep | None, estimate: EstimateStatus) -> dict[str, Any]:
@@ -168,7 +162,6 @@ def _solver_figures(step: MpcStep | None, estimate: EstimateStatus) -> dict[str,
         "rate_offset_x": roll_offset,
         "rate_offset_y": pitch_offset,
         "estimate": estimate.text,
-        "estimate_resets": estimate.resets,
         "accelerometer": estimate.accelerometer,
         "imu_stamp_ns": estimate.imu_stamp_ns,
     }

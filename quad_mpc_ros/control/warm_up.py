@@ -83,7 +83,7 @@ def _compile(config: MpcConfig) -> None:
 
 
 def _moving_at(stamp_ns: int, config: MpcConfig) -> OdometrySample:
-    """Return an odometry in slow flight, so that the estimator learns, with another heading."""
+    """Return an odometry in slow flight with another heading, so that the estimator is active."""
     yaw = 2.0
     resting = OdometrySample.at_rest(
         _position(stamp_ns), yaw=yaw, stamp_ns=stamp_ns, frame_id=config.odometry.frame_id

@@ -1,6 +1,6 @@
-"""Optional parts of the package, each imported only where it is configured or asked for.
+"""Optional parts of the package, imported only if configured or requested.
 
-The product, all of the package but this folder, never imports it. Wiring (``commands``, ``cli``,
-``ros.nodes``) may; the product asks for what is registered in setup.py by entry points. The folder
-can be deleted as a whole.
+The product, all of the package except this folder, never imports this folder. Wiring
+(``commands``, ``cli``, ``ros.nodes``) may import it; the product loads optional parts through the
+entry points in setup.py. The folder can be deleted as a whole.
 """

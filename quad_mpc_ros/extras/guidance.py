@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Guidance(NamedTuple):
-    """Obstacles, local map, gates and the guide around them; each is None if not configured."""
+    """Obstacles, local map, gates and the guide; None if not configured."""
 
     world: ObstacleWorld | None = None
     surroundings: LocalMapProvider | None = None
@@ -41,8 +41,7 @@ def guidance(config: MpcConfig) -> Guidance:
     from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 
     frame_id = config.odometry.frame_id
-    world = ObstacleWorld(own, scene_of_file(own.file), frame_id=frame_id, radius=config.radius)
-    neighbours = world if own.neighbours else None
-    around = ObstacleAvoidance(config, world, radius=config.radius, neighbours=neighbours)
+    world = ObstacleWorld(own, scene_of_file(own.file), frame_id=frame_id)
+    around = ObstacleAvoidance(config, world, radius=config.radius)
     guide: Guide = around if gates is None else CombinedGuide(around, gates)
     return Guidance(world, around.surroundings, gates, guide)

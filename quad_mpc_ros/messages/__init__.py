@@ -1,4 +1,4 @@
 """Fields and bytes of messages: definitions, CDR, conversions, Betaflight's frames.
 
-May import control; message packages of ROS are not needed here.
+May import control; ROS message packages are not needed here.
 """

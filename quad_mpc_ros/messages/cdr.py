@@ -1,12 +1,11 @@
-"""The bytes of the messages that come and go at every tick, without an object for each field.
+"""The bytes of messages read or written at every tick, without an object for each field.
 
-CDR as DDS has it (OMG DDSI-RTPS, 10.2; XCDR version 1): four bytes that state the byte order, then
-the fields one after another, numbers aligned to their size from there on, a text with its length
-and a zero at its end.
+CDR as used by DDS (OMG DDSI-RTPS, 10.2; XCDR version 1): four bytes with the byte order, then the
+fields in order, numbers aligned to their size, texts with length and terminating zero.
 
-A reader returns None for what it does not know, valid or not: big-endian bytes, a text without its
-end, a trajectory point with two transforms. Then rclpy has to decode it. A writer leaves zeros in
-gaps, where rclpy leaves what was in memory before.
+A reader returns None for unsupported bytes, valid or not: big-endian bytes, a text without its
+end, a trajectory point with two transforms. Then rclpy must decode the message. A writer fills
+gaps with zeros, whereas rclpy leaves the previous content of the memory.
 """
 
 from __future__ import annotations
@@ -14,9 +13,11 @@ from __future__ import annotations
 import functools
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import (
@@ -40,29 +41,29 @@ _IMU_VALUES = 4 + 9 + 3 + 9 + 3 + 9  # orientation, rates, acceleration, each wi
 _ORIENTATION_COVARIANCE, _RATES_COVARIANCE = 4, 4 + 9 + 3  # where the covariances begin
 _ACCELERATION_START, _ACCELERATION_COVARIANCE = 4 + 9 + 3 + 9, 4 + 9 + 3 + 9 + 3
 NOT_MEASURED = -1.0
-"""The first number of the covariance of what an IMU does not measure (REP 145)."""
+"""The first covariance entry of a quantity that an IMU does not measure (REP 145)."""
+
+POINT_FIELD_TYPES = ("", "i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
+"""The types of fields of a ``sensor_msgs/PointCloud2`` by their numbers, from 1."""
 
 _STAMP = struct.Struct("<iI")
 _LENGTH = struct.Struct("<I")
-_POINT_FIELDS = {
-    "p": ("(3,)<f8", 0),
-    "q": ("(4,)<f8", 24),
-    "velocities": ("<u4", 56),
-    "v": ("(3,)<f8", 64),
-    "w": ("(3,)<f8", 88),
-    "accelerations": ("<u4", 112),
-    "a": ("(3,)<f8", 120),
-    "sec": ("<i4", 168),
-    "nanosec": ("<u4", 172),
-    "transforms_of_next": ("<u4", 176),
-}
+# A point, from its transform on to the count of the next point's transforms.
 _POINT = np.dtype(
-    {
-        "names": [*_POINT_FIELDS],
-        "formats": [kind for kind, _ in _POINT_FIELDS.values()],
-        "offsets": [offset for _, offset in _POINT_FIELDS.values()],
-        "itemsize": 184,
-    }
+    [
+        ("p", "<f8", 3),
+        ("q", "<f8", 4),
+        ("velocities", "<u4"),
+        ("v", "<f8", 3),
+        ("w", "<f8", 3),
+        ("accelerations", "<u4"),
+        ("a", "<f8", 3),
+        ("angular_acceleration", "<f8", 3),
+        ("sec", "<i4"),
+        ("nanosec", "<u4"),
+        ("transforms_of_next", "<u4"),
+    ],
+    align=True,
 )
 _LAST_POINT_GAP = 8  # the last point has no transforms of a next one
 
@@ -72,7 +73,7 @@ class _UnknownError(Exception):
 
 
 def read_odometry(data: bytes) -> OdometrySample | None:
-    """Return a ``nav_msgs/Odometry``, or None where rclpy has to decode it."""
+    """Return a ``nav_msgs/Odometry``, or None if rclpy must decode it."""
     try:
         stamp_ns, frame_id, at = _first_header(data)
         child_frame_id, at = _text(data, at)
@@ -95,7 +96,7 @@ def read_odometry(data: bytes) -> OdometrySample | None:
 
 
 def read_reference(data: bytes) -> ReferenceWindow | None:
-    """Return a ``trajectory_msgs/MultiDOFJointTrajectory``, or None where rclpy has to decode it.
+    """Return a ``trajectory_msgs/MultiDOFJointTrajectory``, or None if rclpy must decode it.
 
     Every point must have one transform, one velocity and one acceleration.
     """
@@ -227,15 +228,28 @@ def written_diagnostics(
 
 
 def written_battery(voltage: float, *, stamp_ns: int) -> bytes:
-    """Return a ``sensor_msgs/BatteryState`` of a voltage [V]; nothing else was measured."""
+    """Return a ``sensor_msgs/BatteryState`` of a voltage [V]; other fields are unmeasured."""
     measured = struct.pack("<7f4B2I", voltage, *[math.nan] * 6, 0, 0, 0, True, 0, 0)
     return _LITTLE_ENDIAN + _stamp(stamp_ns) + _chunk("") + measured + _chunk("") + _chunk("")[:-3]
+
+
+def written_records(records: NDArray[Any], *, stamp_ns: int, frame_id: str) -> bytes:
+    """Return a structured array (n,) of little-endian numbers as a ``sensor_msgs/PointCloud2``."""
+    fields: Mapping[str, Any] = records.dtype.fields or {}
+    size, octets = records.dtype.itemsize, records.tobytes()
+    parts = [_LITTLE_ENDIAN, _stamp(stamp_ns), _chunk(frame_id)]
+    parts.append(struct.pack("<III", 1, len(records), len(fields)))
+    for name, (dtype, offset, *_) in fields.items():
+        kind = POINT_FIELD_TYPES.index(dtype.str[1:])
+        parts += [_chunk(name), struct.pack("<IBxxxI", offset, kind, 1)]
+    parts.append(struct.pack("<BxxxIII", 0, size, len(octets), len(octets)))
+    return b"".join([*parts, octets, b"\x01"])
 
 
 def header_stamp_ns(data: bytes) -> int:
     """Return the stamp [ns] of a message that begins with a ``std_msgs/Header``.
 
-    Raises ``ValueError`` for data that are too short.
+    Raises ``ValueError`` for too few bytes.
     """
     try:
         seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, _START)
@@ -245,7 +259,7 @@ def header_stamp_ns(data: bytes) -> int:
 
 
 def _first_header(data: bytes) -> tuple[int, str, int]:
-    """Return stamp [ns] and frame of the header that begins a message, and where it ends."""
+    """Return stamp [ns] and frame of a leading header, and the offset of its end."""
     if data[:2] != _LITTLE_ENDIAN[:2]:
         raise _UnknownError
     sec, nanosec = _STAMP.unpack_from(data, _START)
@@ -254,13 +268,13 @@ def _first_header(data: bytes) -> tuple[int, str, int]:
 
 
 def _number(data: bytes, at: int) -> tuple[int, int]:
-    """Return an unsigned number of four bytes, and where it ends."""
+    """Return an unsigned number of four bytes, and the offset of its end."""
     at = _aligned(at, 4)
     return _LENGTH.unpack_from(data, at)[0], at + 4
 
 
 def _text(data: bytes, at: int) -> tuple[str, int]:
-    """Return a text, and where it ends."""
+    """Return a text, and the offset of its end."""
     length, at = _number(data, at)
     end = at + length
     if length == 0 or len(data) < end or data.find(0, at, end) != end - 1:
@@ -288,7 +302,7 @@ _PADDED_ENDS = tuple(b"\0" * (1 + -size % 4) for size in range(4))  # with the g
 
 
 def _fresh_chunk(text: str) -> bytes:
-    """Return a text with its length, its end, and the gap to the next number of four bytes."""
+    """Return a text with length, terminator, and the gap to the next number of four bytes."""
     data = text.encode()
     size = len(data) + 1
     return struct.pack("<I", size) + data + _PADDED_ENDS[size % 4]
@@ -298,5 +312,5 @@ _chunk = functools.lru_cache(maxsize=256)(_fresh_chunk)
 
 
 def _padded(data: bytes, *, after: int) -> bytes:
-    """Return data, ``after`` bytes behind the beginning, with the gap to a number of 8 bytes."""
+    """Return data, ``after`` bytes from the beginning, with the gap to a number of 8 bytes."""
     return data + b"\0" * (-(after + len(data)) % 8)

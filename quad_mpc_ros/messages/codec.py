@@ -25,28 +25,28 @@ _ENCODING_ERRORS = (
 
 
 class MessageDecoder:
-    """Decodes the message types of ROS 2 Jazzy and those given, as rosbags has them.
+    """Decodes the message types of ROS 2 Jazzy and given types, using rosbags.
 
-    The fields are those of the rclpy message, but a ``byte`` is a signed integer and a sequence
-    of numbers a NumPy array.
+    Fields as in the rclpy message, except that a ``byte`` is a signed integer and a sequence of
+    numbers is a NumPy array.
     """
 
     def __init__(self, definitions: Mapping[str, str] | None = None) -> None:
-        """Take the definitions in a bag by type name; each is parsed with its first message."""
+        """Take the definitions in a bag by type name, parsed at the first message of the type."""
         self._unregistered = dict(definitions or {})
         self._store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 
     def decode(self, type_name: str, data: bytes) -> Any:
         """Return the message in ``data`` (CDR with its header).
 
-        Raises :class:`BagError` for an unknown type, for data that are not such a message, and for
-        a definition that cannot be parsed or differs from the one in ROS 2 Jazzy.
+        Raises :class:`BagError` for an unknown type, for invalid data, and for a definition that
+        cannot be parsed or differs from ROS 2 Jazzy.
         """
         if type_name in self._unregistered:
             self._register(type_name, self._unregistered[type_name])
             del self._unregistered[type_name]
         if type_name not in self._store.fielddefs:
-            raise BagError(f"the message type {type_name} is not known")
+            raise BagError(f"the message type {type_name} is unknown")
         try:
             # A bytearray makes the arrays of the message writable.
             return self._store.deserialize_cdr(memoryview(bytearray(data)), type_name)

@@ -1,8 +1,8 @@
-"""Between ROS messages and the values that the package computes with.
+"""Conversions between ROS messages and the types of this package.
 
-A function reads the attributes of a message, or fills one that is passed in, and imports no
-message package. So the same code serves rclpy's messages and those of a bag that is read without
-ROS. ``new`` makes an empty message of a type, for the elements of sequences.
+A function reads the attributes of a message, or fills a given message, and imports no message
+package. So the same code serves rclpy's messages and messages of a bag read without ROS. ``new``
+creates an empty message of a type, for the elements of sequences.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from quad_mpc_ros.control.ocp.plan import Plan
 
 NewMessage = Callable[[str], Any]
-"""Makes an empty message of a type named like ``geometry_msgs/msg/Pose``."""
+"""Creates an empty message of a type named like ``geometry_msgs/msg/Pose``."""
 
 _SECOND = 1_000_000_000
 _YAW_TOLERANCE = 1e-3  # of a quaternion about the vertical
@@ -66,7 +66,7 @@ def odometry_from_message(message: Any) -> OdometrySample:
 
 
 def odometry_from_pose_and_twist(pose: Any, twist: Any, *, child_frame_id: str) -> OdometrySample:
-    """Return the values of a ``PoseStamped`` and a ``TwistStamped``, stamped as the pose is."""
+    """Return the values of a ``PoseStamped`` and a ``TwistStamped``, with the pose's stamp."""
     return OdometrySample(
         stamp_ns=nanoseconds(pose.header.stamp),
         frame_id=pose.header.frame_id,
@@ -93,7 +93,7 @@ def fill_odometry(message: Any, odometry: OdometrySample) -> None:
 def imu_from_message(message: Any) -> ImuSample:
     """Return the specific force of a ``sensor_msgs/Imu``, unchecked.
 
-    Raises ``ValueError`` for one that says that it has no acceleration.
+    Raises ``ValueError`` for a message without acceleration.
     """
     if message.linear_acceleration_covariance[0] == cdr.NOT_MEASURED:
         raise ValueError("imu has no acceleration: its covariance begins with -1")
@@ -124,8 +124,8 @@ def fill_command(message: Any, command: CommandSample) -> None:
 def reference_from_message(message: Any) -> ReferenceWindow:
     """Return the values of a ``trajectory_msgs/MultiDOFJointTrajectory``.
 
-    Velocities and accelerations may be left out of a point and are then zero. Raises
-    ``ValueError`` for a point without a transform.
+    Missing velocities and accelerations of a point are zero. Raises ``ValueError`` for a point
+    without a transform.
     """
     rows, offset_ns = [], []
     for i, point in enumerate(message.points):
@@ -159,7 +159,7 @@ def reference_from_message(message: Any) -> ReferenceWindow:
 
 
 def ground_state_from_message(message: Any) -> GroundState:
-    """Return the state in a ``std_msgs/String``; one that is no state says nothing."""
+    """Return the state in a ``std_msgs/String``; ``UNKNOWN`` for other text."""
     try:
         return GroundState(message.data)
     except ValueError:
@@ -177,7 +177,7 @@ def poses_from_message(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return positions (n, 3) and quaternions (n, 4) of a ``geometry_msgs/PoseArray``.
 
-    Raises :class:`.UserError` for those in another frame than ``frame_id``.
+    Raises :class:`.UserError` for a frame other than ``frame_id``.
     """
     if not is_frame(message.header.frame_id, frame_id):
         given = message.header.frame_id
@@ -188,7 +188,7 @@ def poses_from_message(
 
 
 def twist_from_message(message: Any) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
-    """Return frame, velocity (3,) and turn rate (3,) of a ``geometry_msgs/TwistStamped``."""
+    """Return frame, linear and angular velocity (3,) of a ``geometry_msgs/TwistStamped``."""
     twist = message.twist
     return message.header.frame_id, vector(twist.linear), vector(twist.angular)
 
@@ -213,7 +213,7 @@ def written_plan(plan: Plan, *, frame_id: str) -> bytes:
 
 
 def fill_transform(message: Any, odometry: OdometrySample, *, new: NewMessage) -> None:
-    """Write the pose of an odometry into a ``tf2_msgs/TFMessage``, from its frame to its child."""
+    """Write the pose of an odometry into a ``tf2_msgs/TFMessage``, from parent to child frame."""
     stamped = new("geometry_msgs/msg/TransformStamped")
     fill_header(stamped.header, odometry.stamp_ns, odometry.frame_id)
     stamped.child_frame_id = odometry.child_frame_id
@@ -223,7 +223,7 @@ def fill_transform(message: Any, odometry: OdometrySample, *, new: NewMessage) -
 
 
 def reset_from_message(message: Any) -> EstimateReset:
-    """Return an estimator's step from a ``geometry_msgs/TransformStamped``.
+    """Return an odometry jump from a ``geometry_msgs/TransformStamped``.
 
     Raises:
         ValueError: Not finite, or not a rotation about the vertical.
@@ -237,8 +237,8 @@ def reset_from_message(message: Any) -> EstimateReset:
     vertical = math.hypot(x, y) < _YAW_TOLERANCE and abs(math.hypot(z, w) - 1.0) < _YAW_TOLERANCE
     if not (vertical and np.all(np.isfinite(step_W))):
         raise ValueError(
-            f"a step of the estimate by {step_W.tolist()} m and quaternion {[x, y, z, w]}, "
-            "expected finite numbers and a turn about the vertical"
+            f"an odometry jump of {step_W.tolist()} m and quaternion {[x, y, z, w]}, expected "
+            "finite numbers and a rotation about the vertical"
         )
     return EstimateReset(
         stamp_ns=nanoseconds(message.header.stamp),
@@ -249,9 +249,9 @@ def reset_from_message(message: Any) -> EstimateReset:
 
 
 def parameter_changes_from_message(message: Any) -> tuple[str, dict[str, Any]]:
-    """Return the node of a ``rcl_interfaces/ParameterEvent`` and what it set, by name.
+    """Return the node of a ``rcl_interfaces/ParameterEvent`` and the changed values, by name.
 
-    Parameters that were only declared are left out.
+    Parameters that were only declared are omitted.
     """
     values = {
         str(parameter.name): parameter_value(parameter.value)
@@ -265,11 +265,11 @@ _PARAMETER_FIELDS = (
     *("byte_array_value", "bool_array_value", "integer_array_value"),
     *("double_array_value", "string_array_value"),
 )
-"""Which field of a ``rcl_interfaces/ParameterValue`` counts, by its type."""
+"""The field of a ``rcl_interfaces/ParameterValue`` with the value, by its type."""
 
 
 def parameter_value(message: Any) -> Any:
-    """Return the value of a ``rcl_interfaces/ParameterValue``, None where it is not set."""
+    """Return the value of a ``rcl_interfaces/ParameterValue``, None if not set."""
     if not message.type:
         return None
     value = getattr(message, _PARAMETER_FIELDS[message.type])
@@ -277,7 +277,7 @@ def parameter_value(message: Any) -> Any:
 
 
 def fill_reset(message: Any, reset: EstimateReset) -> None:
-    """Write an estimator's step into a ``geometry_msgs/TransformStamped``: its former frame."""
+    """Write an odometry jump into a ``geometry_msgs/TransformStamped``."""
     fill_header(message.header, reset.stamp_ns, reset.frame_id)
     message.child_frame_id = f"{reset.frame_id}_before"
     fill_vector(message.transform.translation, reset.step_W.tolist())

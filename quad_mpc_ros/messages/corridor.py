@@ -1,8 +1,8 @@
-"""The corridor in force as a ``sensor_msgs/PointCloud2`` whose points are half-spaces.
+"""The active corridor as a ``sensor_msgs/PointCloud2`` whose points are half-spaces.
 
-A point is one: n' p <= b on the position at the end of a stage, with the fields ``stage``, the
-unit vector ``normal_x``, ``normal_y``, ``normal_z``, and ``offset`` b [m], in the frame of the
-header, which is stamped as the plan is that it holds. Without points nothing is in the way.
+A point is a half-space n' p <= b on the position at the end of a stage, with the fields ``stage``,
+the unit vector ``normal_x``, ``normal_y``, ``normal_z``, and ``offset`` b [m], in the frame of the
+header; the stamp is that of the constrained plan. Without points the space is free.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.corridor import Corridor
-from quad_mpc_ros.messages.point_cloud import records_from_message, written_records
+from quad_mpc_ros.messages.cdr import written_records
+from quad_mpc_ros.messages.point_cloud import records_from_message
 
 _NORMAL = ("normal_x", "normal_y", "normal_z")
 _RECORD = np.dtype([("stage", "<u4"), *((name, "<f4") for name in _NORMAL), ("offset", "<f8")])
@@ -25,8 +26,6 @@ _RECORD = np.dtype([("stage", "<u4"), *((name, "<f4") for name in _NORMAL), ("of
 class HalfSpaces:
     """Half-spaces n' p <= b: ``stage`` (n,) from 0, ``normals`` (n, 3), ``offsets`` (n,) [m]."""
 
-    stamp_ns: int
-    frame_id: str
     stage: NDArray[np.int64]
     normals: Array
     offsets: Array
@@ -38,7 +37,7 @@ class HalfSpaces:
 
 
 def written_corridor(corridor: Corridor | None, *, stamp_ns: int, frame_id: str) -> bytes:
-    """Return the rows of a corridor that hold something, under the stamp of a plan."""
+    """Return the active rows of a corridor, with the stamp of a plan."""
     if corridor is None:
         return written_records(np.zeros(0, _RECORD), stamp_ns=stamp_ns, frame_id=frame_id)
     stage, row = np.nonzero(np.isfinite(corridor.offsets))
@@ -50,12 +49,10 @@ def written_corridor(corridor: Corridor | None, *, stamp_ns: int, frame_id: str)
 
 
 def corridor_from_message(message: Any) -> HalfSpaces:
-    """Return the half-spaces of a message; ``ValueError`` where it holds other points."""
-    stamp_ns, frame_id, records = records_from_message(message, _RECORD.names or ())
+    """Return the half-spaces of a message; ``ValueError`` for other point types."""
+    records = records_from_message(message, _RECORD.names or ())
     rows = records.ravel() if records.dtype.names else np.zeros(0, _RECORD)
     return HalfSpaces(
-        stamp_ns=stamp_ns,
-        frame_id=frame_id,
         stage=rows["stage"].astype(np.int64),
         normals=np.column_stack([rows[name] for name in _NORMAL]).astype(np.float64),
         offsets=rows["offset"].astype(np.float64),

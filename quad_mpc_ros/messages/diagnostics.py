@@ -11,7 +11,7 @@ OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 """The levels of a ``diagnostic_msgs/DiagnosticStatus``."""
 
 PEERS_KEY = "peers."
-"""In the health of a node: what the number of matched peers of a topic begins with."""
+"""Prefix of the number of matched peers of a topic, in the health of a node."""
 
 STATS_NAME = "quad_mpc_ros: mpc tick"
 
@@ -28,5 +28,5 @@ def written_stats(stats: TickStats) -> bytes:
 
 
 def stats_from_message(message: Any) -> dict[str, str]:
-    """Return the figures of an ``mpc/stats`` message as they were written."""
+    """Return the figures of an ``mpc/stats`` message as text."""
     return {pair.key: pair.value for status in message.status for pair in status.values}

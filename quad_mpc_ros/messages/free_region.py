@@ -1,4 +1,4 @@
-"""What half-spaces leave free, for pictures: the edges of a convex region."""
+"""The edges of the convex region inside half-spaces, for viewers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _PLANE_TOLERANCE = 1e-6
 
 
 def corridor_edges(corridor: HalfSpaces, p_WB: Array) -> Array:
-    """Return the edges (m, 2, 3) [m] of the region in which the end of a plan (n, 3) is held."""
+    """Return the edges (m, 2, 3) [m] of the region that constrains the end of a plan (n, 3)."""
     if not len(corridor.stage):
         return np.zeros((0, 2, 3))
     normals, offsets = corridor.of_stage(int(corridor.stage.max()))
@@ -21,9 +21,9 @@ def corridor_edges(corridor: HalfSpaces, p_WB: Array) -> Array:
 
 
 def edges(normals: Array, offsets: Array, *, inside: Array, reach: float) -> Array:
-    """Return the edges (m, 2, 3) [m] of n' p <= b, cut off a ``reach`` [m] around a place (3,).
+    """Return the edges (m, 2, 3) [m] of n' p <= b, clipped at ``reach`` [m] from a position (3,).
 
-    None where the place is not inside. ``normals`` are (k, 3), ``offsets`` (k,) [m].
+    None if the position is not inside. ``normals`` are (k, 3), ``offsets`` (k,) [m].
     """
     from scipy.spatial import HalfspaceIntersection, QhullError
 

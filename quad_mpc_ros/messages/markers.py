@@ -1,4 +1,4 @@
-"""What viewers draw of a flight, as ``visualization_msgs/Marker``, and its parameters.
+"""A flight as ``visualization_msgs/Marker`` for viewers, and the parameters of the node.
 
 No message package is imported, as in ``conversions``.
 """
@@ -25,42 +25,39 @@ from quad_mpc_ros.messages.obstacle_messages import ADD, DELETE, Marker
 
 @dataclass(frozen=True, kw_only=True)
 class DrawnFence(BoxParameters):
-    """The fence as it is drawn, if it has all six walls."""
+    """The fence, drawn if all six walls are set."""
 
     owner = "visualisation.fence"
 
 
 @dataclass(frozen=True, kw_only=True)
 class VisualisationConfig(LiftParameters):
-    """What viewers are shown; mass and thrust curve turn throttle into thrust."""
+    """Parameters of the visualisation; mass and thrust curve turn throttle into thrust."""
 
     owner = "visualisation"
 
     publish_rate: float = parameter(
         25.0,
-        doc="Markers and transforms per second at most.",
+        doc="Largest publishing rate of markers and transforms.",
         unit="Hz",
         above=0.0,
         maximum=1000.0,
     )
     trail_duration: float = parameter(
-        10.0, doc="How long the flown path stays.", unit="s", minimum=0.0, maximum=3600.0
+        10.0, doc="Duration of the displayed flown path.", unit="s", minimum=0.0, maximum=3600.0
     )
     arm: float = parameter(
-        ARM, doc="From the centre of the drawn vehicle to a rotor.", unit="m", above=0.0
+        ARM, doc="Distance from the centre of the drawn vehicle to a rotor.", unit="m", above=0.0
     )
     thrust_length: float = parameter(
         0.3, doc="Length of the thrust arrow at hover.", unit="m", above=0.0
     )
-    gates: str = parameter("", doc="The course of gates that is drawn: its file.")
+    gates: str = parameter("", doc="File of the gates to draw.")
     fence: DrawnFence = field(default_factory=DrawnFence)
-    obstacles_file: str = parameter(
-        "", doc="File of obstacles to draw, usually that of the mpc (obstacles.file)."
-    )
     broadcast_tf: bool = parameter(
         True,
-        doc="Broadcast the pose of the odometry on /tf, where tf2_msgs is installed; false where "
-        "an estimator does.",
+        doc="Broadcast the pose of the odometry on /tf, if tf2_msgs is installed; set false if "
+        "an estimator broadcasts this transform.",
     )
 
 
@@ -72,7 +69,7 @@ class Trail:
         self._places: deque[tuple[int, Array]] = deque()
 
     def add(self, stamp_ns: int, p_WB: Array) -> None:
-        """Take a position (3,) [m]; a stamp that runs backwards begins a new trail."""
+        """Take a position (3,) [m]; a stamp that goes backwards starts a new trail."""
         if self._places and stamp_ns < self._places[-1][0]:
             self._places.clear()
         if not self._places or stamp_ns - self._places[-1][0] >= self._spacing_ns:
@@ -95,7 +92,7 @@ _NO_ROTATION = np.array([0.0, 0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """A kind of line: its namespace, size of lines [m], colour, and how long it stays."""
+    """A kind of line: namespace, line width [m], colour, and lifetime."""
 
     name: str
     kind: int
@@ -132,7 +129,7 @@ _THRUST = Look(
 
 
 def vehicle_marker(odometry: OdometrySample, *, arm: float, new: NewMessage) -> Any:
-    """Return beams and rotors, ``arm`` [m] from the centre, where the vehicle is."""
+    """Return beams and rotors, ``arm`` [m] from the centre, at the pose of the vehicle."""
     beams, rotors = outline(arm)
     rims = np.stack((rotors, np.roll(rotors, -1, axis=1)), axis=2)
     points = np.vstack((beams.reshape(-1, 3), rims.reshape(-1, 3)))
@@ -142,7 +139,7 @@ def vehicle_marker(odometry: OdometrySample, *, arm: float, new: NewMessage) -> 
 def thrust_marker(
     odometry: OdometrySample, throttle: float, vehicle: Vehicle, *, length: float, new: NewMessage
 ) -> Any:
-    """Return an arrow along body z, of ``length`` [m] when the thrust is the weight."""
+    """Return an arrow along body z, of ``length`` [m] if the thrust equals the weight."""
     weights = vehicle.thrust(throttle) / (vehicle.mass * vehicle.gravity)
     points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, weights * length]])
     return line_marker(_THRUST, odometry, points, new=new, in_body=True)
@@ -167,7 +164,7 @@ def filled_marker(
     rgb: tuple[float, float, float] = (0.84, 0.37, 0.0),
     alpha: float = 0.6,
 ) -> Any:
-    """Return a marker as a message; as one of an obstacle orange and translucent."""
+    """Return a marker as a message; obstacles are orange and translucent."""
     message = new("visualization_msgs/msg/Marker")
     conversions.fill_header(message.header, marker.stamp_ns, marker.frame_id)
     message.ns, message.id = marker.name
@@ -185,7 +182,7 @@ def filled_marker(
 
 
 def gates_marker(odometry: OdometrySample, outlines: Sequence[Array], *, new: NewMessage) -> Any:
-    """Return the outlines of gates, each points (n, 3) [m] on it."""
+    """Return the outlines of gates as points (n, 3) [m]."""
     edges = [np.stack((points[:-1], points[1:]), axis=1) for points in outlines]
     return line_marker(_GATES, odometry, np.vstack(edges).reshape(-1, 3), new=new)
 
@@ -193,7 +190,7 @@ def gates_marker(odometry: OdometrySample, outlines: Sequence[Array], *, new: Ne
 def line_marker(
     look: Look, odometry: OdometrySample, points: Array, *, new: NewMessage, in_body: bool = False
 ) -> Any:
-    """Return points (n, 3) [m] in the frame of the odometry, or in the body, as a line or lines.
+    """Return points (n, 3) [m] in the odometry frame or the body, as a line or lines.
 
     The points of a list are the ends of lines. Fewer than two points delete the marker.
     """

@@ -1,9 +1,7 @@
-"""Frames of the MultiWii Serial Protocol, versions 1 and 2, the protocol of Betaflight.
+"""Frames of the MultiWii Serial Protocol, version 1, the protocol of Betaflight.
 
-Version 1 is ``$M``, direction, size, command, payload and the exclusive or of the last three;
-version 2 ``$X``, direction, a flag of 0, command and size of two bytes each, little endian,
-payload and their CRC-8 (DVB-S2). The direction is ``<`` for requests, ``>`` for answers and ``!``
-for refusals.
+A frame is ``$M``, direction, size, command, payload and a checksum, the exclusive or of the last
+three fields. The direction is ``<`` for requests, ``>`` for answers and ``!`` for errors.
 """
 
 from __future__ import annotations
@@ -15,15 +13,12 @@ from dataclasses import dataclass
 
 SET_RAW_RC = 200
 
-_MAX_SIZE_V1 = 254
-_MAX_SIZE = 1024  # of an answer: more than any is
-_HEADER_V1, _HEADER_V2 = 5, 8
-_POLYNOMIAL = 0xD5
+_HEADER_SIZE = 5
 
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """An answer to a command, which may be a refusal."""
+    """An answer to a command, possibly an error."""
 
     command: int
     payload: bytes
@@ -31,12 +26,9 @@ class Answer:
 
 
 def request(command: int, payload: bytes = b"") -> bytes:
-    """Return a request as a frame, of version 1 where that can hold it."""
-    if command < 255 and len(payload) <= _MAX_SIZE_V1:
-        body = bytes((len(payload), command)) + payload
-        return b"$M<" + body + bytes((functools.reduce(operator.xor, body),))
-    body = b"\0" + command.to_bytes(2, "little") + len(payload).to_bytes(2, "little") + payload
-    return b"$X<" + body + bytes((crc8(body),))
+    """Return a request with a payload of at most 255 bytes as a frame."""
+    body = bytes((len(payload), command)) + payload
+    return b"$M<" + body + bytes((functools.reduce(operator.xor, body),))
 
 
 def raw_rc(pulses: tuple[int, ...]) -> bytes:
@@ -45,25 +37,8 @@ def raw_rc(pulses: tuple[int, ...]) -> bytes:
     return request(SET_RAW_RC, payload)
 
 
-def crc8(data: bytes) -> int:
-    """Return the CRC-8 of DVB-S2: polynomial 0xD5, from 0, not reflected."""
-    crc = 0
-    for byte in data:
-        crc = _CRC[crc ^ byte]
-    return crc
-
-
-def _shifted(value: int) -> int:
-    for _ in range(8):
-        value = (value << 1) ^ (_POLYNOMIAL if value & 0x80 else 0)
-    return value & 0xFF
-
-
-_CRC = tuple(_shifted(value) for value in range(256))
-
-
 class MspReader:
-    """Finds the answers in a stream of bytes, and drops what is no frame."""
+    """Finds the answers in a stream of bytes, and discards other bytes."""
 
     def __init__(self) -> None:
         self._held = b""
@@ -73,37 +48,26 @@ class MspReader:
         self._held += data
         while (start := self._held.find(b"$")) >= 0:
             self._held = self._held[start:]
-            size = self._size()
-            if size is None:
+            if not self._begins():
+                self._held = self._held[1:]
+                continue
+            size = _HEADER_SIZE + 1 + (self._held[3] if len(self._held) > 3 else 0)
+            if len(self._held) < size:
                 return
-            answer = self._answer(size) if size else None
+            answer = _answer(self._held[:size])
             self._held = self._held[size if answer else 1 :]
             if answer:
                 yield answer
         self._held = b""
 
-    def _size(self) -> int | None:
-        """Return how long the frame is; 0 where none begins, None where that is not yet known."""
-        held = self._held
-        if held[:3] not in (b"$M>", b"$M!", b"$X>", b"$X!"):
-            return None if len(held) < 3 and held in (b"$", b"$M", b"$X") else 0
-        is_first = held[1:2] == b"M"
-        if len(held) < (_HEADER_V1 if is_first else _HEADER_V2):
-            return None
-        count = held[3] if is_first else int.from_bytes(held[6:8], "little")
-        if count > _MAX_SIZE:
-            return 0
-        size = (_HEADER_V1 if is_first else _HEADER_V2) + count + 1
-        return size if len(held) >= size else None
+    def _begins(self) -> bool:
+        """Return whether the received bytes can be the start of a frame."""
+        return any(start.startswith(self._held[:3]) for start in (b"$M>", b"$M!"))
 
-    def _answer(self, size: int) -> Answer | None:
-        frame, refused = self._held[:size], self._held[2:3] == b"!"
-        body, check = frame[3:-1], frame[-1]
-        if frame[1:2] == b"M":
-            if functools.reduce(operator.xor, body) != check:
-                return None
-            return Answer(command=body[1], payload=body[2:], refused=refused)
-        if crc8(body) != check:
-            return None
-        command = int.from_bytes(body[1:3], "little")
-        return Answer(command=command, payload=body[5:], refused=refused)
+
+def _answer(frame: bytes) -> Answer | None:
+    """Return the answer in a frame; None for a wrong checksum."""
+    body = frame[3:-1]
+    if functools.reduce(operator.xor, body) != frame[-1]:
+        return None
+    return Answer(command=body[1], payload=body[2:], refused=frame[2:3] == b"!")

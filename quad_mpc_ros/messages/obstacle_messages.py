@@ -23,11 +23,11 @@ ADD, DELETE, DELETEALL = 0, 2, 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Marker:
-    """What counts of a ``visualization_msgs/Marker``, unchecked.
+    """The used fields of a ``visualization_msgs/Marker``, unchecked.
 
-    ``p`` (3,) [m] and ``q_xyzw`` (4,) are its pose in ``frame_id``, ``scale`` (3,) [m] its size,
-    ``points`` (n, 3) [m] the elements of a list in the frame of the pose. ``lifetime_ns`` is 0 for
-    one that stays.
+    ``p`` (3,) [m] and ``q_xyzw`` (4,) are the marker's pose in ``frame_id``, ``scale`` (3,) [m] is
+    its size, ``points`` (n, 3) [m] the elements of a list in the frame of the pose.
+    ``lifetime_ns`` is 0 for a permanent marker.
     """
 
     stamp_ns: int
@@ -69,7 +69,7 @@ def markers_from_message(message: Any) -> list[Marker]:
 
 
 def path_from_message(message: Any) -> TimedPath:
-    """Return a ``nav_msgs/Path`` that is stamped pose by pose."""
+    """Return a ``nav_msgs/Path`` with a stamp for each pose."""
     return TimedPath(
         stamp_ns=nanoseconds(message.header.stamp),
         frame_id=message.header.frame_id,
@@ -79,7 +79,7 @@ def path_from_message(message: Any) -> TimedPath:
 
 
 def transforms_from_message(message: Any) -> list[Transform]:
-    """Return what a ``tf2_msgs/TFMessage`` holds."""
+    """Return the transforms of a ``tf2_msgs/TFMessage``."""
     return [
         Transform(
             stamp_ns=nanoseconds(each.header.stamp),

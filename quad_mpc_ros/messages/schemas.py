@@ -21,10 +21,10 @@ class MessageSchema:
     """The definition of a message type as rosbag2 stores it, and its REP-2011 hash.
 
     ``text`` follows ``LocalMessageDefinitionSource::get_full_text`` of rosbag2_cpp (Jazzy): the
-    .msg file byte for byte, then for every type it uses, in the order of their names as bytes
-    and each type once, a newline, a line of 80 ``=``, a line ``MSG: `` and the name as the field
-    spells it (with its package in front when it has none), the .msg file of that type, and at
-    once the types that one uses in turn. No newline is added at the end.
+    .msg file byte for byte; then for every used type, once, in the byte order of names: a newline,
+    a line of 80 ``=``, a line ``MSG: `` with the name as spelled in the field (prefixed with the
+    package if missing), the .msg file of that type, and directly after it the types used there. No
+    newline is added at the end.
     """
 
     type_name: str
@@ -36,8 +36,8 @@ def schema_for(type_name: str) -> MessageSchema:
     """Return the schema of ``type_name`` (``pkg/msg/Type``).
 
     The schema is built from the installed message packages, below ``AMENT_PREFIX_PATH`` and, for
-    ROS from wheels, ``sys.prefix``. Without them it is the definition of ROS 2 Jazzy that rosbags
-    has, without comments. Raises :class:`BagError` with the places searched.
+    ROS from wheels, ``sys.prefix``. Without these packages, rosbags' definition of ROS 2 Jazzy is
+    used, without comments. Raises :class:`BagError` with the places searched.
     """
     match = _TYPE_NAME.fullmatch(type_name)
     if match is None:

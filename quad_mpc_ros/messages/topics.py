@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """A topic and how it is offered. ``latched`` keeps the last message for late joiners.
+    """A topic and its quality of service. ``latched`` keeps the last message for late joiners.
 
-    Where it is not ``reliable``, the newest value counts and a lost one is not worth waiting for.
-    Two publishers of a topic with a ``single_source`` contradict each other. One that is
-    ``optional`` may have none for a whole flight.
+    Without ``reliable`` only the newest value matters, and lost messages are not resent. Two
+    publishers of a topic with a ``single_source`` contradict each other. An ``optional`` topic may
+    have no publisher for a whole flight.
     """
 
     name: str
@@ -26,9 +26,9 @@ class Topic:
     optional: bool = False
 
     def in_lockstep(self) -> Topic:
-        """Return the topic as it is offered in lockstep: a recorder can get every message.
+        """Return the topic with the quality of service of lockstep, which loses no message.
 
-        Reliable delivery repairs what is lost in transit. A latched topic keeps its history
+        Reliable delivery resends lost messages. A latched topic keeps its history
         full: Fast DDS then asks for an acknowledgement with every message instead of every 3 s.
         """
         depth = max(self.depth, LOCKSTEP_DEPTH)
@@ -36,7 +36,7 @@ class Topic:
 
 
 LOCKSTEP_DEPTH = 10
-"""Odometries in lockstep until the simulator waits for all subscribers to have them."""
+"""Number of odometries in lockstep after which the simulator waits for all subscribers."""
 
 ODOMETRY = Topic(name="odom", type_name="nav_msgs/msg/Odometry", single_source=True)
 COMMAND = Topic(name="command", type_name="geometry_msgs/msg/TwistStamped", single_source=True)
@@ -44,7 +44,7 @@ COMMAND = Topic(name="command", type_name="geometry_msgs/msg/TwistStamped", sing
 ENGAGED = Topic(
     name="engaged", type_name="std_msgs/msg/Bool", reliable=True, latched=True, optional=True
 )
-# Whether it stands on the ground; estimated where this is not published.
+# Whether the vehicle is on the ground; estimated where this is not published.
 LANDED = Topic(
     name="landed", type_name=ENGAGED.type_name, reliable=True, latched=True, optional=True
 )
@@ -56,7 +56,7 @@ GROUND_STATE = Topic(
     latched=True,
     optional=True,
 )
-# A step of the estimator: where its former frame lies in the new one.
+# A step of the estimator: transform from the former frame to the new one.
 ODOMETRY_RESET = Topic(
     name="odom_reset",
     type_name="geometry_msgs/msg/TransformStamped",
@@ -71,7 +71,7 @@ BATTERY = Topic(name="battery", type_name="sensor_msgs/msg/BatteryState", option
 # between two odometries.
 IMU = Topic(name="imu", type_name="sensor_msgs/msg/Imu", depth=100, optional=True)
 
-# What is in the way, all optional. Sensors publish by best effort, which a reliable publisher
+# Obstacles, all optional. Sensors publish by best effort, which a reliable publisher
 # satisfies too; of markers a lost one would not come again.
 OBSTACLES = Topic(name="obstacles", type_name="sensor_msgs/msg/PointCloud2", optional=True)
 OBSTACLE_MARKERS = Topic(
@@ -100,7 +100,7 @@ TRAJECTORY = Topic(name="trajectory", type_name=REFERENCE.type_name, reliable=Tr
 # A velocity to follow, published by teleop_twist_keyboard, teleop_twist_joy or Nav2.
 VELOCITY = Topic(name="cmd_vel", type_name="geometry_msgs/msg/TwistStamped", optional=True)
 PREDICTED_PATH = Topic(name="mpc/predicted_path", type_name="nav_msgs/msg/Path")
-# The half-spaces that the plan is held in, while something is in the way.
+# The half-spaces that constrain the plan near obstacles.
 CORRIDOR = Topic(name="mpc/corridor", type_name=OBSTACLES.type_name, optional=True)
 STATS = Topic(
     name="mpc/stats", type_name="diagnostic_msgs/msg/DiagnosticArray", reliable=True, depth=10
@@ -145,6 +145,6 @@ RECORDED = (
     CLOCK,
     PARAMETER_EVENTS,
 )
-"""What a recorder records by default."""
+"""The topics that a recorder records by default."""
 OPTIONAL = tuple(topic for topic in RECORDED if topic.optional)
 """The recorded topics that may have no publisher for a whole flight."""

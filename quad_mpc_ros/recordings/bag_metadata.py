@@ -1,128 +1,93 @@
-"""The metadata of rosbag2: ``metadata.yaml``, and the QoS of a channel."""
+"""The metadata of rosbag2, derived from the files of a bag: ``metadata.yaml``."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+import os
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import yaml
 
-from quad_mpc_ros.recordings.qos_profile import QosProfile
+from quad_mpc_ros.configuration.atomic_file import write_atomically
+from quad_mpc_ros.recordings.mcap_file import (
+    METADATA_FILE,
+    McapFile,
+    TimeSpan,
+    TopicInfo,
+    topics_in,
+    united_span,
+)
+from quad_mpc_ros.recordings.qos import parse_qos_text, qos_entries
 
-METADATA_VERSION = 9
-METADATA_FILE = "metadata.yaml"
 METADATA_ROOT = "rosbag2_bagfile_information"
 
-# The schemas and type hashes that this package ships are those of this distribution.
+# Version 9 is that of Jazzy, and so are the schemas and type hashes that this package ships.
+_METADATA_VERSION = 9
 _ROS_DISTRO = "jazzy"
 
 # A bag without messages starts at the end of time: SequentialWriter::init_metadata.
 _NEVER_NS = 2**63 - 1
 
 
-@dataclass(frozen=True, kw_only=True)
-class TopicSummary:
-    """One topic of a bag, as ``metadata.yaml`` has it."""
-
-    name: str
-    type_name: str
-    type_hash: str
-    qos_profiles: tuple[QosProfile, ...]
-    message_count: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class TimeSpan:
-    """The first and the last log time of a bag [ns since the epoch]."""
-
-    start_ns: int
-    end_ns: int
-
-    @property
-    def duration_ns(self) -> int:
-        """Return the length of the span [ns]."""
-        return self.end_ns - self.start_ns
-
-
-@dataclass(frozen=True, kw_only=True)
-class FileSummary:
-    """One file of a bag; ``span`` is None when it holds no message."""
-
-    name: str
-    span: TimeSpan | None
-    message_count: int
-
-
 def bag_of(path: Path) -> Path:
-    """Return the bag at a path, or in it where that is the folder of a run."""
+    """Return the bag at a path, or in the folder of a run."""
     inside = path / "bag"
     return inside if inside.is_dir() and not (path / METADATA_FILE).exists() else path
 
 
-def extended(span: TimeSpan | None, time_ns: int) -> TimeSpan:
-    """Return ``span``, or none yet, widened to hold ``time_ns`` [ns since the epoch]."""
-    if span is None:
-        return TimeSpan(start_ns=time_ns, end_ns=time_ns)
-    return TimeSpan(start_ns=min(span.start_ns, time_ns), end_ns=max(span.end_ns, time_ns))
+def write_metadata(directory: Path, files: Sequence[McapFile]) -> None:
+    """Write the ``metadata.yaml`` of a bag of these files atomically."""
+    text = _dump_yaml({METADATA_ROOT: _bag_information(files)})
+    write_atomically(directory / METADATA_FILE, text)
 
 
-def united(spans: Iterable[TimeSpan | None]) -> TimeSpan | None:
-    """Return the span that holds all ``spans``, or None when there is none."""
-    known = [span for span in spans if span is not None]
-    if not known:
-        return None
-    return TimeSpan(
-        start_ns=min(span.start_ns for span in known), end_ns=max(span.end_ns for span in known)
-    )
+def initial_information() -> str:
+    """Return the YAML that rosbag2 stores at the beginning of a file, without its messages.
+
+    An interrupted recording contains the version, too.
+    """
+    return _dump_yaml(_bag_information(()))
 
 
-def bag_information(
-    *,
-    files: Sequence[FileSummary],
-    topics: Sequence[TopicSummary],
-    compression_format: str = "",
-    compression_mode: str = "",
-) -> dict[str, object]:
+def sync_directory(directory: Path) -> None:
+    """Wait until the names in ``directory`` are on the device, if the system supports this."""
+    with suppress(OSError):
+        descriptor = os.open(directory, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _bag_information(files: Sequence[McapFile]) -> dict[str, object]:
     """Return the content of ``rosbag2_bagfile_information`` for a bag of these files.
 
-    The compression is rosbag2's own, by message or by file; that of MCAP's chunks is none.
     The keys are those of ``convert<BagMetadata>::encode`` in rosbag2_storage/yaml.hpp (Jazzy).
     """
+    names = [file.path.name for file in files]
     return {
-        "version": METADATA_VERSION,
+        "version": _METADATA_VERSION,
         "storage_identifier": "mcap",
-        **_times(united(file.span for file in files)),
-        "message_count": sum(file.message_count for file in files),
-        "topics_with_message_count": [_topic_information(topic) for topic in topics],
-        "compression_format": compression_format,
-        "compression_mode": compression_mode,
-        "relative_file_paths": [file.name for file in files],
+        **_times(united_span(files)),
+        "message_count": sum(file.statistics.message_count for file in files),
+        "topics_with_message_count": [
+            _topic_information(name, topic) for name, topic in topics_in(files).items()
+        ],
+        "compression_format": "",  # of rosbag2; that of MCAP's chunks is in the files
+        "compression_mode": "",
+        "relative_file_paths": names,
         "files": [
             {
-                "path": file.name,
+                "path": name,
                 **_times(file.span),
-                "message_count": file.message_count,
+                "message_count": file.statistics.message_count,
             }
-            for file in files
+            for name, file in zip(names, files, strict=True)
         ],
         "custom_data": None,
         "ros_distro": _ROS_DISTRO,
     }
-
-
-def qos_profiles_text(profiles: Sequence[QosProfile]) -> str:
-    """Return the YAML of the channel metadata ``offered_qos_profiles``.
-
-    As rosbag2 of Jazzy: version 9, words where older bags have numbers.
-    """
-    return dump_yaml([profile.as_mapping() for profile in profiles])
-
-
-def dump_yaml(value: object) -> str:
-    """Return ``value`` as YAML; keys keep their order."""
-    text: str = yaml.safe_dump(value, sort_keys=False, allow_unicode=True)
-    return text
 
 
 def _times(span: TimeSpan | None) -> dict[str, object]:
@@ -132,14 +97,20 @@ def _times(span: TimeSpan | None) -> dict[str, object]:
     }
 
 
-def _topic_information(topic: TopicSummary) -> dict[str, object]:
+def _topic_information(name: str, topic: TopicInfo) -> dict[str, object]:
     return {
         "topic_metadata": {
-            "name": topic.name,
+            "name": name,
             "type": topic.type_name,
             "serialization_format": "cdr",
-            "offered_qos_profiles": [profile.as_mapping() for profile in topic.qos_profiles],
+            "offered_qos_profiles": qos_entries(parse_qos_text(topic.qos_profiles)),
             "type_description_hash": topic.type_hash,
         },
         "message_count": topic.message_count,
     }
+
+
+def _dump_yaml(value: object) -> str:
+    """Return ``value`` as YAML; keys keep their order."""
+    text: str = yaml.safe_dump(value, sort_keys=False, allow_unicode=True)
+    return text

@@ -1,17 +1,15 @@
-"""A recorded flight as arrays: odometry, reference, commands, figures of the ticks."""
+"""A recorded flight as arrays: odometry, reference, commands, statistics of control steps."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quad_mpc_ros.configuration import ArgumentError
-from quad_mpc_ros.configuration.arguments import array, instance, stamps
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.reference_window import (
@@ -27,19 +25,16 @@ from quad_mpc_ros.control.safety.window_validation import reference_fault
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Stamps, StatsLog
 from quad_mpc_ros.simulation.scene import Scene
 
-if TYPE_CHECKING:  # a simulated flight needs no reader of bags
-    pass
-
 _CLEARANCE_SAMPLES = 5  # two odometries, at which a clearance is taken
 _GAP_PERIODS = 2.5  # of the odometry: less is jitter
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReferenceTrack:
-    """The reference in force at each of n odometries.
+    """The active reference at each of n odometries.
 
     Shapes: ``p_WB`` [m], ``v_WB_B`` [m/s] and ``w_WB_B`` [rad/s] (n, 3), the last two in the body
-    frame of the reference; ``R_WB`` (n, 3, 3); ``throttle`` (n,), which holds the reference.
+    frame of the reference; ``R_WB`` (n, 3, 3); ``throttle`` (n,) that holds the reference.
     """
 
     p_WB: Array
@@ -49,7 +44,7 @@ class ReferenceTrack:
     throttle: Array
 
     def sampled(self, time: Array, at: Array) -> ReferenceTrack:
-        """Return it at other times (m,) than those that it is of (n,) [s], linear in between."""
+        """Return the track, given at times (n,) [s], interpolated at other times (m,) [s]."""
         values = {
             name: np.stack(
                 [np.interp(at, time, column) for column in track.reshape(len(time), -1).T], axis=-1
@@ -86,16 +81,12 @@ class Flight:
     """A flight of n odometries, at least one. Everything is in order of stamps, each stamp once.
 
     Shapes: ``stamp_ns``, ``publish_time_ns`` (n,); ``p_WB`` [m], ``v_WB_B`` [m/s], ``w_WB_B``
-    [rad/s] (n, 3); ``q_WB_xyzw`` (n, 4) with the sign that was recorded. ``reference`` is None
-    when none was recorded. ``stats`` are the figures of the k ticks of the controller, each (k,),
-    by their name in :class:`TickStats`. ``parameters`` are those recorded, by node; ``mpc`` are
-    those of the controller, defaults where they were not recorded. ``scene`` is what it was flown
-    among, its times from the first odometry on; None where that is not known. ``gates`` are the
-    poses of the gates of a course that were received in flight, where they changed. ``rejected``
-    are the reasons why the controller rejects odometries of the recording, with how many.
-
-    Raises:
-        ArgumentError: An array has another shape, or something is of another type.
+    [rad/s] (n, 3); ``q_WB_xyzw`` (n, 4) with the recorded sign. ``reference`` is None if not
+    recorded. ``stats`` are the figures of the k ticks of the controller, each (k,), with their
+    names in :class:`TickStats`. ``parameters`` are the recorded parameters, by node; ``mpc`` are
+    the controller's, with defaults for missing ones. ``scene`` are the obstacles, with times from
+    the first odometry on; None if unknown. ``gates`` are the changed gate poses received in
+    flight. ``rejected`` counts odometries that the controller rejects, by reason.
     """
 
     stamp_ns: Stamps
@@ -113,22 +104,6 @@ class Flight:
     gates: Sequence[GatePoses] = ()
     rejected: Mapping[str, int] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        count = len(stamps(self.stamp_ns, "stamp_ns"))
-        if count == 0:
-            raise ArgumentError("stamp_ns", self.stamp_ns, "a flight of one odometry or more")
-        if len(stamps(self.publish_time_ns, "publish_time_ns")) != count:
-            raise ArgumentError("publish_time_ns", self.publish_time_ns, f"{count} stamps")
-        for name in ("p_WB", "v_WB_B", "w_WB_B"):
-            array(getattr(self, name), name, count, 3)
-        array(self.q_WB_xyzw, "q_WB_xyzw", count, 4)
-        instance(self.reference, "reference", ReferenceTrack, type(None))
-        instance(self.commands, "commands", CommandTrack)
-        instance(self.mpc, "mpc", MpcConfig)
-        for name in ("stats", "parameters"):
-            if not isinstance(getattr(self, name), Mapping):
-                raise ArgumentError(name, getattr(self, name), "values by name")
-
     @property
     def time(self) -> Array:
         """Time of each odometry from the first one (n,) [s]."""
@@ -136,11 +111,11 @@ class Flight:
 
     @cached_property
     def followed(self) -> ReferenceTrack | None:
-        """The reference as late as the vehicle was allowed to be (``behind_s``), its errors' zero.
+        """The reference delayed by ``progress_delay_s``, for the errors.
 
-        By the clock, and that of ``reference`` itself, but with formulation contouring.
+        Without formulation contouring this is ``reference``.
         """
-        behind = self.stats.get("behind_s", np.zeros(0))
+        behind = self.stats.get("progress_delay_s", np.zeros(0))
         if self.reference is None or not behind.any():
             return self.reference
         time = self.time
@@ -153,9 +128,9 @@ class Flight:
 
     @cached_property
     def clearance(self) -> Array | None:
-        """From the vehicle's surface to the nearest obstacle's (n,) [m], None without obstacles.
+        """Clearance to the nearest obstacle (n,) [m], None without obstacles.
 
-        The least since the odometry before; negative inside.
+        The minimum since the previous odometry; negative inside.
         """
         if self.scene is None or not self.scene.shapes:
             return None
@@ -169,16 +144,16 @@ class Flight:
 
     @property
     def odometry_period(self) -> float:
-        """Usual time between two odometries [s]; that of the control for a single one."""
+        """Median time between two odometries [s]; the control period for a single odometry."""
         if len(self.stamp_ns) < 2:
             return 1.0 / self.mpc.control_rate
         return float(np.median(np.diff(self.stamp_ns))) * 1e-9
 
     @cached_property
     def gaps(self) -> list[tuple[float, float]]:
-        """Times [s] from one odometry to the next where that is longer than ``odom_timeout``.
+        """Times [s] between successive odometries that are longer than ``odom_timeout``.
 
-        Nothing is known of the flight in between.
+        The flight between these times was not recorded.
         """
         longest = max(self.mpc.odom_timeout, _GAP_PERIODS * self.odometry_period)
         begins = np.flatnonzero(np.diff(self.time) > longest)
@@ -197,7 +172,7 @@ class Flight:
 
 
 def flown_arrays(odometry: OdometryLog, commands: CommandLog, ticks: StatsLog) -> dict[str, Any]:
-    """Return what :class:`Flight` has of odometry, and of commands and ticks until its end."""
+    """Return the odometry of a :class:`Flight`, and commands and ticks until its end."""
     stamp_ns, first = first_by_stamp(odometry.stamp_ns)
     end_ns = int(stamp_ns[-1])
     command_ns, sent = first_by_stamp(commands.stamp_ns, end_ns=end_ns)
@@ -221,7 +196,7 @@ def flown_arrays(odometry: OdometryLog, commands: CommandLog, ticks: StatsLog) -
 def first_by_stamp(
     stamps_ns: ArrayLike, *, end_ns: int | None = None
 ) -> tuple[Stamps, NDArray[np.intp]]:
-    """Return the stamps up to the end, ascending, and where each first occurs."""
+    """Return the ascending stamps up to the end, and the first index of each."""
     stamp_ns, first = np.unique(np.asarray(stamps_ns, dtype=np.int64), return_index=True)
     count = len(stamp_ns) if end_ns is None else np.searchsorted(stamp_ns, end_ns, side="right")
     return stamp_ns[:count], first[:count]
@@ -230,13 +205,13 @@ def first_by_stamp(
 class ReferenceSampler:
     """Samples the reference at the stamps of odometries, given its windows one by one.
 
-    At each stamp the window in force is the last one stamped no later, and before the first
-    window it is the first one. The last one of equal stamps counts; one that is
-    stamped before an earlier one was sent again, and is left out.
+    At each stamp the active window is the last window stamped no later; before the first window,
+    the first window. Of windows with equal stamps the last is used; a window stamped before an
+    earlier window was resent and is omitted.
     """
 
     def __init__(self, stamp_ns: Stamps, vehicle: Vehicle) -> None:
-        """Take the stamps (n,) [ns], ascending, and the vehicle that flies the reference."""
+        """Take the ascending stamps (n,) [ns], and the vehicle that flies the reference."""
         self._stamp_ns = stamp_ns
         self._vehicle = vehicle
         self._points = PointRecord.zeros(len(stamp_ns))
@@ -244,7 +219,7 @@ class ReferenceSampler:
         self._begin = 0  # the place from which the newest is in force
 
     def take(self, window: ReferenceWindow) -> None:
-        """Use a window, unless the controller refuses it."""
+        """Use a window, unless the controller rejects it."""
         if reference_fault(window, frame_id=window.frame_id) is not None:
             return
         if self._newest is not None:
@@ -255,7 +230,7 @@ class ReferenceSampler:
         self._newest = window
 
     def track(self) -> ReferenceTrack | None:
-        """Return the reference at all stamps; None when no window was taken."""
+        """Return the reference at all stamps; None without a window."""
         if self._newest is None:
             return None
         self._sample(self._newest, end=len(self._stamp_ns))
@@ -269,7 +244,7 @@ class ReferenceSampler:
         )
 
     def _sample(self, window: ReferenceWindow, *, end: int) -> None:
-        """Sample a window up to a place, from which another one is in force."""
+        """Sample a window up to an index, from which the next window is active."""
         points = PointRecord.zeros(end - self._begin)
         stamp_ns = self._stamp_ns[self._begin : end]
         sample_into(stamp_ns - window.stamp_ns, packed(window), points)

@@ -1,7 +1,7 @@
-"""The values of a recording, kind by kind and in its order, at eight bytes a number.
+"""The values of a recording, by kind and in recorded order, with eight bytes per number.
 
-A log grows while messages are read and is indexed like a list of :class:`Received`, each made on
-demand. An hour of flight as Python objects would fill the memory.
+A log grows while messages are read and is indexed like a list of :class:`Received`, whose items
+are created on demand. An hour of flight as Python objects would fill the memory.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _STATS_TYPES = _hints(TickStats)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Received(Generic[T]):
-    """A value and when its message was recorded and published [ns]."""
+    """A value with the record and publish times of its message [ns]."""
 
     value: T
     log_time_ns: int
@@ -45,7 +45,7 @@ class Received(Generic[T]):
 class _MadeOnDemand(Sequence[T]):
     @abstractmethod
     def _made(self, place: int) -> T:
-        """Return the item at a place, 0 or more."""
+        """Return the item at an index, 0 or more."""
 
     @overload
     def __getitem__(self, index: int) -> T: ...
@@ -73,7 +73,7 @@ class SampleColumns(_MadeOnDemand[T]):
             append(field)
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return a field of all values, numbers and texts (n,), arrays row after row (n, k)."""
+        """Return a field of all values: numbers and texts (n,), arrays (n, k)."""
         column = self._columns[name]
         if isinstance(column, _VectorColumn):
             return column.rows
@@ -100,7 +100,7 @@ class Log(_MadeOnDemand[Received[T]]):
 
     @classmethod
     def of(cls, received: Iterable[Received[T]]) -> Self:
-        """Return a log of values that there are already."""
+        """Return a log of existing values."""
         log = cls()
         for each in received:
             log.append(each)
@@ -119,12 +119,12 @@ class Log(_MadeOnDemand[Received[T]]):
 
     @property
     def log_time_ns(self) -> Stamps:
-        """Return when each was recorded (n,)."""
+        """Return the record times (n,)."""
         return _numpy(self._log_times)
 
     @property
     def publish_time_ns(self) -> Stamps:
-        """Return when each was published (n,)."""
+        """Return the publish times (n,)."""
         return _numpy(self._publish_times)
 
     def __len__(self) -> int:
@@ -145,7 +145,7 @@ class OdometryLog(Log[OdometrySample]):
 
 
 class ImuLog(Log[ImuSample]):
-    """What an accelerometer measured."""
+    """Samples of an accelerometer."""
 
     kind = ImuSample
 
@@ -163,7 +163,7 @@ class StatsLog(SampleColumns[TickStats]):
         super().__init__(TickStats)
 
     def add(self, value: TickStats) -> None:
-        """Add the figures of a tick. Raises ``ValueError`` for those that cannot be used."""
+        """Add the figures of a tick. Raises ``ValueError`` for unusable values."""
         if not (math.isfinite(value.odom_age_ms) and math.isfinite(value.reference_age_ms)):
             raise ValueError("an age is not finite")
         try:
@@ -173,15 +173,15 @@ class StatsLog(SampleColumns[TickStats]):
 
     @property
     def columns(self) -> dict[str, NDArray[Any]]:
-        """Return every figure as an array (n,) of its type, by its name."""
+        """Return all figures as arrays (n,) of their types, keyed by name."""
         return {name: self.column(name) for name in self._columns}
 
 
 def tick_stats(message: Any) -> TickStats:
     """Return the figures in a message of ``mpc/stats``.
 
-    Figures that an earlier version did not have take their default. Raises ``KeyError`` or
-    ``ValueError`` for a message of another package.
+    Figures missing in an earlier version have their default. Raises ``KeyError`` or ``ValueError``
+    for a message of another package.
     """
     figures = diagnostics.stats_from_message(message)
     values = {
@@ -193,7 +193,7 @@ def tick_stats(message: Any) -> TickStats:
 
 
 class _TextColumn(list[str]):
-    """Texts that repeat, each kept once."""
+    """Repeated texts, each stored once."""
 
     def append(self, text: str) -> None:
         super().append(sys.intern(text))

@@ -1,96 +1,103 @@
-"""Reading one MCAP file with the mcap library, whether its writer finished it or not."""
+"""Reading one MCAP file with the mcap library."""
 
 from __future__ import annotations
 
 import io
-import tempfile
-import weakref
 import zlib
-from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
-import zstandard
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema
+from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema, Statistics
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
-from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+from mcap.summary import Summary
+from mcap.writer import MCAP0_MAGIC
 
 from quad_mpc_ros.configuration.errors import BagError, os_reason
-from quad_mpc_ros.recordings.bag_metadata import TimeSpan
-from quad_mpc_ros.recordings.mcap_records import MAGIC_SIZE, WholeRecords, copy_records
 
+METADATA_FILE = "metadata.yaml"
+LATEST_NS = 2**63 - 1
+"""The last time that rosbag2 can store [ns since the epoch]."""
+LONGEST_BAG_NS = 10 * 365 * 86400 * 10**9
+"""Log times of a bag that are farther apart come from a clock that was not set."""
+MAGIC_SIZE = len(MCAP0_MAGIC)
 McapMessage = tuple[Schema | None, Channel, Message]
 
 
 @dataclass(frozen=True, kw_only=True)
-class McapContents:
-    """What a file holds besides the messages themselves."""
+class TimeSpan:
+    """The first and the last log time of a bag [ns since the epoch]."""
 
-    schemas: Mapping[int, Schema]
-    channels: Mapping[int, Channel]
-    message_counts: Counter[int]
-    span: TimeSpan | None
-    metadata: Sequence[Metadata]
+    start_ns: int
+    end_ns: int
+
+    @property
+    def duration_ns(self) -> int:
+        """Return the length of the span [ns]."""
+        return self.end_ns - self.start_ns
+
+
+@dataclass(frozen=True, kw_only=True)
+class TopicInfo:
+    """One topic of a bag.
+
+    ``encoding`` is the encoding of its messages, ``cdr`` in ROS 2. ``qos_profiles`` is YAML from
+    rosbag2, one entry per publisher; it and ``type_hash`` are empty if missing in the bag.
+    """
+
+    type_name: str
+    encoding: str
+    message_count: int
+    qos_profiles: str
+    type_hash: str
 
 
 class McapFile:
-    """One MCAP file.
+    """A finished MCAP file with an index.
 
-    A file with an index is read chunk by chunk. A file without an index, as SIGKILL leaves it, is
-    first copied up to its last whole record into a temporary one with an index. A file that is
-    compressed as a whole (``.mcap.zstd``) is unpacked into a temporary one each time. Checksums
-    are verified. Every failure is a :class:`BagError` that names the file.
+    The file is read chunk by chunk, checksums are verified, and it is closed between calls. Every
+    failure is a :class:`BagError` that names the file.
     """
 
     def __init__(self, path: Path) -> None:
-        """Open ``path`` for a first look; no file stays open.
+        """Read the index of ``path``.
 
-        ``finished``: whether the writer ended the file, with or without an index.
+        Raises :class:`BagError` for a file without an end or without an index.
         """
         self.path = path
         with _opened(path) as stream:
-            self.finished = _is_finished(stream)
-            self._indexed = _indexed_contents(stream) if self.finished else None
+            reader = SeekingReader(stream, validate_crcs=True)
+            summary = reader.get_summary() if _is_finished(stream) else None
+            if summary is None or summary.statistics is None:
+                raise unfinished(path)
+            if len(summary.channels) < summary.statistics.channel_count:
+                raise unfinished(path)
+            self.summary: Summary = summary
+            self.statistics: Statistics = summary.statistics
+            self.metadata = list(reader.iter_metadata())
+            if _compresses_messages(self.metadata):
+                raise OtherFormatError(path, "has messages compressed by rosbag2", _bag_of(path))
 
-    @cached_property
-    def contents(self) -> McapContents:
-        """What the file holds."""
-        if self._indexed is not None:
-            return self._indexed
-        with _opened(self._path_with_index) as stream:
-            contents = _indexed_contents(stream)
-        assert contents is not None  # of the copy
-        return contents
-
-    @cached_property
-    def _path_with_index(self) -> Path:
-        """The file itself, or a copy that is there as long as this object."""
-        if self._indexed is not None:
-            return self.path
-        with _opened(self.path) as stream:
-            copy = tempfile.NamedTemporaryFile(suffix=".mcap")  # noqa: SIM115, closed below
-            weakref.finalize(self, copy.close)
-            records = WholeRecords(stream)
-            copy_records(records, Writer(copy, compression=CompressionType.NONE))
-            copy.flush()
-            if records.damaged_chunks:
-                raise ValueError(f"{records.damaged_chunks} damaged chunks")
-        return Path(copy.name)
+    @property
+    def span(self) -> TimeSpan | None:
+        """The log times of the first and the last message; None without messages."""
+        if not self.statistics.message_count:
+            return None
+        return TimeSpan(
+            start_ns=self.statistics.message_start_time, end_ns=self.statistics.message_end_time
+        )
 
     def verify(self) -> None:
         """Read the whole file.
 
-        Raises :class:`BagError` when a checksum is wrong, and for a chunk whose messages have no
+        Raises :class:`BagError` if a checksum is wrong, and for a chunk whose messages have no
         index: ``ros2 bag play`` cannot put them in order.
         """
         with _opened(self.path) as stream:
-            summary = _reader(stream).get_summary()
-            for chunk in summary.chunk_indexes if summary else ():
+            for chunk in self.summary.chunk_indexes:
                 if not chunk.message_index_offsets and chunk.message_end_time > 0:
                     raise ValueError("a chunk without an index of its messages")
             _check_summary(stream)
@@ -102,66 +109,93 @@ class McapFile:
     def messages(
         self, topics: Collection[str] | None = None, *, from_ns: int = 0
     ) -> Iterator[McapMessage]:
-        """Yield the messages of ``topics`` (all by default) from a log time on, in its order."""
-        with _opened(self._path_with_index) as stream:
-            yield from _reader(stream).iter_messages(topics, starting_at=from_ns)
+        """Yield messages of ``topics`` (default: all) from a log time on, in log-time order."""
+        with _opened(self.path) as stream:
+            reader = SeekingReader(stream, validate_crcs=True)
+            yield from reader.iter_messages(topics, starting_at=from_ns)
+
+
+def unfinished(path: Path) -> BagError:
+    """Return the error for an interrupted recording without end or index."""
+    return BagError(f"{path}: is unfinished; complete it: {repair_command(path)}")
+
+
+def repair_command(path: Path) -> str:
+    """Return the command that repairs a bag, or the bag of a file."""
+    return f"quad_mpc bag repair {_bag_of(path)}"
+
+
+def _bag_of(path: Path) -> Path:
+    return path.parent if (path.parent / METADATA_FILE).exists() else path
+
+
+def united_span(files: Iterable[McapFile]) -> TimeSpan | None:
+    """Return the log times of the first and the last message in files; None without messages."""
+    spans = [file.span for file in files if file.span is not None]
+    if not spans:
+        return None
+    return TimeSpan(
+        start_ns=min(span.start_ns for span in spans), end_ns=max(span.end_ns for span in spans)
+    )
+
+
+def topics_in(files: Iterable[McapFile]) -> dict[str, TopicInfo]:
+    """Return every topic of some files by name, including topics without messages."""
+    found: dict[str, TopicInfo] = {}
+    for file in files:
+        for channel_id, channel in file.summary.channels.items():
+            schema = file.summary.schemas.get(channel.schema_id)
+            count = file.statistics.channel_message_counts.get(channel_id, 0)
+            known = found.get(channel.topic)
+            found[channel.topic] = TopicInfo(
+                type_name=schema.name if schema else "",
+                encoding=channel.message_encoding,
+                message_count=count + (known.message_count if known else 0),
+                qos_profiles=channel.metadata.get("offered_qos_profiles", ""),
+                type_hash=channel.metadata.get("topic_type_hash", ""),
+            )
+    return found
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[BinaryIO]:
     try:
-        with path.open("rb") as stream, _unpacked(stream) as unpacked:
-            _check_magic(unpacked, path)
-            yield unpacked
+        with path.open("rb") as stream:
+            _check_magic(stream, path)
+            yield stream
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {os_reason(error)}") from error
-    except _NotMcapError as error:
-        raise BagError(f"{path}: {error}") from error
+    except BagError:
+        raise
     # The parsers of mcap, zstd and lz4 raise anything on damaged bytes.
     except Exception as error:
         reason = str(error).partition("\n")[0]
         raise BagError(f"{path}: is corrupt: {type(error).__name__}: {reason}") from error
 
 
-@contextmanager
-def _unpacked(stream: BinaryIO) -> Iterator[BinaryIO]:
-    """Yield ``stream``, or what is in it when it is compressed as a whole."""
-    packed = stream.read(len(zstandard.FRAME_HEADER)) == zstandard.FRAME_HEADER
-    stream.seek(0)
-    if not packed:
-        yield stream
-        return
-    with tempfile.TemporaryFile() as unpacked:
-        zstandard.ZstdDecompressor().copy_stream(stream, unpacked)
-        unpacked.seek(0)
-        yield unpacked
-
-
-class _NotMcapError(Exception):
-    pass
-
-
 CONVERT = "rosbags-convert --src {} --dst {} --dst-storage mcap"
-"""Converts bags of ROS 1 and of other storages; the library rosbags installs it."""
-_OTHER_FORMATS = {b"SQLite format 3": "an SQLite bag", b"#ROSBAG V2.0": "a ROS 1 bag"}
+"""Command that converts ROS 1 bags, other storages and compressed bags; part of rosbags."""
+_OTHER_FORMATS = {b"SQLite format 3": "is an SQLite bag", b"#ROSBAG V2.0": "is a ROS 1 bag"}
 
 
-def conversion(reason: str, *sources: Path) -> str:
-    """Return why bags cannot be read, and the command that converts them."""
-    target = sources[0].with_name(f"{sources[0].stem}_mcap")
-    command = CONVERT.format(" ".join(map(str, sources)), target)
-    return f"{reason}, expected MCAP; convert it: {command}"
+class OtherFormatError(BagError):
+    """An intact bag that must be converted before reading."""
+
+    def __init__(self, place: Path, reason: str, *sources: Path) -> None:
+        target = sources[0].with_name(f"{sources[0].stem}_mcap")
+        command = CONVERT.format(" ".join(map(str, sources)), target)
+        super().__init__(f"{place}: {reason}, expected MCAP; convert it: {command}")
 
 
 def _check_magic(stream: BinaryIO, path: Path) -> None:
     start = stream.read(MAGIC_SIZE)
     if not start:
-        raise _NotMcapError("is empty")
+        raise BagError(f"{path}: is empty")
     known = next((name for begin, name in _OTHER_FORMATS.items() if start == begin[:8]), None)
     if known is not None:
-        raise _NotMcapError(conversion(f"is {known}", path))
+        raise OtherFormatError(path, known, path)
     if start != MCAP0_MAGIC:
-        raise _NotMcapError("is not an MCAP file")
+        raise BagError(f"{path}: is not an MCAP file")
     stream.seek(0)
 
 
@@ -170,7 +204,7 @@ _CHECKSUM_SIZE = 4
 
 
 def _check_summary(stream: BinaryIO) -> None:
-    """Check the checksum of a finished file's index, which the mcap library passes over."""
+    """Check the checksum of a finished file's index, which the mcap library ignores."""
     end = stream.seek(-MAGIC_SIZE - _FOOTER_SIZE, io.SEEK_END)
     footer = next(StreamReader(stream, skip_magic=True).records)
     if not isinstance(footer, Footer):
@@ -184,33 +218,14 @@ def _check_summary(stream: BinaryIO) -> None:
     stream.seek(0)
 
 
+def _compresses_messages(records: Iterable[Metadata]) -> bool:
+    """Return whether rosbag2 compressed each message, by its copy of ``metadata.yaml``."""
+    texts = (each.metadata.get("serialized_metadata", "") for each in records)
+    return any("compression_mode: message" in text.lower() for text in texts)
+
+
 def _is_finished(stream: BinaryIO) -> bool:
     size = stream.seek(-MAGIC_SIZE, io.SEEK_END) + MAGIC_SIZE
     end = stream.read(MAGIC_SIZE)
     stream.seek(0)
     return end == MCAP0_MAGIC and size > MAGIC_SIZE
-
-
-def _reader(stream: BinaryIO) -> SeekingReader:
-    return SeekingReader(stream, validate_crcs=True)
-
-
-def _indexed_contents(stream: BinaryIO) -> McapContents | None:
-    """Return the contents by the file's index, or None for a file that has none."""
-    reader = _reader(stream)
-    summary = reader.get_summary()
-    if summary is None or summary.statistics is None:
-        return None
-    statistics = summary.statistics
-    if len(summary.channels) < statistics.channel_count:
-        return None
-    if not summary.chunk_indexes and statistics.message_count:
-        return None
-    span = TimeSpan(start_ns=statistics.message_start_time, end_ns=statistics.message_end_time)
-    return McapContents(
-        schemas=summary.schemas,
-        channels=summary.channels,
-        message_counts=Counter(statistics.channel_message_counts),
-        span=span if statistics.message_count else None,
-        metadata=list(reader.iter_metadata()),
-    )

@@ -1,4 +1,4 @@
-"""The parameters of the nodes of a run, kept in its bag: one MCAP metadata record a node."""
+"""The parameters of the nodes of a run, stored in its bag: one MCAP metadata record per node."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def write_parameters(writer: BagWriter, node: str, values: Mapping[str, Any]) ->
 def read_parameters(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, Any]]:
     """Return the parameters in the metadata of a bag by node name and dotted parameter name.
 
-    Raises :class:`BagError` for a record that is no ROS parameter file.
+    Raises :class:`BagError` for a record that is not a ROS parameter file.
     """
     found: dict[str, dict[str, Any]] = {}
     for name, record in metadata.items():
@@ -33,7 +33,7 @@ def read_parameters(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict
                 for node, content in ros_yaml.read(record[_KEY]).items():
                     found[node] = dict(content["ros__parameters"])
             except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError) as error:
-                raise BagError(f"metadata record {name} is no ROS parameter file") from error
+                raise BagError(f"metadata record {name} is not a ROS parameter file") from error
     return found
 
 
@@ -42,7 +42,7 @@ def recorded_parameters(
 ) -> dict[str, Any]:
     """Return the parameters of the node that ``kind`` configures, in any namespace.
 
-    Empty when none were recorded. ``parameters`` are those of a recording by node.
+    Empty if no parameters were recorded. ``parameters`` are the recorded parameters by node.
     """
     known = {spec.name for spec in kind.specs()}
     for node, values in parameters.items():

@@ -1,4 +1,4 @@
-"""Reading a bag: a rosbag2 directory, finished or not, or a single MCAP file."""
+"""Reading a bag: a rosbag2 directory of MCAP files, or a single MCAP file."""
 
 from __future__ import annotations
 
@@ -10,20 +10,24 @@ from functools import cached_property
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
-import yaml
-from mcap.records import Metadata
-
 from quad_mpc_ros.configuration import ros_yaml
 from quad_mpc_ros.configuration.errors import BagError, UserError, text_of
 from quad_mpc_ros.messages.schemas import MSG_ENCODING
-from quad_mpc_ros.recordings.bag_metadata import (
+from quad_mpc_ros.recordings.bag_metadata import METADATA_ROOT, bag_of
+from quad_mpc_ros.recordings.mcap_file import (
+    CONVERT,
+    LATEST_NS,
+    LONGEST_BAG_NS,
     METADATA_FILE,
-    METADATA_ROOT,
+    McapFile,
+    OtherFormatError,
     TimeSpan,
-    bag_of,
-    united,
+    TopicInfo,
+    repair_command,
+    topics_in,
+    unfinished,
+    united_span,
 )
-from quad_mpc_ros.recordings.mcap_file import CONVERT, McapFile, conversion
 
 if TYPE_CHECKING:
     from quad_mpc_ros.messages.codec import MessageDecoder
@@ -31,23 +35,6 @@ if TYPE_CHECKING:
 
 CDR = "cdr"
 """The encoding of messages in ROS 2."""
-LATEST_NS = 2**63 - 1
-LONGEST_BAG_NS = 10 * 365 * 86400 * 10**9
-
-
-@dataclass(frozen=True, kw_only=True)
-class TopicInfo:
-    """One topic of a bag.
-
-    ``encoding`` is that of its messages, ``cdr`` in ROS 2. ``qos_profiles`` is YAML, one entry a
-    publisher, as rosbag2 wrote it; it and ``type_hash`` are empty when the bag lacks them.
-    """
-
-    type_name: str
-    encoding: str
-    message_count: int
-    qos_profiles: str
-    type_hash: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,31 +64,24 @@ class BagReader:
     def __init__(self, path: Path) -> None:
         """Open a bag directory, one ``.mcap`` file, or the folder of a run with ``bag/`` in it.
 
-        A directory is read by its ``metadata.yaml``; without one, because the recording was cut
-        short, it is every ``.mcap`` file in it, by number. What rosbag2 compressed with zstd, by
-        file or by message, is unpacked.
+        Raises :class:`BagError` for an interrupted recording, which must be repaired first.
         """
         self.path = path = bag_of(path)
-        information = _bag_information(path / METADATA_FILE)
-        paths = _mcap_files(path) if information is None else _listed_files(path, information)
+        if not path.exists():
+            raise BagError(f"{path}: does not exist")
+        paths = [path] if path.is_file() else _listed_files(path)
         self._files = [McapFile(file) for file in paths]
-        self._complete = information is not None or path.is_file()
-        if information is None:
-            information = recorded_information(self._files[0].contents.metadata)
-        self._unpack = _message_unpacker(information)
 
     @cached_property
     def topics(self) -> Mapping[str, TopicInfo]:
-        """Return every topic of the bag by name, those without messages included."""
+        """Return every topic of the bag by name, including topics without messages."""
         return topics_in(self._files)
 
     @cached_property
     def metadata(self) -> dict[str, dict[str, str]]:
-        """Return the MCAP metadata records by name; of several of a name, the last."""
+        """Return the MCAP metadata records by name; of duplicate names the last."""
         return {
-            record.name: dict(record.metadata)
-            for file in self._files
-            for record in file.contents.metadata
+            record.name: dict(record.metadata) for file in self._files for record in file.metadata
         }
 
     @property
@@ -110,52 +90,28 @@ class BagReader:
         return [file.path for file in self._files]
 
     @property
-    def complete(self) -> bool:
-        """Whether the bag has its ``metadata.yaml`` and every file its end."""
-        return self._complete and all(file.finished for file in self._files)
-
-    @property
-    def warning(self) -> str:
-        """What is wrong with the bag and how to repair it; empty of a sound one."""
-        if not self.complete:
-            return (
-                f"{self.path} is unfinished: it is read as far as it is whole; to complete it: "
-                f"quad_mpc bag repair {self.path}"
-            )
-        if self.has_wrong_log_times:
-            return (
-                f"{self.path}: messages are logged decades before or after the others; to correct "
-                f"their log times: quad_mpc bag repair {self.path}"
-            )
-        return ""
-
-    @property
-    def has_wrong_log_times(self) -> bool:
-        """Whether some messages were logged by a clock that was not set.
-
-        A recorder on simulated time logs at 0 what comes before the first ``/clock``.
-        """
-        return self.span is not None and self.duration_ns > LONGEST_BAG_NS
-
-    @property
     def span(self) -> TimeSpan | None:
         """Return the log times of the first message and the last; None without messages."""
-        return united(file.contents.span for file in self._files)
+        return united_span(self._files)
 
-    @property
-    def duration_ns(self) -> int:
-        """Return the time from the first message to the last [ns]; 0 without messages."""
-        return self.span.duration_ns if self.span else 0
+    def check_times(self) -> None:
+        """Raise :class:`BagError` for messages that are logged decades apart."""
+        span = self.span
+        if span is not None and span.duration_ns > LONGEST_BAG_NS:
+            raise BagError(
+                f"{self.path}: log times of some messages are off by decades; correct them: "
+                f"{repair_command(self.path)}"
+            )
 
     @cached_property
     def _decoder(self) -> MessageDecoder:
-        from quad_mpc_ros.messages.codec import MessageDecoder  # copying needs no rosbags
+        from quad_mpc_ros.messages.codec import MessageDecoder  # slow; replaying decodes nothing
 
         return MessageDecoder(
             {
                 schema.name: schema.data.decode(errors="replace")
                 for file in self._files
-                for schema in file.contents.schemas.values()
+                for schema in file.summary.schemas.values()
                 if schema.encoding == MSG_ENCODING
             }
         )
@@ -164,7 +120,7 @@ class BagReader:
         return self._decoder.decode(type_name, data)
 
     def require_cdr(self, topics: Iterable[str]) -> None:
-        """Raise :class:`BagError` for a topic whose messages are not encoded as ROS 2 does."""
+        """Raise :class:`BagError` for a topic with messages not encoded in CDR."""
         for topic in topics:
             encoding = self.topics[topic].encoding
             if encoding != CDR:
@@ -173,11 +129,12 @@ class BagReader:
     def messages(
         self, topics: Collection[str] | None = None, *, from_ns: int = 0
     ) -> Iterator[RecordedMessage]:
-        """Yield the messages of ``topics`` (all by default) from a log time on, in its order.
+        """Yield the messages of ``topics`` (all by default) from a log time on, in log-time order.
 
-        Messages of the same time come in the order in which they were recorded. A topic that is
-        not in the bag has no messages.
+        Messages with equal times are in the recorded order. A topic that is not in the bag has no
+        messages. Raises as :meth:`check_times`.
         """
+        self.check_times()
         streams = [file.messages(topics, from_ns=from_ns) for file in self._files]
         for schema, channel, message in heapq.merge(*streams, key=lambda item: item[2].log_time):
             if max(message.log_time, message.publish_time) > LATEST_NS:
@@ -191,79 +148,34 @@ class BagReader:
                 type_name=schema.name if schema else "",
                 log_time_ns=message.log_time,
                 publish_time_ns=message.publish_time,
-                data=self._unpack(channel.topic, message.data),
+                data=message.data,
                 _decode=self._decode,
             )
 
 
 def encoding_error(encoding: str) -> str:
-    """Return what is wrong with messages in another encoding than CDR, and what to do."""
+    """Return the error about messages in an encoding other than CDR, with a remedy."""
     hint = "; record them with a ROS 2 recorder"
     if encoding == "ros1":
         hint = f"; convert the ROS 1 bag: {CONVERT.format('FILE.bag', 'DIR')}"
     return f"its messages are encoded as {text_of(encoding)}, expected {CDR!r} (ROS 2){hint}"
 
 
-def topics_in(files: Iterable[McapFile]) -> dict[str, TopicInfo]:
-    """Return every topic of some files by name, those without messages included."""
-    found: dict[str, TopicInfo] = {}
-    for contents in (file.contents for file in files):
-        for channel_id, channel in contents.channels.items():
-            schema = contents.schemas.get(channel.schema_id)
-            count = contents.message_counts[channel_id]
-            known = found.get(channel.topic)
-            found[channel.topic] = TopicInfo(
-                type_name=schema.name if schema else "",
-                encoding=channel.message_encoding,
-                message_count=count + (known.message_count if known else 0),
-                qos_profiles=channel.metadata.get("offered_qos_profiles", ""),
-                type_hash=channel.metadata.get("topic_type_hash", ""),
-            )
-    return found
-
-
-def recorded_information(records: Iterable[Metadata]) -> Mapping[str, Any]:
-    """Return the copy of ``metadata.yaml`` in the metadata records of an MCAP file.
-
-    Empty when there is none.
-    """
-    texts = [r.metadata.get("serialized_metadata", "") for r in records if r.name == "rosbag2"]
-    try:
-        information = ros_yaml.read(texts[-1]) if texts else None
-    except yaml.YAMLError:
-        return {}
-    return information if isinstance(information, dict) else {}
-
-
 def mcap_files_in(directory: Path) -> list[Path]:
     """Return the MCAP files in a directory by their number.
 
-    Raises :class:`BagError` when there is none.
+    Raises :class:`BagError` if there is no file.
     """
-    files = sorted(
-        (file for pattern in _FILE_PATTERNS for file in directory.glob(pattern)),
-        key=_number_and_name,
-    )
+    files = sorted(directory.glob("*.mcap"), key=_number_and_name)
     if not files:
         others = sorted((*directory.glob("*.db3"), *directory.glob("*.bag")))
-        reason = f"is no bag: neither {METADATA_FILE} nor an .mcap file in it"
         if others:
-            reason = conversion("holds a bag of another format", *others)
-        raise BagError(f"{directory}: {reason}")
+            raise OtherFormatError(directory, "holds a bag of another format", *others)
+        raise BagError(f"{directory}: not a bag: neither {METADATA_FILE} nor an .mcap file in it")
     return files
 
 
 _FILE_NUMBER = re.compile(r"_(\d+)\.mcap")
-_FILE_PATTERNS = ("*.mcap", "*.mcap.zstd")
-_COMPRESSION_MODES = ("FILE", "MESSAGE")
-
-
-def _mcap_files(path: Path) -> list[Path]:
-    if not path.exists():
-        raise BagError(f"{path}: does not exist")
-    if path.is_file():
-        return [path]
-    return mcap_files_in(path)
 
 
 def _number_and_name(path: Path) -> tuple[int, str]:
@@ -271,52 +183,34 @@ def _number_and_name(path: Path) -> tuple[int, str]:
     return (int(match[1]) if match else -1, path.name)
 
 
-def _listed_files(directory: Path, information: Mapping[str, Any]) -> list[Path]:
+def _listed_files(directory: Path) -> list[Path]:
+    """Return the files that ``metadata.yaml`` lists."""
     metadata_path = directory / METADATA_FILE
+    if not metadata_path.exists():
+        mcap_files_in(directory)  # raises if there is none
+        raise unfinished(directory)
+    information = _bag_information(metadata_path)
     storage = information.get("storage_identifier")
     names = information.get("relative_file_paths")
     if not storage:
         raise _unusable(metadata_path, "storage_identifier is empty, expected 'mcap'")
     if storage != "mcap":
-        reason = conversion(f"storage is {text_of(storage)}", directory)
-        raise BagError(f"{metadata_path}: {reason}")
-    mode, method = information.get("compression_mode"), information.get("compression_format")
-    if mode and (str(mode).upper() not in _COMPRESSION_MODES or method != "zstd"):
-        raise BagError(
-            f"{metadata_path}: compression {text_of(method)} of mode {text_of(mode)} is not "
-            "supported, expected zstd of FILE or MESSAGE; convert the bag with `ros2 bag convert`"
-        )
+        raise OtherFormatError(metadata_path, f"storage is {text_of(storage)}", directory)
+    mode = str(information.get("compression_mode") or "NONE").upper()
+    if mode != "NONE":
+        raise OtherFormatError(metadata_path, f"rosbag2's compression is {mode}", directory)
     if not isinstance(names, list) or not names:
-        raise _unusable(metadata_path, "relative_file_paths names no file")
+        raise _unusable(metadata_path, "relative_file_paths is empty")
     # Before its version 4 rosbag2 wrote the name of the bag in front.
     files = [directory / PurePath(str(name)).name for name in names]
     there = {file.name for file in directory.iterdir()}
     missing = [file.name for file in files if file.name not in there]
     if missing:
-        raise _unusable(metadata_path, f"lists {missing[0]}, which is not there")
+        raise _unusable(metadata_path, f"lists {missing[0]}, which does not exist")
     return files
 
 
-def _message_unpacker(information: Mapping[str, Any]) -> Callable[[str, bytes], bytes]:
-    """Return a function of a topic and the bytes of a message, which rosbag2 may compress."""
-    if str(information.get("compression_mode")).upper() != "MESSAGE":
-        return lambda _, data: data
-    import zstandard
-
-    decompressor = zstandard.ZstdDecompressor()
-
-    def unpack(topic: str, data: bytes) -> bytes:
-        try:
-            return decompressor.decompress(data)
-        except zstandard.ZstdError as error:
-            raise BagError(f"{topic}: message is corrupt: {error}") from error
-
-    return unpack
-
-
-def _bag_information(metadata_path: Path) -> Mapping[str, Any] | None:
-    if not metadata_path.exists():
-        return None
+def _bag_information(metadata_path: Path) -> Mapping[str, Any]:
     try:
         content = ros_yaml.read_file(metadata_path)
     except UserError as error:
@@ -332,4 +226,4 @@ def _unusable(metadata_path: Path, why: str) -> BagError:
 
 
 def _repair(metadata_path: Path) -> str:
-    return f"write it again: quad_mpc bag repair {metadata_path.parent}"
+    return f"rewrite it: {repair_command(metadata_path)}"

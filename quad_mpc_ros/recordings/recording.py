@@ -1,4 +1,4 @@
-"""The recording of one vehicle: opens a bag once and turns its messages into values."""
+"""The recording of one vehicle: opens a bag once and converts its messages to values."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from functools import cached_property, partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -47,15 +48,7 @@ from quad_mpc_ros.recordings.logs import Log, Stamps, T
 from quad_mpc_ros.recordings.parameters import read_parameters, recorded_parameters
 from quad_mpc_ros.recordings.reader import CDR, BagReader, RecordedMessage, encoding_error
 from quad_mpc_ros.recordings.run import (
-    OUR_NAMES,
-    POSE,
-    TWIST,
-    VOLTAGE_FIELDS,
     RecordedRun,
-    TopicNames,
-    joined,
-    odometry_of_pose,
-    odometry_of_twist,
 )
 from quad_mpc_ros.references.point_table import PointTable
 from quad_mpc_ros.simulation.config import SimulatorConfig
@@ -63,22 +56,29 @@ from quad_mpc_ros.simulation.scene import Scene
 
 Taker = Callable[[RecordedMessage], None]
 
+VOLTAGE_FIELDS = {
+    BATTERY.type_name: "voltage",
+    "crazyflie_interfaces/msg/Status": "battery_voltage",
+    "px4_msgs/msg/BatteryStatus": "voltage_v",
+    "rosflight_msgs/msg/BatteryStatus": "voltage",
+}
+"""Message types with a battery's voltage [V], and its field."""
 SCENE_NAME = "obstacles.yaml"
-"""Of the file of obstacles in the folder of a run."""
+"""Name of the obstacle file in the folder of a run."""
 
 _MAX_LISTED = 12
-_RUN_FILES = (
+_RUN_TOPICS = (
     *(REFERENCE, COMMAND, ENGAGED, LANDED, ODOMETRY_RESET, STATS),
     *(IMU, PARAMETER_EVENTS),
 )
 
 
 class Recording:
-    """A recorded run of one vehicle, under whatever namespace it was recorded.
+    """A recorded run of one vehicle, in any namespace.
 
-    Opening reads the index. :meth:`flight` and :meth:`run` stream the messages: each is decoded
-    when it comes, turned into numbers and dropped, so that an hour of flight takes tens of
-    megabytes. Every failure is a :class:`BagError` that names the bag.
+    Opening reads the index. :meth:`flight` and :meth:`run` stream the messages: each message is
+    decoded, converted to numbers and dropped, so that an hour of flight takes tens of megabytes.
+    Every failure is a :class:`BagError` that names the bag.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -86,11 +86,6 @@ class Recording:
         instance(path, "path", str, Path)
         self.bag = BagReader(Path(path))
         self.path = self.bag.path
-
-    @property
-    def warning(self) -> str:
-        """What is wrong with the bag and how to repair it; empty of a sound one."""
-        return self.bag.warning
 
     @cached_property
     def parameters(self) -> Mapping[str, Mapping[str, Any]]:
@@ -104,13 +99,13 @@ class Recording:
     def flight(self) -> Flight:
         """Return the flight as arrays.
 
-        It ends with the last usable odometry; what is stamped later is left out, because the
+        The flight ends with the last usable odometry; later stamps are omitted, because the
         controller's watchdog acts when a simulator has ended. Odometry and references that the
-        controller refuses (not finite, no unit quaternion) are left out too. Of messages sent
-        again, as in lockstep, the first counts.
+        controller rejects (not finite, no unit quaternion) are omitted, too. Of resent messages,
+        as in lockstep, the first is used.
 
         Raises:
-            BagError: It has no usable odometry, or one of our topics twice.
+            BagError: The bag has no usable odometry, or a topic of this package twice.
             ConfigurationError: The recorded parameters cannot be used.
         """
         recorded = self.parameters_of(MpcConfig)
@@ -132,12 +127,12 @@ class Recording:
         if len(odometry) == 0:
             reasons = "".join(f"; {count} rejected: {why}" for why, count in rejected.items())
             raise BagError(
-                f"{self.path}: no flight in it: expected usable {ODOMETRY.type_name} messages on "
-                f"a topic that ends in /{ODOMETRY.name}{reasons}{self._other_encodings()}"
+                f"{self.path}: no flight: expected usable {ODOMETRY.type_name} messages on a "
+                f"topic that ends in /{ODOMETRY.name}{reasons}{self._other_encodings()}"
             )
         arrays = flown_arrays(odometry, commands, stats)
         stamp_ns = arrays["stamp_ns"]
-        self._refuse_standing(stamp_ns, count=len(odometry))
+        self._check_stamps_advance(stamp_ns, count=len(odometry))
         # In a second pass, with the stamps known at which references count.
         sampler = ReferenceSampler(stamp_ns, mpc.vehicle())
         again: dict[Topic, Taker] = {
@@ -159,9 +154,9 @@ class Recording:
         )
 
     def scene(self) -> Scene | None:
-        """Return what a simulated vehicle flew among, of its run's folder or where it was read.
+        """Return the obstacles of a simulated flight: the file in the run, or the configured one.
 
-        None where nothing was, or the file is there no more.
+        None without obstacles, or if neither file exists.
         """
         given = self.parameters_of(SimulatorConfig).get("obstacles.file")
         if not given:
@@ -176,20 +171,26 @@ class Recording:
 
     def run(
         self,
-        names: TopicNames = OUR_NAMES,
+        names: Mapping[Topic, str] = MappingProxyType({}),
         *,
-        topics: Collection[Topic] = _RUN_FILES,
+        topics: Collection[Topic] = _RUN_TOPICS,
     ) -> RecordedRun:
-        """Return the odometry and ``topics`` of the controller, the others left empty.
+        """Return the odometry and ``topics`` of the controller; other topics are empty.
+
+        Args:
+            names: Names of topics in a bag of another stack. Topics of this package are found in
+                any namespace, and the battery by its type.
+            topics: Topics to read besides the odometry.
 
         Raises:
-            BagError: It has no odometry, or a topic twice, or a named topic is not there or of
-                another type; it has two batteries, and none is named.
+            BagError: The bag has no odometry, a duplicate topic, a missing named topic or one of
+                another type, or two batteries and no ``--battery-topic``.
         """
         run = RecordedRun(bag=self.path, parameters=self.parameters)
-        poses, twists, flown = logs.OdometryLog(), logs.OdometryLog(), logs.CommandLog()
-        named = names.given
+        flown = logs.CommandLog()
+        named = dict(names)
         takers: dict[Topic, Taker] = {
+            ODOMETRY: _into(run.odometries, conversions.odometry_from_message),
             REFERENCE: _into(run.windows, conversions.reference_from_message),
             COMMAND: _into(run.commands, conversions.command_from_message),
             ENGAGED: _into(run.engagements, lambda m: bool(m.data)),
@@ -199,67 +200,61 @@ class Recording:
             IMU: _into(run.imu, conversions.imu_from_message),
             PARAMETER_EVENTS: self._changes(run.changes),
         }
-        takers = {topic: takers[topic] for topic in topics if topic is not BATTERY}
-        if BATTERY in topics and (battery := self._battery(names.battery)) is not None:
+        wanted = {ODOMETRY, *topics} - {BATTERY}
+        takers = {topic: take for topic, take in takers.items() if topic in wanted}
+        if BATTERY in topics and (battery := self._battery(names.get(BATTERY))) is not None:
             voltage_of = operator.attrgetter(VOLTAGE_FIELDS[battery.type_name])
             takers[battery] = _into(run.voltages, lambda m: float(voltage_of(m)))
             named[battery] = battery.name
-        if names.pose:
-            takers[POSE] = _into(poses, odometry_of_pose)
-            takers[TWIST] = _into(twists, odometry_of_twist)
-        else:
-            takers[ODOMETRY] = _into(run.odometries, conversions.odometry_from_message)
-        if COMMAND in topics and not names.command:
+        if COMMAND in topics and COMMAND not in names:
             takers[RECORDED_COMMAND] = _into(flown, conversions.command_from_message)
         self._stream(takers, names=named)
-        odometry = joined(poses, twists) if names.pose else run.odometries
-        if not odometry:
+        if not run.odometries:
             raise BagError(
-                f"{self.path}: no odometry in it: expected {ODOMETRY.type_name} on a topic that "
-                f"ends in /{ODOMETRY.name}, or --odom-topic, or --pose-topic with --twist-topic; "
-                f"it holds {self._listed_topics()}{self._other_encodings()}"
+                f"{self.path}: contains no odometry: expected {ODOMETRY.type_name} on a topic "
+                f"that ends in /{ODOMETRY.name}, or --odom-topic; it contains "
+                f"{self._listed_topics()}{self._other_encodings()}"
             )
-        self._refuse_standing(np.unique(odometry.stamp_ns), count=len(odometry))
+        self._check_stamps_advance(np.unique(run.odometries.stamp_ns), count=len(run.odometries))
         # In a bag that was resolved, the vehicle flew these and not the ones beside them.
-        return dataclasses.replace(run, odometries=odometry, commands=flown or run.commands)
+        return dataclasses.replace(run, commands=flown or run.commands)
 
     def _stream(
         self, takers: Mapping[Topic, Taker], *, names: Mapping[Topic, str] | None = None
     ) -> None:
         """Pass the messages of topics on one by one, in log-time order.
 
-        ``names``: full names of topics that are not found by our name.
+        ``names``: full names of topics with names of other stacks.
         """
         given = names or {}
         taker_of = {
             name: take
             for topic, take in takers.items()
             for name in (
-                [self._checked(topic, given[topic])] if topic in given else self._names_of(topic)
+                [self._topic_named(given[topic], types=[topic.type_name]).name]
+                if topic in given
+                else self._names_of(topic)
             )
         }
         self.bag.require_cdr(taker_of)
         for message in self.bag.messages(taker_of.keys()):
             taker_of[message.topic](message)
 
-    def _all_of(self, topic: Topic, take: Taker) -> Taker:
-        """Return what takes messages and refuses the bag for one that cannot be used."""
+    def _figures(self, log: logs.StatsLog) -> Taker:
+        """Return a function that logs ``mpc/stats`` and rejects messages of another package."""
 
-        def checked(message: RecordedMessage) -> None:
+        def take(message: RecordedMessage) -> None:
             try:
-                take(message)
+                log.add(logs.tick_stats(message.message))
             except (KeyError, ValueError) as error:
                 raise BagError(
-                    f"{self.path}: unusable message on /{topic.name}: {error}"
+                    f"{self.path}: unusable message on /{STATS.name}: {error}"
                 ) from error
 
-        return checked
-
-    def _figures(self, log: logs.StatsLog) -> Taker:
-        return self._all_of(STATS, lambda m: log.add(logs.tick_stats(m.message)))
+        return take
 
     def _changes(self, changes: list[logs.Received[Mapping[str, Any]]]) -> Taker:
-        """Return what collects the parameter changes of the controller in ``mpc/stats``."""
+        """Return a function that collects parameter changes of the recorded controller."""
         spaces = [name.removesuffix(STATS.name) for name in self._names_of(STATS)]
 
         def take(message: RecordedMessage) -> None:
@@ -270,18 +265,14 @@ class Recording:
 
         return take
 
-    def _checked(self, topic: Topic, name: str) -> str:
-        """Return the full name of a topic that was asked for by name."""
-        return self._topic_named(name, types=[topic.type_name]).name
-
     def _topic_named(self, name: str, *, types: Collection[str]) -> Topic:
-        """Return the topic of one of some types that was asked for by name."""
+        """Return the topic with a given name. Raises :class:`BagError` for another type."""
         known = self.bag.topics
         full = name if name.startswith("/") or name in known else f"/{name}"
         info = known.get(full)
         if info is None:
             raise BagError(
-                f"{self.path}: topic {name} is not in it; it holds {self._listed_topics()}"
+                f"{self.path}: topic {name} is not in the bag; it contains {self._listed_topics()}"
             )
         if info.type_name not in types:
             raise BagError(
@@ -290,8 +281,8 @@ class Recording:
             )
         return Topic(name=full, type_name=info.type_name)
 
-    def _battery(self, name: str) -> Topic | None:
-        """Return the topic with the battery's voltage, ``name`` if that is given."""
+    def _battery(self, name: str | None) -> Topic | None:
+        """Return the topic ``name``, or the only one that reports a battery's voltage."""
         if name:
             return self._topic_named(name, types=VOLTAGE_FIELDS)
         found = [
@@ -302,12 +293,12 @@ class Recording:
         if len(found) > 1:
             raise BagError(
                 f"{self.path}: {', '.join(topic.name for topic in found)} all report a battery: "
-                "expected --battery-topic with the one that was flown on"
+                "select the flown battery with --battery-topic"
             )
         return found[0] if found else None
 
     def _names_of(self, topic: Topic) -> list[str]:
-        """Return the full name of a topic as a list of one, or none when it was not recorded."""
+        """Return the full names of a topic: one, or none if it was not recorded."""
         names = [
             name
             for name, info in self.bag.topics.items()
@@ -317,13 +308,13 @@ class Recording:
         ]
         if len(names) > 1:
             raise BagError(
-                f"{self.path}: {', '.join(sorted(names))} all end in /{topic.name}: "
-                "expected a bag of one vehicle, record each vehicle in its own"
+                f"{self.path}: {', '.join(sorted(names))} all end in /{topic.name}: expected a "
+                "bag of one vehicle; record each vehicle in a separate bag"
             )
         return names
 
-    def _refuse_standing(self, stamp_ns: Stamps, *, count: int) -> None:
-        """Refuse odometries of which most have the stamp of another; in lockstep few repeat."""
+    def _check_stamps_advance(self, stamp_ns: Stamps, *, count: int) -> None:
+        """Reject a bag in which most odometries repeat a stamp; in lockstep few do."""
         if 2 * len(stamp_ns) < count:
             raise BagError(
                 f"{self.path}: {NOT_ADVANCING}: given {count} odometries with "
@@ -332,7 +323,7 @@ class Recording:
             )
 
     def _other_encodings(self) -> str:
-        """Return what is wrong with a bag of another middleware, nothing of one of ROS 2."""
+        """Return the error for messages of another middleware; empty for ROS 2."""
         others = {info.encoding for info in self.bag.topics.values()} - {CDR}
         return "".join(f"; {encoding_error(each)}" for each in sorted(others))
 
@@ -348,7 +339,7 @@ class Recording:
 
 
 def flown_points(bag: Path) -> PointTable:
-    """Return where the vehicle of a bag was, by the stamps of its odometry.
+    """Return the flown path in a bag, with the stamps of its odometry.
 
     Raises :class:`UserError` for a bag that cannot be read and for too few odometries.
     """
@@ -359,10 +350,10 @@ def flown_points(bag: Path) -> PointTable:
 def _usable(
     message: Any, *, twist_frame: str, frame_id: str | None, rejected: Counter[str]
 ) -> OdometrySample:
-    """Return an odometry with its twist in body axes; ``ValueError`` for one not fit for use.
+    """Return an odometry with its twist in body axes; raises ``ValueError`` if unusable.
 
-    ``rejected`` counts why the controller rejects odometries. One in another frame than the
-    controller's ``frame_id``, where that is known, is returned all the same.
+    ``rejected`` counts why the controller rejects odometries. Odometry in a frame other than the
+    controller's ``frame_id`` is returned as well.
     """
     odometry = conversions.odometry_from_message(message)
     fault = odometry_fault(odometry, frame_id=frame_id or odometry.frame_id)
@@ -374,7 +365,7 @@ def _usable(
 
 
 def _gates_into(gates: list[GatePoses], *, frame_id: str) -> Taker:
-    """Return a reader that appends new gate poses; poses of another frame are left out."""
+    """Return a function that appends changed gate poses; other frames are omitted."""
 
     def take(message: RecordedMessage) -> None:
         with contextlib.suppress(UserError):
@@ -387,7 +378,7 @@ def _gates_into(gates: list[GatePoses], *, frame_id: str) -> Taker:
 
 
 def _values(convert: Callable[[Any], T], use: Callable[[RecordedMessage, T], None]) -> Taker:
-    """Return what converts and uses messages; those that raise ``ValueError`` are left out."""
+    """Return a function that converts messages and uses the values, except invalid ones."""
 
     def take(message: RecordedMessage) -> None:
         try:
@@ -400,7 +391,7 @@ def _values(convert: Callable[[Any], T], use: Callable[[RecordedMessage, T], Non
 
 
 def _into(values: list[logs.Received[T]] | Log[T], convert: Callable[[Any], T]) -> Taker:
-    """Return what appends the values of messages."""
+    """Return a function that appends the values of messages."""
     return _values(convert, lambda message, value: values.append(_received(message, value)))
 
 

@@ -1,4 +1,4 @@
 """Trajectories, their feasibility, and the windows cut from them.
 
-The director decides which comes when. May import control (model, safety) and configuration.
+The director selects the active trajectory. May import control (model, safety) and configuration.
 """

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from quad_mpc_ros.configuration import per_axis
+from quad_mpc_ros.configuration import UserError, per_axis
 from quad_mpc_ros.configuration.box import BoxParameters
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.velocity import STEP_NS, VelocityLimits
@@ -28,27 +28,26 @@ _YAW_RISE_TIME = 0.5  # s, to the highest yaw rate
 class ReferenceFenceParameters(BoxParameters):
     """Fence for take-offs, goals, received trajectories and velocities.
 
-    Velocities end in front of the walls.
+    Velocities stop in front of the walls.
     """
 
     owner = "reference.fence"
 
-    def objection(self, p_WB: Array) -> str | None:
-        """Return which of some points (n, 3) [m] is outside, or None."""
+    def check_inside(self, p_WB: Array) -> None:
+        """Raise :class:`UserError` if any of the points (n, 3) [m] is outside."""
         for axis, values, low, high in zip("xyz", p_WB.T, *self.walls, strict=True):
             for value in (float(values.min()), float(values.max())):
                 if not low <= value <= high:
-                    return (
+                    raise UserError(
                         f"outside the fence: {axis} is {value:.2f} m, limits {low:g} to {high:g}"
                     )
-        return None
 
 
 def velocity_limits(config: ReferenceConfig, *, ground: float, home: Array) -> VelocityLimits:
     """Return the limits of commanded velocities.
 
-    ``ground`` [m] is the height of the ground, ``home`` (3,) [m] the first position, within
-    ``reach`` of which velocities stay along each axis. Speed and acceleration are those of the
+    ``ground`` [m] is the height of the ground, ``home`` (3,) [m] the first position, from which
+    velocities stay within ``reach`` along each axis. Speed and acceleration are from the
     parameters, or lower limits from thrust, drag and body rates: with an acceleration a the jerk
     is at most 2 a over a step, and the body rate at most the jerk over g - a.
     """

@@ -1,14 +1,14 @@
-"""Every trajectory by its name, and the parameters of the reference node.
+"""All trajectories by name, and the parameters of the reference node.
 
-A trajectory is entered here: its name in ``TRAJECTORIES``, and its parameters, if it has any of
-its own, as a base of :class:`ReferenceConfig`.
+A trajectory is registered here: its name in ``TRAJECTORIES``, and its parameters, if any, as a
+base of :class:`ReferenceConfig`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Generic, TypeVar
+from typing import Any
 
 from quad_mpc_ros.configuration import (
     Configuration,
@@ -20,8 +20,12 @@ from quad_mpc_ros.configuration import (
 )
 from quad_mpc_ros.control.model.vehicle import VehicleParameters
 from quad_mpc_ros.references.bounds import ReferenceFenceParameters
-from quad_mpc_ros.references.circle import Circle, CircleParameters
-from quad_mpc_ros.references.ellipse import Ellipse, EllipseParameters
+from quad_mpc_ros.references.ellipse import (
+    CircleParameters,
+    EllipseParameters,
+    circle,
+    ellipse,
+)
 from quad_mpc_ros.references.excitation import ExcitationParameters, excitation
 from quad_mpc_ros.references.feasibility import FeasibilityParameters
 from quad_mpc_ros.references.flip import FlipParameters, flip
@@ -34,40 +38,37 @@ from quad_mpc_ros.references.square import SquareParameters, smooth_square, squa
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.references.vertical_loop import VerticalLoopParameters, vertical_loop
 from quad_mpc_ros.references.waypoints import (
-    Hover,
     WaypointParameters,
-    from_waypoint_to_waypoint,
+    hover,
     through_waypoints,
     waypoints,
 )
 
-P_contra = TypeVar("P_contra", contravariant=True)
-
 
 @dataclass(frozen=True, kw_only=True)
-class TrajectoryEntry(Generic[P_contra]):
+class TrajectoryEntry:
     """Registration of a trajectory.
 
-    Other packages register one by an entry point of the group ``quad_mpc_ros.trajectories``;
-    ``parameters`` is the class of its own parameters.
+    Other packages register an entry with an entry point of the group
+    ``quad_mpc_ros.trajectories``; ``parameters`` is the class of the trajectory's parameters.
 
     ``make`` returns a path, which is flown by differential flatness, or a trajectory. ``joined``
-    returns the same without jumps, if ``make`` returns one with jumps. ``scalable`` is false for
+    returns a path without jumps instead of a trajectory with jumps. ``scalable`` is false for
     manoeuvres that depend on gravity and cannot be slowed down.
     """
 
-    make: Callable[[P_contra], Path | Trajectory]
+    make: Callable[[Any], Path | Trajectory]
     parameters: type[Configuration] | None = None
-    joined: Callable[[P_contra], Path] | None = None
+    joined: Callable[[Any], Path] | None = None
     scalable: bool = True
 
 
-TRAJECTORIES: dict[str, TrajectoryEntry[ReferenceConfig]] = {
+TRAJECTORIES = {
     "square": TrajectoryEntry(make=square, joined=smooth_square),
-    "hover": TrajectoryEntry(make=Hover),
-    "waypoints": TrajectoryEntry(make=waypoints, joined=from_waypoint_to_waypoint),
-    "circle": TrajectoryEntry(make=Circle),
-    "ellipse": TrajectoryEntry(make=Ellipse),
+    "hover": TrajectoryEntry(make=hover),
+    "waypoints": TrajectoryEntry(make=waypoints),
+    "circle": TrajectoryEntry(make=circle),
+    "ellipse": TrajectoryEntry(make=ellipse),
     "lemniscate": TrajectoryEntry(make=Lemniscate),
     "minimum_snap": TrajectoryEntry(make=through_waypoints),
     "vertical_loop": TrajectoryEntry(make=vertical_loop, scalable=False),
@@ -91,8 +92,8 @@ class TrajectoryChoiceParameters(ExtensibleConfiguration, ManagedConfiguration, 
     trajectory: str = parameter("square", doc="Trajectory to fly.", choices=tuple(TRAJECTORIES))
     mode: str = parameter(
         "at_once",
-        doc="at_once: fly the trajectory from the first odometry on; on_request: stand on the "
-        "ground until the services of the node say what to fly.",
+        doc="at_once: start the trajectory at the first odometry; on_request: idle on the "
+        "ground until a service is called.",
         choices=("at_once", "on_request"),
     )
 
@@ -115,8 +116,8 @@ class ReferenceConfig(
 ):
     """Trajectory, limits and publication of the reference.
 
-    Attitudes and body rates of smooth trajectories are those of the configured vehicle, by default
-    the paper's; infeasible trajectories are refused.
+    Attitudes and body rates of smooth trajectories are computed for the configured vehicle, by
+    default the paper's; infeasible trajectories are rejected.
     """
 
     takeoff_height: float = parameter(
@@ -129,19 +130,19 @@ class ReferenceConfig(
     takeoff_check: bool = parameter(
         True,
         doc="Whether a take-off circles once with a radius of 3 cm, 0.25 m above the ground, so "
-        "that the MPC finds wrong axes of the odometry before the vehicle climbs.",
+        "that the MPC detects wrong axes of the odometry before the vehicle climbs.",
     )
     touchdown_speed: float = parameter(
         0.3,
-        doc="Speed of a landing from half a metre above the ground until it has been touched.",
+        doc="Speed of a landing from half a metre above the ground to the touchdown.",
         unit="m/s",
         above=0.0,
         maximum=1.0,
     )
     velocity_timeout: float = parameter(
         0.5,
-        doc="How long a velocity commanded holds; without a newer one the vehicle then brakes and "
-        "holds.",
+        doc="Duration of a commanded velocity; without a newer command the vehicle then brakes "
+        "and hovers.",
         unit="s",
         above=0.0,
         maximum=10.0,
@@ -149,8 +150,8 @@ class ReferenceConfig(
     fence: ReferenceFenceParameters = field(default_factory=ReferenceFenceParameters)
     reach: float = parameter(
         100.0,
-        doc="How far from where the vehicle stood at first a goal, a trajectory received or, "
-        "along each axis, a velocity may lead.",
+        doc="Largest distance of a goal, a received trajectory or, along each axis, a velocity "
+        "command from the first position.",
         unit="m",
         above=0.0,
         maximum=1e3,
@@ -158,15 +159,15 @@ class ReferenceConfig(
     )
     publish_rate: float = parameter(
         50.0,
-        doc="Windows per second at most: one goes out when something changes, and else each "
-        "twentieth of window_duration; in lockstep one per odometry.",
+        doc="Largest rate of windows: one is published when the reference changes, otherwise "
+        "after a twentieth of window_duration; in lockstep one per odometry.",
         unit="Hz",
         above=0.0,
         advanced=True,
     )
     window_duration: float = parameter(
         2.0,
-        doc="How far a window reaches; at least the horizon of the MPC and a tenth more.",
+        doc="Duration of a window; at least 1.1 times the horizon of the MPC.",
         unit="s",
         above=0.0,
         advanced=True,
@@ -176,11 +177,11 @@ class ReferenceConfig(
     )
     frame_id: str = parameter("odom", doc="World frame of the trajectory.")
     lockstep: bool = parameter(
-        False, doc="Publish one window per odometry, with its stamp, in simulated time."
+        False, doc="Publish one window per odometry, with the odometry's stamp, in simulated time."
     )
 
     def check(self) -> None:
-        """Refuse windows of no or of too many samples."""
+        """Reject windows with no or too many samples."""
         super().check()
         if not self.window_step <= self.window_duration <= 1000 * self.window_step:
             raise ConfigurationError(
@@ -195,7 +196,7 @@ class ReferenceConfig(
         """Time [s] after which an unchanged window is published again."""
         return 0.05 * self.window_duration
 
-    def entry(self) -> TrajectoryEntry[ReferenceConfig]:
+    def entry(self) -> TrajectoryEntry:
         """Return the entry of the trajectory."""
         found = TRAJECTORIES.get(self.trajectory) or registered(self.group, self.trajectory)
         assert isinstance(found, TrajectoryEntry)

@@ -1,4 +1,4 @@
-"""Trajectories from a configuration, judged against the vehicle's limits, or a message."""
+"""Trajectories from a configuration, checked against the vehicle's limits, or from a message."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.feasibility import Feasibility, judged
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.flatness import yaw_of
-from quad_mpc_ros.references.gate_parameters import gates_path
 from quad_mpc_ros.references.minimum_snap import snap_spline
 from quad_mpc_ros.references.path import Path, Slowed, SplinePath
 from quad_mpc_ros.references.trajectory import Trajectory
@@ -32,9 +31,9 @@ def configured_trajectory(
 ) -> Trajectory:
     """Return the configured trajectory, slowed down with ``time_scaling`` ``auto``.
 
-    Raises :class:`UserError` for input that gives no trajectory, and for a smooth one that the
-    vehicle cannot fly, with where and by how much. One that jumps is feasible for no vehicle but
-    accepted: it is there to test controllers.
+    Raises :class:`UserError` for invalid input, and for a smooth trajectory that the vehicle
+    cannot fly, with the worst excess and its time. A trajectory with jumps is never feasible but
+    accepted: such trajectories test controllers.
     """
     return _approved(*judged_trajectory(config, read_bag=read_bag), config)
 
@@ -42,9 +41,9 @@ def configured_trajectory(
 def joined_trajectory(
     config: ReferenceConfig, *, read_bag: point_table.BagReader | None = None
 ) -> Trajectory:
-    """Return the same trajectory with legs of minimum snap in place of its jumps.
+    """Return the trajectory with minimum-snap legs instead of jumps.
 
-    Raises as :func:`configured_trajectory`.
+    Raises like :func:`configured_trajectory`.
     """
     joined = config.entry().joined
     if joined is None:
@@ -55,11 +54,9 @@ def joined_trajectory(
 def judged_trajectory(
     config: ReferenceConfig, *, read_bag: point_table.BagReader | None = None
 ) -> tuple[Trajectory, Feasibility]:
-    """Return the configured trajectory and its feasibility, also if it is not feasible."""
+    """Return the configured trajectory and its feasibility, even if infeasible."""
     if config.trajectory == "bag":
         return _judged(point_table.bag_path(config, read_bag), config)
-    if config.trajectory == "gates":
-        return _judged(gates_path(config), config)
     return _judged(config.entry().make(config), config)
 
 
@@ -122,24 +119,24 @@ def _refusal(config: ReferenceConfig, reason: str) -> ConfigurationError:
     elif config.time_scaling == "none":
         advice = "slow it down, or set time_scaling to auto"
     else:
-        advice = "no slowing down helps"
+        advice = "slowing down does not help"
     return ConfigurationError(
         f"{config.owner}.trajectory",
         config.trajectory,
-        f"one within the vehicle's limits: {reason}; {advice}",
+        f"a trajectory within the vehicle's limits: {reason}; {advice}",
     )
 
 
 def received_trajectory(window: ReferenceWindow, config: ReferenceConfig) -> FlatTrajectory:
     """Return the trajectory through the points of a message, at their times, from rest to rest.
 
-    Positions and yaw are used; everything else follows by flatness. Few points are joined by the
-    path of minimum snap, more are smoothed like a table. Raises :class:`UserError` or
+    Positions and yaw are used; everything else follows from flatness. Few points are joined by a
+    minimum-snap path, more points are smoothed like a table. Raises :class:`UserError` or
     ``ValueError`` for unusable points.
     """
     count = len(window.offset_ns)
     if not 2 <= count <= _MOST_POINTS:
-        raise UserError(f"it has {count} points, expected 2 to {_MOST_POINTS}")
+        raise UserError(f"the trajectory has {count} points, expected 2 to {_MOST_POINTS}")
     fault = pose_fault(
         frame_id=window.frame_id,
         expected_frame_id=config.frame_id,
@@ -152,10 +149,10 @@ def received_trajectory(window: ReferenceWindow, config: ReferenceConfig) -> Fla
     for index in np.flatnonzero(np.diff(window.offset_ns) <= 0)[:1]:
         raise UserError(
             f"the time of point {index + 1} (counted from 0), {seconds[index + 1]:g} s, is not "
-            f"after that of the point before, {seconds[index]:g} s"
+            f"after the time of the previous point, {seconds[index]:g} s"
         )
     if seconds[-1] - seconds[0] > _LONGEST:
-        raise UserError(f"it takes {seconds[-1] - seconds[0]:g} s, expected at most {_LONGEST:g}")
+        raise UserError(f"duration {seconds[-1] - seconds[0]:g} s, expected at most {_LONGEST:g}")
     R_WB = so3.rotation_from_quaternion_xyzw(window.q_WB_xyzw)
     yaw = np.unwrap([yaw_of(R) for R in R_WB])
     return FlatTrajectory(_through(seconds - seconds[0], window.p_WB, yaw, config), config)

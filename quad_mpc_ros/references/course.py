@@ -20,8 +20,8 @@ class Gate:
     """A gate G: an opening in a plane, or a ball.
 
     Attributes:
-        p_WG: Its centre (3,) [m].
-        R_WG: Its axes in the world (3, 3): x through the gate, y across, z up; None for a ball.
+        p_WG: Centre (3,) [m].
+        R_WG: Axes of the gate in the world (3, 3): x through it, y across, z up; None for a ball.
         half_width: Half of the opening along y [m]; the radius of a round gate.
         half_height: Half of the opening along z [m]; the radius of a round gate.
         is_round: Whether the gate is a circle or a ball.
@@ -36,9 +36,9 @@ class Gate:
     both_ways: bool = False
 
     def room(self, offset: Array) -> Array:
-        """Return the distance (n,) [m] of places in the gate to its edge, negative outside.
+        """Return the distance (n,) [m] of points in the gate to its edge, negative outside.
 
-        ``offset`` (n, 3) [m] is from its centre, in its axes, or of a ball in the world's.
+        ``offset`` (n, 3) [m] is from the centre, in the gate's axes, or in world axes for a ball.
         """
         if self.is_round:
             across = offset if self.R_WG is None else offset[:, 1:]
@@ -48,9 +48,9 @@ class Gate:
         return np.asarray(np.where(outside > 0.0, -outside, left.min(axis=1)))
 
     def corners(self) -> Array:
-        """Return the corners (n, 3) [m] of the opening in their order; of a circle points on it.
+        """Return the corners (n, 3) [m] of the opening in order, or points on a circle.
 
-        A ball shows three circles, one after the other.
+        A ball has three circles, one after the other.
         """
         turn = np.linspace(0.0, 2.0 * math.pi, 33)
         circle = self.half_width * np.column_stack((0.0 * turn, np.cos(turn), np.sin(turn)))
@@ -66,7 +66,7 @@ class Gate:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Finish:
-    """Where a course ends (3,) [m], how near is there [m], and whether the vehicle is to rest."""
+    """End of a course (3,) [m], its tolerance [m], and whether the vehicle must be at rest."""
 
     p_WB: Array
     tolerance: float
@@ -77,8 +77,8 @@ class Finish:
 class Course:
     """Gates in the order in which they are passed, all laps, from a start at rest to an end.
 
-    ``start`` (3,) [m] is left level with the nose at ``start_yaw`` [rad] from east. Without an
-    ``end`` the last gate is the end. ``numbers`` are those of the gates in the file, from 1.
+    At ``start`` (3,) [m] the vehicle is level, with heading ``start_yaw`` [rad] from east. Without
+    an ``end`` the last gate is the end. ``numbers`` count the gates in the file, from 1.
     """
 
     source: str
@@ -94,18 +94,18 @@ class Course:
         return np.array(rows if self.end is None else [*rows, self.end.p_WB])
 
     def once(self) -> dict[int, Gate]:
-        """Return each gate that is passed by its number, for drawing."""
+        """Return each passed gate by its number, for drawing."""
         return dict(sorted(dict(zip(self.numbers, self.gates, strict=True)).items()))
 
     def moved(self, p_WG: Array, q_WG_xyzw: Array) -> Course:
-        """Return it with the gates of the file where they are by now, in its order.
+        """Return the course with the current poses of the gates, in the order of the file.
 
-        Centres (n, 3) [m] and quaternions (n, 4), those of balls without a meaning. Raises
-        :class:`UserError` for fewer gates than the course has, and for what is no pose.
+        Centres (n, 3) [m] and quaternions (n, 4), unused for balls. Raises :class:`UserError` for
+        fewer gates than the course has, and for invalid poses.
         """
         count = max(self.numbers)
         if len(p_WG) < count:
-            raise UserError(f"gates: given {len(p_WG)} poses, expected those of all {count} gates")
+            raise UserError(f"gates: given {len(p_WG)} poses, expected one per gate, {count}")
         moved = {}
         for number, gate in self.once().items():
             p, q = p_WG[number - 1], q_WG_xyzw[number - 1]

@@ -1,13 +1,12 @@
 """The sequence of the reference: take-off, hold, trajectory, goal, landing.
 
 A state machine over a :class:`Timeline`, without ROS and clock. A request is either accepted and
-joined to the present reference without a jump, or refused with a reason and without effect.
-Transitions are checked against the vehicle's limits. Only hold and land are never refused in the
+joined to the current reference without a jump, or rejected with a reason and without effect.
+Transitions are checked against the vehicle's limits. Only hold and land are never rejected in the
 air: the transition that exceeds the limits least is flown, and an inverted vehicle first continues
-until it is upright.
+until upright.
 
-On the ground the reference rests at the vehicle, and its windows request idle motors
-(``docs/explanation/landing_detection.md``).
+On the ground the reference rests at the vehicle.
 """
 
 from __future__ import annotations
@@ -19,10 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quad_mpc_ros.control.estimation.ground_state import HEIGHT, idling
+from quad_mpc_ros.control.estimation.ground_state import HEIGHT
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.references.bounds import YAW_SHARE
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.feasibility import Feasibility, judged
@@ -66,12 +64,12 @@ class Reply:
     text: str
 
 
-INVERTED = Reply(accepted=False, text="not while upside down: try again")
+INVERTED = Reply(accepted=False, text="rejected while the vehicle is upside down: try again")
 TOO_LATE = Reply(accepted=False, text="planning took too long")
 
 
 class Director:
-    """Directs one vehicle over ground of the height ``ground`` [m]."""
+    """The reference of one vehicle over ground of the height ``ground`` [m]."""
 
     def __init__(self, config: ReferenceConfig, first: Phase, *, ground: float) -> None:
         self._config = config
@@ -84,7 +82,7 @@ class Director:
 
     @classmethod
     def on_ground(cls, config: ReferenceConfig, *, p_WB: Array, yaw: float) -> Director:
-        """Return the director of a vehicle that stands on the ground at ``p_WB`` (3,) [m]."""
+        """Return the director of a vehicle on the ground at ``p_WB`` (3,) [m]."""
         rest = _at_rest(config, p_WB, yaw)
         first = Phase(start_ns=_FIRST_START_NS, name=GROUND, trajectory=rest)
         return cls(config, first, ground=float(p_WB[2]))
@@ -119,24 +117,20 @@ class Director:
         """Return the name of the present phase."""
         return self.timeline.phase(now_ns).name
 
-    def moved(self, now_ns: int, *, p_WB: Array, yaw: float) -> None:
-        """Set the position of a vehicle that was carried over the ground."""
-        if self.mode(now_ns) == GROUND:
-            self._stand(now_ns, p_WB, yaw)
-
     def sink(self, now_ns: int, *, p_WB: Array, yaw: float) -> None:
-        """Let a flying vehicle sink while the reference is on the ground."""
+        """Let a flying vehicle descend while the reference is on the ground."""
         down = Straight(p_WB, v_WB_W=np.array([0.0, 0.0, -self._config.touchdown_speed]))
         trajectory = FlatTrajectory(down, self._config, yaw=yaw)
         self.timeline.follow([Phase(start_ns=now_ns, name=LANDING, trajectory=trajectory)])
 
-    def _stand(self, now_ns: int, p_WB: Array, yaw: float) -> None:
+    def rest_on_ground(self, now_ns: int, *, p_WB: Array, yaw: float) -> None:
+        """From now on, rest at the position (3,) [m] of a vehicle on the ground."""
         self.ground = float(p_WB[2])
         rest = _at_rest(self._config, p_WB, yaw)
         self.timeline.follow([Phase(start_ns=now_ns, name=GROUND, trajectory=rest)])
 
     def reset_estimate(self, now_ns: int, reset: EstimateReset) -> bool:
-        """Apply an announced step of the estimate; return whether the reference is transformed.
+        """Apply an announced odometry jump; return whether the reference is transformed.
 
         Hold, velocity, take-off and landing are relative to the vehicle and are transformed. A
         trajectory or goal keeps its world coordinates.
@@ -148,13 +142,19 @@ class Director:
             self.timeline.reset_estimate(reset)
         return moves
 
-    def take_off(self, now_ns: int, *, height: float) -> Reply:
-        """Climb to ``height`` [m] above the ground, and hold."""
+    def take_off(self, now_ns: int) -> Reply:
+        """Climb to the configured height above the ground, and hold.
+
+        Raises :class:`UserError` for a height outside the fence.
+        """
         if self.mode(now_ns) != GROUND:
             return self._refused(now_ns, "take-off")
+        p_WB = self.timeline.at([now_ns]).p_WB[0]
+        height = self.ground + self._config.takeoff_height
+        self._config.fence.check_inside(np.array([[*p_WB[:2], height]]))
         path = take_off_path(
-            self.timeline.at([now_ns]).p_WB[0],
-            height=self.ground + height,
+            p_WB,
+            height=height,
             checks=self._config.takeoff_check,
             max_speed=min(self._config.max_speed, _VERTICAL_SPEED),
             max_acceleration=min(self._config.max_acceleration, 0.5 * self._config.gravity),
@@ -163,7 +163,7 @@ class Director:
         return self._follow_if_feasible(now_ns, TAKEOFF, leg, then=HOLD)
 
     def slipped(self, now_ns: int, *, p_WB: Array) -> None:
-        """Move a take-off to a hold above a vehicle that slips or drifts before lift-off."""
+        """Move a take-off above a vehicle that slips or drifts before lift-off."""
         if self.mode(now_ns) != TAKEOFF or self.timeline.last.name != HOLD:
             return
         slip = np.array([*(p_WB - self.timeline.at([now_ns]).p_WB[0])[:2], 0.0])
@@ -178,24 +178,15 @@ class Director:
         start = flat_state_of(trajectory, 0)
         return self._go(now_ns, GOING, start, then=TRACKING, trajectory=trajectory)
 
-    def replace_trajectory(self, phase: Phase, trajectory: Trajectory, *, from_ns: int) -> Reply:
-        """Replace the trajectory of the last phase by one that is equal up to a time."""
-        if self.timeline.last is not phase:
-            return Reply(accepted=False, text="it is flown no more")
-        if self.too_late(from_ns):
-            return TOO_LATE
-        self.timeline.follow([dataclasses.replace(phase, trajectory=trajectory)])
-        return Reply(accepted=True, text=phase.name)
-
     def hold(self, now_ns: int) -> Reply:
-        """Come to rest as soon as the limits allow, and stay there."""
+        """Come to rest as soon as the limits allow, and hold."""
         if not self._airborne(now_ns):
             return self._refused(now_ns, "hold")
         stop = self._stop(now_ns, GOING)
         return self._follow(now_ns, [stop], HOLD, None)
 
     def go_to(self, now_ns: int, *, p_WB: Array, yaw: float) -> Reply:
-        """Go to a place (3,) [m] and heading [rad], and stay there."""
+        """Go to a position (3,) [m] and heading [rad], and hold."""
         if not self._airborne(now_ns):
             return self._refused(now_ns, "goal")
         return self._go(now_ns, GOING, FlatState.at_rest(p_WB, yaw=yaw), then=HOLD)
@@ -205,7 +196,7 @@ class Director:
     ) -> Reply | None:
         """Follow a velocity until a timeout [s], then brake and hold; None without a new phase.
 
-        A zero velocity ends only a motion that a velocity began.
+        A zero velocity ends only a motion that a velocity started.
         """
         phase = self.timeline.phase(now_ns)
         if phase.name in (GROUND, TAKEOFF, LANDING):
@@ -236,7 +227,7 @@ class Director:
         return Reply(accepted=True, text="follows it") if begins else None
 
     def land(self, now_ns: int) -> Reply:
-        """Come to rest, descend, and sink until the touchdown."""
+        """Come to rest, descend, and sink until touchdown."""
         if not self._airborne(now_ns):
             return self._refused(now_ns, "landing")
         stop = self._stop(now_ns, LANDING)
@@ -254,13 +245,13 @@ class Director:
             return reply
         still = max(float(lowest[2]) - self.ground, 0.0) / self._config.touchdown_speed
         seconds = 1e-9 * (self.timeline.last.start_ns - now_ns) + still
-        return Reply(accepted=True, text=f"ground in about {seconds:.1f} s")
+        return Reply(accepted=True, text=f"touchdown in about {seconds:.1f} s")
 
     def touched(self, now_ns: int, *, p_WB: Array) -> Reply:
         """End a landing at ``p_WB`` (3,) [m] on the ground, with idle motors."""
         if self.mode(now_ns) != LANDING:
             return self._refused(now_ns, "touchdown")
-        self._stand(now_ns, p_WB, flat_state_of(self.timeline, now_ns).yaw)
+        self.rest_on_ground(now_ns, p_WB=p_WB, yaw=flat_state_of(self.timeline, now_ns).yaw)
         return Reply(accepted=True, text=f"{GROUND} at {self.ground:.2f} m")
 
     def is_sinking(self, now_ns: int) -> bool:
@@ -268,7 +259,7 @@ class Director:
         return self.mode(now_ns) == LANDING == self.timeline.last.name
 
     def resting_height(self, now_ns: int) -> float:
-        """Return the height [m] of the present or next rest, else the present height."""
+        """Return the height [m] of the current or next rest, else the current height."""
         last = self.timeline.last
         if self.mode(now_ns) == LANDING:
             return self.ground + self._config.takeoff_height
@@ -276,7 +267,7 @@ class Director:
         return float(self.timeline.at([max(time_ns, now_ns)]).p_WB[0, 2])
 
     def _sinking(self, above: FlatState) -> FlatState:
-        """Return the flat state in which a landing from a rest above begins to sink."""
+        """Return the flat state in which a landing from a hover above starts to sink."""
         assert above.end.p_WB is not None
         flare = np.array([*above.end.p_WB[:2], self.ground + _FLARE_HEIGHT])
         rest = End.at_rest(flare if above.end.p_WB[2] > flare[2] + _FLARE_HEIGHT else None)
@@ -292,7 +283,7 @@ class Director:
         then: str,
         trajectory: Trajectory | None = None,
     ) -> Reply:
-        """Fly a leg from the present motion to a goal, then a trajectory, or stay at the goal."""
+        """Fly a leg from the current motion to a goal, then a trajectory, or hold at the goal."""
         start = flat_state_of(self.timeline, now_ns)
         if start.inverted:
             return INVERTED
@@ -311,21 +302,21 @@ class Director:
         then: str,
         trajectory: Trajectory | None = None,
     ) -> Reply:
-        """Follow a leg from now on if it is feasible, then a trajectory, or stay at its end."""
+        """From now on follow a feasible leg, then a trajectory, or hold at the end of the leg."""
         verdict = self._judged(name, leg)
         if not verdict.feasible:
             return _infeasible(verdict.reason())
         if not leg.upright:
-            return _infeasible("it leads through upside down")
+            return _infeasible("the path is inverted")
         phase = Phase(start_ns=now_ns, name=name, trajectory=leg)
         return self._follow(now_ns, [phase], then, trajectory)
 
     def _follow(
         self, now_ns: int, phases: list[Phase], then: str, trajectory: Trajectory | None
     ) -> Reply:
-        """Follow phases, and then a trajectory under a name, or stay where the last one ends.
+        """Follow phases, and then a named trajectory, or hold at the end of the last phase.
 
-        A plan that took longer than until its beginning is refused.
+        A plan that is not ready before its start time is rejected.
         """
         if self.too_late(now_ns):
             return TOO_LATE
@@ -343,7 +334,7 @@ class Director:
     def _stop(self, now_ns: int, name: str) -> Phase:
         """Return the phase of a stop that exceeds the limits least.
 
-        It begins when the reference is upright, or later if the stop would turn upside down.
+        The stop begins when the reference is upright, or later if it would turn upside down.
         """
         first_ns = self._upright_from(now_ns)
         stops = [self._stop_from(first_ns, name)]
@@ -402,23 +393,15 @@ class Director:
         return self.mode(now_ns) != GROUND
 
     def _refused(self, now_ns: int, request: str) -> Reply:
-        return Reply(accepted=False, text=f"no {request} while in {self.mode(now_ns)}")
-
-
-def published_window(
-    timeline: Timeline, window: ReferenceWindow, *, gravity: float
-) -> ReferenceWindow:
-    """Return a window of a timeline for publication; on the ground it requests idle motors."""
-    stays = timeline.last.name == GROUND == timeline.phase(window.stamp_ns).name
-    return idling(window, gravity) if stays else window
+        return Reply(accepted=False, text=f"{request} is rejected in mode {self.mode(now_ns)}")
 
 
 def _infeasible(reason: str) -> Reply:
-    return Reply(accepted=False, text=f"no feasible way there: {reason}")
+    return Reply(accepted=False, text=f"no feasible path: {reason}")
 
 
 def _is_vertical(name: str) -> bool:
-    """Return whether a leg leads from or to the ground, slowly."""
+    """Return whether a leg starts or ends on the ground, slowly."""
     return name in (TAKEOFF, LANDING)
 
 

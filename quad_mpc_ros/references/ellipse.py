@@ -1,8 +1,8 @@
-"""An ellipse, level or upright, with a choice of headings.
+"""An ellipse, horizontal or vertical, with a choice of headings, and the circle.
 
-With semi-axes A and B around the origin, x = A sin(w t), and y, or z of an upright one, is
-B cos(w t). On a level one the nose may point to the centre or along the path: both headings follow
-from the path in closed form, without jumps.
+With semi-axes A and B around the origin, x = A sin(w t), and y, or z of a vertical ellipse, is B
+cos(w t). On a horizontal ellipse the nose may point to the centre or along the path: both headings
+follow from the path in closed form, without jumps.
 """
 
 from __future__ import annotations
@@ -19,12 +19,22 @@ from quad_mpc_ros.references.trajectory import TrajectoryParameters
 
 
 @dataclass(frozen=True, kw_only=True)
+class CircleParameters(TrajectoryParameters):
+    """Parameters of a circle."""
+
+    circle_radius: float = parameter(2.0, doc="circle: radius.", unit="m", above=0.0, maximum=1e4)
+    circle_speed: float = parameter(
+        2.0, doc="circle: speed along the circle.", unit="m/s", above=0.0, maximum=1e3
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class EllipseParameters(TrajectoryParameters):
-    """The ellipse's own."""
+    """Parameters of an ellipse."""
 
     ellipse_semi_axes: tuple[float, ...] = parameter(
         (3.0, 1.5),
-        doc="ellipse: its semi-axes, along x and along y, or with an upright one along z.",
+        doc="ellipse: semi-axes along x and y, or along x and z if the plane is vertical.",
         unit="m",
         length=2,
         above=0.0,
@@ -32,25 +42,25 @@ class EllipseParameters(TrajectoryParameters):
     )
     ellipse_frequency: float = parameter(
         1.0,
-        doc="ellipse: angle of its oscillations per time.",
+        doc="ellipse: angular frequency.",
         unit="rad/s",
         minimum=0.001,
         maximum=1e3,
     )
     ellipse_plane: str = parameter(
         "horizontal",
-        doc="ellipse: whether it lies, in x and y, or stands, in x and z.",
+        doc="ellipse: plane of the path, x and y or x and z.",
         choices=("horizontal", "vertical"),
     )
     ellipse_heading: str = parameter(
         "fixed",
-        doc="ellipse: where the nose looks, turned by yaw: always the same way, or of a "
-        "horizontal one to the centre or along its way.",
+        doc="ellipse: heading, to which yaw is added: constant, or, in a horizontal plane, to "
+        "the centre or along the path.",
         choices=("fixed", "centre", "along"),
     )
 
     def check(self) -> None:
-        """Refuse a heading that an upright ellipse does not define."""
+        """Reject a heading that a vertical ellipse does not define."""
         super().check()
         if self.ellipse_plane == "vertical" and self.ellipse_heading != "fixed":
             raise ConfigurationError(
@@ -61,20 +71,26 @@ class EllipseParameters(TrajectoryParameters):
 
 
 class Ellipse:
-    """The ellipse, repeated; at t = 0 in full motion eastwards, at +B."""
+    """The path centre + ``sine`` sin(w t) + ``cosine`` cos(w t), (3,) each [m], repeated.
+
+    A ``heading`` of ``centre`` or ``along`` requires semi-axes along x and y.
+    """
 
     periodic = True
 
-    def __init__(self, config: EllipseParameters) -> None:
-        self._centre = np.array([*config.origin, config.height])
-        a, b = config.ellipse_semi_axes
-        level = config.ellipse_plane == "horizontal"
-        self._sine = np.array([a, 0.0, 0.0])
-        self._cosine = np.array([0.0, b, 0.0] if level else [0.0, 0.0, b])
-        self._semi_axes = a, b
-        self._frequency = config.ellipse_frequency
-        self._heading = config.ellipse_heading
-        self.duration = math.tau / self._frequency
+    def __init__(
+        self,
+        centre: Array,
+        *,
+        sine: Array,
+        cosine: Array,
+        frequency: float,
+        heading: str = "fixed",
+    ) -> None:
+        """Take the vectors [m], the angular frequency w [rad/s] and the heading."""
+        self._centre, self._sine, self._cosine = centre, sine, cosine
+        self._frequency, self._heading = frequency, heading
+        self.duration = math.tau / frequency
 
     def at(self, seconds: Array) -> PathSamples:
         """Return the ellipse at times (n,) [s]."""
@@ -97,15 +113,38 @@ class Ellipse:
         if self._heading == "fixed":
             return np.zeros_like(angle), np.zeros_like(angle)
         if self._heading == "along":  # the velocity is as the place a quarter further on
-            direction, rate = self._direction(angle + 0.5 * math.pi)
-            return direction, rate
+            return self._direction(angle + 0.5 * math.pi)
         direction, rate = self._direction(angle)
         return direction - math.pi, rate
 
     def _direction(self, angle: Array) -> tuple[Array, Array]:
         """Return the continuous direction of (A sin, B cos), and its rate."""
-        a, b = self._semi_axes
+        a, b = self._sine[0], self._cosine[1]
         s, c = np.sin(angle), np.cos(angle)
         ahead = np.arctan2((a - b) * s * c, a * s * s + b * c * c)
         rate = -self._frequency * a * b / ((a * s) ** 2 + (b * c) ** 2)
         return 0.5 * math.pi - angle - ahead, rate
+
+
+def ellipse(config: EllipseParameters) -> Ellipse:
+    """Return the configured ellipse; at t = 0 in full motion eastwards, at +B."""
+    a, b = config.ellipse_semi_axes
+    is_level = config.ellipse_plane == "horizontal"
+    return Ellipse(
+        np.array([*config.origin, config.height]),
+        sine=np.array([a, 0.0, 0.0]),
+        cosine=np.array([0.0, b, 0.0] if is_level else [0.0, 0.0, b]),
+        frequency=config.ellipse_frequency,
+        heading=config.ellipse_heading,
+    )
+
+
+def circle(config: CircleParameters) -> Ellipse:
+    """Return the configured circle, anticlockwise; at t = 0 in full motion, east of its origin."""
+    radius = config.circle_radius
+    return Ellipse(
+        np.array([*config.origin, config.height]),
+        sine=np.array([0.0, radius, 0.0]),
+        cosine=np.array([radius, 0.0, 0.0]),
+        frequency=config.circle_speed / radius,
+    )

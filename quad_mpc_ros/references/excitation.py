@@ -1,11 +1,11 @@
 """A flight for identification: frequency sweeps along all axes at once about one position.
 
-Each of x, y, z and the turn about body z oscillates with a frequency that sweeps between the
-lowest at which its bounds let it fill its reach, and a highest: slow and wide, which shows drag,
-to fast and small, which shows lags and delay. x sweeps upwards, y downwards, z up and down, the
-turn down and up, so that no two coincide for long. The amplitude follows from reach, speed and
-acceleration at each frequency; everything begins and ends at rest. Positions are sampled first,
-and a spline through them has the derivatives.
+x, y, z and the rotation about body z oscillate with a frequency that sweeps between a highest and
+the lowest that covers the full reach within the bounds: slow, wide oscillations excite drag, fast,
+small oscillations lags and delay. x sweeps upwards, y downwards, z up and down, the rotation down
+and up, so that no two frequencies coincide for long. The amplitude follows from reach, speed and
+acceleration at each frequency; the motion starts and ends at rest. Positions are sampled first,
+and a spline through the samples gives the derivatives.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ _ITERATIONS = 4
 
 @dataclass(frozen=True, kw_only=True)
 class ExcitationParameters(TrajectoryParameters):
-    """The sweeps' own."""
+    """Parameters of the sweeps."""
 
     excitation_duration: float = parameter(
-        20.0, doc="excitation: how long it takes.", unit="s", minimum=5.0, maximum=120.0
+        20.0, doc="excitation: duration.", unit="s", minimum=5.0, maximum=120.0
     )
     excitation_reach: tuple[float, ...] = parameter(
         (2.0, 2.0, 1.0),
-        doc="excitation: largest distance from its middle east, north and up.",
+        doc="excitation: largest distance from the centre east, north and up.",
         unit="m",
         length=3,
         above=0.0,
@@ -58,13 +58,13 @@ class ExcitationParameters(TrajectoryParameters):
     )
     excitation_thrust: float = parameter(
         0.3,
-        doc="excitation: largest acceleration up and down over gravity.",
+        doc="excitation: largest vertical acceleration relative to gravity.",
         above=0.0,
         maximum=0.8,
     )
     excitation_yaw: float = parameter(
         0.6,
-        doc="excitation: largest turn about body z to either side.",
+        doc="excitation: largest rotation about body z to either side.",
         unit="rad",
         above=0.0,
         maximum=3.0,
@@ -78,7 +78,7 @@ class ExcitationParameters(TrajectoryParameters):
     )
     excitation_frequency: float = parameter(
         2.0,
-        doc="excitation: highest frequency of its oscillations, that of yaw 0.3 times as high.",
+        doc="excitation: highest frequency of the oscillations; 0.3 times as high for yaw.",
         unit="Hz",
         minimum=0.5,
         maximum=5.0,
@@ -86,7 +86,7 @@ class ExcitationParameters(TrajectoryParameters):
 
 
 def excitation(config: ExcitationParameters) -> Path:
-    """Return the sweeps of a configuration, their lowest point at the configured height."""
+    """Return the configured sweeps, with the lowest point at the configured height."""
     sweeps = _Sweeps(config)
     places = sweeps.positions()
     middle = np.array([*config.origin, 0.0])
@@ -113,7 +113,7 @@ class _Sweeps:
         self._shares["yaw"] = 1.0 - around
 
     def positions(self) -> Array:
-        """Return the places (n, 3) [m] about the middle, within reach, speed and tilt."""
+        """Return the positions (n, 3) [m] about the centre, within reach, speed and tilt."""
         config = self._config
         up = self._bounded("z", config.excitation_reach[2], config.excitation_thrust)
         steepest = math.tan(config.excitation_tilt)
@@ -131,10 +131,10 @@ class _Sweeps:
         return places
 
     def yaw(self, places: Array) -> Array:
-        """Return the yaw (n,) [rad] at places (n, 3) [m] for a sweep about the body's z axis.
+        """Return the yaw (n,) [rad] at positions (n, 3) [m] for a sweep about the body's z axis.
 
-        The heading of a body that tilts in changing directions turns by itself, which a vehicle
-        with little torque about z could not prevent as quickly.
+        The heading changes when a body tilts in changing directions, which a vehicle with little
+        torque about z could not compensate fast enough.
         """
         config = self._config
         turns = self._within(
@@ -150,7 +150,7 @@ class _Sweeps:
         return np.asarray(turns + added + back)
 
     def _bounded(self, axis: str, reach: float, acceleration: float) -> Array:
-        """Return the sweep of an axis (n,) [m] within its reach [m] and acceleration over g."""
+        """Return the sweep of an axis (n,) [m] within its reach [m] and acceleration [g]."""
         config = self._config
         bounds = (reach, config.excitation_speed, acceleration * config.gravity)
         return self._within(axis, bounds, highest=config.excitation_frequency)

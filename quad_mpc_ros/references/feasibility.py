@@ -1,4 +1,4 @@
-"""Feasibility of a trajectory: its required throttle, rates and height against the limits.
+"""Feasibility of a trajectory: required throttle, rates and height, and their limits.
 
 The throttle follows from Newton's law with drag, the body rates are the trajectory's. Both are
 checked every 2 ms, or at a thousand times.
@@ -35,27 +35,26 @@ class FeasibilityParameters(TrajectoryParameters):
 
     time_scaling: str = parameter(
         "none",
-        doc="auto: slow down a trajectory that the vehicle cannot fly until it can; none: refuse "
-        "it.",
+        doc="auto: slow down an infeasible trajectory until it is feasible; none: reject it.",
         choices=("none", "auto"),
     )
     throttle_min: float = parameter(
-        0.0, doc="Least throttle that a trajectory may need.", minimum=0.0, maximum=1.0
+        0.0, doc="Lowest throttle that a trajectory may require.", minimum=0.0, maximum=1.0
     )
     throttle_max: float = parameter(
-        1.0, doc="Greatest throttle that a trajectory may need.", minimum=0.0, maximum=1.0
+        1.0, doc="Highest throttle that a trajectory may require.", minimum=0.0, maximum=1.0
     )
     omega_max: tuple[float, ...] = parameter(
         (6.0 * math.pi, 6.0 * math.pi, 3.0 * math.pi),
-        doc="Bound on the body rates of the vehicle (roll, pitch, yaw); a trajectory may need a "
-        "sixth more, as a short peak beyond the bound is still flown.",
+        doc="Bound on the body rates of the vehicle (roll, pitch, yaw); a trajectory may exceed "
+        "it by a sixth, because the vehicle can still fly short peaks.",
         unit="rad/s",
         length=3,
         above=0.0,
     )
     limit_margin: float = parameter(
         0.0,
-        doc="Share of the way from hovering to each limit that a trajectory must leave free.",
+        doc="Unused share of the range from hover to each limit that a trajectory must leave.",
         minimum=0.0,
         below=1.0,
     )
@@ -66,7 +65,7 @@ class FeasibilityParameters(TrajectoryParameters):
         return tuple(_PEAK_FACTOR * bound for bound in self.omega_max)
 
     def check(self) -> None:
-        """Refuse limits that forbid hovering."""
+        """Reject limits that forbid hovering."""
         super().check()
         hover = self.vehicle().hover_throttle
         for name, side, fits in (
@@ -86,7 +85,7 @@ class Needs:
     """Requirements of a trajectory over time.
 
     Shapes: ``seconds``, ``throttle``, ``height`` [m], ``speed`` [m/s], ``acceleration`` [m/s^2]
-    (n,); ``w_WB_B`` (n, 3) [rad/s]. A throttle beyond 0 to 1 is what the curve would give there.
+    (n,); ``w_WB_B`` (n, 3) [rad/s]. A throttle outside 0 to 1 is extrapolated from the curve.
     """
 
     seconds: Array
@@ -99,7 +98,7 @@ class Needs:
 
 @dataclass(frozen=True, kw_only=True)
 class Need:
-    """The worst of one need: its value and time [s], its limit, and the margin to the limit."""
+    """The worst value of a requirement, its time [s], the limit, and the margin to the limit."""
 
     name: str
     unit: str
@@ -118,7 +117,7 @@ class Need:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Feasibility:
-    """Every need of a trajectory at its worst, the needs over time, and the jumps in it [s]."""
+    """The worst requirements of a trajectory, the requirements over time, and its jumps [s]."""
 
     needs: tuple[Need, ...]
     over_time: Needs
@@ -127,16 +126,16 @@ class Feasibility:
 
     @property
     def feasible(self) -> bool:
-        """Whether nothing is beyond its limit, and nothing jumps."""
+        """Whether all limits are satisfied, without jumps."""
         return not self.jumps and not self.exceeded
 
     @property
     def exceeded(self) -> tuple[Need, ...]:
-        """The needs beyond their limits, or not even finite."""
+        """The requirements beyond their limits, or not finite."""
         return tuple(need for need in self.needs if not need.margin >= 0.0)
 
     def reason(self) -> str:
-        """Return why it is not feasible, or an empty string."""
+        """Return why the trajectory is not feasible, or an empty string."""
         complaints = [need.complaint() for need in self.exceeded]
         if self.jumps:
             complaints.append(f"{len(self.jumps)} jumps, the first at {self.jumps[0]:.3f} s")
@@ -144,7 +143,7 @@ class Feasibility:
 
 
 def rates_beyond(verdict: Feasibility, omega_max: Sequence[float]) -> list[tuple[Need, float]]:
-    """Return the body rates that a trajectory needs beyond those of a controller (3,) [rad/s]."""
+    """Return the excess of required body rates over a controller's bounds (3,) [rad/s]."""
     rates = [need for need in verdict.needs if need.name.endswith("rate")]
     return [
         (need, bound) for need, bound in zip(rates, omega_max, strict=True) if need.worst > bound
@@ -154,7 +153,7 @@ def rates_beyond(verdict: Feasibility, omega_max: Sequence[float]) -> list[tuple
 def judged(
     trajectory: Trajectory, limits: FeasibilityParameters, *, ground: float = 0.0
 ) -> Feasibility:
-    """Return the feasibility of a trajectory over its duration or period; of a rest over 1 s.
+    """Return the feasibility of a trajectory over its duration or period, or over 1 s at rest.
 
     ``ground`` [m] is the height of the ground.
     """
@@ -191,7 +190,7 @@ def needs_of(samples: TrajectorySamples, vehicle: Vehicle, *, seconds: Array) ->
 
 
 def _throttle(vehicle: Vehicle, thrust: Array) -> Array:
-    """Return throttles (n,) for thrusts (n,) [N], also beyond those of the vehicle."""
+    """Return throttles (n,) for thrusts (n,) [N], also beyond the vehicle's range."""
     a, b, c = vehicle.thrust_curve
     wanted = thrust / vehicle.motor_count - c
     # The root of Vehicle.throttle_for; below the curve's least thrust that of the curve mirrored

@@ -23,9 +23,9 @@ _FRAME_ROUNDS = 3
 class FlatTrajectory:
     """A path, flown with the nose at ``yaw`` while level.
 
-    If the thrust stays above the horizon it uses one chart of the Hopf fibration, otherwise
-    rotation-minimising frames. Before its start it rests where it begins, level; if not periodic,
-    it rests after its end with its last heading.
+    A thrust above the horizon uses one chart of the Hopf fibration, otherwise rotation-minimising
+    frames are used. Before the start the trajectory rests at its first position, level; if not
+    periodic, it rests after its end with the last heading.
     """
 
     smooth = True
@@ -43,12 +43,12 @@ class FlatTrajectory:
 
     @property
     def period_ns(self) -> int:
-        """The path's duration, once round if it is periodic."""
+        """The path's duration, or its period."""
         return round(1e9 * self._path.duration)
 
     @property
     def upright(self) -> bool:
-        """Whether the thrust stays above the horizon, and yaw is yaw throughout."""
+        """Whether the thrust stays above the horizon, so that yaw is defined throughout."""
         return self._frames is None
 
     def at(self, times_ns: list[int]) -> TrajectorySamples:
@@ -65,7 +65,7 @@ class FlatTrajectory:
         return combined(lambda *parts: np.select(when, parts[:2], parts[2]), waiting, over, moving)
 
     def jumps(self, start_ns: int, end_ns: int) -> list[int]:
-        """Return the start if it is from rest into motion and in (start, end]."""
+        """Return the start if it is in (start, end] and leads from rest into motion."""
         return [0] if self._starts_in_motion and start_ns < 0 <= end_ns else []
 
     def _moving(self, seconds: Array) -> TrajectorySamples:
@@ -94,7 +94,7 @@ class FlatTrajectory:
         )
 
     def _prepared_frames(self) -> ThrustFrames | None:
-        """Return the frames of a path that is flown upside down; raise as :func:`thrust_axis`."""
+        """Return the frames of a path flown upside down; raises like :func:`thrust_axis`."""
         duration = self._path.duration
         steps = np.clip(np.ceil(duration / _KNOT_STEP), _LEAST_KNOTS, _MOST_KNOTS)
         knots = np.linspace(0.0, duration, int(steps) + 1)

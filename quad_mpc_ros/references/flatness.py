@@ -1,32 +1,32 @@
 """Differential flatness with drag: from a path and a yaw to attitude, body rates and thrust.
 
-The model is the core's: dv/dt = g + (T/m) z_B - mu v, so the thrust over mass must be the specific
-force f = a + mu v + g e_3. It fixes the direction z_B = f/|f| of the body's z axis and, through
-df/dt = j + mu a, how that axis turns. What is left is the turn about it.
+The model is the controller's: dv/dt = g + (T/m) z_B - mu v, so the thrust over mass must be the
+specific force f = a + mu v + g e_3. This force determines the direction z_B = f/|f| of the body's
+z axis and, through df/dt = j + mu a, its rotation. The rotation about z_B remains free.
 
-With a drag -R D R' v, D = diag(mu_x, mu_y, mu_z), the body's x axis must be across
-a + mu_x v + g e_3 and its y axis across a + mu_y v + g e_3 (Faessler, Franchi, Scaramuzza,
-"Differential flatness of quadrotor dynamics subject to rotor drag", RA-L 2018): the attitude
-depends on the yaw, and is found by iteration from that for the mean of the two. What acts along
-the body's z axis, mu_z and lift, changes the thrust and nothing else.
+With a drag -R D R' v, D = diag(mu_x, mu_y, mu_z), the body's x axis must be across a + mu_x v + g
+e_3 and its y axis across a + mu_y v + g e_3 (Faessler, Franchi, Scaramuzza, "Differential flatness
+of quadrotor dynamics subject to rotor drag", RA-L 2018): the attitude depends on the yaw, and is
+found by iteration from the attitude for the mean of both. Forces along the body's z axis, mu_z and
+lift, change only the thrust.
 
 Drag of the rotors, mu + nu sqrt(T / m g), depends on the thrust and its rate of change, which are
-found by iteration around all of the above.
+found by an outer iteration.
 
-Attitude is the shortest rotation that takes the world's z axis to z_B, followed by the yaw about
+Attitude is the shortest rotation from the world's z axis to z_B, followed by the yaw about
 z_B: the Hopf fibration of Watterson and Kumar, "Control of quadrotors using the Hopf fibration on
-SO(3)" (ISRR 2017). Level and at yaw 0 the vehicle heads east. Unlike a heading, which is lost when
-the nose points up, this chart is singular for z_B = -e_3 only, thrust exactly downwards; ``chart``
-gives the same map any other centre than e_3.
+SO(3)" (ISRR 2017). Level and at yaw 0 the vehicle heads east. Unlike a heading, which is undefined
+when the nose points up, this chart is singular only for z_B = -e_3, thrust exactly downwards;
+``chart`` moves the centre of the map away from e_3.
 
-No attitude depends continuously on the thrust's direction alone over the whole sphere. A path that
-is flown upside down therefore gets the rotation-minimising one: the body turns with its thrust
-axis and never about it, w_z = 0, which asks for the least body rates; a vertical loop is pitching
-on through 180 degrees (Wang, Juettler, Zheng and Liu, "Computation of rotation minimizing frames",
-2008). It is a sequence of charts, :class:`ThrustFrames`, one at each knot in time, centred on the
-thrust's direction there and joined so that the attitude is continuous; none is used near where it
-is singular. The price is memory: the heading after a manoeuvre depends on the way taken, so a path
-whose thrust stays above the horizon keeps the single chart, in which yaw is yaw.
+No continuous map from the thrust direction to attitude exists on the whole sphere. A path flown
+upside down therefore uses rotation-minimising frames: the body turns with its thrust axis and
+never about this axis, w_z = 0, with the lowest body rates; a vertical loop is continuous pitching
+through 180 degrees (Wang, Juettler, Zheng and Liu, "Computation of rotation minimizing frames",
+2008). :class:`ThrustFrames` is a sequence of charts, one at each knot in time, centred on the
+thrust direction at the knot and joined so that the attitude is continuous; no chart is used near
+its singularity. The heading after a manoeuvre then depends on the path, so a path whose thrust
+stays above the horizon uses the single chart, in which yaw is defined.
 """
 
 from __future__ import annotations
@@ -75,14 +75,13 @@ def flat_inputs(
     rotor_drag: PerAxis = 0.0,
     chart: Array | None = None,
 ) -> FlatInputs:
-    """Return what flies a path: velocity, acceleration and jerk (n, 3) each, in the world.
+    """Return attitude, rates and thrust of a path; velocity, acceleration and jerk (n, 3), in W.
 
-    ``yaw`` [rad] and ``yaw_rate`` [rad/s], (n,) or one number, turn about the body's z axis;
-    ``gravity`` [m/s^2], ``drag`` and ``rotor_drag`` [1/s] are the vehicle's.
-    ``chart`` (n, 3, 3) are the rotations from which the tilt is the shortest, instead of level and
-    heading east. Raises ``ValueError`` in free fall, where the thrust points exactly against the
-    chart's z axis, downwards without a chart, and where drag that differs between the axes leaves
-    no attitude: there is none in the path.
+    ``yaw`` [rad] and ``yaw_rate`` [rad/s], (n,) or one number, are about the body's z axis;
+    ``gravity`` [m/s^2], ``drag`` and ``rotor_drag`` [1/s] are the vehicle's. ``chart`` (n, 3, 3)
+    are the rotations from which the shortest tilt starts, instead of level and heading east.
+    Raises ``ValueError`` in free fall, if the thrust points exactly against the chart's z axis
+    (downwards without a chart), and if anisotropic drag makes the path infeasible.
     """
     motion = _Motion(
         v=v_WB_W,
@@ -110,13 +109,13 @@ def flat_inputs(
         if off < _ROTOR_TOLERANCE:
             return found
     raise ValueError(
-        "drag of the rotors leaves no attitude for the path: too fast for so little thrust"
+        "drag of the rotors makes the path infeasible: too fast for the available thrust"
     )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Motion:
-    """A path at n times, see :func:`flat_inputs`, and what of the vehicle does not change."""
+    """A path at n times, see :func:`flat_inputs`, and constants of the vehicle."""
 
     v: Array
     a: Array
@@ -127,7 +126,7 @@ class _Motion:
     chart: Array | None
 
     def inputs(self, drag: Array, drag_rate: Array) -> FlatInputs:
-        """Return what flies it with a drag along each axis and its rate, (1, 3) or (n, 3)."""
+        """Return attitude, rates and thrust for a drag per axis and its rate, (1, 3) or (n, 3)."""
         chart, x_drag, y_drag = self.chart, drag[:, :1], drag[:, 1:2]
         is_even = bool(np.all(x_drag == y_drag))
         mean = x_drag if is_even else 0.5 * (x_drag + y_drag)
@@ -185,7 +184,7 @@ class _Motion:
 class _AnisotropicDrag:
     """Motions (n, 3) in a chart: velocity, acceleration with and without gravity, and jerk.
 
-    ``drag`` [1/s] and its rate [1/s^2], (1, 3) or (n, 3), are those along the body axes.
+    ``drag`` [1/s] and its rate [1/s^2], (1, 3) or (n, 3), are along the body axes.
     """
 
     v: Array
@@ -196,10 +195,10 @@ class _AnisotropicDrag:
     drag_rate: Array
 
     def axis(self, z: Array, turn: Array) -> tuple[Array, Array]:
-        """Return the thrust's direction (n, 3), and the force along it but for the lift (n,).
+        """Return the thrust direction (n, 3), and the force along it without lift (n,).
 
-        ``z`` (n, 3) is where it is looked for. An iteration shortens what is missing by the drag's
-        difference times the speed over the force, a tenth at most as a rule.
+        ``z`` (n, 3) is the initial direction. An iteration reduces the error by the factor drag
+        difference times speed over force, usually below 0.1.
         """
         x_drag, y_drag = self.drag[:, :1], self.drag[:, 1:2]
         mean, half = 0.5 * (x_drag + y_drag), 0.5 * (x_drag - y_drag)
@@ -216,15 +215,15 @@ class _AnisotropicDrag:
             if np.max(np.abs(z - before), initial=0.0) < _SETTLED:
                 return z, length[..., 0]
         raise ValueError(
-            f"drag of {x_drag.max():g} and {y_drag.max():g} 1/s along body x and y leaves no "
-            "attitude for the path: too fast for so little thrust"
+            f"drag of {x_drag.max():g} and {y_drag.max():g} 1/s along body x and y makes the "
+            "path infeasible: too fast for the available thrust"
         )
 
     def axis_rate(self, z: Array, turn: Array, yaw_rate: ArrayLike) -> Array:
         """Return the time derivative (n, 3) of the thrust's direction.
 
-        Derivative of x'(force + mu_x v) = 0 and y'(force + mu_y v) = 0, in which the body turns by
-        (w_x, w_y) about its x and y axes and, by what the tilt and the yaw have along z, about it.
+        Derivative of x'(force + mu_x v) = 0 and y'(force + mu_y v) = 0, in which the body rotates
+        with (w_x, w_y) and, from tilt and yaw, about z.
         """
         tilt, _ = _shortest_tilt(z, np.zeros_like(z))
         R = tilt @ turn
@@ -263,7 +262,7 @@ def thrust_axis(
     """Return the thrust's direction (n, 3), its time derivative (n, 3), and thrust over mass (n,).
 
     ``drag`` [1/s] and its rate of change [1/s^2] are one number, or one for each time (n, 1).
-    Raises ``ValueError`` in free fall; it says when first, if ``seconds`` (n,) are given.
+    Raises ``ValueError`` in free fall, with the first time if ``seconds`` (n,) are given.
     """
     force = a_WB_W + drag * v_WB_W + [0.0, 0.0, gravity]
     force_rate = j_WB_W + drag * a_WB_W + drag_rate * v_WB_W
@@ -273,7 +272,7 @@ def thrust_axis(
         when = "" if seconds is None else f"at {seconds[np.argmax(falls)]:.3f} s "
         raise ValueError(
             f"{when}thrust over mass from {np.min(thrust):.3g} to {np.max(thrust):.3g} m/s^2, "
-            f"where only finite ones above {_MIN_FORCE:g} (not in free fall) have an attitude"
+            f"where only finite values above {_MIN_FORCE:g} (not in free fall) have an attitude"
         )
     z = force / thrust[..., None]
     along = np.sum(z * force_rate, axis=-1, keepdims=True)
@@ -286,11 +285,11 @@ class ThrustFrames:
     def __init__(self, knots: Array, z: Array) -> None:
         """Join charts at ``knots`` (n,) [s], where the thrust points along ``z`` (n, 3).
 
-        Raises ``ValueError`` where the thrust turns about between two knots.
+        Raises ``ValueError`` if the thrust reverses between two knots.
         """
         about = np.flatnonzero(np.sum(z[:-1] * z[1:], axis=-1) < _REVERSAL_COSINE)
         if len(about):
-            raise ValueError(f"at {knots[about[0]]:.3f} s the thrust turns about at once")
+            raise ValueError(f"at {knots[about[0]]:.3f} s the thrust direction reverses instantly")
         self._knots = knots
         self._charts = np.empty((len(knots), 3, 3))
         chart = so3.shortest_rotation(_UP, z[:1])[0]
@@ -307,9 +306,9 @@ class ThrustFrames:
 
 
 def yaw_of(R_WB: Array) -> float:
-    """Return the yaw [rad] of an attitude (3, 3): what is left of it after the shortest tilt.
+    """Return the yaw [rad] of an attitude (3, 3), the rotation after the shortest tilt.
 
-    Upside down, where no tilt is the shortest, where its x axis points.
+    Exactly upside down, return the heading of the x axis.
     """
     if R_WB[2, 2] < _UPSIDE_DOWN_COSINE:
         return math.atan2(R_WB[1, 0], R_WB[0, 0])
@@ -320,15 +319,15 @@ def yaw_of(R_WB: Array) -> float:
 def _shortest_tilt(z: Array, z_rate: Array) -> tuple[Array, Array]:
     """Return the shortest rotation from e_3 to z (n, 3, 3), and its body rate (n, 3).
 
-    It is that of :func:`so3.shortest_rotation`, written so that it keeps its digits near straight
-    down, and that its rate shares its terms.
+    The rotation is that of :func:`so3.shortest_rotation`, computed precisely near straight down
+    and with terms shared with the rate.
     """
     a, b, c = np.moveaxis(z, -1, 0)
     a_rate, b_rate, c_rate = np.moveaxis(z_rate, -1, 0)
     # 1 + c, without cancellation where c is near -1.
     h = np.where(c < 0.0, (a * a + b * b) / (1.0 + np.abs(c)), 1.0 + c)
     if not np.all(h > 0.0):
-        raise ValueError("the thrust points exactly downwards, where yaw means nothing")
+        raise ValueError("the thrust points exactly downwards, where yaw is undefined")
     tilt = np.stack(
         (
             np.stack((1.0 - a * a / h, -a * b / h, a), axis=-1),
@@ -354,7 +353,7 @@ def _along(axis: Array, vector: Array) -> Array:
 
 
 def _along_z(amount: ArrayLike, like: Array) -> Array:
-    """Return vectors along z, as many as in ``like``."""
+    """Return vectors along z, as many as ``like`` has."""
     vectors = np.zeros_like(like)
     vectors[..., 2] = amount
     return vectors

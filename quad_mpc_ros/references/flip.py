@@ -1,7 +1,7 @@
-"""A flip: a full turn about the pitch or the roll axis during a short climb and fall.
+"""A flip: a full rotation about the pitch or roll axis during a short climb and fall.
 
-While turning the vehicle has a constant small thrust (``references/thrust_path.py``); minimum-snap
-legs lead from hovering to the climb before the turn, and from the fall after it back to the start.
+During the rotation the thrust is small and constant (``references/thrust_path.py``); minimum-snap
+legs lead from hover to the climb before the rotation, and from the fall back to the start.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ _SAMPLES = 201
 
 @dataclass(frozen=True, kw_only=True)
 class FlipParameters(TurnParameters):
-    """The flip's own."""
+    """Parameters of a flip."""
 
-    flip_axis: str = parameter("pitch", doc="flip: axis to turn about.", choices=("pitch", "roll"))
+    flip_axis: str = parameter("pitch", doc="flip: axis of rotation.", choices=("pitch", "roll"))
 
 
 def flip(config: FlipParameters) -> Path:
-    """Return the flip of a configuration, its lowest point at the configured height."""
+    """Return the configured flip, with the lowest point at the configured height."""
     turn = SmoothTurn.with_peak_rate(math.tau, rate=config.flip_rate)
     force = config.coasting_thrust * config.gravity
     # As high up as down: the climb that gravity, less the thrust's mean, takes back half way.
@@ -56,6 +56,6 @@ def flip(config: FlipParameters) -> Path:
 
 
 def _side(config: FlipParameters) -> Array:
-    """Return the horizontal direction (3,) that the thrust turns to: forwards, or right."""
+    """Return the horizontal direction (3,) to which the thrust turns: forwards, or right."""
     forward = np.array([math.cos(config.yaw), math.sin(config.yaw), 0.0])
     return forward if config.flip_axis == "pitch" else np.cross(forward, _UP)

@@ -1,4 +1,4 @@
-"""The reference ``gates`` as parameters; the path through a course is made by optional racing."""
+"""The parameters of the reference ``gates``; the optional racing package computes the path."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from quad_mpc_ros.references.point_table import TableParameters
 
 @dataclass(frozen=True, kw_only=True)
 class GateParameters(TableParameters):
-    """Which course is flown, and judged."""
+    """Parameters of a course of gates."""
 
     gates: str = parameter(
         "",
-        doc="gates: the file of the course, or its text in braces. With another trajectory it is "
-        "only drawn, and judged how the flight passes it.",
+        doc="gates: file of the gates, or the content of the file in braces. With another "
+        "trajectory the gates are only drawn, and their passages evaluated.",
     )
 
 
 def gates_path(config: GateParameters) -> Path | PlannedMotion:
     """Return the plan that ``file`` names, or the smooth path through the gates.
 
-    Raises :class:`UserError` for a course that cannot be flown, a plan that does not pass it, and
-    where racing is not installed.
+    Raises :class:`UserError` for an infeasible course, a plan that does not pass the course, and
+    if racing is not installed.
     """
     make = optional_part("gates_path", needed_by=f"{config.owner}.trajectory")
     path: Path | PlannedMotion = make(config)

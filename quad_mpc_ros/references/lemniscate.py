@@ -1,7 +1,7 @@
 """A lemniscate, x = A_x sin(w t) and y = A_y sin(2 w t), at a constant heading.
 
 Smooth and, by differential flatness with drag, complete: attitude, body rates and acceleration
-belong to the path. It crosses its origin at t = 0, in full motion.
+belong to the path. The path crosses its origin at t = 0, in full motion.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from quad_mpc_ros.references.trajectory import TrajectoryParameters
 
 @dataclass(frozen=True, kw_only=True)
 class LemniscateParameters(TrajectoryParameters):
-    """The eight's own."""
+    """Parameters of a lemniscate."""
 
     amplitude_x: float = parameter(
-        3.0, doc="lemniscate: largest distance east of its origin.", unit="m", minimum=0.0
+        3.0, doc="lemniscate: largest distance east of the origin.", unit="m", minimum=0.0
     )
     amplitude_y: float = parameter(
-        1.5, doc="lemniscate: largest distance north of its origin.", unit="m", minimum=0.0
+        1.5, doc="lemniscate: largest distance north of the origin.", unit="m", minimum=0.0
     )
     angular_frequency: float = parameter(
         1.0,
-        doc="lemniscate: angle of its eastward oscillation per time; northward it is twice that.",
+        doc="lemniscate: angular frequency of the eastward oscillation; twice as high northward.",
         unit="rad/s",
         minimum=0.001,
     )

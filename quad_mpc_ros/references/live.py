@@ -1,24 +1,24 @@
 """The reference of a live flight: requests and odometry in, windows out; without ROS.
 
-In the mode ``at_once`` it is the configured trajectory from the first odometry on, until a request
-is accepted. In the mode ``on_request`` the vehicle stands on the ground until a take-off.
+With ``at_once`` the configured trajectory starts at the first odometry and is flown until a
+request is accepted. With ``on_request`` the vehicle idles on the ground until a take-off.
 
-Where ``engaged`` is published, nothing is flown until commands act on the vehicle: the reference
-waits at the vehicle, on the ground with idle motors, in the air coming to rest from its motion.
-Once they act, it continues from there: ``on_request`` stays, ``at_once`` begins the trajectory,
-after a take-off if on the ground. When they stop acting, it waits again.
+If ``engaged`` is published, the reference waits until the vehicle executes commands: on the ground
+with idle motors, in the air coming to rest from the current motion. Then the reference continues
+from there: ``on_request`` holds, ``at_once`` starts the trajectory, after a take-off if on the
+ground. When the vehicle stops executing commands, the reference waits again.
 
 The MPC's ground state decides whether the vehicle is on the ground
-(:meth:`LiveReference.set_ground_state`). If it is unknown, the flight stack's report counts;
-without a report, until a take-off, the height of the first odometry. A landing ends by one of the
-first two.
+(:meth:`LiveReference.set_ground_state`). If the state is unknown, the flight stack's report is
+used; without a report, until a take-off, the height of the first odometry. Only the first two end
+a landing.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from quad_mpc_ros.control.estimation.ground_state import (
     LEFT_GROUND_UNPOWERED,
     GroundHeight,
     GroundState,
+    idling,
 )
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
@@ -37,11 +38,11 @@ from quad_mpc_ros.control.safety.validation import pose_fault
 from quad_mpc_ros.references.bounds import velocity_limits
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import received_trajectory
-from quad_mpc_ros.references.director import GROUND, LANDING, Director, Reply, published_window
+from quad_mpc_ros.references.director import GROUND, LANDING, Director, Reply
 from quad_mpc_ros.references.feasibility import judged
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.server import ReferenceServer
-from quad_mpc_ros.references.timeline import Phase, Timeline
+from quad_mpc_ros.references.timeline import Timeline
 from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples
 from quad_mpc_ros.references.transition import FlatState
 from quad_mpc_ros.references.velocity import VelocityCommand
@@ -51,14 +52,18 @@ _SAMPLE_STEP_NS = 50_000_000
 
 _NOT_YET = Reply(accepted=False, text="no usable odometry yet")
 _NOT_ENGAGED = Reply(
-    accepted=False, text="the vehicle does not act on commands: engage and arm it first"
+    accepted=False, text="the vehicle does not execute commands: engage and arm it first"
 )
 WAITING = "waiting"
-_UNCHANGED = Reply(accepted=False, text="")
+
+R = TypeVar("R", bound="Reply | None")
 
 
 class Published(NamedTuple):
-    """An immutable snapshot of the reference, from which windows are cut."""
+    """An immutable snapshot of the reference, from which windows are cut.
+
+    On the ground they request idle motors (``docs/explanation/landing_detection.md``).
+    """
 
     server: ReferenceServer
     timeline: Timeline | None  # phases; None for the configured trajectory
@@ -68,10 +73,10 @@ class Published(NamedTuple):
 
     def window(self, stamp_ns: int) -> ReferenceWindow:
         """Return the reference from ``stamp_ns`` on."""
-        window = self.server.window(stamp_ns)
-        if self.timeline is None:
+        window, timeline = self.server.window(stamp_ns), self.timeline
+        if timeline is None or not timeline.last.name == GROUND == timeline.phase(stamp_ns).name:
             return window
-        return published_window(self.timeline, window, gravity=self.gravity)
+        return idling(window, self.gravity)
 
     def changes(self, after_ns: int, until_ns: int) -> bool:
         """Whether the reference jumps between two times without preview."""
@@ -79,7 +84,7 @@ class Published(NamedTuple):
 
 
 class _Configured(NamedTuple):
-    """The configured trajectory; without a director it is held at its beginning."""
+    """The configured trajectory, held at its beginning without a director."""
 
     server: ReferenceServer
     director: Director | None
@@ -108,7 +113,7 @@ class LiveReference:
     ) -> None:
         self._config = config
         self.trajectory = trajectory
-        """What is flown at once."""
+        """The trajectory in the mode ``at_once``."""
         self._joined = joined
         self._at_once = config.mode == "at_once"
         held = _Configured(ReferenceServer(config, trajectory), None)
@@ -120,11 +125,11 @@ class LiveReference:
         self._ground = GroundState.UNKNOWN
         self._ground_height = GroundHeight(LEFT_GROUND_UNPOWERED)
         self.too_late: Callable[[int], bool] = lambda start_ns: False
-        """Whether it is too late to begin at a time; such requests are refused."""
+        """Whether it is too late to start at a time; such requests are rejected."""
 
     @property
     def _director(self) -> Director | None:
-        """The director of the flight, once it has begun."""
+        """The director of the flight, once started."""
         source = self._source
         if isinstance(source, _Configured):
             return source.director
@@ -132,45 +137,46 @@ class LiveReference:
 
     @property
     def started(self) -> bool:
-        """Whether there is an odometry to start from, and commands act as far as is known."""
+        """Whether an odometry was received, and the vehicle executes commands as far as known."""
         return self._director is not None
 
     @property
     def waits(self) -> bool:
-        """Whether it waits at the vehicle, because commands are reported not to act."""
+        """Whether the reference waits at the vehicle, which does not execute commands."""
         return self._engaged is False
 
     def engage(self, engaged: bool) -> Reply | None:
-        """Take whether commands act on the vehicle; return what follows, if anything does."""
+        """Set whether the vehicle executes commands; return the resulting reply, if any."""
         before, self._engaged = self._engaged, engaged
         if not engaged:
             self._source, self._at_once = self._waiting, self._config.mode == "at_once"
             return None if before is False else Reply(accepted=True, text="waits at the vehicle")
-        if before is not False or self._newest is None:
+        waiting = self._waiting
+        if before is not False or waiting is None:
             self._wait()
             return None
-        return self._take_over(self._newest)
+        return self._take_over(waiting)
 
     def landed(self, landed: bool | None) -> None:
-        """Take whether the flight stack reports to have landed; None if it does not say."""
+        """Set whether the flight stack reports a landing; None without a report."""
         self._landed = landed
         self._wait()
 
     def set_ground_state(self, state: GroundState) -> None:
-        """Take what the MPC knows of the ground; it counts more than all that is known here."""
+        """Take the ground state of the MPC, which has precedence over all other sources."""
         self._ground = state
         self._wait()
 
     def reset_estimate(self, now_ns: int, reset: EstimateReset) -> Reply:
-        """Take an announced step of the estimate; return what follows for the reference."""
+        """Apply an announced odometry jump; return the resulting reply, if any."""
         if self._newest is not None:
             self._newest, self._home = reset.odometry(self._newest), reset.points(self._home)
         if self._ground_height.height is not None:
             self._ground_height.height += float(reset.step_W[2])
         self._wait()
         moves = self._director is None or self._director.reset_estimate(now_ns, reset)
-        stepped = f"the estimate steps by {np.linalg.norm(reset.step_W):.2f} m"
-        kept = f"{self.mode(now_ns)} stays where it is on the map"
+        stepped = f"the odometry jumps by {np.linalg.norm(reset.step_W):.2f} m"
+        kept = f"{self.mode(now_ns)} keeps its position on the map"
         return Reply(accepted=moves, text=f"{stepped}: {'moves along' if moves else kept}")
 
     def mode(self, now_ns: int) -> str:
@@ -178,7 +184,7 @@ class LiveReference:
         return WAITING if self._director is None else self._director.mode(now_ns)
 
     def needs_odometry(self, now_ns: int) -> bool:
-        """Whether the next odometry matters: at the beginning and near the ground."""
+        """Whether the next odometry is needed: at the beginning and near the ground."""
         lifts = self._ground is GroundState.LIFTING_OFF
         return lifts or self.mode(now_ns) in (WAITING, GROUND, LANDING)
 
@@ -190,8 +196,8 @@ class LiveReference:
         self._newest = odometry
         self._update_ground_height(odometry)
         if self._director is None:
-            if self._engaged:
-                return self._take_over(odometry)
+            if self._engaged and self._waiting is not None:
+                return self._take_over(self._waiting)
             if self._engaged is None:
                 self._begin(odometry)
             self._wait()
@@ -203,7 +209,7 @@ class LiveReference:
             return self._director.touched(now_ns, p_WB=odometry.p_WB)
         if self._director.timeline.last.name == GROUND and self._ground is GroundState.FLYING:
             self._director.sink(now_ns, p_WB=odometry.p_WB, yaw=_heading(odometry))
-            return Reply(accepted=True, text="it flies: sinks to the ground")
+            return Reply(accepted=True, text="in flight: descends to the ground")
         return None
 
     def _is_down(self, director: Director, odometry: OdometrySample) -> bool:
@@ -215,7 +221,7 @@ class LiveReference:
 
     @property
     def published(self) -> Published | None:
-        """The present reference; None without odometry."""
+        """The current reference; None without odometry."""
         source, gravity = self._source, self._config.gravity
         if isinstance(source, _Configured):
             return Published(source.server, None, gravity, source.server)
@@ -224,23 +230,22 @@ class LiveReference:
         waits = isinstance(source, _Waiting)
         director = self._waiting_at(source) if isinstance(source, _Waiting) else source
         timeline = director.timeline.snapshot()
-        return Published(
-            self._server_of(timeline), timeline, gravity, None if waits else timeline.version
-        )
+        server = ReferenceServer(self._config, timeline)
+        server.start(0)
+        return Published(server, timeline, gravity, None if waits else timeline.version)
 
     def window(self, stamp_ns: int) -> ReferenceWindow | None:
         """Return the reference from ``stamp_ns`` on; None without odometry."""
         published = self.published
         return None if published is None else published.window(stamp_ns)
 
-    def whole(self) -> TrajectorySamples:
-        """Return the configured trajectory, for drawing."""
-        return ReferenceServer(self._config, self.trajectory).whole()
-
     def planned_samples(self, now_ns: int) -> TrajectorySamples:
-        """Return the planned reference from now on, for drawing; one period of a periodic one."""
+        """Return the planned reference from now on, for drawing; one period if periodic.
+
+        Before the flight, return the configured trajectory.
+        """
         if self._director is None:
-            return self.whole()
+            return ReferenceServer(self._config, self.trajectory).whole()
         last = self._director.timeline.last
         end_ns = max(last.start_ns + last.trajectory.period_ns, now_ns + _SAMPLE_STEP_NS)
         step_ns = max(_SAMPLE_STEP_NS, -(-(end_ns - now_ns) // _MAX_DRAWN_POSES))
@@ -251,12 +256,7 @@ class LiveReference:
 
         def request(director: Director) -> Reply:
             self._follow_over_the_ground(director, now_ns)
-            above = director.timeline.at([now_ns]).p_WB
-            above[0, 2] = director.ground + self._config.takeoff_height
-            fault = self._config.fence.objection(above)
-            if fault is not None:
-                return Reply(accepted=False, text=fault)
-            return director.take_off(now_ns, height=self._config.takeoff_height)
+            return director.take_off(now_ns)
 
         return self._requested(request)
 
@@ -265,7 +265,7 @@ class LiveReference:
         return self._requested(lambda director: director.fly(now_ns, self._joined()))
 
     def hold(self, now_ns: int) -> Reply:
-        """Come to rest and stay there."""
+        """Come to rest and hold."""
         return self._requested(lambda director: director.hold(now_ns))
 
     def land(self, now_ns: int) -> Reply:
@@ -275,7 +275,7 @@ class LiveReference:
     def go_to(self, now_ns: int, *, frame_id: str, p_WB: Array, q_WB_xyzw: Array) -> Reply:
         """Go to a pose, position (3,) [m] and quaternion (4,), of which only the yaw is used.
 
-        A height of exactly zero, as sent by two-dimensional tools, keeps the present height.
+        A height of exactly zero, as sent by two-dimensional tools, keeps the current height.
         """
 
         def request(director: Director) -> Reply:
@@ -286,12 +286,10 @@ class LiveReference:
                 q_WB_xyzw=q_WB_xyzw[None],
             )
             if fault is not None:
-                return Reply(accepted=False, text=fault)
+                raise UserError(fault)
             height = p_WB[2] if p_WB[2] != 0.0 else director.resting_height(now_ns)
             goal = np.array([*p_WB[:2], height])
-            fault = self._out_of_reach(director, goal[None])
-            if fault is not None:
-                return Reply(accepted=False, text=fault)
+            self._check_reach(director, goal[None])
             yaw = yaw_of(so3.rotation_from_quaternion_xyzw(q_WB_xyzw))
             return director.go_to(now_ns, p_WB=goal, yaw=yaw)
 
@@ -306,73 +304,52 @@ class LiveReference:
             except ValueError as error:
                 raise UserError(str(error)) from error
             verdict = judged(trajectory, self._config, ground=director.ground)
-            fault = verdict.reason() or self._out_of_reach(director, message.p_WB)
-            if fault:
-                return Reply(accepted=False, text=fault)
+            if not verdict.feasible:
+                raise UserError(verdict.reason())
+            self._check_reach(director, message.p_WB)
             return director.fly(now_ns, trajectory)
-
-        return self._requested(request)
-
-    @property
-    def last_phase(self) -> Phase | None:
-        """The last phase; None without a director."""
-        return None if self._director is None else self._director.timeline.last
-
-    def replace_trajectory(self, phase: Phase, trajectory: Trajectory, from_ns: int) -> Reply:
-        """Replace the trajectory of the last phase by one that is equal up to a time."""
-
-        def request(director: Director) -> Reply:
-            way = trajectory.at(
-                [*range(0, trajectory.period_ns, _SAMPLE_STEP_NS), trajectory.period_ns]
-            )
-            fault = self._out_of_reach(director, way.p_WB)
-            if fault is not None:
-                return Reply(accepted=False, text=fault)
-            return director.replace_trajectory(phase, trajectory, from_ns=from_ns)
 
         return self._requested(request)
 
     def move(self, now_ns: int, command: VelocityCommand) -> Reply | None:
         """Follow a velocity for ``velocity_timeout``; return a message for the log, if any.
 
-        It begins in the air, and ends whatever is flown except for a take-off and a landing.
+        A velocity starts in the air, and ends any motion except a take-off and a landing.
         """
         if self._director is None and not command.moves:
             return None
 
-        def request(director: Director) -> Reply:
+        def request(director: Director) -> Reply | None:
             limits = velocity_limits(self._config, ground=director.ground, home=self._home)
             timeout = self._config.velocity_timeout
-            reply = director.follow_velocity(now_ns, command, limits, timeout=timeout)
-            return _UNCHANGED if reply is None else reply
+            return director.follow_velocity(now_ns, command, limits, timeout=timeout)
 
-        reply = self._requested(request)
-        return reply if reply is not _UNCHANGED else None
+        return self._requested(request)
 
-    def _requested(self, request: Callable[[Director], Reply]) -> Reply:
+    def _requested(self, request: Callable[[Director], R]) -> Reply | R:
         """Carry out a request, which raises :class:`UserError` for bad input."""
         if self._director is None:
             return _NOT_ENGAGED if self._engaged is False else _NOT_YET
         try:
-            reply = request(self._director)
+            answer = request(self._director)
         except UserError as error:
             return Reply(accepted=False, text=str(error))
-        if reply.accepted and self._at_once:
+        reply: Reply | None = answer
+        if reply is not None and reply.accepted and self._at_once:
             self._at_once = False
             self._follow(self._director)
-        return reply
+        return answer
 
     def _begin(self, odometry: OdometrySample) -> None:
-        """Begin at the first odometry, if no node publishes whether commands act."""
+        """Start at the first odometry, if no node publishes ``engaged``."""
         if self._at_once:
             self._follow_as_it_is(odometry.stamp_ns)
             return
         self._follow(Director.on_ground(self._config, p_WB=odometry.p_WB, yaw=_heading(odometry)))
 
-    def _take_over(self, odometry: OdometrySample) -> Reply:
-        """Continue from the vehicle's state when commands begin to act."""
-        director = self._waiting_at(self._waiting_by(odometry))
-        now_ns = odometry.stamp_ns
+    def _take_over(self, waiting: _Waiting) -> Reply:
+        """Continue from the vehicle's state when the vehicle starts to execute commands."""
+        director, now_ns = self._waiting_at(waiting), waiting.odometry.stamp_ns
         if self._at_once and not self.trajectory.smooth:  # it jumps anyway
             self._follow_as_it_is(now_ns)
             return Reply(accepted=True, text="begins the trajectory")
@@ -380,7 +357,7 @@ class LiveReference:
             reply = self._begun(director, now_ns)
             self._at_once = False
         else:
-            reply = Reply(accepted=True, text=f"{director.mode(now_ns)} where the vehicle is")
+            reply = Reply(accepted=True, text=f"{director.mode(now_ns)} at the vehicle's position")
         self._follow(director)
         return reply
 
@@ -388,27 +365,27 @@ class LiveReference:
         """Begin the configured trajectory, from the ground after a take-off."""
         try:
             trajectory = self._joined()
+            if director.mode(now_ns) == GROUND:
+                reply = director.take_off(now_ns)
+                if not reply.accepted:
+                    return reply
+                now_ns = director.timeline.last.start_ns
         except UserError as error:
             return Reply(accepted=False, text=str(error))
-        if director.mode(now_ns) == GROUND:
-            reply = director.take_off(now_ns, height=self._config.takeoff_height)
-            if not reply.accepted:
-                return reply
-            now_ns = director.timeline.last.start_ns
         return director.fly(now_ns, trajectory)
 
     def _wait(self) -> None:
-        """Update the state at which the reference waits, if it waits."""
+        """Update the state at which the reference waits, if waiting."""
         if self._engaged is not None and self._director is None:
             self._source = self._waiting
 
     @property
     def _waiting(self) -> _Waiting | None:
         """State at which the reference waits; None without odometry."""
-        return None if self._newest is None else self._waiting_by(self._newest)
-
-    def _waiting_by(self, odometry: OdometrySample) -> _Waiting:
-        return _Waiting(odometry, self._is_on_ground, self._ground_height.height)
+        newest = self._newest
+        if newest is None:
+            return None
+        return _Waiting(newest, self._is_on_ground, self._ground_height.height)
 
     def _waiting_at(self, waiting: _Waiting) -> Director:
         """Return a director that continues from a waiting vehicle's state."""
@@ -428,7 +405,7 @@ class LiveReference:
 
     @property
     def _is_on_ground(self) -> bool:
-        """Whether the vehicle is on the ground, by the sources listed in the module."""
+        """Whether the vehicle is on the ground, from the sources listed in the module."""
         if self._ground is not GroundState.UNKNOWN:
             return not self._ground.is_flying
         return not self._ground_height.was_left if self._landed is None else self._landed
@@ -456,29 +433,24 @@ class LiveReference:
         director.too_late = self.too_late
         self._source = director
 
-    def _server_of(self, timeline: Timeline) -> ReferenceServer:
-        server = ReferenceServer(self._config, timeline)
-        server.start(0)
-        return server
-
     def _follow_over_the_ground(self, director: Director, now_ns: int) -> None:
-        """Move the reference to where the vehicle was carried since it landed."""
+        """Move the reference to a vehicle that was carried after landing."""
         newest = self._newest
         if director.mode(now_ns) != GROUND or newest is None:
             return
         there = director.timeline.at([now_ns]).p_WB[0]
         if np.linalg.norm(newest.p_WB - there) > HEIGHT:
-            director.moved(now_ns, p_WB=newest.p_WB, yaw=_heading(newest))
+            director.rest_on_ground(now_ns, p_WB=newest.p_WB, yaw=_heading(newest))
 
-    def _out_of_reach(self, director: Director, p_WB: Array) -> str | None:
-        """Return which of some points (n, 3) [m] is too far away or below the ground."""
+    def _check_reach(self, director: Director, p_WB: Array) -> None:
+        """Raise :class:`UserError` for points (n, 3) [m] too far away or below the ground."""
         lowest = float(p_WB[:, 2].min())
         if not lowest >= director.ground:
-            return f"it is {director.ground - lowest:.3g} m below the ground"
+            raise UserError(f"it is {director.ground - lowest:.3g} m below the ground")
         distance = float(np.linalg.norm(p_WB - self._home, axis=1).max())
         if not distance <= self._config.reach:
-            return f"it is {distance:.4g} m away, more than reach, {self._config.reach:g} m"
-        return self._config.fence.objection(p_WB)
+            raise UserError(f"it is {distance:.4g} m away, beyond reach, {self._config.reach:g} m")
+        self._config.fence.check_inside(p_WB)
 
 
 def _heading(odometry: OdometrySample) -> float:

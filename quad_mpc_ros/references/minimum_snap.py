@@ -1,8 +1,8 @@
-"""Paths of minimum snap: a leg between two ends, and the way through waypoints.
+"""Paths of minimum snap: a leg between two ends, and a path through waypoints.
 
-The integral of the squared fourth derivative is minimal. Between two ends that is one polynomial,
-through waypoints a spline (Mellinger and Kumar, "Minimum snap trajectory generation and control
-for quadrotors", 2011).
+The integral of the squared fourth derivative is minimal. Between two ends the solution is one
+polynomial, through waypoints a spline (Mellinger and Kumar, "Minimum snap trajectory generation
+and control for quadrotors", 2011).
 """
 
 from __future__ import annotations
@@ -28,27 +28,26 @@ _LIMIT_SAMPLES = 101
 # Search for the times at waypoints.
 _DEGREE = 7
 _COARSE, _FINE = 20, 400  # samples a leg: to compare allocations, and to hold the limits
-_TIME_STRETCH = 1.02  # of a path that goes on from a motion, from one trial to the next
 _MOST_OPTIMISED = 12  # legs; beyond that the shares stay as they begin
 _SIMPLEX: Any = {"maxfev": 400, "xatol": 1e-2, "fatol": 1e-3}
 
 
 @dataclass(frozen=True, kw_only=True)
 class LegParameters(TrajectoryParameters):
-    """How quick the legs of minimum snap may be."""
+    """Limits of legs of minimum snap."""
 
     max_speed: float = parameter(
         5.0,
-        doc="waypoints, minimum_snap, gates, the ways in and out of csv and bag, and what "
-        "services and goals ask for: highest speed.",
+        doc="Highest speed of waypoints, minimum_snap, gates, legs before and after csv and bag, "
+        "and requested legs.",
         unit="m/s",
         above=0.0,
         maximum=1e3,
     )
     max_acceleration: float = parameter(
         2.0,
-        doc="waypoints, minimum_snap, gates, the ways in and out of csv and bag, and what "
-        "services and goals ask for: highest acceleration.",
+        doc="Highest acceleration of waypoints, minimum_snap, gates, legs before and after csv "
+        "and bag, and requested legs.",
         unit="m/s^2",
         above=0.0,
         maximum=1e3,
@@ -59,7 +58,7 @@ class LegParameters(TrajectoryParameters):
 class End:
     """One end of a leg, (3,) each: position, velocity, acceleration, jerk; SI units, world.
 
-    A position of None is free: it comes out of the leg.
+    A position of None is free and follows from the leg.
     """
 
     p_WB: Array | None
@@ -86,10 +85,10 @@ class End:
 class Leg:
     """The path of minimum snap between two ends.
 
-    Among all paths with these ends the integral of the squared fourth derivative is least for the
-    polynomial of degree 7; where a position is free, for that of degree 6, as the seventh
-    derivative must vanish at a free end (Euler and Lagrange's equation, x^(8) = 0, and its natural
-    boundary condition).
+    Among all paths with these ends the integral of the squared fourth derivative is minimal for
+    the polynomial of degree 7; with a free position, of degree 6, as the seventh derivative must
+    vanish at a free end (Euler and Lagrange's equation, x^(8) = 0, and its natural boundary
+    condition).
     """
 
     periodic = False
@@ -121,11 +120,11 @@ class Leg:
 
 
 def leg_within(start: End, end: End, *, max_speed: float, max_acceleration: float) -> Leg:
-    """Return the quickest leg that keeps to a speed [m/s] and an acceleration [m/s^2].
+    """Return the fastest leg within a speed [m/s] and an acceleration [m/s^2].
 
     The speed and acceleration of an end, and a tenth more, are always allowed. The duration is
-    found within 5 %. Where the jerk of an end allows no such leg, that of the least acceleration
-    is returned, to be judged with the whole path.
+    found within 5 %. If the jerk of an end allows no such leg, the leg with the least acceleration
+    is returned, to be checked with the whole path.
     """
     ends = (start, end)
     speed = max(max_speed, *(1.1 * float(np.linalg.norm(e.v_WB_W)) for e in ends))
@@ -144,18 +143,18 @@ def leg_within(start: End, end: End, *, max_speed: float, max_acceleration: floa
 
 
 def _row(size: int, place: float, order: int) -> Array:
-    """Return the derivatives of 1, t, t^2, … of an order at a place."""
+    """Return the derivatives of 1, t, t^2, … of an order at a time."""
     derived = np.polynomial.polynomial.polyder(np.eye(size), order)
     return np.asarray(np.polynomial.polynomial.polyval(place, derived))
 
 
 def minimum_snap_path(points: Array, *, max_speed: float, max_acceleration: float) -> SplinePath:
-    """Return the path through ``points`` (n, 3) [m], n > 1, no two successive ones the same.
+    """Return the path through ``points`` (n, 3) [m], n > 1, without equal successive points.
 
-    For given times at the waypoints the integral is least for the interpolating spline of degree 7
-    with zero velocity, acceleration and jerk at both ends: between waypoints the optimum is a
+    For given times at the waypoints the integral is minimal for the interpolating spline of degree
+    7 with zero velocity, acceleration and jerk at both ends: between waypoints the optimum is a
     polynomial of degree 7, and it is continuous up to the sixth derivative (de Boor, "Best
-    approximation properties of spline functions of odd degree", 1963). SciPy solves for it as one
+    approximation properties of spline functions of odd degree", 1963). SciPy solves this as one
     banded system. The times minimise the duration: first the shares of the legs, then the whole,
     by uniform scaling of time to the limits.
     """
@@ -182,55 +181,12 @@ def minimum_snap_path(points: Array, *, max_speed: float, max_acceleration: floa
     return SplinePath(snap_spline(points, shortest * _times(shares)), duration=shortest)
 
 
-def minimum_snap_onward(
-    points: Array, start: End, *, max_speed: float, max_acceleration: float
-) -> SplinePath:
-    """Return the path through ``points`` (n, 3) [m], n > 1, from a motion to rest.
-
-    As :func:`minimum_snap_path`; the speed and acceleration of the start, and a tenth more, are
-    always allowed. As these do not scale with time, the durations of the legs are what is searched
-    for, and the whole is stretched until it keeps the limits.
-    """
-    from scipy.optimize import minimize
-
-    speed = max(max_speed, 1.1 * float(np.linalg.norm(start.v_WB_W)))
-    acceleration = max(max_acceleration, 1.1 * float(np.linalg.norm(start.a_WB_W)))
-
-    def path(durations: Array) -> tuple[BSpline, float, float]:
-        times = np.append(0.0, np.cumsum(durations))
-        spline = snap_spline(points, times, start)
-        samples = np.linspace(0.0, times[-1], 1 + _COARSE * len(durations))
-        factor = _beyond(spline, samples, max_speed=speed, max_acceleration=acceleration)
-        return spline, float(times[-1]), factor
-
-    def cost(logarithms: Any) -> float:
-        _, duration, factor = path(np.exp(logarithms))
-        return duration * max(factor, 1.0) ** 2
-
-    durations = _first_shares(points, max_speed=speed, max_acceleration=acceleration)
-    if len(durations) <= _MOST_OPTIMISED:
-        found = minimize(cost, np.log(durations), method="Nelder-Mead", options=_SIMPLEX)
-        durations = np.exp(found.x)
-    for _ in range(_TRIALS):
-        spline, duration, factor = path(durations)
-        if factor <= 1.0:
-            break
-        durations = _TIME_STRETCH * durations
-    return SplinePath(spline, duration=duration)
-
-
-def snap_spline(points: Array, times: Array, start: End | None = None) -> BSpline:
-    """Return the minimum-snap spline through ``points`` (n, k) at increasing ``times`` (n,).
-
-    It begins at rest, or in the motion of a ``start``, and ends at rest.
-    """
+def snap_spline(points: Array, times: Array) -> BSpline:
+    """Return the minimum-snap spline from rest to rest through ``points`` (n, k) at times (n,)."""
     from scipy.interpolate import make_interp_spline
 
     rest: Any = [(order, np.zeros(points.shape[1])) for order in (1, 2, 3)]
-    begin: Any = rest
-    if start is not None:
-        begin = [(1, start.v_WB_W), (2, start.a_WB_W), (3, start.j_WB_W)]
-    return make_interp_spline(times, points, k=_DEGREE, bc_type=(begin, rest))
+    return make_interp_spline(times, points, k=_DEGREE, bc_type=(rest, rest))
 
 
 def _times(shares: Array) -> Array:
@@ -240,16 +196,16 @@ def _times(shares: Array) -> Array:
 
 
 def _beyond(curve: BSpline, times: Array, *, max_speed: float, max_acceleration: float) -> float:
-    """Return by what factor a spline had to be slowed down to keep the limits at times (n,)."""
+    """Return the factor by which a spline must be slowed down for the limits at times (n,)."""
     speed = float(np.linalg.norm(curve(times, 1), axis=1).max())
     acceleration = float(np.linalg.norm(curve(times, 2), axis=1).max())
     return max(speed / max_speed, float(np.sqrt(acceleration / max_acceleration)))
 
 
 def _first_shares(points: Array, *, max_speed: float, max_acceleration: float) -> Array:
-    """Return durations [s] as of legs flown one by one from rest to rest, with constant limits."""
+    """Return the durations [s] of separate legs from rest to rest, with constant limits."""
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    ramp = max_speed**2 / max_acceleration  # way to speed up and slow down again
+    ramp = max_speed**2 / max_acceleration  # distance to speed up and slow down again
     quick = 2.0 * np.sqrt(lengths / max_acceleration)
     return np.asarray(
         np.where(lengths < ramp, quick, lengths / max_speed + max_speed / max_acceleration)

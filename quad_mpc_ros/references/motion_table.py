@@ -1,4 +1,4 @@
-"""Motions given whole: position, velocity, acceleration, attitude and body rates over time.
+"""Complete motions: position, velocity, acceleration, attitude and body rates over time.
 
 Optimised motions are flown unchanged, not by flatness from a smoothed path, because they are at
 bounds of thrust or body rates. A file is a ``csv`` with these columns in addition to time and
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,21 +28,17 @@ MOTION_UNITS = {
 }
 """The columns of a motion and their units: velocity and acceleration in the world, the attitude
 of the body in the world, the body rates in the body."""
-_ARRAYS = ("seconds", "p_WB", "v_WB_W", "a_WB_W", "q_WB_xyzw", "w_WB_B")
 _POSITION_UNITS = {"time": "s", "x": "m", "y": "m", "z": "m"}
-PLANNED_WITH = "# planned with "
-"""Begins the line of a file that says what the planner made it with."""
 _AT_REST = 0.05  # m/s
 _OFF_UNIT = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MotionTable:
-    """A motion at n times, n > 1, increasing; ``source`` says where it is from, in errors.
+    """A motion at n times, n > 1, increasing; ``source`` is its origin, for errors.
 
     Shapes: ``seconds`` (n,) [s]; ``p_WB``, ``v_WB_W``, ``a_WB_W``, ``w_WB_B`` (n, 3);
-    ``q_WB_xyzw`` (n, 4). ``planned_with`` are the settings of the planner, empty
-    for a motion that was not planned. ``rests`` is whether it begins and ends at rest.
+    ``q_WB_xyzw`` (n, 4). The motion starts and ends at rest.
     """
 
     source: str
@@ -52,17 +48,15 @@ class MotionTable:
     a_WB_W: Array
     q_WB_xyzw: Array
     w_WB_B: Array
-    planned_with: str = ""
-    rests: tuple[bool, bool] = (True, True)
 
     def __post_init__(self) -> None:
-        """Raise :class:`UserError` for an end in motion and for what is no attitude."""
-        for name, place, rests in zip(("first", "last"), (0, -1), self.rests, strict=True):
+        """Raise :class:`UserError` for an end in motion and for an invalid attitude."""
+        for name, place in (("first", 0), ("last", -1)):
             speed = float(np.linalg.norm(self.v_WB_W[place]))
-            if rests and not speed < _AT_REST:
+            if not speed < _AT_REST:
                 raise UserError(
                     f"{self.source}: the {name} row moves at {speed:.3g} m/s, expected a motion "
-                    "that begins and ends at rest"
+                    "that starts and ends at rest"
                 )
         lengths = np.linalg.norm(self.q_WB_xyzw, axis=1)
         for row in np.flatnonzero(~(np.abs(lengths - 1.0) < _OFF_UNIT))[:1]:
@@ -70,22 +64,6 @@ class MotionTable:
                 f"{self.source}: row {row} (counted from 0) has a quaternion of length "
                 f"{lengths[row]:.4g}, expected 1"
             )
-
-    def rows(self, part: slice) -> MotionTable:
-        """Return some of its rows."""
-        parts: dict[str, Any] = {name: getattr(self, name)[part] for name in _ARRAYS}
-        rests = (self.rests[0] and not part.start, self.rests[1] and part.stop is None)
-        return dataclasses.replace(self, rests=rests, **parts)
-
-    def followed_by(self, other: MotionTable) -> MotionTable:
-        """Return it and then another, which begins as this one ends."""
-        parts: dict[str, Any] = {
-            name: np.concatenate((getattr(self, name)[:-1], getattr(other, name)))
-            for name in _ARRAYS
-        }
-        later = other.seconds - other.seconds[0] + self.seconds[-1]
-        parts["seconds"] = np.append(self.seconds[:-1], later)
-        return dataclasses.replace(self, rests=(self.rests[0], other.rests[1]), **parts)
 
     def text(self) -> str:
         """Return the table as a file."""
@@ -98,16 +76,14 @@ class MotionTable:
         )
         lines = [", ".join(f"{name} [{unit}]" for name, unit in units.items())]
         lines += [", ".join(f"{value:.9f}" for value in row) for row in rows.tolist()]
-        if self.planned_with:  # at the end, where readers of tables do not look for the header
-            lines.append(PLANNED_WITH + self.planned_with)
         return "\n".join(lines) + "\n"
 
 
 class PlannedMotion:
     """A motion table as a trajectory; before it and after it the vehicle rests at its ends.
 
-    Between rows the position is the polynomial of degree 5 that fits them, acceleration and body
-    rates are linear, and the attitude turns evenly.
+    Between rows the position is a polynomial of degree 5, acceleration and body rates are linear,
+    and the attitude rotates at a constant rate.
     """
 
     smooth = True
@@ -120,7 +96,7 @@ class PlannedMotion:
         if offset is not None:
             table = dataclasses.replace(table, p_WB=table.p_WB + offset)
         self.table = table
-        """What is flown."""
+        """The displaced table."""
         self._seconds = table.seconds - table.seconds[0]
         given = np.stack((table.p_WB, table.v_WB_W, table.a_WB_W), axis=1)
         self._p: BPoly = BPoly.from_derivatives(self._seconds, given)
@@ -132,7 +108,7 @@ class PlannedMotion:
 
     @property
     def period_ns(self) -> int:
-        """How long it takes."""
+        """The duration of the motion."""
         return round(1e9 * float(self._seconds[-1]))
 
     def at(self, times_ns: list[int]) -> TrajectorySamples:

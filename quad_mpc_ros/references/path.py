@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.references.smooth_turn import SmoothTurn
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -43,20 +44,20 @@ class Path(Protocol):
 
     @property
     def duration(self) -> float:
-        """How long it takes, or with ``periodic`` once round [s]."""
+        """Duration, or period of a ``periodic`` path [s]."""
 
     @property
     def periodic(self) -> bool:
-        """Whether it repeats; otherwise it ends at rest."""
+        """Whether the path repeats; otherwise it ends at rest."""
 
     def at(self, seconds: Array) -> PathSamples:
-        """Return the path at times (n,) [s] from 0 to its duration, or without end."""
+        """Return the path at times (n,) [s] from 0 to its duration, or endless."""
 
 
 class Chain:
-    """Paths one after the other, each beginning as the one before ends.
+    """Successive paths, each starting in the final state of the previous path.
 
-    With ``periodic`` it repeats, and the first one also begins as the last one ends.
+    With ``periodic`` the path repeats: its first state equals its last.
     """
 
     def __init__(self, links: Sequence[Path], *, periodic: bool = False) -> None:
@@ -109,10 +110,45 @@ class RestPath(Straight):
         super().__init__(p_WB, v_WB_W=np.zeros(3), duration=duration)
 
 
+class CircularPath:
+    """A part of a circle from rest to rest."""
+
+    periodic = False
+
+    def __init__(
+        self, start: Array, *, forwards: Array, inwards: Array, radius: float, turn: SmoothTurn
+    ) -> None:
+        """Take the circle at its start.
+
+        Args:
+            start: Position (3,) [m].
+            forwards: Unit vector (3,) of the first motion.
+            inwards: Unit vector (3,) from the start to the centre.
+            radius: Radius [m].
+            turn: The angle over time.
+        """
+        self._centre = start + radius * inwards
+        self._forwards, self._inwards = radius * forwards, radius * inwards
+        self._turn = turn
+        self.duration = turn.duration
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the circle at times (n,) [s]."""
+        angle, w, w_1, w_2 = (each[:, None] for each in self._turn.at(seconds))
+        along = np.cos(angle) * self._forwards + np.sin(angle) * self._inwards
+        inwards = np.cos(angle) * self._inwards - np.sin(angle) * self._forwards
+        return PathSamples(
+            p_WB=self._centre - inwards,
+            v_WB_W=w * along,
+            a_WB_W=w**2 * inwards + w_1 * along,
+            j_WB_W=3.0 * w * w_1 * inwards + (w_2 - w**3) * along,
+        )
+
+
 class SplinePath:
     """A spline of degree 5 or more from 0 to ``duration`` [s].
 
-    Its values are positions [m] (n, 3), or (n, 4) with the yaw [rad] as the last column.
+    The values are positions [m] (n, 3), or (n, 4) with the yaw [rad] as the last column.
     """
 
     periodic = False
@@ -170,7 +206,7 @@ class Slowed:
 
 
 class Turned:
-    """A path with the first coordinate of another as its yaw [rad]."""
+    """A path whose yaw [rad] is the first coordinate of another path."""
 
     def __init__(self, path: Path, yaw: Path) -> None:
         self._path, self._yaw = path, yaw

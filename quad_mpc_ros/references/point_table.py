@@ -1,15 +1,15 @@
 """Paths from positions over time.
 
-They come from a recorded run, a message, or a file of comma-separated values with units in the
+Points come from a recorded run, a message, or a file of comma-separated values with units in the
 header:
 
     time [s], x [m], y [m], z [m], yaw [rad]
     0.00, 0.0, 0.0, 1.0, 0.0
     0.50, 0.1, 0.0, 1.0, 0.0
 
-Positions are in the world (ENU). ``yaw [rad]`` may be left out, and the columns may be in any
+Positions are in the world (ENU). ``yaw [rad]`` may be omitted, and the columns may be in any
 order. Empty lines and lines that begin with ``#`` are skipped. With the columns of a whole motion
-(:mod:`quad_mpc_ros.references.motion_table`) in place of yaw, it is flown as it is.
+(:mod:`quad_mpc_ros.references.motion_table`) instead of yaw, the motion is flown unchanged.
 """
 
 from __future__ import annotations
@@ -33,11 +33,10 @@ from quad_mpc_ros.references.minimum_snap import (
 )
 from quad_mpc_ros.references.motion_table import (
     MOTION_UNITS,
-    PLANNED_WITH,
     MotionTable,
     PlannedMotion,
 )
-from quad_mpc_ros.references.path import Chain, Path, SplinePath, Turned
+from quad_mpc_ros.references.path import Chain, Path, RestPath, SplinePath, Turned
 
 LEAST_POINTS = 6
 _SLOW = 0.5  # m/s
@@ -57,16 +56,16 @@ _HEADER = (
 
 @dataclass(frozen=True, kw_only=True)
 class TableParameters(LegParameters):
-    """Where the points come from, and how near to them it is flown."""
+    """Source of the points, and tolerance of the path."""
 
     file: str = parameter(
         "",
-        doc="csv: the table to fly. bag: the recorded run to fly again. gates: a plan of quad_mpc "
-        "plan; without one a smooth path is flown.",
+        doc="csv: table to fly. bag: recorded run to fly again. gates: plan from quad_mpc plan; "
+        "if empty, a smooth path is flown.",
     )
     path_tolerance: float = parameter(
         0.005,
-        doc="csv, bag: how far the smooth curve may be from the points, root mean square.",
+        doc="csv, bag: largest RMS distance of the smooth curve from the points.",
         unit="m",
         above=0.0,
         advanced=True,
@@ -78,7 +77,7 @@ class PointTable:
     """Positions over time, in the world.
 
     Shapes: ``seconds`` (n,) [s], increasing; ``p_WB`` (n, 3) [m]; ``yaw`` (n,) [rad] or None.
-    ``source`` says where they come from, in errors.
+    ``source`` is their origin, for errors.
     """
 
     source: str
@@ -98,13 +97,13 @@ class PointTable:
         for index in np.flatnonzero(np.diff(self.seconds) <= 0.0)[:1]:
             raise UserError(
                 f"{self.source}: the time of point {index + 1} (counted from 0), "
-                f"{self.seconds[index + 1]:g} s, is not after that of the point before, "
+                f"{self.seconds[index + 1]:g} s, is not after the time of the previous point, "
                 f"{self.seconds[index]:g} s"
             )
 
 
 BagReader = Callable[[FilePath], PointTable]
-"""Returns the odometry of a recorded run. Bags are read above this layer, so it is handed in."""
+"""Returns the odometry of a recorded run; an argument, as bags are read above this layer."""
 
 
 def csv_path(config: TableParameters) -> Path | PlannedMotion:
@@ -119,7 +118,7 @@ def bag_path(config: TableParameters, read_bag: BagReader | None = None) -> Path
     """Return the path along the configured run, read by ``read_bag``."""
     file = _file(config, "bag")
     if read_bag is None:
-        raise ConfigurationError(f"{config.owner}.file", config.file, "a file that is no bag")
+        raise ConfigurationError(f"{config.owner}.file", config.file, "a file that is not a bag")
     return table_path(read_bag(file), config)
 
 
@@ -132,46 +131,40 @@ def _file(config: TableParameters, kind: str) -> FilePath:
 def table_path(table: PointTable, config: TableParameters) -> Path:
     """Return a smooth path along a table, from rest to rest.
 
-    It is the smoothest curve within ``path_tolerance`` (root mean square) of the points, so that
-    measurement noise does not become an acceleration. A table that begins or ends slowly is taken
-    to begin or end at rest. Otherwise minimum-snap legs within ``max_speed`` and
-    ``max_acceleration`` are added, from rest to its first point, which is then reached later, and
-    from its last one to rest.
+    The path is the smoothest curve within ``path_tolerance`` (root mean square) of the points, so
+    that measurement noise does not become an acceleration. A table that starts or ends slowly is
+    assumed to start or end at rest. Otherwise minimum-snap legs within ``max_speed`` and
+    ``max_acceleration`` are added, from rest to the first point, which is then reached later, and
+    from the last point to rest.
     """
     rests = _slow_ends(table)
     points = table.p_WB + np.array([*config.origin, 0.0])
     path = _smoothed(table, points, tolerance=config.path_tolerance, rests=rests)
-    turn = None
+    turn: Path = RestPath(np.zeros(3), duration=path.duration)
     if table.yaw is not None:
         yaw = np.zeros((len(table.yaw), 3))
         yaw[:, 0] = np.unwrap(table.yaw)
         turn = _smoothed(table, yaw, tolerance=_YAW_TOLERANCE, rests=rests)
     limits = {"max_speed": config.max_speed, "max_acceleration": config.max_acceleration}
-    links: list[Path] = [_with_yaw(path, turn)]
+    links: list[Path] = [Turned(path, turn)]
     (start, end), rest = _ends(path), End.at_rest(None)
     if not rests[0]:
         leg = leg_within(rest, start, **limits)
-        yaw_leg = turn and Leg(rest, _ends(turn)[0], duration=leg.duration)
-        links.insert(0, _with_yaw(leg, yaw_leg))
+        links.insert(0, Turned(leg, Leg(rest, _ends(turn)[0], duration=leg.duration)))
     if not rests[1]:
         leg = leg_within(end, rest, **limits)
-        yaw_leg = turn and Leg(_ends(turn)[1], rest, duration=leg.duration)
-        links.append(_with_yaw(leg, yaw_leg))
+        links.append(Turned(leg, Leg(_ends(turn)[1], rest, duration=leg.duration)))
     return Chain(links)
 
 
 def _slow_ends(table: PointTable) -> tuple[bool, bool]:
-    """Return whether the table begins and whether it ends slowly."""
+    """Return whether the table starts slowly and whether it ends slowly."""
     steps = np.linalg.norm(np.diff(table.p_WB, axis=0), axis=1)
     speeds = steps / np.diff(table.seconds)
     return bool(speeds[0] < _SLOW), bool(speeds[-1] < _SLOW)
 
 
-def _with_yaw(path: Path, turn: Path | None) -> Path:
-    return path if turn is None else Turned(path, turn)
-
-
-def _ends(path: SplinePath) -> tuple[End, End]:
+def _ends(path: Path) -> tuple[End, End]:
     ends = path.at(np.array([0.0, path.duration]))
     return End.of(ends, 0), End.of(ends, 1)
 
@@ -188,7 +181,7 @@ def _smoothed(
     except ValueError as error:
         raise UserError(
             f"{table.source}: {error} from its points, more than "
-            f"reference.advanced.path_tolerance, {tolerance:g}: set that higher"
+            f"reference.advanced.path_tolerance, {tolerance:g}: increase this parameter"
         ) from error
     return SplinePath(curve, duration=float(seconds[-1]))
 
@@ -198,7 +191,7 @@ def read_csv(path: FilePath) -> PointTable | MotionTable:
 
     Raises :class:`UserError` with the line and the reason.
     """
-    rows, comments = read_csv_table(path)
+    rows = read_csv_table(path)
     if not rows:
         raise UserError(f"{path}: empty, expected a header {_HEADER} and points")
     names = _column_names(path, *rows[0])
@@ -215,7 +208,7 @@ def read_csv(path: FilePath) -> PointTable | MotionTable:
         if len(values["time"]) > 1 and not values["time"][-1] > values["time"][-2]:
             raise UserError(
                 f"{path}: line {number}: time {values['time'][-1]:g} s is not after "
-                f"{values['time'][-2]:g} s, that of the point before"
+                f"{values['time'][-2]:g} s, the time of the previous point"
             )
     _refuse_other_unit(path, np.array(values["time"]))
     points = PointTable(
@@ -234,14 +227,6 @@ def read_csv(path: FilePath) -> PointTable | MotionTable:
         a_WB_W=_columns(values, "ax", "ay", "az"),
         q_WB_xyzw=_columns(values, "qx", "qy", "qz", "qw"),
         w_WB_B=_columns(values, "wx", "wy", "wz"),
-        planned_with=next(
-            (
-                line.removeprefix(PLANNED_WITH)
-                for line in comments
-                if line.startswith(PLANNED_WITH)
-            ),
-            "",
-        ),
     )
 
 
@@ -284,7 +269,7 @@ def _number(path: FilePath, number: int, name: str, cell: str) -> float:
 
 
 def _refuse_other_unit(path: FilePath, seconds: Array) -> None:
-    """Refuse times that are not in seconds: too far apart, or too late for a date."""
+    """Reject times that are not in seconds: too far apart, or too late for a date."""
     if len(seconds) < LEAST_POINTS:
         return
     step = float(np.median(np.diff(seconds)))

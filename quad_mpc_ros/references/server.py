@@ -27,7 +27,7 @@ _BLOCK_SIZE = 256
 
 
 class ReferenceServer:
-    """Cuts windows out of a trajectory, the configured one unless another is given.
+    """Cuts windows out of the configured or a given trajectory.
 
     Until :meth:`start` the trajectory is held at its beginning, at rest. Smooth trajectories are
     always previewed.
@@ -44,12 +44,12 @@ class ReferenceServer:
 
     @property
     def fixed(self) -> bool:
-        """Whether the trajectory never changes, by its own statement."""
+        """Whether the trajectory is declared as never changing."""
         return getattr(self._trajectory, "fixed", False) is True
 
     @property
     def started(self) -> bool:
-        """Whether the trajectory's time runs."""
+        """Whether the trajectory has started."""
         return self._started_ns is not None
 
     def start(self, stamp_ns: int) -> None:
@@ -63,7 +63,7 @@ class ReferenceServer:
     def windows(self, stamps_ns: Sequence[int]) -> list[ReferenceWindow]:
         """Return the reference from each stamp on.
 
-        The trajectory is sampled once, which for many stamps takes little longer than for one.
+        The trajectory is sampled once: many stamps take little longer than one.
         """
         begin_ns = self._started_ns
         starts = [
@@ -104,7 +104,7 @@ class ReferenceServer:
     def whole(self) -> TrajectorySamples:
         """Return the whole trajectory once, for drawing: every step and both sides of jumps.
 
-        A long one has longer steps.
+        A long trajectory has longer steps.
         """
         period = self._trajectory.period_ns
         grid = [*range(0, period, max(self._step_ns, period // _MAX_DRAWN_SAMPLES)), period]
@@ -113,20 +113,20 @@ class ReferenceServer:
         )
 
     def _held(self, now_ns: int) -> _Times:
-        """Return the present twice: it is held over the window."""
+        """Return the current sample twice: it is held over the window."""
         return _Times(
             published=np.array((now_ns, now_ns + self._duration_ns)),
             sampled=np.array((now_ns, now_ns)),
         )
 
     def _previewed(self, now_ns: int) -> _Times:
-        """Return every step of the window, and both sides of the jumps in it."""
+        """Return every step of the window, and both sides of its jumps."""
         return self._with_jumps(now_ns + self._grid_ns, end_ns=now_ns + self._duration_ns)
 
     def _with_jumps(self, grid: NDArray[np.int64], *, end_ns: int) -> _Times:
-        """Return times with each jump up to ``end_ns`` twice among them.
+        """Return times that include each jump up to ``end_ns`` twice.
 
-        The two are both sides of the jump; a sample at its time comes after both.
+        Both entries are the sides of the jump; a sample at the same time comes after both.
         """
         jumps = self._trajectory.jumps(int(grid[0]), end_ns)
         if not jumps:
@@ -139,7 +139,7 @@ class ReferenceServer:
 
 
 class WindowsAhead:
-    """Windows of known stamps, cut in blocks; of a trajectory that may change, one by one."""
+    """Windows of known stamps, cut in blocks, or one by one if the trajectory may change."""
 
     def __init__(self, server: ReferenceServer, stamps_ns: Iterable[int]) -> None:
         """Take the stamps in order; some may be skipped later."""
@@ -148,9 +148,9 @@ class WindowsAhead:
         self._ahead: deque[ReferenceWindow] = deque()
 
     def window(self, stamp_ns: int) -> ReferenceWindow:
-        """Return the window of a stamp and drop those before it.
+        """Return the window of a stamp and drop earlier windows.
 
-        Raises ``ValueError`` for a stamp that is not among those to come.
+        Raises ``ValueError`` for a stamp that is not among the remaining stamps.
         """
         if not self._server.fixed:
             return self._server.window(stamp_ns)
@@ -158,7 +158,7 @@ class WindowsAhead:
             if not self._ahead:
                 block = [*itertools.islice(self._stamps_ns, _BLOCK_SIZE)]
                 if not block:
-                    raise ValueError(f"no stamp to come is {stamp_ns} ns")
+                    raise ValueError(f"no future stamp is {stamp_ns} ns")
                 self._ahead.extend(self._server.windows(block))
             window = self._ahead.popleft()
             if window.stamp_ns == stamp_ns:
@@ -166,7 +166,7 @@ class WindowsAhead:
 
 
 class _Times(NamedTuple):
-    """The times of a window's samples (n,): as shown, and as sampled from the trajectory."""
+    """The times of a window's samples (n,): as published, and as sampled from the trajectory."""
 
     published: NDArray[np.int64]
     sampled: NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""A smooth turn from rest to rest: an angle over time, and the circle with this angle.
+"""A smooth turn from rest to rest: an angle over time.
 
 The rate is proportional to (1 - u^4)^3 for u from -1 to 1: flat in the middle, where it is 1.52
 times the mean, and zero with its first two derivatives at both ends.
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.references.path import PathSamples
 
 _RATE_SHAPE = Polynomial([1.0, 0.0, 0.0, 0.0, -1.0]) ** 3
 _ANGLE_SHAPE = _RATE_SHAPE.integ(lbnd=-1.0)
@@ -21,7 +20,7 @@ _SHARES = [
 ]
 
 PEAK = float(2.0 * _SHARES[1](0.0))
-"""The highest rate of a turn over its mean."""
+"""Ratio of the highest to the mean rate of a turn."""
 
 
 class SmoothTurn:
@@ -45,38 +44,3 @@ class SmoothTurn:
             for order, share in enumerate(_SHARES)
         )
         return angle, rate, rate_1, rate_2
-
-
-class CircularPath:
-    """A part of a circle from rest to rest."""
-
-    periodic = False
-
-    def __init__(
-        self, start: Array, *, forwards: Array, inwards: Array, radius: float, turn: SmoothTurn
-    ) -> None:
-        """Take the circle at its start.
-
-        Args:
-            start: Position (3,) [m].
-            forwards: Unit vector (3,) of the first motion.
-            inwards: Unit vector (3,) from the start to the centre.
-            radius: Radius [m].
-            turn: The angle over time.
-        """
-        self._centre = start + radius * inwards
-        self._forwards, self._inwards = radius * forwards, radius * inwards
-        self._turn = turn
-        self.duration = turn.duration
-
-    def at(self, seconds: Array) -> PathSamples:
-        """Return the circle at times (n,) [s]."""
-        angle, w, w_1, w_2 = (each[:, None] for each in self._turn.at(seconds))
-        along = np.cos(angle) * self._forwards + np.sin(angle) * self._inwards
-        inwards = np.cos(angle) * self._inwards - np.sin(angle) * self._forwards
-        return PathSamples(
-            p_WB=self._centre - inwards,
-            v_WB_W=w * along,
-            a_WB_W=w**2 * inwards + w_1 * along,
-            j_WB_W=3.0 * w * w_1 * inwards + (w_2 - w**3) * along,
-        )

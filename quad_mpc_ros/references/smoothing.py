@@ -2,7 +2,7 @@
 
 Eilers and Marx, "Flexible smoothing with B-splines and penalties" (1996): least squares on a
 uniform grid of knots, with the fourth differences of the coefficients, which stand for snap, as
-the penalty. The penalty's weight is the largest with which the curve is still near enough.
+the penalty. The penalty's weight is the largest for which the curve is within the tolerance.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ def smooth_curve(
     """Return the smoothest curve with values (n, k) at ``seconds`` (n,), increasing.
 
     The root mean square of its distance to ``values`` (n, k) is at most ``tolerance``. ``rests``
-    is whether it begins and ends at rest, in all derivatives. Raises ``ValueError`` when no
-    such curve is near enough.
+    is whether the curve starts and ends at rest, in all derivatives. Raises ``ValueError`` if no
+    curve is within the tolerance.
     """
     duration = float(seconds[-1] - seconds[0])
     step = max(min(float(np.median(np.diff(seconds))), _LONGEST_STEP), duration / _MOST_KNOTS)
@@ -60,7 +60,7 @@ def smooth_curve(
 
 
 def _with_equal_ends(count: int, rests: tuple[bool, bool]) -> sparse.csr_array:
-    """Return the map from free coefficients to all: those of a span at rest are equal."""
+    """Return the map from free to all coefficients: coefficients of a span at rest are equal."""
     first = np.arange(count)
     if rests[0]:
         first = np.maximum(first - _DEGREE, 0)

@@ -1,8 +1,8 @@
-"""A split-S: run up, roll upside down, pull through downwards, and fly back the way it came.
+"""A split-S: accelerate, roll upside down, pull through downwards, and fly back.
 
-Roll and pull are given by thrust (``references/thrust_path.py``): little while rolling, more in
-the pull; a minimum-snap leg takes the remaining speed. The final heading is opposite to the
-initial one, because the body turns with its thrust axis and never about it.
+Roll and pull are defined by thrust (``references/thrust_path.py``): low in the roll, higher in the
+pull; a minimum-snap leg brakes from the remaining speed. The final heading is opposite to the
+initial one, because the body turns with its thrust axis and never about this axis.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ _MAX_PULL = 3.0  # strongest, over gravity
 
 @dataclass(frozen=True, kw_only=True)
 class SplitSParameters(VerticalLoopParameters, TurnParameters):
-    """A split-S has none of its own."""
+    """Parameters of a split-S: parameters of a loop and of a rotation."""
 
 
 def split_s(config: SplitSParameters) -> Path:
-    """Return the split-S of a configuration, its lowest point at the configured height."""
+    """Return the configured split-S, with the lowest point at the configured height."""
     force = config.coasting_thrust * config.gravity
     forward = np.array([math.cos(config.yaw), math.sin(config.yaw), 0.0])
     # The speed at which gravity and this thrust bend the inverted path to the radius.
@@ -70,9 +70,9 @@ def split_s(config: SplitSParameters) -> Path:
 
 
 def _pulling(turn: SmoothTurn, *, force: float, hover: float, forward: Array) -> Thrust:
-    """Return a thrust from ``force`` downwards to ``hover`` upwards by way of backwards.
+    """Return a thrust from ``force`` downwards via backwards to ``hover`` upwards.
 
-    It is strongest in the second half, where it must hold against gravity as well.
+    The thrust is strongest in the second half, where it must also compensate gravity.
     """
     strength = _MAX_PULL * hover
     peak = float(turn.at(np.array([0.5 * turn.duration]))[1][0])

@@ -17,18 +17,18 @@ from quad_mpc_ros.references.waypoints import Steps, StopParameters, rests_and_l
 
 @dataclass(frozen=True, kw_only=True)
 class SquareParameters(StopParameters):
-    """The square's own."""
+    """Parameters of the square."""
 
-    side: float = parameter(2.0, doc="square: length of its sides.", unit="m", above=0.0)
+    side: float = parameter(2.0, doc="square: length of a side.", unit="m", above=0.0)
 
 
 def square(config: SquareParameters) -> Steps:
     """Return the configured square, repeated."""
-    return Steps(_corners(config), dwell_time=config.dwell_time, yaw=config.yaw, closed=True)
+    return Steps(_corners(config), dwell_time=config.dwell_time, yaw=config.yaw)
 
 
 def smooth_square(config: SquareParameters) -> Path:
-    """Return the same square with legs of minimum snap and a rest at each corner, repeated."""
+    """Return the square with minimum-snap legs and a rest at each corner, repeated."""
     corners = _corners(config)
     return Chain(rests_and_legs(np.vstack((corners, corners[:1])), config), periodic=True)
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.minimum_snap import End, leg_within
-from quad_mpc_ros.references.path import Chain, Path
-from quad_mpc_ros.references.smooth_turn import CircularPath, SmoothTurn
+from quad_mpc_ros.references.path import Chain, CircularPath, Path
+from quad_mpc_ros.references.smooth_turn import SmoothTurn
 
 CHECK_HEIGHT, CHECK_RADIUS = 0.25, 0.03  # m above the ground, m
 _CHECK_DURATION = 1.5  # s; peak acceleration 1.2 m/s^2
@@ -27,10 +27,10 @@ def take_off_path(
 
     Args:
         p_WB: Position on the ground (3,) [m].
-        height: Height of the end [m].
-        checks: Whether it contains the circle; not below its height.
-        max_speed: Of the climb [m/s].
-        max_acceleration: Of the climb [m/s^2].
+        height: Final height [m].
+        checks: Whether the path contains the circle; not below the height of the circle.
+        max_speed: Speed limit of the climb [m/s].
+        max_acceleration: Acceleration limit of the climb [m/s^2].
     """
 
     def climb(start: Array, end: Array) -> Path:

@@ -1,8 +1,8 @@
-"""A path given by its thrust over time instead of positions.
+"""A path defined by its thrust over time instead of positions.
 
-A vehicle that turns over with little thrust falls. So the thrust is given, and the path follows
-by integration of the dynamics with drag. Where drag differs between the body axes its mean across
-the thrust is used, without lift: the path remains feasible, its thrust differs slightly.
+A vehicle that flips with little thrust falls. So the thrust is given, and the path follows from
+integration of the dynamics with drag. If drag differs between the body axes, the mean across the
+thrust is used, without lift: the path remains feasible, its thrust differs slightly.
 """
 
 from __future__ import annotations
@@ -28,28 +28,28 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, kw_only=True)
 class TurnParameters(TrajectoryParameters):
-    """How the vehicle turns over while falling."""
+    """Parameters of a turn with little thrust."""
 
     flip_rate: float = parameter(
         12.0,
-        doc="flip, split_s: highest body rate of the turn.",
+        doc="flip, split_s: highest body rate of the rotation.",
         unit="rad/s",
         minimum=1.0,
         maximum=1000.0,
     )
     coasting_thrust: float = parameter(
         0.3,
-        doc="flip, split_s: thrust over weight while turning over.",
+        doc="flip, split_s: thrust-to-weight ratio during the rotation.",
         minimum=0.01,
         maximum=1.0,
     )
 
 
 class ThrustPath:
-    """The motion under a thrust from a position and velocity, (3,) each.
+    """The motion under thrust from a position and velocity, (3,) each.
 
     dp/dt = v and dv/dt = f - g e_3 - mu v, integrated once by an order 8 method with dense output;
-    acceleration and jerk follow from the thrust, so that flatness gives back exactly that thrust.
+    acceleration and jerk follow from the thrust, so that flatness reproduces exactly this thrust.
     """
 
     periodic = False
@@ -66,12 +66,12 @@ class ThrustPath:
         from scipy.integrate import solve_ivp
 
         self.duration = duration
-        self._thrust, self._drag = thrust, _MeanDrag.of(config)
+        self._thrust, self._config = thrust, config
         self._weight = np.array([0.0, 0.0, config.gravity])
 
         def rate(time: float, state: Array) -> Array:
             force, force_rate = thrust(np.array([time]))
-            drag, _ = self._drag.under(force, force_rate)
+            drag, _ = _mean_drag(config, force, force_rate)
             return np.concatenate((state[3:], force[0] - self._weight - drag[0] * state[3:]))
 
         solved = solve_ivp(
@@ -84,7 +84,7 @@ class ThrustPath:
             atol=_TOLERANCE,
         )
         if solved.sol is None:
-            raise ValueError(f"the motion under a thrust cannot be integrated: {solved.message}")
+            raise ValueError(f"the motion under thrust cannot be integrated: {solved.message}")
         self._state = solved.sol
 
     def at(self, seconds: Array) -> PathSamples:
@@ -92,7 +92,7 @@ class ThrustPath:
         seconds = np.clip(seconds, 0.0, self.duration)
         force, force_rate = self._thrust(seconds)
         state = self._state(seconds).T
-        drag, drag_rate = self._drag.under(force, force_rate)
+        drag, drag_rate = _mean_drag(self._config, force, force_rate)
         acceleration = force - self._weight - drag * state[:, 3:]
         return PathSamples(
             p_WB=state[:, :3],
@@ -102,28 +102,19 @@ class ThrustPath:
         )
 
 
-@dataclass(frozen=True)
-class _MeanDrag:
-    """The mean drag across the thrust [1/s], of the air and of the rotors at hover's speed."""
+def _mean_drag(config: TurnParameters, force: Array, force_rate: Array) -> tuple[Array, Array]:
+    """Return the mean drag across the thrust [1/s] and its rate [1/s^2], (n, 1) each.
 
-    air: float
-    rotors: float
-    gravity: float
-
-    @classmethod
-    def of(cls, config: TurnParameters) -> _MeanDrag:
-        """Return that of a vehicle."""
-        (x, y, _), (rotors_x, rotors_y, _) = per_axis(config.drag), per_axis(config.rotor_drag)
-        mean = x if x == y else 0.5 * (x + y)
-        return cls(mean, 0.5 * (rotors_x + rotors_y), config.gravity)
-
-    def under(self, force: Array, force_rate: Array) -> tuple[Array, Array]:
-        """Return it, and its rate, (n, 1) each, under thrusts over mass (n, 3) and their rates."""
-        size = np.linalg.norm(force, axis=1, keepdims=True)
-        speed = np.sqrt(size / self.gravity)
-        size_rate = np.sum(force * force_rate, axis=1, keepdims=True) / size
-        speed_rate = 0.5 * size_rate / (self.gravity * speed)
-        return self.air + self.rotors * speed, self.rotors * speed_rate
+    The drag is from the body, and from the rotors at their speed under thrusts over mass ``force``
+    (n, 3) [m/s^2] with the rates ``force_rate``.
+    """
+    (x, y, _), (rotors_x, rotors_y, _) = per_axis(config.drag), per_axis(config.rotor_drag)
+    air, rotors = x if x == y else 0.5 * (x + y), 0.5 * (rotors_x + rotors_y)
+    size = np.linalg.norm(force, axis=1, keepdims=True)
+    speed = np.sqrt(size / config.gravity)
+    size_rate = np.sum(force * force_rate, axis=1, keepdims=True) / size
+    speed_rate = 0.5 * size_rate / (config.gravity * speed)
+    return air + rotors * speed, rotors * speed_rate
 
 
 def turning_over(
@@ -131,12 +122,12 @@ def turning_over(
 ) -> tuple[Leg, ThrustPath]:
     """Return a leg of ``entry`` [s] from hovering to a velocity (3,) [m/s], and the turn there.
 
-    The leg ends as the turn begins: moving freely but for the coasting thrust, upwards. In the
-    turn that keeps its size and turns by way of a direction ``towards`` (3,).
+    The leg ends in the state at the start of the turn: moving upwards with the coasting thrust. In
+    the turn this thrust is constant and rotates through a direction ``towards`` (3,).
     """
     gravity = config.gravity
     force = config.coasting_thrust * gravity
-    (((drag,),), _) = _MeanDrag.of(config).under(force * _UP[None], np.zeros((1, 3)))
+    (((drag,),), _) = _mean_drag(config, force * _UP[None], np.zeros((1, 3)))
     acceleration = (force - gravity) * _UP - drag * v_WB_W
     leg = Leg(
         End.at_rest(np.array([*config.origin, config.height])),

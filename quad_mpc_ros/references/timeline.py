@@ -1,4 +1,4 @@
-"""Trajectories one after the other on a clock, and the time of a flight."""
+"""Successive trajectories on a clock, and the time of a flight."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MIN_OFFSET_NS, _TOLERANCE_NS, _CONFIRMATION_NS = 200_000_000, 100_000_000, 50_0
 
 @dataclass(frozen=True, kw_only=True)
 class Phase:
-    """A trajectory, its name, and the time at which it begins."""
+    """A trajectory with its name and start time."""
 
     start_ns: int
     name: str
@@ -29,7 +29,7 @@ class Phase:
 class Timeline:
     """A trajectory over the time of a clock, made of phases; each lasts until the next begins.
 
-    Its list of phases is never changed, but replaced, so that :meth:`snapshot` may be called in
+    The list of phases is never modified, only replaced, so that :meth:`snapshot` may be called in
     another thread.
     """
 
@@ -45,11 +45,11 @@ class Timeline:
 
     @property
     def version(self) -> object:
-        """The same object as long as the phases are the same."""
+        """The object is unchanged as long as the phases are."""
         return self._phases
 
     def phase(self, time_ns: int) -> Phase:
-        """Return the phase at a time; the first one before its beginning."""
+        """Return the phase at a time; before its beginning, the first phase."""
         phases = self._phases
         return phases[_owner(phases, time_ns)]
 
@@ -59,13 +59,13 @@ class Timeline:
         return self._phases[-1]
 
     def follow(self, phases: list[Phase]) -> None:
-        """Replace all phases from the beginning of the first of these on; in order of time."""
+        """Replace all phases from the start of the first given phase on, in order of time."""
         start_ns = phases[0].start_ns
         kept = [phase for phase in self._phases if phase.start_ns < start_ns]
         self._phases = [*kept[-_KEPT_PHASES:], *phases]
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Transform all phases by an announced step of the estimate."""
+        """Transform all phases by an announced odometry jump."""
         self._phases = [
             dataclasses.replace(phase, trajectory=ResetTrajectory(phase.trajectory, reset))
             for phase in self._phases
@@ -96,7 +96,7 @@ class Timeline:
 
 
 class ResetTrajectory:
-    """A trajectory transformed by a step of the estimate."""
+    """A trajectory transformed by an odometry jump."""
 
     def __init__(self, trajectory: Trajectory, reset: EstimateReset) -> None:
         self._trajectory, self._reset = trajectory, reset
@@ -139,9 +139,9 @@ class FlightTime:
 
 
 class StampClock:
-    """Offset of the clock of the odometry's stamps from that of the flight; 0 if they agree.
+    """Offset of the odometry's clock from the flight's clock; 0 if they agree.
 
-    With an offset the flight uses its own clock, and its windows have stamps of the odometry's.
+    With an offset the flight has a separate clock; windows have stamps of the odometry's.
     """
 
     def __init__(self) -> None:

@@ -17,7 +17,7 @@ from quad_mpc_ros.control.model.vehicle import VehicleParameters
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrajectorySamples:
-    """A trajectory at n times; world frame, as the message carries it.
+    """A trajectory at n times, in the world frame, as in the message.
 
     Shapes: ``p_WB``, ``v_WB_W``, ``a_WB_W``, ``w_WB_W`` (n, 3) in m, m/s, m/s^2, rad/s;
     ``q_WB_xyzw`` (n, 4).
@@ -34,38 +34,38 @@ class TrajectorySamples:
 class Trajectory(Protocol):
     """A reference to fly. Times are integer nanoseconds from its start, of any sign.
 
-    A class with trajectories that never change may set ``fixed = True``: then they are sampled at
-    many times at once, long before they are flown.
+    A class with trajectories that never change may set ``fixed = True``: they are then sampled at
+    many times at once, long before the flight.
     """
 
     def at(self, times_ns: list[int]) -> TrajectorySamples:
-        """Return the samples at these times; at a jump, the values after it."""
+        """Return the samples at these times; at a jump, the values after the jump."""
 
     def jumps(self, start_ns: int, end_ns: int) -> list[int]:
         """Return the times in (start, end] at which the trajectory is not continuous."""
 
     @property
     def period_ns(self) -> int:
-        """Duration, or period, of the trajectory; 0 if it never moves."""
+        """Duration, or period, of the trajectory; 0 without motion."""
 
     @property
     def smooth(self) -> bool:
-        """Whether it has no jumps: it is previewed, and flights begin on it."""
+        """Whether the trajectory has no jumps: it is previewed, and flights can start on it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrajectoryParameters(VehicleParameters):
-    """The common parameters of trajectories: the vehicle, and where they are flown.
+    """The common parameters of trajectories: vehicle, position and heading.
 
     Further parameters of a trajectory are declared in a class derived from this one, in its file.
-    All of them together are the parameters of the reference node, so their names must differ.
+    Parameters of all trajectories belong to the reference node, so their names must differ.
     """
 
     owner = "reference"
 
     origin: tuple[float, ...] = parameter(
         (0.0, 0.0),
-        doc="Where the origin of the trajectory lies, east and north; not used by gates.",
+        doc="Origin of the trajectory, east and north; not used by gates.",
         unit="m",
         length=2,
     )
@@ -80,8 +80,8 @@ class TrajectoryParameters(VehicleParameters):
     yaw: float = parameter(
         0.0,
         doc="Heading while level, from east to north; vertical_loop, flip and split_s are flown "
-        "in this direction. Added to the heading of an ellipse and to the yaw of a csv without "
-        "attitudes.",
+        "in this direction. The angle is added to the heading of an ellipse and to the yaw of a "
+        "csv without attitudes.",
         unit="rad",
         minimum=-math.tau,
         maximum=math.tau,

@@ -1,4 +1,4 @@
-"""From one flat state to another, without a jump in position, velocity, attitude or rates."""
+"""Transition between flat states, without a jump in position, velocity, attitude or rates."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _PEAK = 35.0 / 16.0
 class FlatState:
     """Flat outputs and their derivatives: ``end`` of a leg, yaw [rad] and its rate [rad/s].
 
-    Yaw is the turn about body z after the shortest tilt from level. ``inverted`` means that the
-    thrust points below the horizon.
+    Yaw is the rotation about body z after the shortest tilt from level. ``inverted`` means that
+    the thrust points below the horizon.
     """
 
     end: End
@@ -34,14 +34,14 @@ class FlatState:
 
     @staticmethod
     def at_rest(p_WB: Array | None, *, yaw: float) -> FlatState:
-        """Return rest at a position (3,) [m] or, with None, anywhere."""
+        """Return the state of rest at a position (3,) [m], or at any position for None."""
         return FlatState(end=End.at_rest(p_WB), yaw=yaw)
 
 
 def flat_state_of(trajectory: Trajectory, time_ns: int) -> FlatState:
     """Return the flat state of a smooth trajectory at a time.
 
-    Jerk and yaw rate are forward differences: before the beginning there is nothing.
+    Jerk and yaw rate are forward differences, because the trajectory may start at this time.
     """
     samples = trajectory.at([time_ns, time_ns + _STEP_NS, time_ns + 2 * _STEP_NS])
     R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
@@ -67,9 +67,9 @@ def transition(
     max_acceleration: float,
     max_yaw_rate: float,
 ) -> Path:
-    """Return the quickest path of minimum snap within the limits [m/s, m/s^2, rad/s].
+    """Return the fastest minimum-snap path within the limits [m/s, m/s^2, rad/s].
 
-    It leads from one flat state to another and turns the shorter way.
+    The path connects two flat states and turns in the shorter direction.
     """
     turned = math.remainder(goal.yaw - start.yaw, math.tau)
     leg = leg_within(start.end, goal.end, max_speed=max_speed, max_acceleration=max_acceleration)

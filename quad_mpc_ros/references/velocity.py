@@ -1,14 +1,14 @@
-"""A path that follows commands of velocity, within a box and limits of speed and acceleration.
+"""A path that follows velocity commands, within a box and limits of speed and acceleration.
 
-In steps of ``STEP`` a double integrator follows a command for as long as it holds and then brakes
-to rest. Its positions are the control points of a uniform B-spline of degree 5, which is the path.
-A spline lies in the convex hull of its control points, its velocity in that of their differences
-and its acceleration in that of their second differences (de Boor, "A Practical Guide to Splines",
-1978, chapter X). So whatever the commands are, the path keeps what the control points keep: the
-box, the speed, the acceleration. It is continuous up to its fourth derivative.
+In steps of ``STEP`` a double integrator follows a valid command and then brakes to rest. The
+positions are the control points of a uniform B-spline of degree 5, the path. A spline is in the
+convex hull of its control points; velocity and acceleration are in the hulls of first and second
+differences (de Boor, "A Practical Guide to Splines", 1978, chapter X). So for any commands, the
+path satisfies the limits of the control points: box, speed, acceleration. The path is continuous
+up to its fourth derivative.
 
-A new command moves the control points that come after those of the present step: the path up to
-then stays as it was. What was commanded is flown three to four steps later.
+A new command moves the control points after the current step: the path before is unchanged. A
+command takes effect three to four steps later.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ _MAX_COMMAND = 1e6  # m/s, rad/s
 class VelocityCommand:
     """A velocity (3,) [m/s] and a yaw rate [rad/s] about the vertical.
 
-    With ``heading_aligned`` its x axis points where the nose does, level, and y to the left; else
-    the velocity is in the world. Raises ``ValueError`` where a number is not finite, or absurd.
+    With ``heading_aligned`` its x axis points along the heading, level, and y to the left; else
+    the velocity is in the world. Raises ``ValueError`` for numbers not finite or too large.
     """
 
     velocity: Array
@@ -57,7 +57,7 @@ class VelocityCommand:
     heading_aligned: bool
 
     def __post_init__(self) -> None:
-        """Refuse what is not finite, and what numbers cannot be computed with."""
+        """Reject numbers that are not finite or too large."""
         if not np.all(np.abs([*self.velocity, self.yaw_rate]) <= _MAX_COMMAND):
             raise ValueError(
                 f"velocity {self.velocity.tolist()} m/s and yaw rate {self.yaw_rate} rad/s, "
@@ -66,7 +66,7 @@ class VelocityCommand:
 
     @property
     def moves(self) -> bool:
-        """Whether it asks for any motion."""
+        """Whether a nonzero velocity is commanded."""
         return bool(np.any(self.velocity)) or self.yaw_rate != 0.0
 
 
@@ -94,7 +94,7 @@ class VelocityPath(SplinePath):
         super().__init__(BSpline(knots, points, _DEGREE), duration=(count - _DEGREE) * _STEP)
 
     def fixed(self, steps: int) -> Array:
-        """Return the control points (6, 4) of the step that begins after so many."""
+        """Return the control points (6, 4) of the step that begins after a number of points."""
         return self.points[steps : steps + _DEGREE + 1]
 
 
@@ -126,9 +126,9 @@ def first_points(state: FlatState) -> Array:
 def followed(
     known: Array, command: VelocityCommand, limits: VelocityLimits, *, held: float
 ) -> VelocityPath:
-    """Return the path from known control points (n, 4), n >= 5, on.
+    """Return the path that continues known control points (n, 4), n >= 5.
 
-    It follows the command until ``held`` [s] after its beginning, then it brakes and ends at rest.
+    The path follows the command for ``held`` [s], then brakes and ends at rest.
     """
     pursuit = _Pursuit(known, command, limits)
     while (len(pursuit.points) - _CENTRE_STEPS) * _STEP <= held:
@@ -140,7 +140,7 @@ def followed(
 
 
 class _Pursuit:
-    """The double integrator. Plain numbers: arrays so small would take most of the time."""
+    """The double integrator, in plain numbers, because small arrays are slow."""
 
     def __init__(self, known: Array, command: VelocityCommand, limits: VelocityLimits) -> None:
         self.points: list[tuple[float, ...]] = [tuple(point) for point in known.tolist()]
@@ -157,15 +157,15 @@ class _Pursuit:
         self._wanted: list[float] = command.velocity.tolist()
         self._aligned = command.heading_aligned
         self._wanted_yaw_rate = _clipped(command.yaw_rate, limits.yaw_rate)
-        # It may begin outside, and must then not lead further out.
+        # A path that begins outside must not lead further out.
         stop = self._stop(self._place, self._velocity)
-        points = [*self.points, stop]
-        self._lowest = [min(low, *places) for low, places in self._box(limits.lowest, points)]
-        self._highest = [max(high, *places) for high, places in self._box(limits.highest, points)]
+        places = [*zip(*(point[:_AXES] for point in [*self.points, stop]), strict=True)]
+        self._lowest = [min(low, *axis) for low, axis in zip(limits.lowest, places, strict=True)]
+        self._highest = [max(top, *axis) for top, axis in zip(limits.highest, places, strict=True)]
 
     @property
     def rests(self) -> bool:
-        """Whether nothing moves any more."""
+        """Whether the motion has ended."""
         return not any(self._velocity) and self._yaw_rate == 0.0
 
     def step(self, *, braking: bool) -> None:
@@ -184,7 +184,7 @@ class _Pursuit:
         self.points.append((*self._place, self._yaw))
 
     def _target(self) -> list[float]:
-        """Return the velocity commanded, in the world, as far as speed and walls allow it."""
+        """Return the commanded velocity, in the world, limited by speed and walls."""
         x, y, z = self._wanted
         if self._aligned:
             cos, sin = math.cos(self._yaw), math.sin(self._yaw)
@@ -197,7 +197,7 @@ class _Pursuit:
         ]
 
     def _before(self, distance: float) -> float:
-        """Return the speed at a distance from a wall that needs less than the acceleration.
+        """Return the speed at a distance from a wall that requires less than the acceleration.
 
         For all three axes together: d = v T + v^2 / 2 a, with an a for each axis.
         """
@@ -206,7 +206,7 @@ class _Pursuit:
         return most * _WALL_MARGIN * (root - 1.0)
 
     def _stops_inside(self, velocity: list[float]) -> bool:
-        """Whether it can still stop in the box after a step with a velocity."""
+        """Whether the vehicle can still stop in the box after a step with a velocity."""
         place = [p + v * _STEP for p, v in zip(self._place, velocity, strict=True)]
         stop = self._stop(place, velocity)
         return all(
@@ -215,7 +215,7 @@ class _Pursuit:
         )
 
     def _stop(self, place: list[float], velocity: list[float]) -> list[float]:
-        """Return where braking straight to rest leads from a place and a velocity."""
+        """Return the position at rest after braking from a position and a velocity."""
         speed = math.hypot(*velocity)
         if speed == 0.0:
             return place
@@ -223,16 +223,9 @@ class _Pursuit:
         travelled = _STEP * (count * speed - 0.5 * self._slowing * count * (count + 1))
         return [p + travelled * v / speed for p, v in zip(place, velocity, strict=True)]
 
-    @staticmethod
-    def _box(
-        corner: Sequence[float], points: Sequence[Sequence[float]]
-    ) -> list[tuple[float, list[float]]]:
-        """Return a corner's coordinates, each with those of some points."""
-        return [(bound, [point[axis] for point in points]) for axis, bound in enumerate(corner)]
-
 
 def _towards(values: list[float], wanted: list[float], *, most: float) -> list[float]:
-    """Return a vector that has moved towards another by a length at most."""
+    """Return a vector moved towards another by at most a length."""
     change = [after - before for before, after in zip(values, wanted, strict=True)]
     length = math.hypot(*change)
     if length <= most:

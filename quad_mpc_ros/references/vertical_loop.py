@@ -1,8 +1,8 @@
 """A vertical loop: a full circle in a vertical plane, from rest at its lowest point and back.
 
 The angle is a smooth turn (``references/smooth_turn.py``), so speed, acceleration and jerk are
-continuous from hovering to hovering and the path never leaves the circle. At the top the thrust
-points downwards when the centripetal acceleration v^2/r exceeds gravity.
+continuous from hover to hover, and the path stays on the circle. At the top the thrust points
+downwards when the centripetal acceleration v^2/r exceeds gravity.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError, parameter
-from quad_mpc_ros.references.smooth_turn import CircularPath, SmoothTurn
+from quad_mpc_ros.references.path import CircularPath
+from quad_mpc_ros.references.smooth_turn import SmoothTurn
 from quad_mpc_ros.references.trajectory import TrajectoryParameters
 
 _LEAST_PULL = 1.2  # centripetal acceleration at the top over gravity
@@ -21,18 +22,18 @@ _LEAST_PULL = 1.2  # centripetal acceleration at the top over gravity
 
 @dataclass(frozen=True, kw_only=True)
 class VerticalLoopParameters(TrajectoryParameters):
-    """The loop's own; a split-S has the radius of half a loop."""
+    """Parameters of a vertical loop; a split-S ends with half a loop."""
 
     loop_radius: float = parameter(
         1.5,
-        doc="vertical_loop: its radius. split_s: that of its inverted part.",
+        doc="vertical_loop: radius. split_s: radius of the inverted part.",
         unit="m",
         above=0.0,
         maximum=1e3,
     )
     loop_speed: float = parameter(
         5.5,
-        doc="vertical_loop: speed at its top, the highest.",
+        doc="vertical_loop: speed at the highest point.",
         unit="m/s",
         above=0.0,
         maximum=1e3,
@@ -40,15 +41,15 @@ class VerticalLoopParameters(TrajectoryParameters):
 
 
 def vertical_loop(config: VerticalLoopParameters) -> CircularPath:
-    """Return the loop of a configuration, flown forwards in the direction of the nose."""
+    """Return the configured loop, flown forwards in the direction of the nose."""
     radius, speed = config.loop_radius, config.loop_speed
     least = math.sqrt(_LEAST_PULL * config.gravity * radius)
     if speed < least:
         raise ConfigurationError(
             f"{config.owner}.loop_speed",
             speed,
-            f"at least {least:.3g} m/s, below which a loop of {radius:g} m radius does not "
-            "press the vehicle outwards at its top",
+            f"at least {least:.3g} m/s, below which a loop of {radius:g} m radius needs no "
+            "thrust at its top",
         )
     return CircularPath(
         np.array([*config.origin, config.height]),

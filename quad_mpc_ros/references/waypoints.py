@@ -1,4 +1,4 @@
-"""Configured waypoints: held one after the other, or flown through."""
+"""Configured waypoints, held in turn or flown through; and a hover."""
 
 from __future__ import annotations
 
@@ -23,44 +23,38 @@ _SAME_PLACE = 1e-6  # m
 
 @dataclass(frozen=True, kw_only=True)
 class StopParameters(LegParameters):
-    """Common parameters of trajectories that hold points one after the other."""
+    """Common parameters of trajectories that hold points in turn."""
 
     dwell_time: float = parameter(
         2.0,
-        doc="square, waypoints: time at each corner or waypoint before the next one.",
+        doc="square, waypoints: time at each corner or waypoint.",
         unit="s",
         above=0.0,
     )
     preview: bool = parameter(
         False,
-        doc="square, waypoints with legs of jump: show what is ahead; otherwise the present "
-        "corner is held over the window. Smooth trajectories always show what is ahead.",
+        doc="square: true includes the next corners in windows; false holds the current corner "
+        "over the window. Windows of smooth trajectories always contain the trajectory ahead.",
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class WaypointParameters(StopParameters):
-    """Where to go, and how."""
+    """The configured points."""
 
     waypoints: tuple[float, ...] = parameter(
         (0.0, 0.0, 2.0, 2.0, 0.0, 2.0, 2.0, 2.0, 2.0, 0.0, 2.0, 2.0, 0.0, 0.0, 2.0),
-        doc="waypoints, minimum_snap: x, y, z of one point after the other, from the origin.",
+        doc="waypoints, minimum_snap: x, y, z of each point in turn, relative to the origin.",
         unit="m",
         minimum=-FARTHEST,
         maximum=FARTHEST,
-    )
-    waypoint_legs: str = parameter(
-        "minimum_snap",
-        doc="waypoints: how to get from one to the next, by a smooth leg or, as the paper's "
-        "square does, by a jump.",
-        choices=("minimum_snap", "jump"),
     )
 
 
 def configured_waypoints(config: WaypointParameters) -> Array:
     """Return the waypoints (n, 3) [m] in the world.
 
-    Raises :class:`ConfigurationError` for fewer than two, and for successive equal ones.
+    Raises :class:`ConfigurationError` for fewer than two or equal successive waypoints.
     """
     name, given = f"{config.owner}.waypoints", config.waypoints
     if len(given) % 3:
@@ -74,17 +68,9 @@ def configured_waypoints(config: WaypointParameters) -> Array:
                 name,
                 given,
                 f"points apart from each other: waypoint {index} (counted from 0) is at the "
-                f"place of waypoint {index - 1}",
+                f"position of waypoint {index - 1}",
             )
     return np.asarray(points + np.array([*config.origin, 0.0]))
-
-
-def waypoints(config: WaypointParameters) -> Path | Steps:
-    """Return the way from each waypoint to the next, by jumps or by legs."""
-    if config.waypoint_legs == "minimum_snap":
-        return from_waypoint_to_waypoint(config)
-    points = configured_waypoints(config)
-    return Steps(points, dwell_time=config.dwell_time, yaw=config.yaw, closed=False)
 
 
 def through_waypoints(config: WaypointParameters) -> Path:
@@ -96,8 +82,8 @@ def through_waypoints(config: WaypointParameters) -> Path:
     )
 
 
-def from_waypoint_to_waypoint(config: WaypointParameters) -> Path:
-    """Return the path of minimum snap from each waypoint to the next, resting at each."""
+def waypoints(config: WaypointParameters) -> Path:
+    """Return the minimum-snap path between successive waypoints, with a rest at each."""
     points = configured_waypoints(config)
     return Chain(
         [*rests_and_legs(points, config), RestPath(points[-1], duration=config.dwell_time)]
@@ -105,7 +91,7 @@ def from_waypoint_to_waypoint(config: WaypointParameters) -> Path:
 
 
 def rests_and_legs(points: Array, config: StopParameters) -> list[Path]:
-    """Return a rest at each point (n, 3) [m] but the last, and the leg from there to the next."""
+    """Return a rest at each point (n, 3) [m] except the last, and the leg to the next point."""
     links: list[Path] = []
     for start, end in itertools.pairwise(points):
         links.append(RestPath(start, duration=config.dwell_time))
@@ -119,54 +105,34 @@ def rests_and_legs(points: Array, config: StopParameters) -> list[Path]:
     return links
 
 
-class Hover:
-    """One point above the origin, held at a heading."""
-
-    smooth = True
-    fixed = True
-    period_ns = 0
-
-    def __init__(self, config: TrajectoryParameters) -> None:
-        self._p_WB = np.array([*config.origin, config.height])
-        self._yaw = config.yaw
-
-    def at(self, times_ns: list[int]) -> TrajectorySamples:
-        """Return the point, once for each time."""
-        return at_rest(np.tile(self._p_WB, (len(times_ns), 1)), yaw=self._yaw)
-
-    def jumps(self, start_ns: int, end_ns: int) -> list[int]:
-        """Return none: it never moves."""
-        return []
-
-
 class Steps:
-    """Jumps from one point (n, 3) [m] to the next, each held for a while.
+    """Points (n, 3) [m], each held for ``dwell_time`` [s], repeated; a single point is a hover.
 
-    With ``closed`` it repeats, otherwise it stays at the last one. It is not feasible: a test of
-    the controller.
+    Jumps between points are infeasible for any vehicle: they test the controller.
     """
 
-    smooth = False
     fixed = True
 
-    def __init__(self, points: Array, *, dwell_time: float, yaw: float, closed: bool) -> None:
+    def __init__(self, points: Array, *, yaw: float, dwell_time: float = 1.0) -> None:
         self._points = points
         self._dwell_ns = round(dwell_time * 1e9)
         self._yaw = yaw
-        self._closed = closed
-        self.period_ns = len(points) * self._dwell_ns
+        self.smooth = len(points) == 1
+        self.period_ns = 0 if self.smooth else len(points) * self._dwell_ns
 
     def at(self, times_ns: list[int]) -> TrajectorySamples:
-        """Return the points held at these times; the first one before the start."""
-        count = len(self._points)
-        legs = [max(time // self._dwell_ns, 0) for time in times_ns]
-        places = [leg % count if self._closed else min(leg, count - 1) for leg in legs]
+        """Return the points held at these times; before the start, the first point."""
+        places = [max(time // self._dwell_ns, 0) % len(self._points) for time in times_ns]
         return at_rest(self._points[places], yaw=self._yaw)
 
     def jumps(self, start_ns: int, end_ns: int) -> list[int]:
         """Return the switches between points in (start, end]."""
-        first = max(start_ns // self._dwell_ns + 1, 1)
-        last = end_ns // self._dwell_ns
-        if not self._closed:
-            last = min(last, len(self._points) - 1)
+        if self.smooth:
+            return []
+        first, last = max(start_ns // self._dwell_ns + 1, 1), end_ns // self._dwell_ns
         return [leg * self._dwell_ns for leg in range(first, last + 1)]
+
+
+def hover(config: TrajectoryParameters) -> Steps:
+    """Return one point above the origin, held at a heading."""
+    return Steps(np.array([[*config.origin, config.height]]), yaw=config.yaw)

@@ -22,7 +22,7 @@ def create_steady_timer(node: Node, period: float, callback: Callable[[], None])
 class Metronome:
     """Calls a function every ``period`` seconds in its own thread, until stopped.
 
-    Missed beats are skipped.
+    Missed periods are skipped.
     """
 
     def __init__(self, period: float, callback: Callable[[], None]) -> None:

@@ -1,17 +1,17 @@
 """Ensures that one node commands the vehicle of a namespace.
 
-Each MPC reports on ``/diagnostics`` its command topic and since when it is active. An MPC refuses
-activation while another MPC is active on that topic or another node publishes commands. Nodes
-discover each other one by one, so it waits for one second after the first message of another
-node, and for three seconds at most.
+Each MPC reports on ``/diagnostics`` its command topic and the start of its activity. An MPC
+refuses activation while another MPC is active on that topic or another node publishes commands.
+Nodes discover each other one by one, so an MPC waits for one second after the first message of
+another node, and at most three seconds.
 
-Before an MPC starts by itself it publishes a claim and waits until every known MPC has granted
-it. An MPC grants a claim unless it is active, or has a claim itself and its identity sorts first.
-It does not start while it grants a claim. So at most one of the MPCs that have discovered each
-other starts, whatever the order of their messages.
-Two MPCs that discover each other after more than three seconds, or that are activated at the same
-moment, both command until the next report. Then the one that started later stops. An MPC that has
-been in command for ten seconds never yields.
+Before an automatic start an MPC publishes a claim and waits until every known MPC has granted the
+claim. An MPC grants a claim unless it is active, or has a claim itself and its identity sorts
+first. An MPC does not start while it grants a claim. So at most one of the MPCs that have
+discovered each other starts, regardless of the order of their messages. Two MPCs that discover
+each other after more than three seconds, or that are activated at the same moment, both command
+until the next report. Then the MPC that started later stops. An MPC that has been in command for
+ten seconds never yields.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class CommandOwnership:
         self._granted: dict[str, str] = {}  # claims of others, by instance
 
     def note_message(self) -> None:
-        """Note that a message of another node was received: discovery works."""
+        """Record that a message of another node was received: discovery works."""
         if not self._received_any:
             self._received_any = True
             ends = time.monotonic() + _DISCOVERY_AFTER_FIRST
@@ -101,13 +101,13 @@ class CommandOwnership:
         return all(self._claim in other.granted for other in self._recent_mpcs())
 
     def begin(self) -> None:
-        """Note that the node becomes active."""
+        """Record that the node becomes active."""
         self._since_ns, self._began_s = time.time_ns(), time.monotonic()
         self._claim = ""
         self._granted.clear()
 
     def end(self) -> None:
-        """Note that the node becomes inactive."""
+        """Record that the node becomes inactive."""
         self._since_ns, self._claim = None, ""
 
     def values(self) -> list[tuple[str, str]]:
@@ -152,7 +152,7 @@ class CommandOwnership:
             if since_ns is not None:
                 self._claim = ""
             if since_ns is not None and self._is_later_than(since_ns, instance):
-                return f"{other.node} has commanded for longer: this node stops"
+                return f"{other.node} has been in command for longer: this node stops"
         return ""
 
     def _answer(self, instance: str, claim: str) -> None:
@@ -180,8 +180,8 @@ class CommandOwnership:
         publishers = self._publishers()
         if len(publishers) > len(self._recent_mpcs()):
             return (
-                f"{', '.join(publishers)} can publish {self._topic} as well: stop it first; "
-                "discovery drops a killed node after about 20 s"
+                f"{', '.join(publishers)} can publish {self._topic} as well: stop the other "
+                "node first; discovery drops a killed node after about 20 s"
             )
         return None
 

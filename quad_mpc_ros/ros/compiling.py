@@ -29,6 +29,6 @@ def log_compilation(node: Node, *, period: float = _LOG_PERIOD) -> Iterator[None
         metronome.stop()
     if functions_compiled() > before:
         node.get_logger().warning(
-            f"compiled {made()} that were not in the compile cache: run 'quad_mpc compile' once, "
-            "then nodes start without compiling"
+            f"compiled {made()} that were not in the compile cache: run 'quad_mpc compile' "
+            "once, so that nodes start without compiling"
         )

@@ -85,7 +85,7 @@ class _Endpoint(NamedTuple):
 class HealthReporter:
     """Publishes a node's health and counts the peers of the endpoints that it creates.
 
-    It polls the counts at 10 Hz, because rclpy's events executor crashes when an endpoint with a
+    The counts are polled at 10 Hz, because rclpy's events executor crashes when an endpoint with a
     handler of matched events is destroyed.
     """
 
@@ -227,7 +227,7 @@ class HealthReporter:
             if endpoint.peer_count() < endpoint.known_peer_count(self._node)
         }
         self._mismatches = [
-            f"{name}: {mismatch_with}; no message passes"
+            f"{name}: {mismatch_with}; messages are not delivered"
             for name in sorted(unmatched & self._unmatched)
             for mismatch_with in self._mismatches_of(name)
         ]
@@ -247,8 +247,8 @@ class HealthReporter:
 class ReportingNode(ParameterNode, Generic[C]):
     """A node without a lifecycle.
 
-    A derived node creates its endpoints with ``health`` and overrides :meth:`report`. It sets
-    ``exit_code`` to end with an exit code other than 0.
+    A derived node creates its endpoints with ``health`` and overrides :meth:`report`.
+    ``exit_code`` sets an exit code other than 0.
     """
 
     def __init__(self, name: str, configuration: type[C]) -> None:

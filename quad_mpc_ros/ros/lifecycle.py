@@ -23,10 +23,10 @@ from quad_mpc_ros.configuration import ManagedConfiguration, UserError
 from quad_mpc_ros.messages.diagnostics import WARN
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.clocks import Metronome, create_steady_timer
+from quad_mpc_ros.ros.garbage_collection import freeze_gc
 from quad_mpc_ros.ros.health import Health, HealthReporter
 from quad_mpc_ros.ros.parameters import ManagedParameters, ParameterNode
 from quad_mpc_ros.ros.preflight.own import own_findings
-from quad_mpc_ros.ros.realtime import freeze_gc
 from quad_mpc_ros.ros.repeated_warnings import RepeatedWarnings
 from quad_mpc_ros.ros.spin import stop, until_the_end
 
@@ -57,7 +57,7 @@ class _BlockedError(UserError):
 
 
 class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
-    """A node that is configured, activated, deactivated and cleaned up, by itself or by request.
+    """A node with configure, activate, deactivate and cleanup, automatic or on request.
 
     Publishers are not lifecycle publishers: an inactive node must not even compute a command, or
     its controller would assume that the command was sent. So a derived node checks :attr:`active`
@@ -157,7 +157,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
     def activate_when_ready(self) -> None:
         """Activate a node with autostart as soon as nothing blocks the activation.
 
-        Call it whenever a blocker may have changed.
+        Call this whenever a blocker might have changed.
         """
         if self._activates_by_itself():
             self._report("activate")
@@ -165,8 +165,8 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
     def _activates_by_itself(self) -> bool:
         """Try to activate a node with autostart; return whether no further attempt follows.
 
-        A blocker may appear between the check and the transition, such as an odometry that becomes
-        too old. The next call then tries again.
+        A blocker might appear between the check and the transition, such as an odometry that
+        becomes too old. The next call then tries again.
         """
         if not self._autostarting:
             return False
@@ -198,7 +198,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
     ) -> None:
         """Create a timer [s] until the cleanup, on the steady clock or on the node's clock.
 
-        If the callback returns a time [s], it is called again after that time.
+        If the callback returns a time [s], the callback is called again after this time.
         """
 
         def guarded() -> None:
@@ -399,7 +399,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             self.get_logger().warning(f"{transition} refused: {self._fault}")
         else:
             trace = "".join(traceback.format_exception(self._fault))
-            self.get_logger().error(f"{transition} failed, which is a defect: {trace}")
+            self.get_logger().error(f"{transition} failed because of a defect: {trace}")
         self.health.report()
 
     def _probe(self) -> Health:

@@ -18,7 +18,7 @@ from quad_mpc_ros.messages.topics import IMU, ODOMETRY, REFERENCE, Topic
 def message_class(type_name: str) -> type[Any]:
     """Return the class of a message type such as ``nav_msgs/msg/Odometry``.
 
-    Raises ``ModuleNotFoundError`` or ``AttributeError`` if it is not installed.
+    Raises ``ModuleNotFoundError`` or ``AttributeError`` if the type is not installed.
     """
     package, kind, name = type_name.split("/")
     found: type[Any] = getattr(importlib.import_module(f"{package}.{kind}"), name)
@@ -38,7 +38,7 @@ def decoded(topic: Topic, data: bytes) -> Any:
 def odometry_in(data: bytes) -> OdometrySample:
     """Return an odometry that was received raw.
 
-    Raises :class:`UnreadableError` for bytes that are none.
+    Raises :class:`UnreadableError` for invalid bytes.
     """
     found = cdr.read_odometry(data)
     return found or conversions.odometry_from_message(message_in(ODOMETRY, data))
@@ -69,12 +69,12 @@ class UnreadableError(ValueError):
 def message_in(topic: Topic, data: bytes) -> Any:
     """Return the message of a topic that was received raw.
 
-    Raises :class:`UnreadableError` for bytes that are none.
+    Raises :class:`UnreadableError` for invalid bytes.
     """
     try:
         return decoded(topic, data)
     except Exception as error:  # rclpy raises various types
-        raise UnreadableError(f"{topic.name}: bytes are no {topic.type_name}: {error}") from error
+        raise UnreadableError(f"{topic.name}: not a valid {topic.type_name}: {error}") from error
 
 
 def qos_of(topic: Topic) -> QoSProfile:

@@ -1,8 +1,8 @@
 """Parameter files and ``-p`` on the ROS command line of a process, by section.
 
-rclpy merges the sections for a node and ignores all others, also misspelt ones. This module reads
-the arguments separately, with the rules of ``--config``, to report errors. The values are those of
-rclpy.
+rclpy merges the sections for a node and ignores other sections, also misspelt names. This module
+reads the arguments separately, with the rules of ``--config``, to report errors. The values come
+from rclpy.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class CommandLineParameters:
             if each.in_file:
                 sections.setdefault(each.origin, []).append(each.section)
         return [
-            f"{origin} has nothing for {' or '.join(nodes)}, only for "
+            f"{origin} has no parameters of {' or '.join(nodes)}, only of "
             f"{', '.join(section.key for section in there)}"
             for origin, there in sections.items()
             if not any(section.is_read_by(full) for section in there for full in nodes)
@@ -168,7 +168,7 @@ def read_parameter_file(
     """Return the sections of a parameter file given by an option.
 
     Raises :class:`UserError` for a file that is missing or that ROS cannot read, and for a
-    misspelt node name; ``names`` are further valid names.
+    misspelt node name; ``names`` are additional valid names.
     """
     there = files.sections(files.parameter_file(option, given))
     _refuse_misspelt_nodes(given, there, names)
@@ -206,7 +206,7 @@ def _override(option: str, word: str) -> ParameterSection:
 def _refuse_misspelt_nodes(
     origin: str, there: Sequence[ParameterSection], names: Iterable[str]
 ) -> None:
-    """Reject a section that is surely a misspelt node of this package.
+    """Reject a section that is certainly a misspelt node of this package.
 
     Sections of other nodes are ignored. ``names``: names given to nodes of this process.
     """
@@ -223,7 +223,7 @@ def _refuse_misspelt_nodes(
 
 
 def refuse_misspelt(name: str, known: Iterable[str], *, owner: str, origin: str) -> None:
-    """Reject a parameter for all nodes that is surely a misspelt parameter of one of them.
+    """Reject a parameter for all nodes that is certainly a misspelt parameter of a node.
 
     Other names may belong to nodes of other packages and are ignored.
     """

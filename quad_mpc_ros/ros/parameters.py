@@ -1,7 +1,7 @@
 """Conversion between configuration dataclasses and rclpy parameters.
 
-The dataclass is the single source of names, types, ranges and descriptions. It validates the
-values of rclpy as a whole before they are used.
+The dataclass is the single source of names, types, ranges and descriptions. The dataclass
+validates rclpy's values as a whole before use.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ C = TypeVar("C", bound=Configuration)
 class ParameterNode(Node):
     """A node created with ``automatically_declare_parameters_from_overrides``.
 
-    It has every given parameter, known or not, until :func:`declare` declares the known ones.
+    The node has every given parameter, until :func:`declare` declares the known ones.
     """
 
     def declare_parameters(
         self, namespace: str, parameters: Any, ignore_override: bool = False
     ) -> list[Parameter]:
-        """Declare parameters as rclpy does.
+        """Declare parameters like rclpy.
 
         rclpy rejects values without type: an empty list in a file of ``ros2 param dump``.
         """
@@ -55,7 +55,7 @@ class ParameterNode(Node):
         return declared
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set parameters as rclpy does, with the name of an unknown parameter in the error."""
+        """Set parameters like rclpy, with the name of an unknown parameter in the error."""
         for parameter in parameter_list:
             if not self.has_parameter(parameter.name):
                 return SetParametersResult(successful=False, reason=self._unknown(parameter.name))
@@ -98,7 +98,7 @@ def declare(node: ParameterNode, configuration: type[C], *, managed: bool = Fals
 
 
 def _configured(configuration: type[C], given: Mapping[str, Any], node: Node) -> C:
-    """Return the configuration from rclpy's values and those given to every node.
+    """Return the configuration from rclpy's values and values for every node.
 
     A vehicle file is for every node, and each node reads its share. The origin is known only for
     arguments of the process; otherwise all other parameters count as given by name.
@@ -135,9 +135,9 @@ def _built(configuration: type[C], given: Mapping[str, Any], own: Mapping[str, A
 class ManagedParameters(Generic[C]):
     """The parameters of a node with a lifecycle.
 
-    While the node is unconfigured each may be set and is validated alone. :meth:`finalize`
-    validates all together. Then, until :meth:`release`, only live parameters may change. Those
-    set by one ``set_parameters_atomically`` are a transaction, rejected or applied as a whole.
+    While the node is unconfigured, parameters are validated alone. :meth:`finalize` validates them
+    together. Then, until :meth:`release`, only live parameters may change. Parameters set with one
+    ``set_parameters_atomically`` are a transaction, rejected or applied as a whole.
     """
 
     def __init__(
@@ -216,7 +216,7 @@ class ManagedParameters(Generic[C]):
     def _updated(self, config: C, changes: Mapping[str, object]) -> C:
         """Return a configuration with live parameters changed, validated as a whole.
 
-        Other parameters may be set to their present value; switches stay on or off.
+        Other parameters may be set to their current value; switches stay on or off.
         """
         in_force = config.flattened()
         for name, value in changes.items():

@@ -1,4 +1,4 @@
-"""Recognises a rate loop that rings or is slow, by the estimated time constants."""
+"""Detects a ringing or slow rate loop from the estimated time constants."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _CONFIRMED_NS = 5_000_000_000
 
 
 class RateLoopMonitor:
-    """Follows the estimate of the loop of roll and pitch.
+    """Monitors the estimated rate loop of roll and pitch.
 
     With the gain 1 / tau and the lag T of the torque, the natural frequency is 1 / sqrt(tau T),
     the damping ratio sqrt(tau / T) / 2.
@@ -21,7 +21,7 @@ class RateLoopMonitor:
         self._since_ns: int | None = None
 
     def check(self, stats: TickStats) -> str | None:
-        """Return what has been wrong for five seconds and what to do, None for nothing."""
+        """Return a problem that has lasted for five seconds with its remedy, or None."""
         tau, torque = 1e-3 * stats.rate_time_constant_ms, 1e-3 * stats.torque_time_constant_ms
         if tau <= 0.0 or torque <= 0.0:
             self._since_ns = None
@@ -29,9 +29,9 @@ class RateLoopMonitor:
         frequency = 1.0 / (2.0 * math.pi * math.sqrt(tau * torque))
         damping = 0.5 * math.sqrt(tau / torque)
         if damping < _LEAST_DAMPING:
-            advice = "lower its P or raise its D, or expect it to swing after fast turns"
+            advice = "lower P or raise D, or expect overshoot after fast turns"
         elif frequency < _LEAST_FREQUENCY:
-            advice = "raise its P, or expect large errors in fast turns"
+            advice = "raise P, or expect large errors in fast turns"
         else:
             self._since_ns = None
             return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import re
 import signal
 import sys
@@ -23,12 +24,12 @@ from rclpy.signals import (
 from rclpy.task import Future
 
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.ros.garbage_collection import free_memory, freeze_gc
 from quad_mpc_ros.ros.parameter_files import (
     read_arguments,
     refuse_own_arguments,
     using_parameters,
 )
-from quad_mpc_ros.ros.realtime import free_memory, freeze_gc
 
 _P = ParamSpec("_P")
 
@@ -36,7 +37,7 @@ EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 # A signal just before the executor waits does not wake it: it ends after this time [s].
 _SPIN_TIMEOUT = 1.0
-_REPEAT_DELAY = 0.001  # s
+_DRAIN_TIMEOUT = 0.02  # s, of waiting for a message
 _END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _SWITCH_INTERVAL = 0.0005  # s; Python's own are 5 ms, a quarter of a control period
 
@@ -48,17 +49,18 @@ def run(
 
     Args:
         create: Creates the node. Its method ``begin``, if any, is called when all nodes exist.
-            From then on a signal ends the node with its ``exit_code``, or 0.
-            args: Command line arguments for ROS; by default those of the process, which then ends
-        with the node.
-            message_info: Whether a callback of the node has the message info as an argument.
+            From then on a signal ends the node with its ``exit_code``, or 0. Before that its
+            method ``drain``, if any, handles messages that wait; the argument spins once.
+        args: Command line arguments for ROS; by default the arguments of the process, which then
+            ends with the node.
+        message_info: Whether a callback of the node has the message info as an argument.
 
     Returns:
         The exit code: 2 for an invalid parameter, file or argument, with one line on stderr; 130
         for a signal during the start.
     """
-    with _handling_signals(process_ends=args is None) as interrupts:
-        return _run([create], args, interrupts, message_info=message_info, only_ros=True)
+    with _handling_signals(process_ends=args is None) as signals:
+        return _run([create], args, signals, message_info=message_info, only_ros=True)
 
 
 def run_together(creates: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
@@ -68,14 +70,14 @@ def run_together(creates: Sequence[Callable[[], Node]], args: list[str] | None =
     callback does not delay other nodes. The switch interval of threads is 0.5 ms.
     """
     sys.setswitchinterval(_SWITCH_INTERVAL)
-    with _handling_signals(process_ends=args is None) as interrupts:
-        return _run(creates, args, interrupts)
+    with _handling_signals(process_ends=args is None) as signals:
+        return _run(creates, args, signals)
 
 
 def _run(
     creates: Sequence[Callable[[], Node]],
     args: list[str] | None,
-    interrupts: _Interrupts,
+    signals: _Signals,
     *,
     message_info: bool = False,
     only_ros: bool = False,
@@ -83,7 +85,6 @@ def _run(
     nodes: list[Node] = []
     threads: list[threading.Thread] = []
     executors: list[Any] = []
-    starting = True
     try:
         arguments = sys.argv[1:] if args is None else args
         if only_ros:
@@ -97,7 +98,6 @@ def _run(
         with using_parameters(given):
             for create in creates:
                 nodes.append(create())
-        starting = False
         known = {
             node.get_fully_qualified_name(): node.get_parameters_by_prefix("") for node in nodes
         }
@@ -105,30 +105,30 @@ def _run(
         for unread in given.unread_files(known):
             nodes[0].get_logger().warning(unread)
         freeze_gc()
-        interrupts.spinning()
+        signals.starting = False
         for node in nodes:
             if begin := getattr(node, "begin", None):
                 begin()
         for node, executor in zip(nodes, executors, strict=True):
             _register(node, executor)
-        install_signal_handlers(SignalHandlerOptions.ALL)
-        if not interrupts.received:
+        drain = getattr(nodes[0], "drain", None)
+        if drain is None:  # rclpy's handler shuts ROS down, after which nothing can be received
+            install_signal_handlers(SignalHandlerOptions.ALL)
+        if not signals.received:
             threads += map(_spinning, nodes[1:], executors[1:])
-            _spin(executors[0])
+            _spin(executors[0], signals)
+        if drain is not None and rclpy.ok():
+            drain(lambda: executors[0].spin_once(timeout_sec=_DRAIN_TIMEOUT))
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
-    except (KeyboardInterrupt, ExternalShutdownException):
-        if starting:
-            return EXIT_INTERRUPTED
+    except ExternalShutdownException:
+        pass
     except Exception:
-        if rclpy.ok() and not interrupts.received:
-            raise
-        # else a signal came: rclpy fails at the next call
-        if starting:
-            return EXIT_INTERRUPTED
+        if rclpy.ok() and not signals.received:
+            raise  # else a signal came: rclpy fails at the next call
     finally:
-        interrupts.finishing()
+        signals.ignore()  # so that files are written completely
         uninstall_signal_handlers()  # returns when the signal thread has ended
         if threads:
             rclpy.try_shutdown()  # ends their spinning
@@ -152,81 +152,54 @@ def _init_ros(args: list[str] | None) -> None:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy's own error has no public name
         reason = re.sub(r", at \S+:\d+", "", " ".join(str(error).split()))
-        raise UserError(f"ROS refuses the arguments: {reason}") from error
+        raise UserError(f"ROS rejects the arguments: {reason}") from error
 
 
-class _Interrupts:
-    """Signal handler that interrupts the start once; rclpy's handler ends the spinning.
+class _Signals:
+    """Handler of SIGINT and SIGTERM: ends a starting process, later only records the signal.
 
-    An exception inside a callback would print a traceback and leave a message incomplete.
+    Nothing is written before the start is complete, so the process may end anywhere. An exception
+    would be lost in a callback of C. When the nodes spin, rclpy's handler ends the spinning.
     """
 
     def __init__(self) -> None:
-        self._interrupts = True
-        self._number = int(signal.SIGINT)
-        self.started = False
+        self.starting = True
         self.received = False
         """Whether a signal was received."""
+        self._handled: tuple[int, ...] = ()
 
-    def __call__(self, number: int, _frame: object) -> None:
+    def handle(self) -> None:
+        """Handle the signals, as rclpy does also those that the parent process ignores."""
+        self._handled = _END_SIGNALS
+        for number in self._handled:
+            signal.signal(number, self)
+
+    def ignore(self) -> None:
+        """Ignore further signals."""
+        for number in self._handled:
+            signal.signal(number, signal.SIG_IGN)
+
+    def __call__(self, _number: int, _frame: object) -> None:
         """Handle a signal."""
+        if self.starting:
+            os._exit(EXIT_INTERRUPTED)
         self.received = True
-        if self._interrupts:
-            self._interrupts, self._number = False, number
-            raise KeyboardInterrupt
-
-    def repeat(self, ignored: sys.UnraisableHookArgs) -> None:
-        """Interrupt again where Python could not raise: in a C callback or destructor."""
-        if ignored.exc_type is not KeyboardInterrupt:
-            sys.__unraisablehook__(ignored)
-            return
-        while not self.started:
-            try:
-                self._interrupts = True
-                threading.Timer(_REPEAT_DELAY, signal.raise_signal, [self._number]).start()
-                return
-            except KeyboardInterrupt:  # would be lost here as well
-                pass
-
-    def spinning(self) -> None:
-        """Stop interrupting: all nodes are started."""
-        self._interrupts, self.started = False, True
-
-    def finishing(self) -> None:
-        """Ignore further signals, so that files are written completely."""
-        self._interrupts = False
-        if threading.current_thread() is threading.main_thread():
-            for number in _END_SIGNALS:
-                signal.signal(number, signal.SIG_IGN)
 
 
 @contextmanager
-def _handling_signals(*, process_ends: bool) -> Iterator[_Interrupts]:
-    """Let only the first signal end the start or the spinning.
-
-    A process that continues has its signal handlers restored, also for child processes. A process
-    that ends with its node ignores further signals.
-    """
-    interrupts = _Interrupts()
-    if threading.current_thread() is not threading.main_thread():
-        yield interrupts
+def _handling_signals(*, process_ends: bool) -> Iterator[_Signals]:
+    """Handle the signals of a process that ends with its nodes."""
+    signals = _Signals()
+    if not process_ends or threading.current_thread() is not threading.main_thread():
+        yield signals
         return
-    before = {number: signal.getsignal(number) for number in _END_SIGNALS}
-    for number, handler in before.items():
-        if handler is not signal.SIG_IGN:
-            signal.signal(number, interrupts)
-    hook, sys.unraisablehook = sys.unraisablehook, interrupts.repeat
+    signals.handle()
     try:
-        yield interrupts
+        yield signals
     finally:
-        sys.unraisablehook = hook
-        if process_ends:
-            if not interrupts.started:  # threads of an incomplete node could abort the process
-                free_memory()
-            gc.freeze()  # else the final collection takes half a second
-        for number, handler in before.items() if not process_ends else ():
-            # None: not set by Python, and Python cannot restore it.
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        if signals.starting:  # threads of an incomplete node could abort the process
+            free_memory()
+        gc.freeze()  # else the final collection takes half a second
 
 
 def stop() -> None:
@@ -269,7 +242,7 @@ def _spinning(node: Any, executor: Any) -> threading.Thread:
 def _register(node: Node, executor: Any) -> None:
     """Add a node to an executor and wait until the executor has registered its entities.
 
-    The events executor aborts the process if ROS is shut down while it registers. So signals do
+    The events executor aborts the process if ROS is shut down during registration. So signals do
     not shut ROS down before.
     """
     executor.add_node(node)
@@ -278,8 +251,8 @@ def _register(node: Node, executor: Any) -> None:
         executor.spin_until_future_complete(registered, timeout_sec=_SPIN_TIMEOUT)
 
 
-def _spin(executor: Any) -> None:
-    while rclpy.ok():
+def _spin(executor: Any, signals: _Signals | None = None) -> None:
+    while rclpy.ok() and not (signals is not None and signals.received):
         try:
             _spin_some(executor)
         except RuntimeError:  # of rclpy

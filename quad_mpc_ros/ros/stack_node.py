@@ -1,12 +1,11 @@
-"""The controller of a vehicle in one process: MPC and reference, and a bridge if there is one.
+"""The controller of a vehicle in one process: MPC, reference and an optional bridge.
 
     stack_node --ros-args --params-file vehicle.yaml                 # mpc and reference
     stack_node --reference false --bridge px4                        # mpc and bridge
     stack_node --bridge px4 --ros-args --params-file vehicle.yaml
 
-The nodes have the names, parameters, topics and services that they have in separate processes.
-Windows of the reference go to the MPC without DDS, and to other subscribers with DDS. Each node
-has its own thread, so planning does not delay the MPC. When one node ends, all end.
+The nodes have the same names, parameters, topics and services as separate processes. Each node has
+its own thread, so planning does not delay the MPC. When one node ends, all end.
 """
 
 from __future__ import annotations
@@ -34,15 +33,9 @@ def nodes_of_stack(bridge: str, *, with_reference: bool) -> list[Callable[[], No
 
     ``bridge`` is the name of a bridge, or ``none``. Raises :class:`UserError` for an unknown name.
     """
-    made: list[MpcNode] = []
-
-    def mpc() -> Node:
-        made.append(MpcNode(subscribes_reference=not with_reference))
-        return made[0]
-
-    nodes = [mpc]
+    nodes: list[Callable[[], Node]] = [MpcNode]
     if with_reference:
-        nodes.append(lambda: ReferenceNode(hand_over=made[0].take_reference))
+        nodes.append(ReferenceNode)
     if bridge != _NO_BRIDGE:
         nodes.append(functools.partial(BridgeNode, load_bridge(bridge)))
     return nodes
@@ -52,10 +45,10 @@ def main(args: list[str] | None = None) -> int:
     """Run the nodes until one of them ends; return the exit code."""
     parser = ArgumentParser(prog="stack_node", description=__doc__.partition("\n")[0])
     parser.add_argument(
-        "--bridge", default=_NO_BRIDGE, metavar="NAME", help="run a bridge as well, such as px4"
+        "--bridge", default=_NO_BRIDGE, metavar="NAME", help="also run a bridge, such as px4"
     )
     parser.add_argument(
-        "--reference", default="true", choices=["true", "false"], help="run the reference as well"
+        "--reference", default="true", choices=["true", "false"], help="also run the reference"
     )
     options = parser.parse_args(own_arguments(sys.argv if args is None else args)[1:])
     try:

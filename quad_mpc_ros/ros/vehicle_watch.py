@@ -22,7 +22,7 @@ _REPORT_TIMEOUT = 5.0  # s without a report: the node has ended
 
 
 class VehicleWatch:
-    """Compares a node's vehicle with those of other nodes in its namespace."""
+    """Compares a node's vehicle with the vehicles of other nodes in its namespace."""
 
     def __init__(self, node: Node, values: Mapping[str, Any]) -> None:
         self._node, self._values = node, values
@@ -61,7 +61,7 @@ class VehicleWatch:
             differ = disagreements({ours: self._values, name: stated}).values()
         except (ValueError, TypeError, AttributeError):
             return  # of another package
-        fault = f"{ours} and {name} were given different vehicles: {', '.join(differ)}"
+        fault = f"{ours} and {name} have different vehicle parameters: {', '.join(differ)}"
         if differ and fault != self._faults.get(name):
             self._node.get_logger().warning(f"{fault}; give every node the same vehicle file")
         self._stated[name] = stated, time.monotonic()

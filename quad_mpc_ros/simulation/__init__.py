@@ -1,4 +1,4 @@
 """Simulation: plants, sensors, wind, and the closed loop in one process.
 
-May import control and references; the plants' physics is written apart from the model's.
+May import control and references; the plants' physics is independent of the MPC's model.
 """

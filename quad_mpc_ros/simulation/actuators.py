@@ -1,14 +1,14 @@
-"""Actuators of the plant, compiled: the throttle, and the rate loop of each axis.
+"""Actuators of the plant ``internal``, compiled: the throttle, and the rate loop of each axis.
 
-The throttle signal s follows its command as ds/dt = (s_c - s) / tau; the thrust follows from the
-curve. The rate loop is a proportional gain 1 / tau in front of a torque that lags by T, for each
-axis with the commanded rate w_c
+The throttle s follows its command as ds/dt = (s_c - s) / tau; the thrust follows from the curve.
+The rate loop of each axis is a proportional gain 1 / tau followed by a torque with lag T, with the
+commanded rate w_c
 
     dw/dt = alpha,    T dalpha/dt = clamp((w_c - w) / tau, -alpha_max, alpha_max) - alpha.
 
-The natural frequency is 1 / sqrt(tau T) and the damping ratio sqrt(tau / T) / 2. With a gain D
-on the angular acceleration the loop is the same with tau and T divided by 1 + D. Without T the
-rate lags by tau alone, as fast as alpha_max permits; without tau it is the command.
+The natural frequency is 1 / sqrt(tau T) and the damping ratio sqrt(tau / T) / 2. A gain D on the
+angular acceleration divides tau and T by 1 + D. Without T the rate lags by tau alone, as fast as
+alpha_max permits; without tau it is the command.
 
 The controller's model (``control/model/actuators.py``) is implemented independently, so that tests
 find errors.
@@ -21,21 +21,14 @@ from typing import NamedTuple
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import kernels
+from quad_mpc_ros.simulation.records import VehicleConstants
 
 AxisState = tuple[float, float]
 """Body rate [rad/s] and angular acceleration [rad/s^2]."""
 
 
-class RateLoop(NamedTuple):
-    """The numbers of the loop of each axis."""
-
-    time_constant: kernels.Vector  # tau [s]
-    torque_time_constant: kernels.Vector  # T [s]
-    acceleration_max: kernels.Vector  # rad/s^2
-
-
 class BodyRates(NamedTuple):
-    """Body rates [rad/s] and angular accelerations [rad/s^2], 0 with a lag of first order."""
+    """Body rates [rad/s] and angular accelerations [rad/s^2], 0 with a first-order lag."""
 
     w: kernels.Vector
     acceleration: kernels.Vector
@@ -58,17 +51,17 @@ def later_throttle(
 
 @compiled
 def later_rates(
-    rates: BodyRates, command: kernels.Vector, loop: RateLoop, duration: float
+    rates: BodyRates, command: kernels.Vector, vehicle: VehicleConstants, duration: float
 ) -> tuple[BodyRates, kernels.Matrix]:
     """Return the rates after ``duration`` [s] under one command, and the rotation until then.
 
     The second term of the Magnus expansion, for rates that change linearly, is their commutator
     times h^2 / 12 (Blanes, Casas, Oteo, Ros, "The Magnus expansion and some of its applications",
-    2009). What is left out is of order h^5.
+    2009). The error is of order h^5.
     """
-    (x, alpha_x), turned_x = _axis(rates, command, loop, 0, duration)
-    (y, alpha_y), turned_y = _axis(rates, command, loop, 1, duration)
-    (z, alpha_z), turned_z = _axis(rates, command, loop, 2, duration)
+    (x, alpha_x), turned_x = _axis(rates, command, vehicle, 0, duration)
+    (y, alpha_y), turned_y = _axis(rates, command, vehicle, 1, duration)
+    (z, alpha_z), turned_z = _axis(rates, command, vehicle, 2, duration)
     after = BodyRates((x, y, z), (alpha_x, alpha_y, alpha_z))
     twist = kernels.scaled(duration * duration / 12.0, kernels.cross(rates.w, after.w))
     return after, kernels.exp(kernels.plus((turned_x, turned_y, turned_z), twist))
@@ -76,14 +69,18 @@ def later_rates(
 
 @compiled
 def _axis(
-    rates: BodyRates, command: kernels.Vector, loop: RateLoop, k: int, duration: float
+    rates: BodyRates, command: kernels.Vector, vehicle: VehicleConstants, k: int, duration: float
 ) -> tuple[AxisState, float]:
     """Return an axis after one step, and the integral of its rate [rad].
 
-    A lag of first order is integrated exactly, others by Runge and Kutta's method of order 4 and
-    the cubic through rates and accelerations.
+    A first-order lag is integrated exactly, others with the Runge-Kutta method of order 4 and the
+    cubic through rates and accelerations.
     """
-    numbers = loop.time_constant[k], loop.torque_time_constant[k], loop.acceleration_max[k]
+    numbers = (
+        vehicle.rate_time_constant[k],
+        vehicle.torque_time_constant[k],
+        vehicle.angular_acceleration_max[k],
+    )
     start, follows, half = (rates.w[k], rates.acceleration[k]), command[k], 0.5 * duration
     if numbers[0] == 0.0 or (numbers[1] == 0.0 and numbers[2] == math.inf):
         off = start[0] - follows

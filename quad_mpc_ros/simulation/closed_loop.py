@@ -44,7 +44,7 @@ from quad_mpc_ros.simulation.surroundings import (
 _DEFAULT_DURATION = 10.0  # s
 
 ControlLaw = Callable[[OdometrySample, ReferenceWindow], CommandSample | None]
-"""Returns the command for an odometry, or None to keep the last one."""
+"""Returns the command for an odometry, or None to keep the last command."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,16 +54,15 @@ class LoopStep:
     Attributes:
         odometry: The measured odometry.
         truth: The odometry without errors.
-        sent_ns: When it was sent [ns]. The command took effect then or, with a delay, began its
-            way.
+        sent_ns: Time of its publication [ns], at which the command was sent to the plant.
         window: The reference from the odometry's stamp on.
         tick: Tick of the controller; None if the control rate skipped the odometry, and with a
             control law.
         command: The command sent to the plant, if any.
         voltage: Voltage of the battery [V], if measured with the odometry.
-        imu: IMU samples since the last odometry, delivered before it.
-        sensed: Obstacles reported by a sensor with the odometry.
-        collision: Where it flew into one since the step before, which ends the flight.
+        imu: IMU samples since the last odometry, delivered before the odometry.
+        sensed: Obstacles detected by a sensor with the odometry.
+        collision: A collision since the previous step, which ends the flight.
     """
 
     odometry: OdometrySample
@@ -90,22 +89,22 @@ def fly(
     world: ObstacleReceiver | None = None,
     on_reference: bool = False,
 ) -> Iterator[LoopStep]:
-    """Fly the closed loop and yield every odometry that is sent with what followed from it.
+    """Fly the closed loop and yield a step for every published odometry.
 
-    The values pass through the same boundary types as messages do, so the commands are those of
-    a lockstep flight over DDS, bit for bit. The flight goes on as the steps are asked for.
+    The values pass through the same boundary types as messages, so the commands equal those of a
+    lockstep flight over DDS, bit for bit. The iterator advances the flight.
 
-    The arguments are those of :func:`quad_mpc_ros.simulate`, which returns the steps as arrays.
-    Without ``simulator`` it takes ten seconds, with one the ``duration`` that it says. A path is
-    flown by differential flatness, with the vehicle and the yaw of ``reference``; a given
-    ``plant`` starts as it is, also with ``on_reference``. A ``scene`` is flown among in place of
-    the simulator's file of obstacles; the flight ends where the vehicle touches one. A ``world``
-    is what the guide of a given controller knows, which receives what the sensor sees.
+    Arguments as in :func:`quad_mpc_ros.simulate`, which returns the steps as arrays. Without
+    ``simulator`` the flight takes ten seconds, otherwise its ``duration``. A path is flown by
+    differential flatness, with the vehicle and the yaw of ``reference``. A given ``plant`` keeps
+    its state, also with ``on_reference``. A ``scene`` replaces the simulator's file of obstacles;
+    the flight ends at a collision. A ``world`` receives the sensor's messages for the guide of a
+    given controller.
 
     Raises:
         UserError: For parameters that cannot be used together, a trajectory that the vehicle
             cannot fly, or a start in an obstacle.
-        ValueError: With ``on_reference``, when the vehicle has no throttle to begin with.
+        ValueError: With ``on_reference``, if the initial thrust is beyond the vehicle's throttle.
     """
     simulator = simulator or SimulatorConfig(duration=_DEFAULT_DURATION)
     reference = reference or ReferenceConfig()
@@ -162,7 +161,7 @@ def fly(
 def start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> dict[str, Any]:
     """Return the parameters with which the simulator starts in motion on a trajectory.
 
-    Raises ``ValueError`` when its vehicle has no throttle for it.
+    Raises ``ValueError`` if the initial thrust is beyond the vehicle's throttle.
     """
     start = trajectory.at([0])
     R_WB = so3.rotation_from_quaternion_xyzw(start.q_WB_xyzw[0])
@@ -195,7 +194,7 @@ def _answered(
 
 
 def _deliver(world: ObstacleReceiver, sensed: SensedObstacles) -> None:
-    """Deliver sensed obstacles for the next tick, as the node does in lockstep."""
+    """Deliver sensed obstacles for the next tick, like the node in lockstep."""
     if sensed.cloud is not None:
         world.receive_cloud(sensed.cloud)
     if sensed.markers:

@@ -1,6 +1,6 @@
-"""Every plant by its name, and the parameters of the simulator node.
+"""The registered plants, and the parameters of the simulator node.
 
-A plant is registered here: its name in ``PLANTS``, and its own parameters, if any, as a base of
+To add a plant, add its name to ``PLANTS`` and its own parameters, if any, as a base of
 :class:`OwnParameters`.
 """
 
@@ -33,9 +33,9 @@ P_contra = TypeVar("P_contra", contravariant=True)
 class PlantEntry(Generic[P_contra]):
     """Registration of a plant.
 
-    Other packages register one by an entry point of the group ``quad_mpc_ros.plants``;
-    ``parameters`` is the class of its own parameters. ``preset`` is the parameter file with the
-    vehicle of the plant, for the controller. ``has_own`` names parameters that this plant
+    Other packages register a plant with an entry point of the group ``quad_mpc_ros.plants``;
+    ``parameters`` is the class of the plant's parameters. ``preset`` is the parameter file with
+    the vehicle of the plant, for the controller. ``has_own`` names parameters that this plant
     replaces; they must keep their defaults.
     """
 
@@ -82,7 +82,7 @@ def make_plant(config: SimulatorConfig) -> Plant:
 
 
 def compile_plant(config: SimulatorConfig) -> None:
-    """Compile the code of the configured plant; raises as :func:`make_plant`."""
+    """Compile the code of the configured plant; raises like :func:`make_plant`."""
     plant = make_plant(config)
     plant.advance_to(1)
     plant.odometry(1)
@@ -98,9 +98,9 @@ class PlantChoiceParameters(ExtensibleConfiguration, VehicleParameters):
 
     plant: str = parameter(
         "internal",
-        doc="What flies: a vehicle as the MPC's model has it, one of rotors, body, battery and "
-        "rate loop, that one under real Betaflight (optional) or with MuJoCo's ground, deck, "
-        "walls and load (optional), or the Hummingbird of rotorpy (optional).",
+        doc="The simulated vehicle: the MPC's model (internal); rotors, body, battery and rate "
+        "loop (rotors), with the firmware Betaflight (optional) or with contacts, deck and load "
+        "in MuJoCo (optional); or the Hummingbird of rotorpy (optional).",
         choices=tuple(PLANTS),
     )
 
@@ -113,113 +113,121 @@ class OwnParameters(BetaflightParameters, MujocoParameters, RotorpyParameters, I
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatorConfig(OwnParameters, PlantChoiceParameters):
-    """The plant, with its own parameters so that it can differ from the controller's model.
+    """The plant, with separate parameters so that it can differ from the controller's model.
 
-    By default it has no wind, noise or losses.
+    By default there is no wind, noise or loss.
     """
 
-    pins = "plant"  # a file that chooses a plant describes the vehicle that this is
+    pins = "plant"  # a file that chooses a plant also describes its vehicle
 
     odom_rate: float = parameter(50.0, doc="Odometry messages per second.", unit="Hz", above=0.0)
     position_noise: float = parameter(
-        0.0, doc="Standard deviation of the odometry's position.", unit="m", minimum=0.0
+        0.0, doc="Standard deviation of the measured position.", unit="m", minimum=0.0
     )
     attitude_noise: float = parameter(
         0.0,
-        doc="Standard deviation of its attitude about each body axis.",
+        doc="Standard deviation of the measured attitude about each body axis.",
         unit="rad",
         minimum=0.0,
     )
     velocity_noise: float = parameter(
-        0.0, doc="Standard deviation of its velocity.", unit="m/s", minimum=0.0
+        0.0, doc="Standard deviation of the measured velocity.", unit="m/s", minimum=0.0
     )
     rate_noise: float = parameter(
-        0.0, doc="Standard deviation of its body rates.", unit="rad/s", minimum=0.0
+        0.0, doc="Standard deviation of the measured body rates.", unit="rad/s", minimum=0.0
     )
     velocity_drift: float = parameter(
         0.0,
-        doc="Standard deviation along each axis of the world of an error of its velocity that "
-        "lasts, as that of an autopilot's estimator does: a Gauss-Markov process.",
+        doc="Standard deviation along each world axis of a correlated error of the measured "
+        "velocity, like those of autopilot estimators: a Gauss-Markov process over 1 s.",
         unit="m/s",
         minimum=0.0,
     )
-    velocity_drift_time: float = parameter(
-        1.0, doc="Correlation time of velocity_drift.", unit="s", above=0.0
-    )
     position_bias: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0), doc="Error of the odometry's position, in the world.", unit="m", length=3
+        (0.0, 0.0, 0.0),
+        doc="Constant error of the measured position, in the world.",
+        unit="m",
+        length=3,
     )
     velocity_bias: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0), doc="Error of its velocity, in the body.", unit="m/s", length=3
+        (0.0, 0.0, 0.0),
+        doc="Constant error of the measured velocity, in the body.",
+        unit="m/s",
+        length=3,
     )
     attitude_bias: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0),
-        doc="Error of its attitude, a rotation vector in the body.",
+        doc="Constant error of the measured attitude, a rotation vector in the body.",
         unit="rad",
         length=3,
     )
     imu_rate: float = parameter(
         0.0,
-        doc="Measurements of the accelerometer per second, on the topic imu; 0 is none. They come "
-        "evenly between the odometries and with them, a whole number for each.",
+        doc="Rate of the accelerometer on the topic imu; 0 disables it. Each odometry comes "
+        "with a whole number of equally spaced samples.",
         unit="Hz",
         minimum=0.0,
         maximum=2000.0,
     )
     imu_noise: float = parameter(
-        0.0, doc="Standard deviation of each along each axis.", unit="m/s^2", minimum=0.0
+        0.0,
+        doc="Standard deviation of the accelerometer along each axis.",
+        unit="m/s^2",
+        minimum=0.0,
     )
     imu_bias: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0), doc="Error of all of them, in the body.", unit="m/s^2", length=3
+        (0.0, 0.0, 0.0),
+        doc="Constant error of the accelerometer, in the body.",
+        unit="m/s^2",
+        length=3,
     )
     odom_delay: float = parameter(
         0.0,
-        doc="Time from a measurement to the sending of its odometry.",
+        doc="Delay from measurement to publication of an odometry.",
         unit="s",
         minimum=0.0,
     )
     odom_stamp: str = parameter(
         "measured",
-        doc="Time that an odometry carries: when it was measured, or when it was sent, so that a "
-        "late one looks fresh.",
+        doc="Stamp of an odometry: the time of measurement, or of publication, which hides the "
+        "delay.",
         choices=("measured", "sent"),
     )
     odom_jitter: float = parameter(
         0.0,
-        doc="Standard deviation of the times of the odometries about their regular times; "
-        "measurement, stamp and sending move together, by at most 0.45 periods.",
+        doc="Standard deviation of the measurement times; stamp and publication move with them, "
+        "by at most 0.45 periods.",
         unit="s",
         minimum=0.0,
     )
     odom_dropout: float = parameter(
         0.0,
-        doc="Probability that an odometry is not sent; the first one always is.",
+        doc="Probability that an odometry is lost; the first odometry is never lost.",
         minimum=0.0,
         below=1.0,
     )
 
     lockstep: bool = parameter(
-        False, doc="Simulated time: step only when the command for the last odometry has come."
+        False, doc="Simulated time: step only after the command for the last odometry."
     )
     lockstep_timeout: float = parameter(
         20.0,
-        doc="How long to wait in lockstep before giving up, wall clock; once mpc and reference "
-        "have started, which may be compiling.",
+        doc="Wall-clock timeout of a lockstep step, after mpc and reference have started.",
         unit="s",
         above=0.0,
         advanced=True,
     )
     autostart: bool = parameter(
-        True, doc="Start the clock at once; otherwise the service ~/start does."
+        True, doc="Start the simulation at once, or with the service ~/start."
     )
     duration: float = parameter(
-        0.0, doc="Stop and exit after this much flight; 0 is never.", unit="s", minimum=0.0
+        0.0, doc="Exit after this time of flight; 0 never exits.", unit="s", minimum=0.0
     )
     obstacles: ObstacleSensorParameters = field(default_factory=ObstacleSensorParameters)
 
     @classmethod
     def share(cls, common: Mapping[str, object], own: Mapping[str, object]) -> dict[str, object]:
-        """Return the parameters of a vehicle file for this plant, without lags of its own.
+        """Return the parameters of a vehicle file for this plant, without replaced parameters.
 
         The vehicle's input delay is from the stamp of the odometry to the command's effect.
         """
@@ -233,7 +241,7 @@ class SimulatorConfig(OwnParameters, PlantChoiceParameters):
         return share
 
     def vehicle_values(self) -> dict[str, Any]:
-        """Return the vehicle of this plant by the names of a vehicle file."""
+        """Return the vehicle of this plant under the names of a vehicle file."""
         values = super().vehicle_values()
         has_own = self.entry().has_own
         if "rate_time_constant" not in has_own:
@@ -241,7 +249,7 @@ class SimulatorConfig(OwnParameters, PlantChoiceParameters):
         return {name: value for name, value in values.items() if name not in has_own}
 
     def check(self) -> None:
-        """Refuse parameters that the plant replaces."""
+        """Reject parameters that the plant replaces."""
         super().check()
         defaults = {spec.name: spec.default for spec in self.specs()}
         for name in self.entry().has_own:
@@ -249,7 +257,7 @@ class SimulatorConfig(OwnParameters, PlantChoiceParameters):
                 raise ConfigurationError(
                     f"{self.owner}.{name}",
                     getattr(self, name),
-                    f"{defaults[name]}: the plant {self.plant} has its own",
+                    f"{defaults[name]}: the plant {self.plant} has its own value",
                 )
 
     def entry(self) -> PlantEntry[SimulatorConfig]:

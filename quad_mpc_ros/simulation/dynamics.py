@@ -1,4 +1,4 @@
-"""Continuous dynamics of the plant, of the paper and of the true rigid body, compiled.
+"""Continuous dynamics of the plant ``internal``: paper and true rigid body, compiled.
 
 The model of the controller (``control/model/rollout.py``) is implemented independently.
 
@@ -12,6 +12,7 @@ import math
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import kernels
+from quad_mpc_ros.simulation.records import VehicleConstants
 
 Drive = tuple[float, kernels.Vector]
 """Specific thrust along body z [m/s^2], and body rates [rad/s]."""
@@ -19,14 +20,14 @@ Drive = tuple[float, kernels.Vector]
 DrivenStep = tuple[Drive, Drive, Drive, kernels.Matrix, kernels.Matrix]
 """Drive at start, middle and end of a step, and rotations over its first and second half."""
 
-Environment = tuple[bool, float, kernels.Vector, kernels.Vector, float, kernels.Vector]
-"""Whether the dynamics are those of the rigid body, gravity [m/s^2], drag of each body axis [1/s],
-rotor drag at the speed of hover [1/s], translational lift [1/m], velocity of the air [m/s]."""
-
 
 @compiled
 def paper_dynamics(
-    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: Environment
+    v_WB_B: kernels.Vector,
+    R_WB: kernels.Matrix,
+    drive: Drive,
+    vehicle: VehicleConstants,
+    wind_W: kernels.Vector,
 ) -> kernels.Vector:
     """Return dv/dt of Eq. (3) literally, without the transport term of rotating axes.
 
@@ -34,35 +35,37 @@ def paper_dynamics(
     proportional to the rotors' speed, which is proportional to the root of the thrust.
     """
     lift, _ = drive
-    _, gravity, air, rotors, gained, wind_W = world
+    gravity, drag, rotor_drag = vehicle.gravity, vehicle.drag, vehicle.rotor_drag
     rotor_speed = math.sqrt(max(lift, 0.0) / gravity)
     wind_B = kernels.apply_transposed(R_WB, wind_W)
     u, v, w = v_WB_B[0] - wind_B[0], v_WB_B[1] - wind_B[1], v_WB_B[2] - wind_B[2]
-    drag = (
-        air[0] + rotor_speed * rotors[0],
-        air[1] + rotor_speed * rotors[1],
-        air[2] + rotor_speed * rotors[2],
-    )
     up_B = kernels.column(kernels.transposed(R_WB), 2)
+    translational_lift = vehicle.translational_lift * (u * u + v * v)
     return (
-        -gravity * up_B[0] - drag[0] * u,
-        -gravity * up_B[1] - drag[1] * v,
-        lift + gained * (u * u + v * v) - gravity * up_B[2] - drag[2] * w,
+        -gravity * up_B[0] - (drag[0] + rotor_speed * rotor_drag[0]) * u,
+        -gravity * up_B[1] - (drag[1] + rotor_speed * rotor_drag[1]) * v,
+        lift
+        + translational_lift
+        - gravity * up_B[2]
+        - (drag[2] + rotor_speed * rotor_drag[2]) * w,
     )
 
 
 @compiled
 def dynamics(
-    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: Environment
+    v_WB_B: kernels.Vector,
+    R_WB: kernels.Matrix,
+    drive: Drive,
+    vehicle: VehicleConstants,
+    wind_W: kernels.Vector,
 ) -> tuple[kernels.Vector, kernels.Vector]:
-    """Return dp/dt in the world and dv/dt in the body, by the selected dynamics.
+    """Return dp/dt in the world and dv/dt in the body, with the selected dynamics.
 
-    For the rigid body Eq. (3) also has -omega x v of a turning frame.
+    The rigid body adds the transport term -omega x v to Eq. (3).
     """
-    is_rigid_body, (_lift, w_WB_B) = world[0], drive
-    rate = paper_dynamics(v_WB_B, R_WB, drive, world)
-    if is_rigid_body:
-        rate = kernels.plus(rate, kernels.cross(v_WB_B, w_WB_B))
+    rate = paper_dynamics(v_WB_B, R_WB, drive, vehicle, wind_W)
+    if vehicle.is_rigid_body != 0:
+        rate = kernels.plus(rate, kernels.cross(v_WB_B, drive[1]))
     return kernels.apply(R_WB, v_WB_B), rate
 
 
@@ -72,7 +75,8 @@ def integrated(
     v_WB_B: kernels.Vector,
     R_WB: kernels.Matrix,
     course: DrivenStep,
-    world: Environment,
+    vehicle: VehicleConstants,
+    wind_W: kernels.Vector,
     duration: float,
 ) -> tuple[kernels.Vector, kernels.Vector, kernels.Matrix]:
     """Return position, velocity and rotation after one Runge-Kutta step of order 4 [s].
@@ -83,10 +87,10 @@ def integrated(
     R_half = kernels.multiply(R_WB, first_turn)
     R_full = kernels.multiply(R_half, second_turn)
     half = 0.5 * duration
-    p1, v1 = dynamics(v_WB_B, R_WB, start, world)
-    p2, v2 = dynamics(_moved(v_WB_B, v1, half), R_half, middle, world)
-    p3, v3 = dynamics(_moved(v_WB_B, v2, half), R_half, middle, world)
-    p4, v4 = dynamics(_moved(v_WB_B, v3, duration), R_full, end, world)
+    p1, v1 = dynamics(v_WB_B, R_WB, start, vehicle, wind_W)
+    p2, v2 = dynamics(_moved(v_WB_B, v1, half), R_half, middle, vehicle, wind_W)
+    p3, v3 = dynamics(_moved(v_WB_B, v2, half), R_half, middle, vehicle, wind_W)
+    p4, v4 = dynamics(_moved(v_WB_B, v3, duration), R_full, end, vehicle, wind_W)
     return (
         _moved(p_WB, _weighted(p1, p2, p3, p4), duration),
         _moved(v_WB_B, _weighted(v1, v2, v3, v4), duration),
@@ -103,6 +107,6 @@ def _moved(x: kernels.Vector, rate: kernels.Vector, duration: float) -> kernels.
 def _weighted(
     k1: kernels.Vector, k2: kernels.Vector, k3: kernels.Vector, k4: kernels.Vector
 ) -> kernels.Vector:
-    """Return the mean rate of a step of the four in it, 1:2:2:1."""
+    """Return the mean of a step's four rates, weighted by 1:2:2:1."""
     outer, inner = kernels.plus(k1, k4), kernels.plus(k2, k3)
     return kernels.scaled(1.0 / 6.0, kernels.plus(outer, kernels.scaled(2.0, inner)))

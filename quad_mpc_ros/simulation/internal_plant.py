@@ -1,7 +1,7 @@
-"""The package's own vehicle: true state, actuators, wind, ground.
+"""The plant ``internal``: true state, actuators, wind, ground.
 
-Equations and integrator are independent of those of the controller (``control/model/rollout.py``),
-so that flights show errors.
+Equations and integrator are independent of the controller's (``control/model/rollout.py``), so
+that flights reveal errors.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.simulation import motion
 from quad_mpc_ros.simulation.parameters import LONGEST_TIME_CONSTANT, PlantParameters
 from quad_mpc_ros.simulation.plant import DelayedPlant, odometry_of
-from quad_mpc_ros.simulation.records import Measured, PlantInputs
+from quad_mpc_ros.simulation.records import Measured, PlantInputs, VehicleConstants
 
 _STEPS_PER_LAG = 10  # of the integrator, per time constant
 _SHORTEST_STEP = 5e-4  # s
@@ -37,50 +37,46 @@ class InternalParameters(PlantParameters):
     )
     rate_time_constant: float | tuple[float, ...] = parameter(
         0.07,
-        doc="Lag of the body rates behind the commanded ones: one over the proportional gain of "
-        "the rate loop. 0: the rates are those commanded.",
+        doc="Lag of the body rates, 1 / proportional gain of the rate loop; 0 disables the lag.",
         unit="s",
         minimum=0.0,
         maximum=LONGEST_TIME_CONSTANT,
     )
     torque_time_constant: float | tuple[float, ...] = parameter(
         0.02,
-        doc="Lag of the torque behind the rate loop: the loop rings if it is above "
-        "rate_time_constant.",
+        doc="Lag of the torque; the rate loop rings if it is above rate_time_constant.",
         unit="s",
         minimum=0.0,
         maximum=LONGEST_TIME_CONSTANT,
     )
     angular_acceleration_max: float | tuple[float, ...] = parameter(
         0.0,
-        doc="Largest angular acceleration; 0 is no limit.",
+        doc="Largest angular acceleration; 0 disables the limit.",
         unit="rad/s^2",
         minimum=0.0,
     )
     rate_gain: float | tuple[float, ...] = parameter(
-        1.0, doc="Body rates in the long run over those commanded.", minimum=0.0, maximum=10.0
+        1.0, doc="Ratio of steady to commanded body rates.", minimum=0.0, maximum=10.0
     )
     thrust_time_constant: float = parameter(
         0.04,
-        doc="First-order lag of the throttle that makes the thrust behind the commanded one.",
+        doc="First-order lag of the throttle.",
         unit="s",
         minimum=0.0,
         maximum=LONGEST_TIME_CONSTANT,
     )
     thrust_time_constant_down: float = parameter(
         0.0,
-        doc="Lag while the throttle decreases; 0 is thrust_time_constant.",
+        doc="Lag of a decreasing throttle; 0 uses thrust_time_constant.",
         unit="s",
         minimum=0.0,
         maximum=LONGEST_TIME_CONSTANT,
     )
 
 
-def constants(
-    config: InternalParameters, vehicle: Vehicle
-) -> RecordArray[motion.VehicleConstants]:
-    """Return a plant as the compiled code takes it; ``vehicle`` has its true mass."""
-    numbers = motion.VehicleConstants.zeros()
+def constants(config: InternalParameters, vehicle: Vehicle) -> RecordArray[VehicleConstants]:
+    """Return the numbers for the compiled code; ``vehicle`` has the true mass."""
+    numbers = VehicleConstants.zeros()
     own, lag = numbers[()], config.thrust_time_constant
     own.is_rigid_body = int(config.dynamics == "rigid_body")
     own.gravity = vehicle.gravity

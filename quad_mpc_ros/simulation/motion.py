@@ -10,15 +10,14 @@ import math
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vector3
 from quad_mpc_ros.control.lie import kernels
-from quad_mpc_ros.simulation.actuators import (
-    BodyRates,
-    RateLoop,
-    later_rates,
-    later_throttle,
-    thrust_at,
-)
+from quad_mpc_ros.simulation.actuators import BodyRates, later_rates, later_throttle, thrust_at
 from quad_mpc_ros.simulation.dynamics import integrated
-from quad_mpc_ros.simulation.records import Measured, PlantInputs, store_quaternion
+from quad_mpc_ros.simulation.records import (
+    Measured,
+    PlantInputs,
+    VehicleConstants,
+    store_quaternion,
+)
 
 
 class VehicleState(Record):
@@ -32,22 +31,6 @@ class VehicleState(Record):
     angular_acceleration: Vector3  # rad/s^2, with a rate loop of second order
 
 
-class VehicleConstants(Record):
-    """The numbers of the equations."""
-
-    is_rigid_body: int  # 0 for the paper's Eq. (3)
-    gravity: float  # m/s^2
-    lift: Vector3  # thrust over mass, a polynomial of the throttle, highest power first [m/s^2]
-    thrust_time_constant: float  # s
-    thrust_time_constant_down: float  # s, while the throttle decreases
-    rate_time_constant: Vector3  # s
-    torque_time_constant: Vector3  # s
-    angular_acceleration_max: Vector3  # rad/s^2
-    drag: Vector3  # 1/s
-    rotor_drag: Vector3  # 1/s
-    translational_lift: float  # 1/m
-
-
 @compiled
 def advance(
     state: RecordArray[VehicleState],
@@ -59,20 +42,11 @@ def advance(
     """Advance a state by steps of equal ``duration`` [s] under constant inputs."""
     x, u_in, numbers = state[()], inputs[()], vehicle[()]
     gravity, lift = numbers.gravity, kernels.vector(numbers.lift)
-    loop = RateLoop(
-        kernels.vector(numbers.rate_time_constant),
-        kernels.vector(numbers.torque_time_constant),
-        kernels.vector(numbers.angular_acceleration_max),
-    )
-    world = (
-        numbers.is_rigid_body != 0,
-        gravity,
-        kernels.vector(numbers.drag),
-        kernels.vector(numbers.rotor_drag),
-        numbers.translational_lift,
+    wind_W, command, half = (
         kernels.vector(u_in.wind_W),
+        kernels.vector(u_in.w_WB_B),
+        0.5 * duration,
     )
-    command, half = kernels.vector(u_in.w_WB_B), 0.5 * duration
     p, v, R = kernels.vector(x.p_WB), kernels.vector(x.v_WB_B), kernels.matrix(x.R_WB)
     rates = BodyRates(kernels.vector(x.w_WB_B), kernels.vector(x.angular_acceleration))
     throttle = x.throttle
@@ -82,19 +56,21 @@ def advance(
     for _ in range(steps):
         start = thrust_at(throttle, lift), rates.w
         throttle = later_throttle(throttle, u_in.throttle, lag, half)
-        rates, first_turn = later_rates(rates, command, loop, half)
+        rates, first_turn = later_rates(rates, command, numbers, half)
         middle = thrust_at(throttle, lift), rates.w
         throttle = later_throttle(throttle, u_in.throttle, lag, half)
-        rates, second_turn = later_rates(rates, command, loop, half)
+        rates, second_turn = later_rates(rates, command, numbers, half)
         end = thrust_at(throttle, lift), rates.w
         if _on_ground(p, v) and max(start[0], end[0]) <= gravity:
-            rates = _held(rates, loop)  # the ground prevents rotation
+            rates = _held(rates, numbers)  # the ground prevents rotation
             continue
         course = start, middle, end, first_turn, second_turn
-        p, v, R = integrated(p, v, R, course=course, world=world, duration=duration)
+        p, v, R = integrated(
+            p, v, R, course=course, vehicle=numbers, wind_W=wind_W, duration=duration
+        )
         if not (p[2] > 0.0 or (p[2] == 0.0 and kernels.apply(R, v)[2] > 0.0)):
             p, v, R = _landed(p, R)
-            rates = _held(rates, loop)
+            rates = _held(rates, numbers)
     kernels.store_vector(p, x.p_WB)
     kernels.store_vector(v, x.v_WB_B)
     kernels.store_matrix(R, x.R_WB)
@@ -116,9 +92,9 @@ def measure(state: RecordArray[VehicleState], out: RecordArray[Measured]) -> Non
 
 
 @compiled
-def _held(rates: BodyRates, loop: RateLoop) -> BodyRates:
-    """Return the rates of a body on the ground, where those with a lag are reset to zero."""
-    (x, y, z), lags = rates.w, loop.time_constant
+def _held(rates: BodyRates, vehicle: VehicleConstants) -> BodyRates:
+    """Return the rates of a body on the ground, where rates with a lag are reset to zero."""
+    (x, y, z), lags = rates.w, vehicle.rate_time_constant
     held = 0.0 if lags[0] > 0.0 else x, 0.0 if lags[1] > 0.0 else y, 0.0 if lags[2] > 0.0 else z
     return BodyRates(held, (0.0, 0.0, 0.0))
 

@@ -1,7 +1,7 @@
 """The parameters of the plant ``mujoco``, in addition to those of the plant ``rotors``.
 
-Lengths in the world are in its frame, in which the origin of a vehicle that stands on level ground
-is at height 0: the ground is ``airframe.clearance`` below.
+The origin of a vehicle that stands on level ground is at height 0 of the world: the ground is
+``airframe.clearance`` below.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ class ContactParameters(Configuration):
     )
     time_constant: float = parameter(
         0.01,
-        doc="Time in which what touches is pushed apart; softer is longer.",
+        doc="Time constant of the contact force; longer is softer.",
         unit="s",
         minimum=0.002,
         maximum=0.2,
     )
     damping_ratio: float = parameter(
-        1.0, doc="Damping of that: at 1 nothing bounces, below it does.", above=0.0, maximum=10.0
+        1.0, doc="Damping ratio; contacts bounce below 1.", above=0.0, maximum=10.0
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class GroundParameters(Configuration):
-    """The ground, a plane without end."""
+    """The ground, an unlimited plane."""
 
     owner = "simulator.mujoco.ground"
 
@@ -47,7 +47,7 @@ class GroundParameters(Configuration):
         0.0, doc="Inclination of the ground.", unit="rad", minimum=0.0, maximum=_MAX_SLOPE
     )
     slope_heading: float = parameter(
-        0.0, doc="Way up the slope, from east anticlockwise.", unit="rad"
+        0.0, doc="Uphill direction, anticlockwise from east.", unit="rad"
     )
 
 
@@ -59,54 +59,59 @@ class GearParameters(Configuration):
 
     length: float = parameter(
         0.0,
-        doc="Distance from the front feet to the rear ones; 0 is as far apart as the rotors.",
+        doc="Distance between front and rear feet; 0 uses the distance of the rotors.",
         unit="m",
         minimum=0.0,
     )
     width: float = parameter(
         0.0,
-        doc="Distance from the left feet to the right ones; 0 is as far apart as the rotors.",
+        doc="Distance between left and right feet; 0 uses the distance of the rotors.",
         unit="m",
         minimum=0.0,
     )
-    foot_radius: float = parameter(0.005, doc="Radius of a foot, a ball.", unit="m", above=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class DeckParameters(Configuration):
-    """A deck that heaves and rocks; its motion does not yield to what stands on it.
+    """A deck that heaves and rocks; contact forces do not move it.
 
-    Height, roll and pitch are sines of time, each of its own amplitude.
+    Height, roll and pitch are sines of time.
     """
 
     owner = "simulator.mujoco.deck"
 
     size: tuple[float, ...] = parameter(
-        (0.0, 0.0), doc="Lengths along x and y; 0, 0 is no deck.", unit="m", length=2, minimum=0.0
+        (0.0, 0.0),
+        doc="Lengths of the deck along x and y; 0, 0 disables the deck.",
+        unit="m",
+        length=2,
+        minimum=0.0,
     )
     position: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.5), doc="Middle of its upper face at rest.", unit="m", length=3
+        (0.0, 0.0, 0.5), doc="Centre of the upper face at rest.", unit="m", length=3
     )
-    heave_amplitude: float = parameter(0.0, doc="How far it heaves.", unit="m", minimum=0.0)
-    heave_frequency: float = parameter(0.2, doc="How often it heaves.", unit="Hz", above=0.0)
+    heave_amplitude: float = parameter(0.0, doc="Amplitude of the heave.", unit="m", minimum=0.0)
+    heave_frequency: float = parameter(0.2, doc="Frequency of the heave.", unit="Hz", above=0.0)
     roll_amplitude: float = parameter(
-        0.0, doc="How far it rocks about x.", unit="rad", minimum=0.0, maximum=0.7
+        0.0, doc="Amplitude of the roll.", unit="rad", minimum=0.0, maximum=0.7
     )
     pitch_amplitude: float = parameter(
-        0.0, doc="How far it rocks about y.", unit="rad", minimum=0.0, maximum=0.7
+        0.0, doc="Amplitude of the pitch.", unit="rad", minimum=0.0, maximum=0.7
     )
-    rock_frequency: float = parameter(0.2, doc="How often it rocks.", unit="Hz", above=0.0)
-    heave_phase: float = parameter(0.0, doc="Angle of the heave's sine at the start.", unit="rad")
-    roll_phase: float = parameter(0.0, doc="Angle of the roll's sine at the start.", unit="rad")
-    pitch_phase: float = parameter(0.0, doc="Angle of the pitch's sine at the start.", unit="rad")
+    rock_frequency: float = parameter(
+        0.2, doc="Frequency of roll and pitch.", unit="Hz", above=0.0
+    )
+    heave_phase: float = parameter(0.0, doc="Phase of the heave at the start.", unit="rad")
+    roll_phase: float = parameter(0.0, doc="Phase of the roll at the start.", unit="rad")
+    pitch_phase: float = parameter(0.0, doc="Phase of the pitch at the start.", unit="rad")
 
     @property
     def exists(self) -> bool:
-        """Whether there is one."""
+        """Whether there is a deck."""
         return min(self.size) > 0.0
 
     def check(self) -> None:
-        """Refuse a deck of a length and no width."""
+        """Reject a deck with a length and no width."""
         if not self.exists and max(self.size) > 0.0:
             raise ConfigurationError(
                 f"{self.owner}.size", self.size, "2 numbers > 0, or 0, 0 for no deck"
@@ -114,48 +119,23 @@ class DeckParameters(Configuration):
 
 
 @dataclass(frozen=True, kw_only=True)
-class WallParameters(Configuration):
-    """Upright walls, one for each element of the lists."""
-
-    owner = "simulator.mujoco.walls"
-
-    x: tuple[float, ...] = parameter((), doc="Their middles, east.", unit="m")
-    y: tuple[float, ...] = parameter((), doc="Their middles, north.", unit="m")
-    heading: tuple[float, ...] = parameter(
-        (), doc="The ways along which they stand, from east anticlockwise.", unit="rad"
-    )
-    length: tuple[float, ...] = parameter((), doc="Their lengths.", unit="m", above=0.0)
-    height: float = parameter(3.0, doc="Height of all, from height 0 on.", unit="m", above=0.0)
-    thickness: float = parameter(0.1, doc="Thickness of all.", unit="m", above=0.0)
-
-    def check(self) -> None:
-        """Refuse lists of different lengths."""
-        for name in ("y", "heading", "length"):
-            if len(getattr(self, name)) != len(self.x):
-                raise ConfigurationError(
-                    f"{self.owner}.{name}", getattr(self, name), f"{len(self.x)} numbers, as x has"
-                )
-
-
-@dataclass(frozen=True, kw_only=True)
 class PayloadParameters(Configuration):
-    """A ball on a cable that has neither mass nor stretch and can go slack; no air acts on it."""
+    """A ball without drag on a massless, inextensible cable, which can go slack."""
 
     owner = "simulator.mujoco.payload"
 
-    mass: float = parameter(0.0, doc="Mass of the load; 0 is none.", unit="kg", minimum=0.0)
+    mass: float = parameter(0.0, doc="Mass of the load; 0 disables it.", unit="kg", minimum=0.0)
     cable_length: float = parameter(
-        0.5, doc="From the attachment to the middle of the load.", unit="m", above=0.0
+        0.5, doc="Distance from the attachment to the centre of the load.", unit="m", above=0.0
     )
     attachment: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0), doc="Where the cable is fixed in the body.", unit="m", length=3
+        (0.0, 0.0, 0.0), doc="Attachment of the cable in the body.", unit="m", length=3
     )
-    radius: float = parameter(0.01, doc="Radius of the load.", unit="m", above=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurroundingsParameters(Configuration):
-    """Contact, ground, gear, deck, walls and payload."""
+    """Contact, ground, gear, deck and payload."""
 
     owner = "simulator.mujoco"
 
@@ -163,12 +143,11 @@ class SurroundingsParameters(Configuration):
     ground: GroundParameters = dataclasses.field(default_factory=GroundParameters)
     gear: GearParameters = dataclasses.field(default_factory=GearParameters)
     deck: DeckParameters = dataclasses.field(default_factory=DeckParameters)
-    walls: WallParameters = dataclasses.field(default_factory=WallParameters)
     payload: PayloadParameters = dataclasses.field(default_factory=PayloadParameters)
 
 
 @dataclass(frozen=True, kw_only=True)
 class MujocoParameters(RotorsPlantParameters):
-    """Its own, in groups within a group."""
+    """The own parameters of the plant ``mujoco``, in groups."""
 
     mujoco: SurroundingsParameters = dataclasses.field(default_factory=SurroundingsParameters)

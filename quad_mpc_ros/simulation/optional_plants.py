@@ -12,19 +12,19 @@ from quad_mpc_ros.simulation.rotors.parameters import RotorsPlantParameters
 
 @dataclass(frozen=True, kw_only=True)
 class FirmwareParameters(Configuration):
-    """How the firmware is set up."""
+    """Settings of the firmware."""
 
     owner = "simulator.betaflight"
 
     rate_max: float = parameter(
         12.2,
-        doc="Body rate at full stick, the same for each axis; linear below it.",
+        doc="Body rate at full stick of all axes; the rate curve is linear.",
         unit="rad/s",
         minimum=0.2,
         maximum=34.0,
     )
     settings: tuple[str, ...] = parameter(
-        ("feature AIRMODE",), doc="Lines for the firmware's command line, before it flies."
+        ("feature AIRMODE",), doc="Lines for the firmware's command line, before the flight."
     )
 
 
@@ -41,7 +41,7 @@ class RotorpyParameters(PlantParameters):
 
     rotorpy_rate_gain: float = parameter(
         20.0,
-        doc="Gain k_w of rotorpy's body-rate loop; the reciprocal is nearly its time constant.",
+        doc="Gain k_w of rotorpy's rate loop, about the reciprocal of its time constant.",
         unit="1/s",
         above=0.0,
     )

@@ -20,7 +20,7 @@ _NOISE_BLOCK_SIZE = 64  # rows
 
 
 class Stream(IntEnum):
-    """Purposes of random numbers. Never renumber them: seeds would change their meaning."""
+    """Purposes of random numbers. Never renumber them: seeds would change meaning."""
 
     GUSTS = 0
     NOISE = 1
@@ -32,10 +32,10 @@ class Stream(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class PlantParameters(VehicleParameters):
-    """The parameters of every plant: the true vehicle, its start, its commands and the air.
+    """The parameters of every plant: true vehicle, initial state, commands and air.
 
-    A plant's own parameters are declared in a class derived from this one, in the plant's file.
-    All of them together are the parameters of the simulator node, so names must be distinct.
+    A plant declares its own parameters in a class derived from this one. The simulator node has
+    the parameters of all plants, so names must be distinct.
     """
 
     owner = "simulator"
@@ -48,10 +48,10 @@ class PlantParameters(VehicleParameters):
         maximum=0.05,
         advanced=True,
     )
-    mass_scale: float = parameter(1.0, doc="True mass over the parameter mass.", above=0.0)
-    thrust_scale: float = parameter(1.0, doc="True thrust over that of the curve.", above=0.0)
+    mass_scale: float = parameter(1.0, doc="Ratio of the true to the configured mass.", above=0.0)
+    thrust_scale: float = parameter(1.0, doc="Ratio of true to configured thrust.", above=0.0)
     command_delay: float = parameter(
-        0.02, doc="Time from the arrival of a command to its effect.", unit="s", minimum=0.0
+        0.02, doc="Delay from the arrival of a command to its effect.", unit="s", minimum=0.0
     )
     wind: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0),
@@ -65,27 +65,27 @@ class PlantParameters(VehicleParameters):
     gust_length: float = parameter(
         20.0, doc="Scale length of the gusts, 15 m to 25 m near the ground.", unit="m", above=0.0
     )
-    seed: int = parameter(0, doc="Seed of gusts, noise, jitter and drop-outs.", minimum=0)
+    seed: int = parameter(0, doc="Seed of gusts, noise, jitter and dropouts.", minimum=0)
     initial_position: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0), doc="Where the vehicle starts.", unit="m", length=3
+        (0.0, 0.0, 0.0), doc="Initial position.", unit="m", length=3
     )
     initial_velocity: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0), doc="Velocity at the start, in the world.", unit="m/s", length=3
+        (0.0, 0.0, 0.0), doc="Initial velocity, in the world.", unit="m/s", length=3
     )
     initial_attitude: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0, 1.0),
-        doc="Attitude at the start, quaternion x, y, z, w of body to world; level, heading east.",
+        doc="Initial attitude, quaternion x, y, z, w of body to world; level, heading east.",
         length=4,
     )
     initial_body_rates: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0),
-        doc="Body rates at the start, held until the first command acts.",
+        doc="Initial body rates, held until the first command acts.",
         unit="rad/s",
         length=3,
     )
     initial_throttle: float = parameter(
         0.0,
-        doc="Throttle at the start, held until the first command acts.",
+        doc="Initial throttle, held until the first command acts.",
         minimum=0.0,
         maximum=1.0,
     )
@@ -93,7 +93,7 @@ class PlantParameters(VehicleParameters):
     child_frame_id: str = parameter("base_link", doc="Body frame of the odometry.")
 
     def check(self) -> None:
-        """Refuse a start below the ground and an attitude that is not of unit length."""
+        """Reject a start below the ground and an attitude without unit length."""
         super().check()
         self.check_hover("mass_scale", self.mass_scale, self.mass * self.mass_scale)
         if self.initial_position[2] < 0.0:
@@ -118,15 +118,15 @@ class PlantParameters(VehicleParameters):
         )
 
     def random(self, stream: Stream) -> np.random.Generator:
-        """Return the random numbers of one purpose, from their beginning.
+        """Return a new generator of the random numbers for one purpose.
 
-        As the streams are independent, neither the order in which gusts and sensors draw nor an
-        effect that is switched on changes the numbers of another.
+        The streams are independent: enabling an effect does not change the random numbers of other
+        effects.
         """
         return np.random.default_rng([self.seed, stream])
 
 
 def white_noise(random: np.random.Generator, size: int) -> Iterator[Array]:
-    """Yield rows (size,) from N(0, 1) without end: those of draws row by row, but drawn ahead."""
+    """Yield rows (size,) from N(0, 1) without end, drawn in blocks."""
     while True:
         yield from random.standard_normal((_NOISE_BLOCK_SIZE, size))

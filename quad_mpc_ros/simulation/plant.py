@@ -16,7 +16,7 @@ from quad_mpc_ros.simulation.records import Measured
 from quad_mpc_ros.simulation.wind import NEVER_NS, Wind
 
 SIMULATION_START_NS = 1_000_000_000
-"""Simulated time begins here, not at zero, which ROS reads as "no time yet"."""
+"""Start of simulated time; not zero, which ROS treats as "no time yet"."""
 
 _MAX_BODY_RATE = 1e3  # rad/s, far beyond that of any vehicle
 
@@ -40,7 +40,7 @@ class Powered(Protocol):
 
     @property
     def battery_voltage(self) -> float | None:
-        """Voltage of the battery [V]; None without one that sags."""
+        """Voltage of the battery [V]; None for a constant voltage."""
 
 
 def odometry_of(
@@ -61,8 +61,8 @@ def odometry_of(
 class DelayedPlant(ABC):
     """A plant whose commands act after a delay, in wind and gusts.
 
-    Derived classes implement :meth:`_integrate` and :meth:`_follow`. Steps end where a command
-    begins to act and where the gusts change.
+    Derived classes implement :meth:`_integrate` and :meth:`_follow`. Steps end when a command
+    starts to act and when the gusts change.
     """
 
     def __init__(self, config: PlantParameters) -> None:

@@ -1,4 +1,4 @@
-"""Obstacles and the volume of flight, as read from a file."""
+"""Obstacles and the flight volume."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from quad_mpc_ros.simulation.shapes import Shape
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Volume:
-    """The volume of flight, a box with corners ``minimum`` and ``maximum`` (3,) [m]."""
+    """The flight volume, a box with corners ``minimum`` and ``maximum`` (3,) [m]."""
 
     minimum: Array
     maximum: Array
 
     def distance(self, p_WQ: Array) -> Array:
-        """Return the distances (n,) [m] of points (n, 3) [m] to its walls; negative outside."""
+        """Return the distances (n,) [m] of points (n, 3) [m] to the walls; negative outside."""
         return np.asarray(np.minimum(p_WQ - self.minimum, self.maximum - p_WQ).min(axis=1))
 
 
 class Scene:
-    """Shapes over time [s], and the volume of flight, if there is one."""
+    """Shapes over time [s], and the flight volume, if any."""
 
     def __init__(self, shapes: Sequence[Shape] = (), volume: Volume | None = None) -> None:
         self.shapes = tuple(shapes)
@@ -42,11 +42,11 @@ class Scene:
 
     @property
     def changes(self) -> bool:
-        """Whether a shape moves, or appears later."""
+        """Whether a shape moves or appears after the start."""
         return len(self.static.shapes) < len(self.shapes)
 
     def there(self, seconds: float) -> list[Shape]:
-        """Return the shapes that exist at a time, at their positions then."""
+        """Return the shapes that exist at a time, at their positions at that time."""
         present = np.flatnonzero(self._appears_at <= seconds)
         return [self.shapes[place].after(seconds) for place in present]
 
@@ -56,13 +56,6 @@ class Scene:
         gaps = np.linalg.norm(self._p_WO + moved - p_WC, axis=1) - self._radii
         near = np.flatnonzero((self._appears_at <= seconds) & (gaps <= distance))
         return [self.shapes[place].after(seconds) for place in near]
-
-    def distance(self, p_WQ: Array, seconds: float) -> Array:
-        """Return the signed distances (n,) [m] of points (n, 3) [m] to the nearest surface."""
-        nearest = np.full(len(p_WQ), np.inf)
-        for shape in self.there(seconds):
-            nearest = np.minimum(nearest, shape.distance(p_WQ))
-        return nearest
 
     def clearances(self, p_WQ: Array, seconds: Array) -> Array:
         """Return the signed distance (n,) [m] of each point (n, 3) [m] at its time (n,)."""

@@ -1,4 +1,4 @@
-"""The odometries of a flight: noise, bias, drift, losses and delay."""
+"""Odometry measurements: noise, bias, drift, losses and delay."""
 
 from __future__ import annotations
 
@@ -20,15 +20,16 @@ from quad_mpc_ros.simulation.plant import Plant, Powered
 
 _MAX_JITTER = 0.45  # periods; below one half, so that odometries stay in order
 
-_VOLTAGE_PERIOD_NS = 200_000_000  # of the measurements of a battery
+_DRIFT_TIME = 1.0  # s, correlation time of the velocity drift
+_VOLTAGE_PERIOD_NS = 200_000_000  # of the battery's voltage
 
 
 class Sensors:
-    """Adds white noise, biases and drift to the odometry and loses some.
+    """Adds white noise, biases and drift to the odometry, and selects lost odometries.
 
-    Position errs in the world, velocity, body rate and attitude in the body; the attitude by a
-    rotation R exp(bias + noise), so that the quaternion stays of unit length. The velocity's
-    drift, in the world, is a first-order Gauss-Markov process, sampled exactly.
+    Errors of the position are in the world, errors of velocity, body rates and attitude in the
+    body. The attitude is R exp(bias + noise), so that the quaternion keeps unit length. The drift
+    of the velocity, in the world, is a first-order Gauss-Markov process, sampled exactly.
     """
 
     def __init__(self, config: SimulatorConfig) -> None:
@@ -44,7 +45,10 @@ class Sensors:
         self._bias = np.concatenate(
             (config.position_bias, config.attitude_bias, config.velocity_bias, np.zeros(3))
         )
-        self._drift = _Drift(config)
+        self._velocity_drift = config.velocity_drift
+        self._drift_noise = white_noise(config.random(Stream.DRIFT), 3)
+        self._drift_stamp_ns: int | None = None
+        self._drift_W = np.zeros(3)
         self._exact = not (self._noise.any() or self._bias.any() or config.velocity_drift > 0.0)
         self._dropout = config.odom_dropout
         self._white_noise = white_noise(config.random(Stream.NOISE), self._noise.size)
@@ -59,7 +63,7 @@ class Sensors:
         of_p, of_R, of_v, of_w = errors.reshape(-1, 3)
         R_true = so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw)
         R_WB = R_true @ so3.exp(of_R)
-        of_v = of_v + R_true.T @ self._drift.at(truth.stamp_ns)
+        of_v = of_v + R_true.T @ self._drift_at(truth.stamp_ns)
         return OdometrySample(
             stamp_ns=truth.stamp_ns,
             p_WB=truth.p_WB + of_p,
@@ -76,33 +80,23 @@ class Sensors:
         drawn = self._dropout > 0.0 and self._dropout_random.random() < self._dropout
         return bool(drawn and not first)
 
-
-class _Drift:
-    """A first-order Gauss-Markov process along each axis of the world, stationary."""
-
-    def __init__(self, config: SimulatorConfig) -> None:
-        self._deviation, self._time = config.velocity_drift, config.velocity_drift_time
-        self._white_noise = white_noise(config.random(Stream.DRIFT), 3)
-        self._stamp_ns: int | None = None
-        self._v_W = np.zeros(3)
-
-    def at(self, stamp_ns: int) -> Array:
-        """Return the drift (3,) [m/s] at a time not before that of the previous call."""
-        if self._deviation > 0.0:
-            before_ns, self._stamp_ns = self._stamp_ns, stamp_ns
+    def _drift_at(self, stamp_ns: int) -> Array:
+        """Return the drift (3,) [m/s] in the world at a time not before the previous time."""
+        if self._velocity_drift > 0.0:
+            before_ns, self._drift_stamp_ns = self._drift_stamp_ns, stamp_ns
             kept = 0.0
             if before_ns is not None:
-                kept = math.exp(-1e-9 * (stamp_ns - before_ns) / self._time)
-            fresh = self._deviation * math.sqrt(1.0 - kept**2) * next(self._white_noise)
-            self._v_W = kept * self._v_W + fresh
-        return self._v_W
+                kept = math.exp(-1e-9 * (stamp_ns - before_ns) / _DRIFT_TIME)
+            fresh = self._velocity_drift * math.sqrt(1.0 - kept**2) * next(self._drift_noise)
+            self._drift_W = kept * self._drift_W + fresh
+        return self._drift_W
 
 
 def odometry_stamps(config: SimulatorConfig) -> Iterator[int]:
     """Yield the times of the measurements from the start [ns], for the configured duration.
 
-    Each is computed from its number, so that no rounding accumulates, and jittered on its own.
-    The first is on time.
+    Each time is computed from its number, so that rounding does not accumulate. Jitter is
+    independent; the first measurement has none.
     """
     random = config.random(Stream.JITTER)
     jitter = config.odom_jitter * config.odom_rate
@@ -116,18 +110,18 @@ def odometry_stamps(config: SimulatorConfig) -> Iterator[int]:
 
 
 def stamp_offset_ns(config: SimulatorConfig) -> int:
-    """Return by how much an odometry's stamp is later than its measurement [ns]."""
+    """Return the time from an odometry's measurement to its stamp [ns]."""
     return round(config.odom_delay * 1e9) if config.odom_stamp == "sent" else 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SentOdometry:
-    """An odometry and when it is sent, from the start of the plant; ``truth`` is without error.
+    """An odometry and its sending time since the start of the plant; ``truth`` is without error.
 
-    With the stamp of the sending, :meth:`OdometryStream.step` returns the truth at that time.
-    ``voltage`` [V] is the battery's, measured with some of the odometries of a plant with one.
-    ``imu`` is what an accelerometer measured since the odometry sent before, the last time with
-    this one; it is sent before it.
+    If stamps are times of publication, :meth:`OdometryStream.step` returns the truth at that time.
+    ``voltage`` [V] is the battery's, measured with some of the odometries. ``imu`` are the samples
+    of the accelerometer since the previous published odometry, the last sample at the time of this
+    odometry; samples are published before the odometry.
     """
 
     time_ns: int
@@ -138,10 +132,10 @@ class SentOdometry:
 
 
 class OdometryStream:
-    """Advances the plant and measures it on the way.
+    """Advances the plant and measures its state.
 
     A measurement at the arrival of a command does not include the command. Lost odometries are
-    measured but not sent.
+    measured but not published.
     """
 
     def __init__(self, plant: Plant, config: SimulatorConfig, *, start_stamp_ns: int) -> None:
@@ -162,7 +156,7 @@ class OdometryStream:
         self._voltage_due_ns = 0
 
     def step(self) -> SentOdometry | None:
-        """Move the plant to the next sending; None when there is none any more."""
+        """Advance the plant to the next publication; None at the end of the flight."""
         while not self._waiting or self._measures_by(self._waiting[0].time_ns):
             if self._next_ns is None:
                 return None
@@ -174,7 +168,7 @@ class OdometryStream:
         return sent
 
     def advance_to(self, time_ns: int) -> list[SentOdometry]:
-        """Move the plant to a time and return the odometries due by then."""
+        """Advance the plant to a time and return the odometries due by then."""
         while self._measures_by(time_ns):
             self._measure()
         self._accelerometer.advance_to(time_ns)
@@ -184,7 +178,7 @@ class OdometryStream:
         return due
 
     def ended(self, time_ns: int) -> bool:
-        """Whether the last odometry was sent a period ago or more."""
+        """Whether the last odometry was published at least a period ago."""
         return self._next_ns is None and not self._waiting and time_ns >= self._end_ns
 
     def _measures_by(self, time_ns: int) -> bool:
@@ -213,7 +207,7 @@ class OdometryStream:
             self._accelerometer.plan(measured_ns, self._next_ns)
 
     def _voltage(self, time_ns: int) -> float | None:
-        """Return the battery's voltage [V] where there is one, and to be measured by now."""
+        """Return the battery's voltage [V] if there is a battery and a measurement is due."""
         if self._powered is None or time_ns < self._voltage_due_ns:
             return None
         self._voltage_due_ns = time_ns + _VOLTAGE_PERIOD_NS

@@ -1,8 +1,8 @@
-"""Boxes, cylinders and spheres: where they are, and distances to their surface.
+"""Boxes, cylinders and spheres: positions, and distances to their surfaces.
 
-A shape has a frame O in its centre, with ``p_WO``, ``R_WO`` and a constant velocity ``v_WO_W``.
-Distances are signed: negative inside. The formulas are the exact ones of signed distance functions
-(Quilez, distance functions).
+A shape has a frame O at its centre, with ``p_WO``, ``R_WO`` and a constant velocity ``v_WO_W``.
+Distances are negative inside. The formulas are exact signed distance functions (Quilez, distance
+functions).
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ class Shape(ABC):
     """Base class of all shapes.
 
     Attributes:
-        p_WO: Its centre (3,) [m], at the time 0.
-        R_WO: Its attitude (3, 3).
-        v_WO_W: Its velocity (3,) [m/s], constant.
+        p_WO: Centre (3,) [m] at time 0.
+        R_WO: Attitude (3, 3).
+        v_WO_W: Constant velocity (3,) [m/s].
         appears_at: Time from which the shape exists [s].
     """
 
@@ -39,28 +39,28 @@ class Shape(ABC):
 
     @property
     def moves(self) -> bool:
-        """Whether it has a velocity."""
+        """Whether the shape has a velocity."""
         return bool(np.any(self.v_WO_W))
 
     @property
     @abstractmethod
     def half_extents(self) -> Array:
-        """Half of its size (3,) [m] along its own axes."""
+        """Half of the shape's size (3,) [m] along its axes."""
 
     @property
     @abstractmethod
     def outer_radius(self) -> float:
-        """Radius [m] of the smallest sphere about the centre that holds it."""
+        """Radius [m] of the bounding sphere about the centre."""
 
     def after(self, seconds: float) -> Shape:
-        """Return the shape at a time [s]; until it appears it stays at its start."""
+        """Return the shape at a time [s]; before its appearance it does not move."""
         moved = max(seconds - self.appears_at, 0.0)
         if not self.moves or moved == 0.0:
             return self
         return dataclasses.replace(self, p_WO=self.p_WO + moved * self.v_WO_W)
 
     def distance(self, p_WQ: Array) -> Array:
-        """Return the signed distances (n,) [m] of points (n, 3) [m] to its surface."""
+        """Return the signed distances (n,) [m] of points (n, 3) [m] to the surface."""
         return self._distance(self.turned(p_WQ - self.p_WO))
 
     @abstractmethod
@@ -81,12 +81,12 @@ class Box(Shape):
 
     @property
     def half_extents(self) -> Array:
-        """Half of its size (3,) [m]."""
+        """Half of the size (3,) [m]."""
         return 0.5 * self.size
 
     @property
     def outer_radius(self) -> float:
-        """Radius [m] of the sphere through its corners."""
+        """Radius [m] of the sphere through the corners."""
         return 0.5 * float(np.linalg.norm(self.size))
 
     def _distance(self, p_OQ: Array) -> Array:
@@ -97,19 +97,19 @@ class Box(Shape):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cylinder(Shape):
-    """A cylinder of a ``radius`` and a ``height`` [m] along its own z."""
+    """A cylinder with a ``radius`` and a ``height`` [m] along its z axis."""
 
     radius: float
     height: float
 
     @property
     def half_extents(self) -> Array:
-        """Half of its size (3,) [m]."""
+        """Half of the size (3,) [m]."""
         return np.array([self.radius, self.radius, 0.5 * self.height])
 
     @property
     def outer_radius(self) -> float:
-        """Radius [m] of the sphere through its rims."""
+        """Radius [m] of the sphere through the rims."""
         return math.hypot(self.radius, 0.5 * self.height)
 
     def _distance(self, p_OQ: Array) -> Array:
@@ -127,12 +127,12 @@ class Sphere(Shape):
 
     @property
     def half_extents(self) -> Array:
-        """Half of its size (3,) [m]."""
+        """Half of the size (3,) [m]."""
         return np.full(3, self.radius)
 
     @property
     def outer_radius(self) -> float:
-        """Its radius [m]."""
+        """Radius [m]."""
         return self.radius
 
     def _distance(self, p_OQ: Array) -> Array:

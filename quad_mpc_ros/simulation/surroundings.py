@@ -18,23 +18,23 @@ _FILE_PARAMETER = "simulator.obstacles.file"
 
 @dataclass(frozen=True, kw_only=True)
 class ObstacleSensorParameters(Configuration):
-    """Obstacles, and the messages about them."""
+    """Obstacles and the sensor that detects them."""
 
     owner = "simulator.obstacles"
 
     file: str = parameter(
-        "", doc="File of boxes, cylinders and spheres; a vehicle that touches one has crashed."
+        "", doc="File of boxes, cylinders and spheres; a vehicle that touches one crashes."
     )
     sensor: str = parameter(
         "none",
-        doc="What is seen of them: nothing, points where rays all around the vehicle end (on "
-        "obstacles), or the shapes themselves (on obstacle_markers).",
+        doc="Sensor of the obstacles: none, rays (a point cloud on obstacles), or markers (the "
+        "shapes on obstacle_markers).",
         choices=("none", "rays", "markers"),
     )
     sensor_range: float = parameter(
-        6.0, doc="How far the sensor sees.", unit="m", above=0.0, maximum=1000.0
+        6.0, doc="Range of the sensor.", unit="m", above=0.0, maximum=1000.0
     )
-    sensor_rate: float = parameter(10.0, doc="How often it does.", unit="Hz", above=0.0)
+    sensor_rate: float = parameter(10.0, doc="Rate of the sensor.", unit="Hz", above=0.0)
 
 
 class Collision(NamedTuple):
@@ -49,7 +49,7 @@ class Collision(NamedTuple):
         """The collision as text."""
         x, y, z = self.p_WB.tolist()
         return (
-            f"it flew into an obstacle at {self.time:.2f} s, at ({x:.2f}, {y:.2f}, {z:.2f}) m "
+            f"collision with an obstacle at {self.time:.2f} s, at ({x:.2f}, {y:.2f}, {z:.2f}) m "
             f"with {self.speed:.2f} m/s"
         )
 
@@ -84,7 +84,7 @@ class ObstacleSimulation(Protocol):
     """Simulated obstacles around a vehicle; times are from the start of the flight."""
 
     def check_start(self, p_WB: Array) -> None:
-        """Raise :class:`UserError` for a vehicle that would begin in contact at ``p_WB`` (3,)."""
+        """Raise :class:`UserError` for a vehicle that would start in contact at ``p_WB`` (3,)."""
 
     def look(self, truth: OdometrySample, time_ns: int) -> SensedObstacles:
         """Return the sensor message of an odometry, if the sensor is due."""
@@ -111,7 +111,7 @@ def configured_surroundings(
 ) -> ObstacleSimulation | None:
     """Return the simulation of a scene, or of the configured file; None without obstacles.
 
-    ``radius`` [m] is the vehicle's. Raises :class:`UserError` for an unusable file.
+    ``radius`` [m] is the vehicle's radius. Raises :class:`UserError` for an unusable file.
     """
     found = scene or configured_scene(config)
     if found is None:

@@ -1,4 +1,4 @@
-"""The moving air: steady wind and gusts."""
+"""Steady wind and gusts."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class Wind:
 
         H(s) = sigma sqrt(2 L / (pi V)) / (1 + s L / V),
 
-    sigma the intensity, L the scale length, V the airspeed. It is discretised exactly, with 100
-    values per second that are held in between: g' = a g + sigma sqrt(1 - a^2) n with
-    a = exp(-V dt / L) and n from N(0, 1), which keeps the variance at sigma^2. The standards
-    give the axes across the flight path a filter of second order; a vehicle that hovers has no
-    flight path, so here all axes are alike. V is the airspeed in the steady wind, but at least
-    1 m/s, because otherwise the frozen gusts would not change at hover.
+    with the intensity sigma, the scale length L and the airspeed V. The filter is discretised
+    exactly, with 100 values per second that are held in between: g' = a g + sigma sqrt(1 - a^2) n
+    with a = exp(-V dt / L) and n from N(0, 1), which keeps the variance at sigma^2. The standards
+    use a second-order filter across the flight path. A hovering vehicle has no flight path, so all
+    axes have the same filter. V is the airspeed in the steady wind, but at least 1 m/s, because
+    otherwise the gusts would be constant at hover.
     """
 
     def __init__(self, config: PlantParameters) -> None:

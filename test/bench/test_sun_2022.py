@@ -58,7 +58,9 @@ def test_latency_is_hidden_or_configured(script: ModuleType) -> None:
     np.testing.assert_allclose(configured.mpc.input_delay - hidden.mpc.input_delay, 0.03)
 
 
-def test_far_deviation_counts_as_a_crash_of_five_metres(script: ModuleType) -> None:
+def test_large_deviation_counts_as_a_crash_with_an_error_of_five_metres(
+    script: ModuleType,
+) -> None:
     arguments = script.parsed(
         [
             *("--conditions", "baseline", "--rows", "off", "--duration", "4"),
@@ -71,7 +73,7 @@ def test_far_deviation_counts_as_a_crash_of_five_metres(script: ModuleType) -> N
     assert script.cell([flown]) == "5.000 (100.0)"
 
 
-def test_late_odometry_costs_its_distance_without_oscillation(script: ModuleType) -> None:
+def test_late_odometry_causes_a_proportional_error_without_oscillation(script: ModuleType) -> None:
     """At 20 m/s a pose that is 50 ms old and taken as current is off by 1 m."""
     arguments = script.parsed(["--conditions", "latency 50 ms", "--rows", "on", "--duration", "6"])
     course = script.Course("horizontal", 30.0, 20.0, 1)

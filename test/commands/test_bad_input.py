@@ -9,15 +9,13 @@ import pytest
 
 from quad_mpc_ros.cli import main
 
-COMMANDS = ["simulate", "fly"]
-
 MISTAKES = {
     "unknown node": (["--set", "mpcc.mass=1"], ["mpcc", "mpc, simulator, reference, recorder"]),
     "unknown preset": (["--config", "papper"], ["papper", "paper", "default"]),
     "too heavy": (["--set", "mpc.mass=5"], ["mass", "5", "weight"]),
     "throttle bounds": (["--set", "mpc.throttle_max=0.2"], ["throttle_max", "0.2", "0.2923"]),
 }
-"""Those that tests of every option and of every parameter do not make."""
+"""Mistakes that the tests of every option and of every parameter do not make."""
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
@@ -37,7 +35,7 @@ def test_mistake_is_one_line_and_exit_code_2(
     assert not out.exists()
 
 
-def test_a_file_is_not_suggested_for_its_ending(
+def test_files_are_not_suggested_because_of_their_suffix(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name in ("tabs.yaml", "hexacopter.yml"):
@@ -61,35 +59,6 @@ def test_unknown_plant_is_refused_with_the_known_ones(
     assert not out.exists()
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize("name", ["bag", "summary.json", "figures"])
-def test_existing_results_are_left_alone(
-    command: str, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    precious = tmp_path / name
-    precious.write_text("do not touch")
-
-    assert main([command, "--duration", "0.1", "--out", str(tmp_path)]) == 2
-
-    assert str(precious) in capsys.readouterr().err
-    assert precious.read_text() == "do not touch"
-    assert [path.name for path in tmp_path.iterdir()] == [name]
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_refuses_a_folder_that_cannot_be_written(
-    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    blocker = tmp_path / "file"
-    blocker.touch()
-
-    assert main([command, "--out", str(blocker / "run")]) == 2
-
-    error = capsys.readouterr().err
-    assert str(blocker / "run") in error
-    assert len(error.strip().splitlines()) == 1
-
-
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_refuses_a_read_only_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tmp_path.chmod(0o500)
@@ -100,7 +69,6 @@ def test_refuses_a_read_only_folder(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 BAD_FILES = {
-    "unknown node": ("pilot: {ros__parameters: {mass: 1.0}}\n", "pilot"),
     "unknown everywhere": ("/**: {ros__parameters: {colour: red}}\n", "colour"),
     "unknown in a group": ("mpc: {ros__parameters: {solver: {speed: 1}}}\n", "mpc.solver.speed"),
 }

@@ -55,7 +55,7 @@ def test_the_verdict_is_printed_and_drawn(
         ("throttle_max: 0.4", "not feasible: highest throttle"),
     ],
 )
-def test_judges_a_reference_by_the_limits_of_the_vehicle_file(
+def test_compares_a_reference_with_the_limits_of_the_vehicle_file(
     node: str, limit: str, complaint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "vehicle.yaml"
@@ -63,48 +63,6 @@ def test_judges_a_reference_by_the_limits_of_the_vehicle_file(
     flip = ["check-reference", "--reference", "flip", "--out", str(tmp_path / "out")]
     assert main([*flip, "--config", str(file)]) == 1
     assert complaint in capsys.readouterr().out
-
-
-MISTAKES = {
-    "no file": (["--reference", "csv"], ["reference.file", "the csv to fly"]),
-    "no bag there": (
-        ["--reference", "bag", "--set", "reference.file=nowhere"],
-        ["nowhere", "does not exist"],
-    ),
-    "one waypoint": (
-        ["--reference", "waypoints", "--set", "reference.waypoints=[1, 2, 3]"],
-        ["reference.waypoints", "at least 2 points, not 1"],
-    ),
-}
-
-
-@pytest.mark.parametrize("mistake", MISTAKES)
-def test_mistake_is_one_line_and_exit_code_2(
-    mistake: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    arguments, message = MISTAKES[mistake]
-    out = tmp_path / "check"
-
-    assert main(["check-reference", *arguments, "--out", str(out)]) == 2
-
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert len(printed.err.strip().splitlines()) == 1
-    for word in message:
-        assert word in printed.err
-    assert not out.exists()
-
-
-def test_existing_picture_is_not_overwritten(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    picture = tmp_path / "reference.png"
-    picture.write_text("precious")
-
-    assert main(["check-reference", "--reference", "hover", "--out", str(tmp_path)]) == 2
-
-    assert "not overwritten" in capsys.readouterr().err
-    assert picture.read_text() == "precious"
 
 
 @pytest.mark.slow

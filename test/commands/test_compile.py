@@ -26,7 +26,7 @@ def test_compiles_once(
 ) -> None:
     assert main(["compile"]) == 0
     assert (cache / "f.nbc").exists()
-    assert capsys.readouterr().out.startswith("all is compiled: ")
+    assert capsys.readouterr().out.startswith("all compiled: ")
     monkeypatch.setattr(command, "_compile", lambda begun: pytest.fail("compiles again"))
     assert main(["compile"]) == 0
     assert capsys.readouterr().out == "all is compiled\n"

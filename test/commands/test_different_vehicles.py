@@ -19,7 +19,7 @@ def warned(*arguments: str, out: Path, capsys: pytest.CaptureFixture[str]) -> li
 
 
 @pytest.mark.parametrize("preset", ["default", "paper", "rotorpy", "vehicles/racer"])
-def test_presets_give_one_vehicle(
+def test_presets_define_equal_vehicles_for_all_nodes(
     preset: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if preset == "rotorpy":
@@ -32,12 +32,12 @@ def test_each_node_that_differs_is_named_with_its_value(
 ) -> None:
     settings = ("--set", "simulator.mass=0.5", "--set", "reference.drag=0.3")
     assert warned(*settings, out=tmp_path / "run", capsys=capsys) == [
-        "warning: the nodes were given different vehicles: mass 0.396893 of mpc and reference, "
-        "0.5 of simulator; drag 0.2 of mpc and simulator, 0.3 of reference",
+        "warning: the nodes have different vehicle parameters: mass 0.396893 of mpc and "
+        "reference, 0.5 of simulator; drag 0.2 of mpc and simulator, 0.3 of reference",
     ]
 
 
-def test_a_scale_of_the_simulator_is_no_other_vehicle(
+def test_scaled_plant_parameters_are_not_a_vehicle_mismatch(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = ("--set", "simulator.mass_scale=1.2", "--set", "simulator.thrust_scale=0.9")

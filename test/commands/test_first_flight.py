@@ -71,7 +71,7 @@ def held(values: dict[str, Any], kind: type[Configuration]) -> dict[str, Any]:
     }
 
 
-def test_the_page_states_what_this_test_is_about() -> None:
+def test_the_page_states_vehicle_parameters_of_all_nodes() -> None:
     assert STATED["mass"] == 0.9
     assert {"thrust_curve", "motor_count", "omega_max", "thrust_map.full_thrust"} <= STATED.keys()
     for name, kind in NODES.items():
@@ -118,7 +118,7 @@ def hover_throttle() -> float:
     return (math.sqrt(b * b + 4.0 * a * (wanted - c)) - b) / (2.0 * a)
 
 
-def test_check_reference_judges_the_vehicle(
+def test_check_reference_uses_the_limits_of_the_vehicle(
     vehicle_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Hovering needs the throttle of the page's mass and curve: by hand, 0.4."""
@@ -151,7 +151,7 @@ def test_a_campaign_flies_the_vehicle(vehicle_file: Path) -> None:
 
 
 @pytest.mark.parametrize("vehicle_file", ["with sections of nodes"], indirect=True)
-def test_identify_begins_with_the_vehicle_and_keeps_its_thrust_map(
+def test_identify_starts_from_the_vehicle_and_keeps_its_thrust_map(
     vehicle_file: Path, tmp_path: Path
 ) -> None:
     """The flight was recorded without the vehicle's parameters, as by another recorder."""
@@ -176,7 +176,7 @@ def test_identify_begins_with_the_vehicle_and_keeps_its_thrust_map(
     assert bridge.thrust_map.full_thrust == STATED["thrust_map.full_thrust"]
 
 
-def test_warns_of_a_file_for_the_mpc_alone(
+def test_warns_of_a_file_for_the_mpc_only(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "vehicle.yaml"
@@ -184,4 +184,4 @@ def test_warns_of_a_file_for_the_mpc_alone(
     flown = ("--reference", "hover", "--duration", "0.1", "--out", str(tmp_path / "run"))
     main(["simulate", "--config", str(file), *flown])
     said = capsys.readouterr().err
-    assert "warning: the nodes were given different vehicles: mass 0.9 of mpc, 0.3" in said
+    assert "warning: the nodes have different vehicle parameters: mass 0.9 of mpc, 0.3" in said

@@ -23,12 +23,12 @@ def test_generated_file_is_current(path: Path) -> None:
 
 
 @pytest.mark.parametrize("node", list(NODES))
-def test_node_file_holds_exactly_the_defaults(node: str) -> None:
+def test_node_file_contains_exactly_the_defaults(node: str) -> None:
     loaded = files.load([str(ROOT / "config" / f"{node}.yaml")], [], schema=NODES)
     assert loaded[node] == NODES[node]()
 
 
-def test_presets_differ_only_as_they_say() -> None:
+def test_presets_differ_only_in_documented_parameters() -> None:
     paper = files.load(["paper"], [], schema=SCHEMA)
     rigid = files.load(["paper_rigid_body"], [], schema=SCHEMA)
     differences = {

@@ -9,7 +9,7 @@ import pytest
 from quad_mpc_ros.commands.output import create_out, prepared_out
 
 
-def test_runs_of_the_same_second_have_folders_of_their_own(
+def test_runs_of_the_same_second_use_different_folders(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -18,11 +18,3 @@ def test_runs_of_the_same_second_have_folders_of_their_own(
         (out / "bag").mkdir()
     assert len(set(outs)) == 3
     assert outs[0].name.endswith("_square")
-
-
-def test_a_folder_that_cannot_be_made_is_left_to_what_writes_into_it(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "runs").touch()
-    assert create_out("square").parent == Path("runs")

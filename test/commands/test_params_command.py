@@ -8,7 +8,7 @@ from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands.run_configuration import SCHEMA
 
 
-def test_every_parameter_is_there_with_type_default_unit_range_and_meaning(
+def test_lists_every_parameter_with_type_default_unit_range_and_meaning(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["params"]) == 0
@@ -27,7 +27,7 @@ def test_every_parameter_is_there_with_type_default_unit_range_and_meaning(
             assert spec.doc.split(".")[0][:40] in printed
 
 
-def test_a_group_or_a_single_parameter_may_be_asked_for(
+def test_lists_a_group_or_a_single_parameter(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["params", "mpc.fence", "/simulator.wind"]) == 0

@@ -50,7 +50,7 @@ def test_study_is_flown_resumed_and_its_best_flies(
     printed = capsys.readouterr().out
     assert "2 trials: 2 flown" in printed
     assert re.search(r"^ *start +0 ", printed, re.MULTILINE)
-    for name in ("tune.yaml", "study.db", "trials.csv", "front.csv", "best.yaml"):
+    for name in ("tune.yaml", "study.db", "trials.csv", "best.yaml"):
         assert (out / name).is_file(), name
     assert (out / "front.png").read_bytes().startswith(b"\x89PNG")
     assert list((out / "front").glob("*.yaml"))
@@ -66,17 +66,16 @@ def test_study_is_flown_resumed_and_its_best_flies(
     with (out / "tune.yaml").open() as file:  # as another process does while it flies
         fcntl.flock(file, fcntl.LOCK_EX)
         assert main(["tune", "--resume", str(out), "--trials", "4"]) == 2
-    assert "another quad_mpc tune is running on it" in capsys.readouterr().err
+    assert "another quad_mpc tune runs in this folder" in capsys.readouterr().err
 
 
 MISTAKES = {
     "no file": ([], "FILE: expected"),
     "trials": (["FILE", "--trials", "0"], "--trials: given 0, expected a number >= 1"),
-    "timeout": (["FILE", "--timeout", "-1"], "--timeout: given -1.0, expected a number >= 0"),
     "resume what": (["--resume", "HERE"], "not the folder of a study"),
     "resume and out": (
         ["--resume", "HERE", "--out", "x"],
-        "continues unchanged: leave out FILE, --out",
+        "continues unchanged: omit FILE, --out",
     ),
     "out is full": (["FILE", "--out", "HERE"], "exists and is not overwritten"),
 }
@@ -96,7 +95,7 @@ def test_mistake_is_one_line_and_exit_code_2(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["small.yaml"]
 
 
-def test_without_optuna_says_what_to_install(
+def test_without_optuna_names_the_install_command(
     file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "optuna", None)

@@ -79,7 +79,7 @@ NAMED = {f"{case.kind}: {case.name}": case for case in CASES}
 
 @pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("name", NAMED)
-def test_it_is_refused_in_one_line(
+def test_wrong_input_is_rejected_in_one_line(
     name: str, workspace: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     case = NAMED[name]

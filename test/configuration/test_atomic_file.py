@@ -22,7 +22,7 @@ def test_a_file_is_written_and_replaced(tmp_path: Path) -> None:
     assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask
 
 
-def test_keeps_an_existing_file_unless_asked_to_overwrite(tmp_path: Path) -> None:
+def test_keeps_an_existing_file_without_overwrite(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     write_atomically(path, "first", overwrite=False)
     with pytest.raises(FileExistsError):
@@ -31,7 +31,7 @@ def test_keeps_an_existing_file_unless_asked_to_overwrite(tmp_path: Path) -> Non
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_failure_leaves_what_was_there(tmp_path: Path) -> None:
+def test_a_failure_keeps_the_previous_file(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     write_atomically(path, "first")
     with pytest.raises(UnicodeEncodeError):

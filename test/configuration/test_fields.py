@@ -15,7 +15,6 @@ from quad_mpc_ros.configuration import (
     Configuration,
     ConfigurationError,
     ParameterSpec,
-    UserError,
     parameter,
     per_axis,
 )
@@ -62,7 +61,6 @@ def refused(name: str, value: object) -> str:
     ("name", "value", "expected"),
     [
         ("length", 0.0, "given 0.0, expected a number > 0 and < 100"),
-        ("length", -1, "given -1, expected a number > 0 and < 100"),
         ("length", 100.0, "given 100.0, expected a number > 0 and < 100"),
         ("length", math.nan, "given nan, expected a number > 0 and < 100"),
         ("length", math.inf, "given inf, expected a number > 0 and < 100"),
@@ -70,32 +68,29 @@ def refused(name: str, value: object) -> str:
         ("length", True, "given True, expected a number > 0 and < 100"),
         ("length", None, "given None, expected a number > 0 and < 100"),
         ("length", [4.0], "given [4.0], expected a number > 0 and < 100"),
+        ("length", 10**400, f"given {'1' + 296 * '0'}..., expected a number > 0 and < 100"),
         ("doors", 0, "given 0, expected a whole number >= 1 and <= 9"),
         ("doors", 10, "given 10, expected a whole number >= 1 and <= 9"),
         ("doors", 2.0, "given 2.0, expected a whole number >= 1 and <= 9"),
-        ("doors", True, "given True, expected a whole number >= 1 and <= 9"),
         ("heated", 1, "given 1, expected true or false"),
         ("heated", "yes", "given 'yes', expected true or false"),
         ("name", 3, "given 3, expected text"),
         ("corner", (1.0,), "given [1.0], expected 2 numbers >= -5"),
-        ("corner", (1.0, 2.0, 3.0), "given [1.0, 2.0, 3.0], expected 2 numbers >= -5"),
         ("corner", (1.0, -5.1), "given [1.0, -5.1], expected 2 numbers >= -5"),
-        ("corner", (1.0, math.nan), "given [1.0, nan], expected 2 numbers >= -5"),
         ("corner", (1.0, "2"), "given [1.0, '2'], expected 2 numbers >= -5"),
         ("corner", "12", "given '12', expected 2 numbers >= -5"),
         ("corner", 1.0, "given 1.0, expected 2 numbers >= -5"),
         ("numbers", (1, 2.5), "given [1, 2.5], expected a list of whole numbers"),
         ("names", "abc", "given 'abc', expected a list of texts"),
-        ("draught", -1.0, "given -1.0, expected a number >= 0, or 3 of them (body x, y, z)"),
-        ("draught", (1.0,), "given [1.0], expected a number >= 0, or 3 of them (body x, y, z)"),
+        ("draught", -1.0, "given -1.0, expected a number >= 0, or 3 numbers (body x, y, z)"),
+        ("draught", (1.0,), "given [1.0], expected a number >= 0, or 3 numbers (body x, y, z)"),
         (
             "draught",
             (1.0, 2.0, -3.0),
-            "given [1.0, 2.0, -3.0], expected a number >= 0, or 3 of them (body x, y, z)",
+            "given [1.0, 2.0, -3.0], expected a number >= 0, or 3 numbers (body x, y, z)",
         ),
-        ("draught", "123", "given '123', expected a number >= 0, or 3 of them (body x, y, z)"),
+        ("draught", "123", "given '123', expected a number >= 0, or 3 numbers (body x, y, z)"),
         ("lamp.colour", "green", "given 'green', expected one of white, red"),
-        ("lamp.colour", 3, "given 3, expected one of white, red"),
         ("lamp.brightness", 1.01, "given 1.01, expected a number >= 0 and <= 1"),
     ],
 )
@@ -105,39 +100,11 @@ def test_a_wrong_value_is_refused_with_name_value_and_range(
     assert refused(name, value) == f"room.{name}: {expected}"
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("length", 99.999),
-        ("length", 1e-300),
-        ("doors", 1),
-        ("doors", 9),
-        ("heated", False),
-        ("name", ""),
-        ("corner", (-5.0, 3.0)),
-        ("numbers", ()),
-        ("lamp.brightness", 0.0),
-        ("lamp.brightness", 1.0),
-        ("lamp.colour", "red"),
-    ],
-)
-def test_a_value_inside_its_range_is_taken_as_it_is(name: str, value: object) -> None:
-    assert Room.build({name: value}).flattened()[name] == value
-
-
-def test_a_whole_number_serves_for_a_real_one() -> None:
-    room = Room.build({"length": 5, "corner": [1, 2]})
+def test_accepts_an_integer_for_a_real_number() -> None:
+    room = Room.build({"length": 5, "corner": [1, 2], "doors": 9, "lamp.brightness": 1})
     assert (room.length, type(room.length)) == (5.0, float)
     assert room.corner == (1.0, 2.0)
     assert [type(each) for each in room.corner] == [float, float]
-
-
-def test_a_number_too_large_for_a_float_is_refused() -> None:
-    assert "expected a number > 0" in refused("length", 10**400)
-
-
-def test_lists_become_tuples() -> None:
-    assert Room.build({"numbers": [1, 2], "names": ["a"]}) == Room(numbers=(1, 2), names=("a",))
 
 
 @pytest.mark.parametrize(
@@ -165,24 +132,11 @@ def test_parameters_that_contradict_each_other_are_refused() -> None:
     assert room.updated({"length": 1.0, "corner": (0.5, 0.0)}).length == 1.0
 
 
-def test_an_error_is_a_user_error_and_knows_its_parts() -> None:
-    with pytest.raises(UserError) as caught:
-        Room(doors=0)
-    assert isinstance(caught.value, ConfigurationError)
-    assert isinstance(caught.value, ValueError)
-    assert (caught.value.name, caught.value.given) == ("room.doors", 0)
-
-
 def test_direct_construction_validates_as_well() -> None:
     with pytest.raises(ConfigurationError, match=r"room\.lamp\.brightness: given 2\.0"):
         Lamp(brightness=2.0)
     with pytest.raises(ConfigurationError):
         dataclasses.replace(Room(), doors=0)
-
-
-def test_nothing_can_be_changed_in_place() -> None:
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        Room().doors = 2  # type: ignore[misc]
 
 
 rooms = st.fixed_dictionaries(
@@ -203,7 +157,7 @@ rooms = st.fixed_dictionaries(
 
 @settings(deadline=None, max_examples=40)
 @given(rooms)
-def test_flattened_and_built_again_is_the_same(values: dict[str, Any]) -> None:
+def test_flattening_and_building_are_inverse(values: dict[str, Any]) -> None:
     room = Room.build(values)
     flat = room.flattened()
     assert Room.build(flat) == room
@@ -212,7 +166,7 @@ def test_flattened_and_built_again_is_the_same(values: dict[str, Any]) -> None:
 
 @settings(deadline=None, max_examples=40)
 @given(rooms, rooms)
-def test_an_update_changes_what_is_named_and_nothing_else(
+def test_an_update_changes_only_the_named_parameters(
     values: dict[str, Any], changes: dict[str, Any]
 ) -> None:
     room = Room.build(values)
@@ -227,19 +181,6 @@ def test_specs_contain_every_property_in_order() -> None:
     assert specs["length"] == ParameterSpec(
         path="length", kind="double", default=4.0, doc="Length.", unit="m", above=0.0, below=100.0
     )
-    kinds = {name: spec.kind for name, spec in specs.items()}
-    assert kinds == {
-        "name": "string",
-        "length": "double",
-        "doors": "integer",
-        "heated": "bool",
-        "corner": "double_array",
-        "numbers": "integer_array",
-        "names": "string_array",
-        "draught": "double",
-        "lamp.colour": "string",
-        "lamp.brightness": "double",
-    }
     assert [name for name, spec in specs.items() if spec.live] == ["lamp.brightness"]
     assert [name for name, spec in specs.items() if spec.per_axis] == ["draught"]
 
@@ -252,7 +193,7 @@ def test_specs_contain_every_property_in_order() -> None:
         ([1, 2.0, 0], (1.0, 2.0, 0.0), (1.0, 2.0, 0.0)),
     ],
 )
-def test_a_number_or_one_for_each_axis_is_kept_as_it_is_given(
+def test_keeps_one_number_or_three_numbers_per_axis(
     given: Any, kept: Any, axes: tuple[float, ...]
 ) -> None:
     room = Room(draught=given)
@@ -261,7 +202,7 @@ def test_a_number_or_one_for_each_axis_is_kept_as_it_is_given(
     assert per_axis(room.draught) == axes
 
 
-def test_a_field_that_is_no_parameter_is_a_mistake_of_the_programmer() -> None:
+def test_rejects_a_field_that_is_neither_parameter_nor_group() -> None:
     @dataclass(frozen=True, kw_only=True)
     class Wrong(Configuration):
         number: int = 3

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
+import yaml
 
 from quad_mpc_ros.commands.run_configuration import SCHEMA
 from quad_mpc_ros.configuration import files
@@ -65,7 +66,7 @@ def test_the_delay_of_the_odometry_is_part_of_the_input_delay(tmp_path: Path) ->
     assert not disagreements({node: config.vehicle_values() for node, config in nodes.items()})
 
 
-def test_a_plant_of_its_own_physics_stays_what_its_file_describes(tmp_path: Path) -> None:
+def test_a_plant_keeps_the_parameters_of_its_own_file(tmp_path: Path) -> None:
     before = files.load(["vehicles/racer"], [], schema=ALL)["simulator"]
     nodes = loaded(tmp_path, VEHICLE_FILE, "vehicles/racer")
     assert nodes["simulator"] == before
@@ -81,14 +82,14 @@ def test_shipped_vehicles_state_each_number_once(preset: str) -> None:
     assert not disagreements({node: config.vehicle_values() for node, config in nodes.items()})
 
 
-def test_names_of_the_vehicle_mean_the_same_in_every_node() -> None:
+def test_vehicle_parameters_have_equal_meaning_in_every_node() -> None:
     for name in VEHICLE:
         specs = [s for kind in ALL.values() for s in kind.specs() if s.name == name]
         assert specs
         assert len({(s.kind, s.unit, s.default, s.per_axis) for s in specs}) == 1, name
 
 
-def test_disagreements_name_every_node_with_its_value() -> None:
+def test_vehicle_mismatch_names_every_node_with_its_value() -> None:
     vehicles = {
         "mpc": {"mass": 0.9, "drag": 0.2, "omega_max": [6.0, 6.0, 3.0]},
         "reference": {"mass": 0.397, "drag": [0.2, 0.2, 0.2]},
@@ -100,3 +101,9 @@ def test_disagreements_name_every_node_with_its_value() -> None:
     vehicles["reference"]["mass"] = 0.9
     assert disagreements(vehicles) == {}
     assert disagreements({}) == {}
+
+
+def test_empty_list_uses_the_default() -> None:
+    """With an empty list in a file, rclpy does not start the node, because it has no type."""
+    text = files.dump("mpc", {"gates": (), "Q": (1.0, 2.0), "name": ""})
+    assert yaml.safe_load(text) == {"mpc": {"ros__parameters": {"Q": [1.0, 2.0], "name": ""}}}

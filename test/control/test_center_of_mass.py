@@ -11,7 +11,7 @@ from quad_mpc_ros.simulation.closed_loop import fly, start_on
 
 
 def flown(*, learned: bool, ahead: float) -> tuple[float, list[float]]:
-    """Return the mean error [m] of an upright ellipse once it has settled, and pitch's offsets."""
+    """Return the mean error [m] of an upright ellipse after convergence, and pitch's offsets."""
     mpc, simulator, reference = load_config(
         "vehicles/sun_2022",
         assignments=(
@@ -46,7 +46,7 @@ def flown(*, learned: bool, ahead: float) -> tuple[float, list[float]]:
 
 
 @pytest.mark.parametrize("ahead", [0.014, -0.014])
-def test_learns_offset_centre_of_mass(ahead: float) -> None:
+def test_estimates_offset_centre_of_mass(ahead: float) -> None:
     error, offsets = flown(learned=True, ahead=ahead)
     without, none = flown(learned=False, ahead=ahead)
     assert error < 0.02
@@ -55,6 +55,6 @@ def test_learns_offset_centre_of_mass(ahead: float) -> None:
     assert not np.any(none)
 
 
-def test_learns_almost_nothing_from_centred_mass() -> None:
+def test_centred_mass_gives_almost_no_offset() -> None:
     _, offsets = flown(learned=True, ahead=0.0)
     assert np.abs(offsets[250:]).max() < 0.1

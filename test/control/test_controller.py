@@ -1,4 +1,4 @@
-"""The controller as a node drives it: what comes in, what goes out, and when."""
+"""The controller as the node uses it: inputs, commands and their times."""
 
 from __future__ import annotations
 
@@ -17,14 +17,9 @@ from scipy.spatial.transform import Rotation
 from quad_mpc_ros.control.config import MpcConfig, OdometryParameters, SolverParameters
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
-from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.prediction import PredictedState
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.control.model.state import State
-from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
-from quad_mpc_ros.control.ocp import paper
-from quad_mpc_ros.control.ocp.paper import error_dynamics
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.simulation.closed_loop import LoopStep
 
@@ -38,7 +33,7 @@ PERIOD = 20 * MS
 
 
 class SolverSpy:
-    """Sees every call of the MPC, and lets it fail on demand."""
+    """Records every call of the MPC, and makes it fail on demand."""
 
     def __init__(self) -> None:
         self.odometries: list[OdometrySample] = []
@@ -123,18 +118,10 @@ def assert_sound(tick: Tick, config: MpcConfig) -> None:
     assert (np.abs(command.w_WB_B) <= config.omega_max).all()
 
 
-# --- what is answered
+# --- commands
 
 
-def test_hovering_at_the_reference_is_answered_with_hover(hovering: Hovering) -> None:
-    tick = hovering.tick()
-    assert tick.command is not None
-    assert tick.command.stamp_ns == START
-    assert tick.command.throttle == pytest.approx(0.2923008, abs=2e-3)
-    assert_allclose(tick.command.w_WB_B, np.zeros(3), atol=0.02)
-
-
-def test_below_the_reference_it_climbs_and_west_of_it_it_leans_east(hovering: Hovering) -> None:
+def test_climbs_and_tilts_towards_the_reference(hovering: Hovering) -> None:
     climb = hovering.tick(p_WB=np.array([0.0, 0.0, 1.0]))
     assert climb.command is not None
     assert climb.command.throttle > 0.5
@@ -143,7 +130,7 @@ def test_below_the_reference_it_climbs_and_west_of_it_it_leans_east(hovering: Ho
     assert lean.command.w_WB_B[1] > 1.0
 
 
-def test_nothing_is_published_before_odometry_and_reference_have_come(
+def test_publishes_nothing_before_odometry_and_reference(
     hovering: Hovering, spy: SolverSpy
 ) -> None:
     assert hovering.watch() is None
@@ -171,27 +158,7 @@ def test_a_solver_that_never_solves_never_commands(
         assert tick.stats.solver_failures == count
 
 
-def test_the_throttle_in_force_is_the_one_last_sent_by_whatever_rung(
-    hovering: Hovering, spy: SolverSpy, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    in_force = []
-
-    def linearised(x: State, vehicle: Vehicle, **given: float) -> tuple[Array, Array]:
-        in_force.append(given["throttle"])
-        return error_dynamics(x, vehicle, **given)
-
-    monkeypatch.setattr(paper, "error_dynamics", linearised)
-    sent = [hovering.controller.config.vehicle().hover_throttle]
-    for k in range(30):
-        spy.failing = 5 <= k < 25
-        tick = hovering.tick(p_WB=np.array([0.0, 0.0, 2.0 - 0.02 * k]))
-        assert tick.command is not None
-        sent.append(tick.command.throttle)
-    assert in_force == sent[:-1]
-    assert len({round(throttle, 6) for throttle in sent}) > 10
-
-
-# --- what never reaches the solver
+# --- rejected inputs
 
 
 BAD_ODOMETRY: dict[str, dict[str, Any]] = {
@@ -230,14 +197,14 @@ def test_bad_odometry_is_ignored_and_the_last_good_one_kept(
     assert warning
     assert hovering.controller.take_warnings() == []
 
-    # A good one of the same moment is welcome, and nothing was spoilt.
+    # A valid odometry of the same stamp is accepted, and the state is unchanged.
     tick = hovering.tick()
     assert tick.stats.source == "mpc"
     assert tick.stats.rejected_inputs == 1
     assert_allclose(spy.odometries[-1].p_WB, [0.0, 0.0, 2.0])
 
 
-def test_bad_odometry_does_not_count_as_a_sign_of_life(hovering: Hovering) -> None:
+def test_bad_odometry_does_not_reset_the_timeout(hovering: Hovering) -> None:
     hovering.tick()
     sources = []
     for _ in range(30):
@@ -247,7 +214,7 @@ def test_bad_odometry_does_not_count_as_a_sign_of_life(hovering: Hovering) -> No
         sources.append(tick.stats.source if tick else "")
         hovering.sleep()
     assert sources[0] == ""
-    assert "mpc" in sources  # which foresees, for a while
+    assert "mpc" in sources  # which predicts without odometry, for a while
     assert sources[-1] == "blind"
 
 
@@ -267,21 +234,13 @@ def test_a_bad_reference_is_ignored_and_the_last_good_one_kept(
 
 
 def test_huge_position_never_commands(hovering: Hovering) -> None:
-    """Finite, so not refused as odometry; but no answer computed from it can be right."""
+    """A finite position is not rejected, but no valid command follows from it."""
     good = hovering.tick(p_WB=np.array([0.5, 0.0, 1.5]))
     assert good.stats.source == "mpc"
     for size in (1e31, 1e300):
         tick = hovering.odometry(p_WB=np.array([size, 0.0, 2.0]))
         hovering.sleep()
         assert tick is None or tick.stats.source != "mpc"
-    assert hovering.tick().stats.source == "mpc"
-
-
-def test_recovers_after_huge_first_position(hovering: Hovering) -> None:
-    hovering.reference()
-    tick = hovering.odometry(p_WB=np.array([1e31, 0.0, 2.0]))
-    hovering.sleep()
-    assert tick is None or tick.command is None
     assert hovering.tick().stats.source == "mpc"
 
 
@@ -300,7 +259,7 @@ def test_a_source_that_starts_again_after_silence_is_accepted(hovering: Hovering
     assert sources == [""] * 6 + ["mpc"] * 6
 
 
-# --- how often
+# --- rates
 
 
 def commands_of(
@@ -319,7 +278,7 @@ def commands_of(
     return answered
 
 
-@pytest.mark.parametrize("rate", [50, 60, 100, 200, 250, 333, 1000])
+@pytest.mark.parametrize("rate", [60, 100, 333, 1000])
 def test_faster_odometry_is_decimated_to_the_control_rate(
     paper_config: MpcConfig, make_odometry: MakeOdometry, make_window: MakeWindow, rate: int
 ) -> None:
@@ -341,21 +300,6 @@ def test_every_odometry_at_the_control_rate_is_answered_despite_jitter(
     stamps = [START + k * PERIOD + int(jitter[k]) for k in range(200)]
     answered = commands_of(Controller(paper_config), stamps, make_odometry, make_window)
     assert answered == stamps
-
-
-def test_slower_odometry_is_answered_every_time(
-    paper_config: MpcConfig, make_odometry: MakeOdometry, make_window: MakeWindow
-) -> None:
-    stamps = [START + k * 50 * MS for k in range(40)]
-    answered = commands_of(Controller(paper_config), stamps, make_odometry, make_window)
-    assert answered == stamps
-
-
-def test_odometry_that_comes_twice_is_answered_once(hovering: Hovering, spy: SolverSpy) -> None:
-    hovering.reference()
-    assert hovering.odometry() is not None
-    assert hovering.odometry() is None
-    assert len(spy.odometries) == 1
 
 
 # --- the safety ladder, driven as the node drives it
@@ -424,13 +368,13 @@ def test_lost_odometry_levels_then_falls_silent_then_recovers(hovering: Hovering
     assert hovering.watch() is None
 
 
-def test_blind_levels_the_attitude_it_last_saw(hovering: Hovering) -> None:
-    """Flown on by dead reckoning: what the blind commands add up to is level again."""
+def test_blind_levels_the_last_attitude(hovering: Hovering) -> None:
+    """The blind commands, integrated by dead reckoning, lead to a level attitude."""
     seen = Rotation.from_euler("zxy", [0.4, 1.2, -0.3])
     tick = hovering.tick(q_WB_xyzw=seen.as_quat())
     assert tick.command is not None
     hovering.sleep(480 * MS)
-    # What the vehicle did meanwhile, then and after: the last command, held.
+    # The vehicle holds the last command until the next one.
     attitude = seen * Rotation.from_rotvec(0.5 * tick.command.w_WB_B)
     for _ in range(50):
         blind = hovering.watch()
@@ -442,7 +386,7 @@ def test_blind_levels_the_attitude_it_last_saw(hovering: Hovering) -> None:
     assert attitude.as_matrix()[2, 2] > np.cos(0.01)
 
 
-def test_a_lost_reference_holds_the_plan_then_the_place(
+def test_a_lost_reference_holds_the_plan_then_the_position(
     hovering: Hovering, spy: SolverSpy
 ) -> None:
     hovering.reference()
@@ -463,9 +407,7 @@ def test_a_lost_reference_holds_the_plan_then_the_place(
     assert hovering.tick().stats.source == "mpc"
 
 
-def test_hover_is_engaged_where_the_vehicle_is_each_time(
-    hovering: Hovering, spy: SolverSpy
-) -> None:
+def test_hover_holds_the_position_at_each_engagement(hovering: Hovering, spy: SolverSpy) -> None:
     for place in (np.array([0.0, 0.0, 2.0]), np.array([5.0, 0.0, 2.0])):
         spy.failing = False
         hovering.tick(p_WB=place)
@@ -499,13 +441,6 @@ def test_lockstep_waits_for_the_reference_of_the_same_stamp(
     assert tick.command.stamp_ns == START
 
 
-def test_lockstep_takes_the_reference_first_as_well(lockstep: Hovering) -> None:
-    assert lockstep.reference() is None
-    tick = lockstep.odometry()
-    assert tick is not None
-    assert tick.stats.source == "mpc"
-
-
 def test_lockstep_answers_a_repetition_identically_without_solving_again(
     lockstep: Hovering, spy: SolverSpy
 ) -> None:
@@ -518,7 +453,7 @@ def test_lockstep_answers_a_repetition_identically_without_solving_again(
     assert first.stats.commands == 1
 
 
-def test_lockstep_answers_every_odometry_whatever_the_wall_clock_does(
+def test_lockstep_answers_every_odometry_regardless_of_the_wall_clock(
     paper_config: MpcConfig, make_odometry: MakeOdometry, make_window: MakeWindow
 ) -> None:
     controller = Controller(dataclasses.replace(paper_config, lockstep=True))
@@ -529,19 +464,6 @@ def test_lockstep_answers_every_odometry_whatever_the_wall_clock_does(
         assert tick is not None
         assert tick.stats.source == "mpc"
         assert controller.watch(now_ns=wall + 1800 * SECOND) is None
-
-
-def test_lockstep_uses_the_reference_of_the_same_tick(
-    lockstep: Hovering, make_window: MakeWindow
-) -> None:
-    lockstep.tick()
-    stale = lockstep.odometry()
-    assert stale is None
-    higher = make_window(0).p_WB + np.array([0.0, 0.0, 1.0])
-    tick = lockstep.reference(p_WB=higher)
-    assert tick is not None
-    assert tick.command is not None
-    assert tick.command.throttle > 0.5
 
 
 # --- twist frames
@@ -586,41 +508,7 @@ def test_a_world_frame_twist_flies_identically(
         assert_allclose(tick.command.w_WB_B, step.tick.command.w_WB_B, rtol=0.0, atol=1e-5)
 
 
-def test_the_solver_sees_body_rates_and_velocity(
-    paper_config: MpcConfig,
-    make_odometry: MakeOdometry,
-    make_window: MakeWindow,
-    spy: SolverSpy,
-) -> None:
-    flight = Hovering(world_twist(paper_config), make_odometry, make_window)
-    flight.tick(
-        q_WB_xyzw=Rotation.from_euler("z", 90, degrees=True).as_quat(),
-        v_WB_B=np.array([0.0, 2.0, 1.0]),
-        w_WB_B=np.array([0.0, 3.0, 0.0]),
-    )
-    assert_allclose(spy.odometries[-1].v_WB_B, [2.0, 0.0, 1.0], atol=1e-12)
-    assert_allclose(spy.odometries[-1].w_WB_B, [3.0, 0.0, 0.0], atol=1e-12)
-
-
 # --- live parameters and bounds
-
-
-def test_live_parameters_take_effect_at_the_next_tick(
-    hovering: Hovering, paper_config: MpcConfig
-) -> None:
-    away = np.array([-3.0, 2.0, 0.5])
-    free = hovering.tick(p_WB=away)
-    assert free.command is not None
-    assert abs(free.command.w_WB_B[1]) > 1.0
-    narrow = dataclasses.replace(paper_config, omega_max=(0.5, 0.4, 0.3), throttle_max=0.35)
-    hovering.controller.reconfigure(narrow)
-    tick = hovering.tick(p_WB=away)
-    assert tick.stats.source == "mpc"
-    assert_sound(tick, narrow)
-    hovering.controller.reconfigure(paper_config)
-    again = hovering.tick(p_WB=away)
-    assert again.command is not None
-    assert abs(again.command.w_WB_B[1]) > 1.0
 
 
 @settings(deadline=None, max_examples=60)
@@ -666,25 +554,8 @@ def test_commands_are_finite_and_inside_the_bounds_from_any_state(
         assert_sound(tick, config)
 
 
-@settings(deadline=None, max_examples=40)
-@given(st.lists(st.floats(-1e7, 1e7), min_size=9, max_size=9))
-def test_absurd_states_never_lead_outside_the_bounds(
-    paper_config: MpcConfig,
-    make_odometry: MakeOdometry,
-    make_window: MakeWindow,
-    numbers: list[float],
-) -> None:
-    flight = Hovering(paper_config, make_odometry, make_window)
-    flight.tick()
-    p, v, w = np.array(numbers).reshape(3, 3)
-    for k in range(14):  # through plan and hover
-        tick = flight.tick(p_WB=p + k, v_WB_B=v, w_WB_B=w)
-        assert_sound(tick, paper_config)
-    assert flight.tick().command is not None
-
-
-@pytest.mark.parametrize("rate", [2, 4, 5, 10, 30, 50])
-def test_warns_once_of_odometry_that_is_slower_than_the_control(
+@pytest.mark.parametrize("rate", [2, 10, 30, 50])
+def test_warns_once_of_odometry_slower_than_the_control_rate(
     rate: int, make_odometry: MakeOdometry, make_window: MakeWindow
 ) -> None:
     controller = Controller(MpcConfig())
@@ -694,6 +565,6 @@ def test_warns_once_of_odometry_that_is_slower_than_the_control(
         now_ns = START + count * SECOND // rate
         controller.receive_odometry(make_odometry(now_ns), now_ns=now_ns)
         warnings += [each for each in controller.take_warnings() if "times a second" in each]
-    warning = f"odometry comes {rate}.0 times a second, control_rate is 50: commands come no more"
+    warning = f"odometry arrives {rate}.0 times a second, control_rate is 50: the rate of commands"
     assert [each.startswith(warning) for each in warnings] == ([True] if rate < 50 else [])
     assert all(("odom_timeout is 0.1 s" in each) == (rate <= 10) for each in warnings)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from fixtures.presets import agile, ideal
 
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
@@ -28,7 +26,7 @@ SECOND = 1_000_000_000
 
 
 class Moment(NamedTuple):
-    """What there was at one odometry of a flight on request."""
+    """State at one odometry of a flight on request."""
 
     seconds: float
     truth: OdometrySample
@@ -39,15 +37,13 @@ class Moment(NamedTuple):
     a_W: Array
 
 
-def on_request(
-    *, duration: float, requests: dict[float, str], mpc: MpcConfig = ROBUST, **plant: Any
-) -> list[Moment]:
-    """Return what a flight from the ground on request was like."""
+def on_request(*, duration: float, requests: dict[float, str], **plant: Any) -> list[Moment]:
+    """Return the states of a flight from the ground on request."""
     simulator = ideal(duration=duration, command_delay=0.03, **LAGS, **NOISE, **plant)
     config = ReferenceConfig(trajectory="hover", mode="on_request", takeoff_height=1.5)
     trajectory = configured_trajectory(config)
     live = LiveReference(config, trajectory, joined=lambda: trajectory)
-    body, controller = make_plant(simulator), warmed_up(mpc)
+    body, controller = make_plant(simulator), warmed_up(ROBUST)
     stream = OdometryStream(body, simulator, start_stamp_ns=SECOND)
     left, moments = dict(requests), []
     while (sent := stream.step()) is not None:
@@ -79,37 +75,18 @@ def on_request(
     return moments
 
 
-@pytest.mark.parametrize("noise", [0.05, 0.2])
-def test_standing_idles_and_learns_nothing(noise: float) -> None:
-    moments = on_request(duration=15.0, requests={}, velocity_noise=noise)
-    settled = [moment for moment in moments if moment.seconds > 1.0]
-    assert np.mean([moment.ground == "on_ground" for moment in settled]) >= 0.99
-    assert np.abs([moment.a_W for moment in moments]).max() <= 0.2
-    assert {moment.throttle for moment in settled} == {0.0}
-    assert not np.any([moment.w_WB_B for moment in settled])
-
-
-@functools.cache
-def flight(scale: float, noise: float) -> list[Moment]:
-    requests = {2.0: "take_off", 10.0: "land"}
-    return on_request(duration=18.0, requests=requests, thrust_scale=scale, velocity_noise=noise)
-
-
-FLIGHTS = pytest.mark.parametrize(("scale", "noise"), [(1.0, 0.2), (0.7, 0.05), (1.3, 0.1)])
-
-
-@FLIGHTS
-def test_takes_off_when_reference_rises(scale: float, noise: float) -> None:
-    moments = flight(scale, noise)
+@pytest.mark.parametrize(("scale", "noise"), [(1.0, 0.2), (0.7, 0.05), (1.3, 0.1)])
+def test_takes_off_lands_and_keeps_the_estimate(scale: float, noise: float) -> None:
+    moments = on_request(
+        duration=18.0,
+        requests={2.0: "take_off", 10.0: "land"},
+        thrust_scale=scale,
+        velocity_noise=noise,
+    )
     above = [moment.truth.p_WB[2] for moment in moments if 7.0 < moment.seconds < 10.0]
     assert np.abs(np.array(above) - 1.5).max() < 0.35
     up = [moment for moment in moments if moment.truth.p_WB[2] > 0.3]
     assert {moment.ground for moment in up} == {"flying"}
-
-
-@FLIGHTS
-def test_keeps_estimate_from_flight_after_landing(scale: float, noise: float) -> None:
-    moments = flight(scale, noise)
     end = [moment for moment in moments if moment.seconds > 16.5]
     assert {moment.ground for moment in end} == {"on_ground"}
     assert {moment.throttle for moment in end} == {0.0}
@@ -123,7 +100,7 @@ def test_keeps_estimate_from_flight_after_landing(scale: float, noise: float) ->
     assert min(lifts) - 0.05 < again < max(lifts) + 0.05
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_lost_reference_on_ground_causes_no_lift_off(seed: int) -> None:
     rng = np.random.default_rng(seed)
     controller = Controller(ROBUST)
@@ -157,9 +134,9 @@ def flown(reference: ReferenceConfig, **plant: Any) -> list[LoopStep]:
     return list(fly(mpc=mpc, simulator=simulator, reference=reference, on_reference=True))
 
 
-@pytest.mark.parametrize("scale", [0.6, 1.0, 1.5])
+@pytest.mark.parametrize("scale", [0.6, 1.5])
 @pytest.mark.parametrize("trajectory", ["hover", "flip", "split_s"])
-def test_never_detects_standing_in_flight(trajectory: str, scale: float) -> None:
+def test_never_detects_ground_contact_in_flight(trajectory: str, scale: float) -> None:
     """Upside down at the top of a flip the throttle is at its least, and nothing moves."""
     reference = ReferenceConfig(trajectory=trajectory, height=6.0, **_limits(trajectory))
     steps = flown(

@@ -50,7 +50,7 @@ Request = Callable[[LiveReference, int], Any]
 
 
 class Moment(NamedTuple):
-    """What there was at one odometry."""
+    """State at one odometry."""
 
     seconds: float
     touches: bool
@@ -135,17 +135,17 @@ TAKE_OFF, LAND = LiveReference.take_off, LiveReference.land
 @pytest.mark.parametrize("noise", [0.05, 0.2])
 def test_stays_on_the_ground(noise: float) -> None:
     moments = flown(20.0, velocity_noise=noise, **NOISE)
-    settled = [moment for moment in moments if moment.seconds > 0.6]
-    assert share(settled, ON_GROUND) >= 0.99
+    later = [moment for moment in moments if moment.seconds > 0.6]
+    assert share(later, ON_GROUND) >= 0.99
     assert {moment.throttle for moment in moments} == {0.0}
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_stays_on_a_rocking_and_heaving_deck(noise: float) -> None:
     moments = flown(20.0, velocity_noise=noise, **NOISE, **DECK)
-    settled = [moment for moment in moments if moment.seconds > 1.0]
-    assert share(settled, ON_GROUND) >= 0.99
-    assert {moment.throttle for moment in settled} == {0.0}
+    later = [moment for moment in moments if moment.seconds > 1.0]
+    assert share(later, ON_GROUND) >= 0.99
+    assert {moment.throttle for moment in later} == {0.0}
 
 
 @functools.cache
@@ -180,7 +180,7 @@ def test_lift_off_flight_and_touchdown(case: str) -> None:
     assert np.mean(right) >= 0.99
 
 
-def test_leaves_a_slope_level_and_where_it_stood() -> None:
+def test_takes_off_level_and_vertically_from_a_slope() -> None:
     """Its thrust leans as the slope does until it has turned, and pushes it downhill meanwhile."""
     leaving = [moment for moment in to_and_from("slope") if 2.0 <= moment.seconds < 5.0]
     flown_from = next(moment for moment in leaving if moment.state == "flying")
@@ -230,7 +230,7 @@ def test_flight_two_centimetres_above_the_ground_is_flight(noise: float) -> None
 
 
 @pytest.mark.parametrize("landed", [None, True])
-def test_carried_by_hand_it_never_flies(landed: bool | None) -> None:
+def test_vehicle_carried_by_hand_never_counts_as_flying(landed: bool | None) -> None:
     """Waved about at up to 3 m/s and put down a storey higher, then engaged."""
     config = load_config("vehicles/paper")
     live = LiveReference(

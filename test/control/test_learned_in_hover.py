@@ -5,7 +5,6 @@ In a hover the scale of the thrust and a vertical disturbance look alike; nothin
 
 from __future__ import annotations
 
-import functools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +22,7 @@ SETTLING, DURATION = 5.0, 20.0
 
 
 class Learned(NamedTuple):
-    """What was estimated once settled, over the ticks (n,), and the mean thrust axis (3,)."""
+    """Estimates over the ticks (n,) after convergence, and the mean thrust axis (3,)."""
 
     scale: Array
     a_W: Array
@@ -42,13 +41,13 @@ def hovering(mpc: MpcConfig, **simulator: Any) -> Learned:
         initial_throttle=0.35,
         **simulator,
     )
-    settled = [
+    converged = [
         (step.tick.stats, step.truth)
         for step in fly(mpc=mpc, simulator=config, reference=ReferenceConfig(trajectory="hover"))
         if step.tick is not None and step.truth.stamp_ns > 1e9 * (1.0 + SETTLING)
     ]
-    stats = [each for each, _ in settled]
-    axes = [so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw)[:, 2] for _, truth in settled]
+    stats = [each for each, _ in converged]
+    axes = [so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw)[:, 2] for _, truth in converged]
     return Learned(
         scale=np.array([each.thrust_scale for each in stats]),
         a_W=np.array([(e.disturbance_x, e.disturbance_y, e.disturbance_z) for e in stats]),
@@ -59,13 +58,7 @@ def hovering(mpc: MpcConfig, **simulator: Any) -> Learned:
     )
 
 
-@functools.cache
-def flown(scale: float, wind: tuple[float, float, float], noise: float) -> Learned:
-    mpc = MpcConfig(**ROBUST, input_delay=0.03)
-    return hovering(mpc, **LAGS, thrust_scale=scale, wind=wind, velocity_noise=noise)
-
-
-FLIGHTS = pytest.mark.parametrize(
+@pytest.mark.parametrize(
     ("scale", "wind", "noise"),
     [
         (0.7, (4.0, 0.0, 0.0), 0.02),
@@ -75,33 +68,24 @@ FLIGHTS = pytest.mark.parametrize(
         (1.3, (0.0, 4.0, 0.0), 0.2),
     ],
 )
-
-
-@FLIGHTS
-def test_scale_and_wind_are_learned(
+def test_estimates_thrust_scale_and_wind_in_hover(
     scale: float, wind: tuple[float, float, float], noise: float
 ) -> None:
-    learned = flown(scale, wind, noise)
+    mpc = MpcConfig(**ROBUST, input_delay=0.03)
+    learned = hovering(mpc, **LAGS, thrust_scale=scale, wind=wind, velocity_noise=noise)
     pushed = SimulatorConfig().drag * np.array(wind)
     np.testing.assert_allclose(learned.scale, scale, atol=0.1)
     np.testing.assert_allclose(learned.a_W.mean(axis=0), pushed, atol=0.3)
     off = np.linalg.norm(learned.a_W - pushed, axis=1)
     assert np.percentile(np.abs(learned.a_W - pushed), 99.0) < 0.5
     assert np.sqrt(np.mean(off**2)) < (0.15 if noise < 0.1 else 0.4)
-
-
-@FLIGHTS
-def test_estimates_are_inside_their_bounds(
-    scale: float, wind: tuple[float, float, float], noise: float
-) -> None:
-    learned = flown(scale, wind, noise)
     assert not learned.status & {"at bounds", "reset"}
     for lag in (learned.rate_lag, learned.thrust_lag):
         assert 20.0 < lag.min() <= lag.max() < 80.0
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.2])
-def test_scale_and_wind_are_learned_of_rotor_plant(noise: float) -> None:
+def test_estimates_thrust_scale_and_wind_of_rotor_plant(noise: float) -> None:
     """Its lateral force in wind follows from how it has to lean."""
     pytest.importorskip("rotorpy")
     mpc = MpcConfig(**{**ROBUST, "rate_time_constant": 0.05}, input_delay=0.03)

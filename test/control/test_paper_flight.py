@@ -156,16 +156,6 @@ def test_every_command_is_the_exact_solution(comparison: Comparison) -> None:
     assert error.max() < 0.05
 
 
-def test_every_plan_is_as_good_as_the_exact_one(comparison: Comparison) -> None:
-    for problem, plan, exact in zip(
-        comparison.problems, comparison.plans, comparison.exact_errors, strict=True
-    ):
-        best = problem.cost(exact)
-        found = problem.cost((U_R - plan).ravel())
-        assert best - 1e-6 <= found
-        assert found - best < 1e-3 * (1.0 + abs(best))
-
-
 def test_the_flight_exercises_the_bounds(comparison: Comparison) -> None:
     """Without active bounds the comparison would not see one printed on the wrong side."""
     at_max = comparison.exact > U_MAX - 1e-6
@@ -209,7 +199,7 @@ def tracking_errors(flight: list[LoopStep]) -> Array:
     return np.array([np.linalg.norm(step.window.p_WB[0] - step.odometry.p_WB) for step in flight])
 
 
-def test_the_square_is_flown_as_well_as_the_method_can(paper_flight: list[LoopStep]) -> None:
+def test_square_error_matches_the_reproduction(paper_flight: list[LoopStep]) -> None:
     errors = tracking_errors(paper_flight)
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(0.788, abs=0.01)
     before_each_switch = errors[99::100]
@@ -217,7 +207,20 @@ def test_the_square_is_flown_as_well_as_the_method_can(paper_flight: list[LoopSt
     assert before_each_switch.max() <= 0.03
 
 
-def test_every_solve_is_quick_and_good(paper_flight: list[LoopStep]) -> None:
+def test_plans_match_the_rollout_of_their_inputs(
+    paper_flight: list[LoopStep], comparison: Comparison
+) -> None:
+    for step, problem in zip(paper_flight, comparison.problems, strict=True):
+        assert step.tick is not None
+        assert step.tick.plan is not None
+        plan = step.tick.plan
+        errors = problem.states((U_R - plan.inputs).ravel())
+        assert_allclose(plan.p_WB, step.window.p_WB[0] - errors[:, :3], rtol=0.0, atol=5e-3)
+        expected = Rotation.from_rotvec(-errors[:, 6:]).as_matrix()
+        assert_allclose(plan.R_WB, expected, rtol=0.0, atol=5e-3)
+
+
+def test_every_solve_is_accurate_within_few_iterations(paper_flight: list[LoopStep]) -> None:
     ticks = [step.tick for step in paper_flight if step.tick is not None]
     assert len(ticks) == 500
     iterations = [tick.stats.iterations for tick in ticks]
@@ -233,37 +236,3 @@ def test_every_solve_is_quick_and_good(paper_flight: list[LoopStep]) -> None:
         0,
         0,
     )
-
-
-def test_commands_answer_their_odometry(paper_flight: list[LoopStep]) -> None:
-    for step in paper_flight:
-        assert step.tick is not None
-        assert step.tick.command is not None
-        assert step.tick.command.stamp_ns == step.odometry.stamp_ns
-
-
-def test_plans_begin_where_the_vehicle_is(paper_flight: list[LoopStep]) -> None:
-    for step in paper_flight[::10]:
-        assert step.tick is not None
-        assert step.tick.plan is not None
-        plan = step.tick.plan
-        assert plan.stamp_ns == step.odometry.stamp_ns
-        assert plan.step == DT
-        assert plan.inputs.shape == (N, 4)
-        assert plan.p_WB.shape == (N + 1, 3)
-        assert_allclose(plan.p_WB[0], step.odometry.p_WB, atol=1e-12)
-        here = Rotation.from_quat(step.odometry.q_WB_xyzw).as_matrix()
-        assert_allclose(plan.R_WB[0], here, atol=1e-12)
-
-
-def test_plans_predict_where_their_inputs_lead(
-    paper_flight: list[LoopStep], comparison: Comparison
-) -> None:
-    for step, problem in zip(paper_flight, comparison.problems, strict=True):
-        assert step.tick is not None
-        assert step.tick.plan is not None
-        plan = step.tick.plan
-        errors = problem.states((U_R - plan.inputs).ravel())
-        assert_allclose(plan.p_WB, step.window.p_WB[0] - errors[:, :3], rtol=0.0, atol=5e-3)
-        expected = Rotation.from_rotvec(-errors[:, 6:]).as_matrix()
-        assert_allclose(plan.R_WB, expected, rtol=0.0, atol=5e-3)

@@ -1,9 +1,10 @@
-"""Resets, live parameters and errors in flight: every owner of flight state takes part, alone."""
+"""Resets, live parameters and errors in flight reach every owner of flight state separately."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
+import re
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
@@ -207,6 +208,8 @@ def inside(value: Any) -> Iterable[tuple[object, Any]]:
         return [(name, value[name]) for name in value.dtype.names or ()]
     if isinstance(value, Mapping):
         return value.items()
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return zip(value._fields, value, strict=True)
     if isinstance(value, tuple | list | deque):
         return enumerate(value)
     if type(value).__module__.startswith("quad_mpc_ros"):
@@ -244,11 +247,7 @@ def test_every_owner_of_flight_state_is_a_stage_of_the_controller() -> None:
 
 
 LIVE = [spec for spec in MpcConfig.specs() if spec.live]
-LIMITS = {
-    "limits.speed_max": 5.0,
-    "advanced.limits.throttle_margin": 0.05,
-    "advanced.limits.rate_slew": 50.0,
-}
+LIMITS = {"limits.speed_max": 5.0}
 OTHER: dict[str, object] = {"throttle_min": 0.05, "contouring.speed_max": 1.2}
 
 
@@ -291,10 +290,10 @@ def flight_of(formulation: str) -> Flight:
 
 @pytest.mark.parametrize("spec", LIVE, ids=lambda spec: spec.path)
 @pytest.mark.parametrize("formulation", ["contouring", "paper"])
-def test_a_live_change_in_flight_reaches_all_that_depends_on_it(
+def test_a_live_parameter_changes_everything_that_depends_on_it(
     formulation: str, spec: ParameterSpec
 ) -> None:
-    """What differs between new controllers changes so in flight, and all else stays."""
+    """A change in flight has the effect of a new controller, and nothing else changes."""
     new, flight = flight_of(formulation).controller, flight_of(formulation)
     flight.fly(0.1)
     before = new.config
@@ -315,7 +314,7 @@ def test_a_live_change_in_flight_reaches_all_that_depends_on_it(
 # --- engagement
 
 
-def test_hovers_where_it_is_engaged_after_a_pilot_flew_it_away() -> None:
+def test_hovers_at_the_engagement_position_after_manual_flight() -> None:
     """The reference is lost, so that the fallback holds the place where it was engaged before."""
     flight = Flight()
     flight.fly(0.3)
@@ -335,7 +334,7 @@ def test_hovers_where_it_is_engaged_after_a_pilot_flew_it_away() -> None:
     assert np.abs(tick.command.w_WB_B).max() < 0.7, "at 40 m it would tilt as fast as it may"
 
 
-def test_a_reference_is_not_delayed_by_what_is_flown_by_hand() -> None:
+def test_manual_flight_does_not_delay_the_reference() -> None:
     """Contouring gives time up for a vehicle that does not follow."""
     config = MpcConfig().updated({"formulation": "contouring"})
     controller = Controller(config)
@@ -352,11 +351,11 @@ def test_a_reference_is_not_delayed_by_what_is_flown_by_hand() -> None:
         assert tick is not None
         return tick
 
-    assert stand(50, START_NS).stats.behind_s > 0.1
+    assert stand(50, START_NS).stats.progress_delay_s > 0.1
     controller.engage(False)
-    assert stand(50, START_NS + 50 * PERIOD_NS).stats.behind_s == 0.0
+    assert stand(50, START_NS + 50 * PERIOD_NS).stats.progress_delay_s == 0.0
     controller.engage(True)
-    assert stand(1, START_NS + 100 * PERIOD_NS).stats.behind_s == 0.0
+    assert stand(1, START_NS + 100 * PERIOD_NS).stats.progress_delay_s == 0.0
 
 
 # --- errors
@@ -365,6 +364,7 @@ def test_a_reference_is_not_delayed_by_what_is_flown_by_hand() -> None:
 STAGES: dict[str, tuple[type, str]] = {
     "ground detector": (GroundDetector, "update"),
     "estimator": (DelayCompensation, "predict"),
+    "record of commands": (DelayCompensation, "record"),
     "delayed reference": (DelayedReference, "at"),
     "guide": (Beside, "guide"),
     "MPC": (Mpc, "solve"),
@@ -385,7 +385,7 @@ def failing(owner: type, name: str, ticks: Iterable[int]) -> Callable[..., Any]:
 
 @pytest.mark.parametrize("stage", STAGES)
 @pytest.mark.parametrize("name", ["guided", "contouring"])
-def test_an_error_in_a_stage_is_reported_and_leaves_the_others(
+def test_an_error_in_a_stage_is_reported_and_does_not_stop_other_stages(
     name: str, stage: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if (name, stage) == ("contouring", "guide"):
@@ -420,7 +420,7 @@ def test_an_error_in_a_stage_is_reported_and_leaves_the_others(
     assert after.estimate_resets == 0
 
 
-def test_a_guide_that_always_fails_flies_the_commands_of_no_guide(
+def test_failing_guide_gives_the_commands_without_a_guide(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(Beside, "guide", failing(Beside, "guide", range(10_000)))
@@ -441,7 +441,7 @@ def test_a_guide_that_always_fails_flies_the_commands_of_no_guide(
     ],
     ids=["reset_estimate", "reconfigure", "engage"],
 )
-def test_a_stage_that_raises_does_not_keep_an_event_from_the_others(
+def test_events_reach_all_stages_although_one_raises(
     event: Callable[[Controller], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     names = ("reset_estimate", "reconfigure", "engage")
@@ -461,10 +461,15 @@ def test_a_stage_that_raises_does_not_keep_an_event_from_the_others(
         for path, value in values_of(sound.controller).items()
         if values_of(failing_guide.controller)[path] != value
     }
-    assert all(".guide." in path or path.startswith("._log.counts") for path in differing)
+    # Times of the solver differ in any two flights.
+    times = re.compile(r"\._last_tick\.step\.(solution\.)?(solve|step)_time")
+    assert all(
+        ".guide." in path or path.startswith("._log.counts") or times.fullmatch(path)
+        for path in differing
+    )
 
 
-def test_gates_that_fail_leave_the_way_around_obstacles(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failing_gates_do_not_disable_obstacle_avoidance(monkeypatch: pytest.MonkeyPatch) -> None:
     gates = HeldGates(course_from(COURSE), radius=0.2)
     guide = CombinedGuide(Beside(), gates)
     odometry = OdometrySample.at_rest(PLACE)

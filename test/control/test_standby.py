@@ -1,4 +1,4 @@
-"""What has come to a controller that does not command yet: is it enough to begin?"""
+"""Inputs of an inactive controller, and whether they suffice to activate it."""
 
 from __future__ import annotations
 
@@ -24,16 +24,12 @@ CONFIG = MpcConfig(odom_timeout=0.1, reference_timeout=0.5)
 
 @pytest.fixture
 def standby(make_odometry: MakeOdometry, make_window: MakeWindow) -> Standby:
-    """Return one to which both have come just now."""
+    """Return a standby that has just received both inputs."""
     made = Standby(CONFIG)
     made.receive_odometry(make_odometry(NOW - 20 * MS), now_ns=NOW - 20 * MS)
     made.receive_odometry(make_odometry(NOW), now_ns=NOW)
     made.receive_reference(make_window(NOW), now_ns=NOW)
     return made
-
-
-def test_starts_with_odometry_and_reference(standby: Standby) -> None:
-    assert standby.activation_blocker(CONFIG, now_ns=NOW) is None
 
 
 def test_names_missing_input(make_odometry: MakeOdometry, make_window: MakeWindow) -> None:
@@ -96,7 +92,7 @@ def test_rejects_odometry_whose_stamps_do_not_advance(
     assert standby.activation_blocker(CONFIG, now_ns=later) is None
 
 
-def test_in_lockstep_the_reference_must_be_that_of_the_odometry(
+def test_lockstep_requires_the_reference_of_the_odometrys_stamp(
     standby: Standby, make_odometry: MakeOdometry
 ) -> None:
     config = dataclasses.replace(CONFIG, lockstep=True)
@@ -115,7 +111,7 @@ def test_the_first_command_answers_the_newest_odometry(standby: Standby, lockste
     assert tick.command.stamp_ns == NOW
 
 
-def test_a_reset_of_the_estimate_moves_what_waits(
+def test_a_reset_of_the_estimate_transforms_the_inputs(
     make_odometry: MakeOdometry, make_window: MakeWindow
 ) -> None:
     """The first command in the new coordinates is that of a vehicle that was always there."""

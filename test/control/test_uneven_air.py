@@ -57,13 +57,13 @@ def flown(
 
 
 @pytest.mark.parametrize(("angular_frequency", "rmse"), [(1.0, 0.0003), (1.8, 0.001)])
-def test_known_uneven_air_is_compensated(angular_frequency: float, rmse: float) -> None:
+def test_configured_anisotropic_drag_is_compensated(angular_frequency: float, rmse: float) -> None:
     error, estimated = flown(known=True, angular_frequency=angular_frequency)
     assert error < rmse
     assert np.abs(estimated).max() < 0.06
 
 
-def test_unknown_uneven_air_is_estimated_as_disturbance() -> None:
+def test_unknown_anisotropic_drag_is_estimated_as_disturbance() -> None:
     error, estimated = flown(known=False, angular_frequency=2.0)
     assert error > 0.005
     assert np.abs(estimated).max() > 0.5
@@ -76,7 +76,7 @@ def test_rate_gain_compensates_incomplete_rate_loop(known: bool, rmse: float) ->
     assert (error < rmse) == known
 
 
-def test_paper_formulation_flies_in_uneven_air() -> None:
+def test_paper_formulation_flies_with_anisotropic_drag() -> None:
     known, _ = flown(known=True, formulation="paper", angular_frequency=1.0)
     unknown, _ = flown(known=False, formulation="paper", angular_frequency=1.0)
     assert known < 0.8 * unknown

@@ -1,4 +1,4 @@
-"""After warming up nothing is left to compile, which in the air would take seconds."""
+"""After warming up nothing is left to compile, as that would take seconds in flight."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ assert before
     ("lag", "formulation"),
     [("0.0", "manifold"), ("0.02", "manifold"), ("0.3", "manifold"), ("0.02", "contouring")],
 )
-def test_nothing_is_left_to_compile(lag: str, formulation: str) -> None:
+def test_warm_up_compiles_all_code(lag: str, formulation: str) -> None:
     flown = subprocess.run(
         [sys.executable, "-c", FLY, lag, formulation], capture_output=True, text=True, check=False
     )
@@ -55,7 +55,7 @@ def test_nothing_is_left_to_compile(lag: str, formulation: str) -> None:
     assert flown.stdout.strip() == ""
 
 
-# The node also takes warnings, and other rungs of the safety ladder than the MPC fly at times.
+# The node also takes warnings, and lower levels of the failsafe fly at times.
 FAIL = (
     FLY.split("reference = ")[0].replace("lockstep=True", "lockstep=False")
     + """
@@ -95,7 +95,7 @@ print(*sorted(compiled() - before), sep="\\n")
 
 
 @pytest.mark.parametrize("lag", ["0.0", "0.02"])
-def test_nor_when_something_fails(lag: str) -> None:
+def test_warm_up_compiles_the_failsafe_code(lag: str) -> None:
     flown = subprocess.run(
         [sys.executable, "-c", FAIL, lag, "manifold"], capture_output=True, text=True, check=False
     )

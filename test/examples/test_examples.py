@@ -124,7 +124,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.mark.parametrize("name", OUTCOMES)
-def test_example_has_its_outcome(
+def test_example_prints_the_expected_outcome(
     name: str,
     request: pytest.FixtureRequest,
     monkeypatch: pytest.MonkeyPatch,

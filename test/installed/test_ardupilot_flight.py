@@ -58,7 +58,7 @@ def course(pilot: Pilot) -> None:
     }
 
 
-def test_it_flies_as_guessed_and_better_once_identified(tmp_path: Path) -> None:
+def test_identified_parameters_reduce_the_tracking_error(tmp_path: Path) -> None:
     """The true state, for the errors to be those of MPC and bridge alone."""
     with flown(tmp_path / "guessed") as pilot:
         course(pilot)
@@ -108,7 +108,7 @@ def test_the_paper_square_settles_before_each_jump(
 
 @pytest.mark.parametrize("boost", [0, 1])
 @pytest.mark.parametrize("expo", [0.0, 0.65])
-def test_its_thrust_is_ours_whatever_it_makes_of_it(
+def test_thrust_is_compensated_for_all_ardupilot_settings(
     tmp_path: Path, boost: int, expo: float
 ) -> None:
     settings = {"ATC_ANGLE_BOOST": boost, "MOT_THST_EXPO": expo}
@@ -123,7 +123,7 @@ def test_its_thrust_is_ours_whatever_it_makes_of_it(
         assert pilot.track.rms("eight 1.5", settled=5.0) < 0.05
 
 
-def test_taken_over_and_given_back(tmp_path: Path) -> None:
+def test_hands_over_to_the_autopilot_and_back(tmp_path: Path) -> None:
     """The eleven handovers of ``tools/px4_handovers.py``, then a link that is cut."""
     with flown(tmp_path, truth=False) as pilot:
         pilot.engage_and_arm()

@@ -26,7 +26,7 @@ from quad_mpc_ros.messages.cdr import header_stamp_ns as stamp_of
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.recording import Recording
-from quad_mpc_ros.recordings.run import RecordedRun, TopicNames
+from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.recordings.writer import BagWriter
 from quad_mpc_ros.ros.messages import message_class, qos_of
 
@@ -167,7 +167,7 @@ def stepped(count: int) -> list[str]:
 
 FLIGHT = {
     "reference": {"trajectory": "lemniscate", "angular_frequency": 0.6},
-    "mpc": {"advanced.realtime.lock_memory": False},
+    "mpc": {"estimate_disturbance": True},
     "simulator": {"duration": 0.0, "mass_scale": 1.1},
 }
 """Of the nodes, by parameter."""
@@ -185,7 +185,7 @@ def test_resolves_recordings_of_ros2_bag_with_faults_bit_for_bit(
     for trial in range(TRIALS):
         bag = tmp_path / f"bag_{trial}"
         record_flight(flight, relays, config=config, bag=bag)
-        run = Recording(bag).run(TopicNames(odometry=RELAYED[0], reference=RELAYED[1]))
+        run = Recording(bag).run({ODOMETRY: RELAYED[0], REFERENCE: RELAYED[1]})
         if is_whole(run) and not is_hurried(run):
             break
     assert is_whole(run)

@@ -18,7 +18,7 @@ from fixtures.installed_ros import environment
 
 pytestmark = pytest.mark.timeout(400)  # of a busy machine
 
-CASES = ("px4", "mavros with px4", "rosflight", "aerostack2", "crazyswarm2")
+CASES = ("px4", "mavros", "rosflight", "aerostack2", "crazyswarm2")
 SCRIPT = Path(stack_over_dds.__file__)
 
 

@@ -46,7 +46,7 @@ def parameters(dump: str) -> dict[str, object]:
     return node["ros__parameters"]
 
 
-def test_what_is_dumped_is_loaded_and_runs_again(tmp_path: Path) -> None:
+def test_dumped_parameters_load_and_run_again(tmp_path: Path) -> None:
     """``ros2 param dump``, ``load`` into the node that runs, ``--params-file`` for the next."""
     given = ("-p", "autostart:=false", "-p", "odom_timeout:=0.3", "-p", "limits.tilt_max:=0.5")
     dump = tmp_path / "dumped.yaml"

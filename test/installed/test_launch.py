@@ -111,7 +111,7 @@ def test_the_square_in_lockstep_ends_with_its_simulator(tmp_path: Path) -> None:
         assert "the MPC flies" in run.text
 
 
-def test_one_interrupt_ends_the_square_with_a_whole_bag(tmp_path: Path) -> None:
+def test_one_interrupt_ends_the_square_with_a_complete_bag(tmp_path: Path) -> None:
     arguments = ("square.launch.py", "namespace:=uav1")
     with running("launch", "quad_mpc_ros", *arguments, folder=tmp_path) as run:
         wait_for(lambda: is_recording(tmp_path, 1), what="recorded", while_running=run)
@@ -124,7 +124,7 @@ def test_one_interrupt_ends_the_square_with_a_whole_bag(tmp_path: Path) -> None:
     assert topics["/uav1/odom"] > 10
 
 
-def test_two_interrupts_in_a_row_end_two_vehicles_with_whole_bags(tmp_path: Path) -> None:
+def test_two_interrupts_end_two_vehicles_with_complete_bags(tmp_path: Path) -> None:
     arguments = ("fleet.launch.py", "vehicles:=2", "record:=true")
     with running("launch", "quad_mpc_ros", *arguments, folder=tmp_path) as run:
         wait_for(lambda: is_recording(tmp_path, 2), what="recorded", while_running=run)
@@ -182,7 +182,7 @@ def test_controller_and_bridges_start_in_namespaces_and_end(
 
 
 @pytest.mark.parametrize("file", ["square", "fleet", "mpc", "stack", "bridge"])
-def test_a_parameter_file_that_is_not_there_starts_nothing(file: str, tmp_path: Path) -> None:
+def test_missing_parameter_file_starts_no_node(file: str, tmp_path: Path) -> None:
     (tmp_path / "my_vehicle.yaml").write_text("/**: {ros__parameters: {mass: 0.5}}\n")
     bridge = ("bridge:=rates",) if file == "bridge" else ()
     arguments = (f"{file}.launch.py", "config:=my_vehcle.yaml", *bridge)

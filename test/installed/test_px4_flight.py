@@ -237,7 +237,7 @@ def test_px4_gives_its_reason_and_disarms_in_the_air(
         px4.until(lambda: bridge.landed(now_ns=px4.now_ns) is False)
         # PX4 refuses to disarm in the air, unless it is forced.
         px4.command(400, 0.0, 0.0)
-        denied = "the autopilot says: Disarming denied: not landed"
+        denied = "the autopilot reports: Disarming denied: not landed"
         px4.until(lambda: denied in bridge.take_warnings())
         outcome = px4.arm(False)
         assert (outcome.accepted, outcome.text) == (True, "disarmed")

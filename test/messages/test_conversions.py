@@ -66,7 +66,7 @@ def test_estimate_reset_is_the_transform_of_the_former_frame() -> None:
     assert again.turn == pytest.approx(2.0)
     assert np.array_equal(again.step_W, reset.step_W)
     q.x = 0.1
-    with pytest.raises(ValueError, match="a turn about the vertical"):
+    with pytest.raises(ValueError, match="a rotation about the vertical"):
         conversions.reset_from_message(message)
 
 

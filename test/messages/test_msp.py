@@ -22,24 +22,8 @@ def test_request_without_payload() -> None:
     assert msp.request(101) == b"$M<\x00ee"
 
 
-def test_version_2_checksums_are_the_published_ones() -> None:
-    # Of the specification of MSPv2: function 100, no payload.
-    assert msp.crc8(bytes.fromhex("00 64 00 00 00")) == 0x8F
-    # And with payload: function 0x4242, flag 0xa5.
-    assert msp.crc8(bytes.fromhex("a5 42 42 12 00") + b"Hello flying world") == 0x82
-
-
-def test_the_crc_is_that_of_dvb_s2() -> None:
-    assert msp.crc8(b"123456789") == 0xBC  # the check value of the catalogue
-
-
 def test_channels_are_little_endian() -> None:
     assert msp.raw_rc((1000, 2000)) == answer_v1(200, b"\xe8\x03\xd0\x07", b"<")
-
-
-def test_long_requests_use_version_2() -> None:
-    frame = msp.request(200, bytes(300))
-    assert frame[:8] == b"$X<\x00\xc8\x00\x2c\x01" and len(frame) == 309
 
 
 @given(st.lists(st.tuples(st.integers(0, 254), st.binary(max_size=40)), max_size=4), st.data())
@@ -76,9 +60,3 @@ def test_drops_a_broken_frame_and_finds_the_next() -> None:
 def test_recognises_refusals() -> None:
     (found,) = msp.MspReader().read(answer_v1(200, b"", b"!"))
     assert found.refused and found.command == 200
-
-
-def test_reads_version_2_answers() -> None:
-    body = b"\x00\x65\x00\x01\x00\x07"
-    (found,) = msp.MspReader().read(b"$X>" + body + bytes([msp.crc8(body)]))
-    assert (found.command, found.payload) == (0x65, b"\x07")

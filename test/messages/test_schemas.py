@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from fixtures.messages import RECORDED_TYPES
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import get_types_from_msg
 from rosidl_adapter.parser import parse_message_string
 
 from quad_mpc_ros.configuration import BagError
@@ -39,16 +39,6 @@ def test_text_is_what_rosbag2_writes_of_the_installed_files(type_name: str) -> N
     (_, root), *used = expected_sections(type_name.replace("/msg/", "/"), [])
     expected = root + "".join(f"{SEPARATOR}{name}\n{text}" for name, text in used)
     assert schema_for(type_name).text == expected
-
-
-@pytest.mark.parametrize("type_name", RECORDED_TYPES)
-def test_hash_is_that_of_the_installed_package_and_of_rosbags(type_name: str) -> None:
-    package, _, name = type_name.split("/")
-    description = json.loads((SHARE / package / "msg" / f"{name}.json").read_text())
-    hashes = {entry["type_name"]: entry["hash_string"] for entry in description["type_hashes"]}
-    type_hash = schema_for(type_name).type_hash
-    assert type_hash == hashes[type_name]
-    assert type_hash == get_typestore(Stores.ROS2_JAZZY).hash_rihs01(type_name)
 
 
 @pytest.mark.parametrize("type_name", RECORDED_TYPES)
@@ -121,7 +111,7 @@ def test_missing_type_names_the_places_searched(
 
 
 @pytest.mark.parametrize("name", ["Odometry", "nav_msgs/Odometry", "a/srv/B", "../../x", ""])
-def test_refuses_names_of_no_message_type(name: str) -> None:
+def test_rejects_invalid_message_type_names(name: str) -> None:
     with pytest.raises(BagError, match="expected pkg/msg/Type"):
         schema_for(name)
 

@@ -114,7 +114,7 @@ def test_first_run_installs_and_second_run_does_not(checkout: Checkout) -> None:
     assert checkout.pip() == []
 
 
-def test_change_of_our_files_reinstalls_only_ourselves(checkout: Checkout) -> None:
+def test_source_change_reinstalls_only_this_package(checkout: Checkout) -> None:
     checkout.make()
     checkout.pip()
     (checkout.folder / "config" / "new.yaml").touch()
@@ -136,7 +136,7 @@ def test_change_of_the_dependencies_installs_them_with_all_extras(checkout: Chec
 
 
 @pytest.mark.parametrize("installed", ["Collecting numpy", "Installing collected packages: numpy"])
-def test_killed_install_is_started_over(checkout: Checkout, installed: str) -> None:
+def test_killed_install_is_restarted(checkout: Checkout, installed: str) -> None:
     checkout.install_python(on_pip=f"echo '{installed}'; sleep 1; kill -9 0")
     assert checkout.make().status != 0
     checkout.install_python()
@@ -147,7 +147,7 @@ def test_killed_install_is_started_over(checkout: Checkout, installed: str) -> N
     assert len(checkout.pip()) == 1
 
 
-def test_failed_install_says_why_and_is_tried_again(checkout: Checkout) -> None:
+def test_failed_install_reports_the_reason_and_is_retried(checkout: Checkout) -> None:
     checkout.install_python(on_pip="echo 'ERROR: No matching distribution found for osqp'; exit 1")
     failed = checkout.make()
     assert failed.status != 0
@@ -156,7 +156,7 @@ def test_failed_install_says_why_and_is_tried_again(checkout: Checkout) -> None:
     assert checkout.make().text.endswith("flying fly\n")
 
 
-def test_environment_without_its_python_is_remade(checkout: Checkout) -> None:
+def test_environment_without_its_python_is_recreated(checkout: Checkout) -> None:
     checkout.make()
     python = checkout.folder / ".venv" / "bin" / "python"
     python.unlink()

@@ -375,7 +375,7 @@ def test_the_parameter_file_of_every_node_is_accepted_by_it(node: str) -> None:
 
 
 @pytest.mark.parametrize("bridge", BRIDGES)
-def test_one_vehicle_file_serves_every_node_beside_a_bridge(
+def test_one_vehicle_file_applies_to_every_node_and_a_bridge(
     bridge: str, launch: Launch, tmp_path: Path
 ) -> None:
     vehicle = tmp_path / "my_vehicle.yaml"
@@ -393,7 +393,7 @@ def test_one_vehicle_file_serves_every_node_beside_a_bridge(
     assert names == {f"{bridge}_bridge", "mpc", "reference"}
 
 
-def test_beside_rosflight_the_commands_of_the_mpc_have_a_name_of_their_own(launch: Launch) -> None:
+def test_rosflight_launch_remaps_the_mpcs_command_topic(launch: Launch) -> None:
     for bridge in ("rosflight", "px4"):
         apart = launch("bridge.launch.py", bridge=bridge, one_process="false")
         (mpc,) = (node for node in apart if node.name == "mpc")
@@ -404,7 +404,7 @@ def test_beside_rosflight_the_commands_of_the_mpc_have_a_name_of_their_own(launc
             assert stack.remappings.get("mpc:command", "command") == topic
 
 
-def test_each_vehicle_of_a_fleet_has_its_nodes_in_a_namespace_of_its_own(launch: Launch) -> None:
+def test_fleet_nodes_have_one_namespace_per_vehicle(launch: Launch) -> None:
     executables = {
         "true": ("recorder_node", "simulator_node", "stack_node"),
         "false": ("mpc_node", "recorder_node", "reference_node", "simulator_node"),
@@ -419,7 +419,7 @@ def test_each_vehicle_of_a_fleet_has_its_nodes_in_a_namespace_of_its_own(launch:
             launch("fleet.launch.py", vehicles=wrong)
 
 
-def test_what_is_wrong_is_refused(launch: Launch) -> None:
+def test_rejects_wrong_launch_arguments(launch: Launch) -> None:
     with pytest.raises(LaunchError, match="'bridge' was not provided"):
         launch("bridge.launch.py")
     with pytest.raises(LaunchError, match="not one of"):
@@ -434,7 +434,7 @@ FILE_TAKERS = [
 
 
 @pytest.mark.parametrize(("file", "given"), FILE_TAKERS, ids=LAUNCH_FILES)
-def test_a_parameter_file_that_is_not_there_is_refused_with_the_nearest_name(
+def test_missing_parameter_file_is_rejected_with_the_nearest_name(
     file: str, given: dict[str, str], launch: Launch, tmp_path: Path
 ) -> None:
     there = tmp_path / "my_vehicle.yaml"

@@ -43,7 +43,7 @@ def is_module(name: str) -> bool:
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: str(path.relative_to(ROOT)))
-def test_what_a_script_imports_exists(script: Path) -> None:
+def test_imports_of_scripts_exist(script: Path) -> None:
     try:
         assert lacking(ast.parse(script.read_text())) == []
     except ModuleNotFoundError as error:
@@ -52,6 +52,6 @@ def test_what_a_script_imports_exists(script: Path) -> None:
         pytest.skip(f"{error.name} is not installed")
 
 
-def test_a_name_that_is_not_there_is_found() -> None:
+def test_detects_an_import_of_a_missing_name() -> None:
     stale = ast.parse("from quad_mpc_ros.extras.guidance import avoiding, guidance")
     assert lacking(stale) == ["quad_mpc_ros.extras.guidance.avoiding"]

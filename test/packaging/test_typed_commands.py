@@ -65,7 +65,7 @@ def takes_its_options(typed: Any) -> None:
         assert name in {spec.name for spec in SCHEMA[node].specs()}, assignment
 
 
-def test_ros2_finds_what_it_starts() -> None:
+def test_executables_of_ros2_run_exist() -> None:
     assert wrong(is_found_by_ros2, OF_ROS2) == []
 
 
@@ -77,7 +77,7 @@ def is_found_by_ros2(typed: Any) -> None:
         assert (ROOT / "launch" / rest[1]).is_file()
 
 
-def test_files_come_with_the_package_or_with_the_page() -> None:
+def test_files_of_commands_exist_in_the_package_or_on_the_page() -> None:
     assert wrong(has_its_files, OF_QUAD_MPC) == []
 
 
@@ -111,6 +111,6 @@ def test_blocks_of_commands_are_marked() -> None:
             assert not re.match(r"(\.venv/bin/)?(quad_mpc|ros2|pip) ", text), (page, text)
 
 
-def test_a_command_that_goes_on_over_lines_is_one() -> None:
+def test_continued_lines_are_one_command() -> None:
     text = "a --b \\\n  c\n# said\nd '{x:\n  y}'   # why\n"
     assert list(pages.commands(text)) == [(0, "a --b \\\n  c"), (3, "d '{x:\n  y}'   # why")]

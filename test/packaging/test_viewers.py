@@ -55,7 +55,7 @@ def topic_in(address: str, separator: str) -> tuple[topics.Topic, str]:
 
 
 @pytest.mark.parametrize("path", FOXGLOVE_PATHS)
-def test_foxglove_path_leads_to_a_value(path: str) -> None:
+def test_foxglove_paths_resolve(path: str) -> None:
     topic, rest = topic_in(path, ".")
     key = re.search(r'\{key=="(\w+)"\}', rest)
     if key:
@@ -65,7 +65,7 @@ def test_foxglove_path_leads_to_a_value(path: str) -> None:
 
 
 @pytest.mark.parametrize("curve", CURVES)
-def test_plotjuggler_curve_leads_to_a_value(curve: str) -> None:
+def test_plotjuggler_curves_resolve(curve: str) -> None:
     topic, rest = topic_in(curve, "/")
     if topic is topics.STATS:
         # PlotJuggler names them by the status and the key.
@@ -86,7 +86,7 @@ def test_foxglove_panels_are_placed_and_show_topics() -> None:
     assert shown.keys() <= TOPICS.keys()
 
 
-def test_rviz_displays_ask_for_what_is_offered() -> None:
+def test_rviz_displays_match_the_offered_topics() -> None:
     classes = {"MarkerArray": "MarkerArray", "Path": "Path", "Odometry": "Odometry"}
     displays = [each for each in RVIZ["Visualization Manager"]["Displays"] if "Topic" in each]
     assert len(displays) == 4
@@ -107,7 +107,7 @@ def test_rviz_sends_goals_where_the_reference_node_listens() -> None:
     assert tool["Topic"]["Reliability Policy"] == "Reliable"  # as the subscription wants it
 
 
-def test_rqt_plots_values_that_there_are() -> None:
+def test_rqt_plots_existing_values() -> None:
     page = (VIEWERS.parents[1] / "docs/howto/viewers.md").read_text()
     (command,) = re.findall(r"rqt_plot rqt_plot (.+)", page)
     for address in command.split():

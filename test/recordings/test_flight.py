@@ -1,27 +1,22 @@
-"""From a bag to a flight: bags made by hand, and a flight of the simulator."""
+"""From a bag to a flight, with bags made by hand."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from fixtures.presets import ideal
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.configuration import BagError, UserError
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.recordings.evaluation.metrics import summarise
-from quad_mpc_ros.recordings.evaluation.simulated import load_config
 from quad_mpc_ros.recordings.evaluation.verdict import verdict_on
 from quad_mpc_ros.recordings.flight import Flight, ReferenceSampler
 from quad_mpc_ros.recordings.recording import Recording
-from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.simulation.closed_loop import fly
 
 HOVER_THROTTLE = 0.2923008  # of the paper's vehicle
 HALF = np.sqrt(0.5)
@@ -95,19 +90,6 @@ def test_reads_a_bag_with_odometry_only(make_bag: BagStarter, build: SimpleNames
 
 
 class TestReference:
-    def test_last_window_before_an_odometry_applies(
-        self, make_bag: BagStarter, build: SimpleNamespace
-    ) -> None:
-        bag, start = make_bag(), build.start_ns
-        for n in range(5):
-            bag.odometry(build.odometry(start + n * 10))
-        for offset, x in ((15, 1.0), (20, 2.0), (39, 3.0)):
-            bag.reference(build.window(start + offset, [x, 0.0, 0.0]))
-        reference = read(bag).reference
-        assert reference is not None
-        # Odometries at 0, 10, 20, 30, 40; before the first window it is the first one.
-        assert reference.p_WB[:, 0].tolist() == [1.0, 1.0, 2.0, 2.0, 3.0]
-
     def test_the_last_window_stamped_no_later_is_in_force(self, build: SimpleNamespace) -> None:
         """Against the definition; one sent again after a newer one changes nothing."""
         random = np.random.default_rng(3)
@@ -189,7 +171,7 @@ def test_skips_unusable_odometry(make_bag: BagStarter, build: SimpleNamespace) -
     flight = read(bag)
     assert flight.stamp_ns.tolist() == [start, start + 30]
     reason = "odometry pose.pose.position.x is not finite or beyond 1e8"
-    assert flight.rejected == {reason: 1, "odometry quaternion is not of unit length": 1}
+    assert flight.rejected == {reason: 1, "odometry quaternion does not have unit length": 1}
     assert f"Odometries that the controller rejects: 1, {reason}." in wrong(flight)
 
 
@@ -267,20 +249,16 @@ class TestRefusals:
         assert "\n" not in str(caught.value)
         return str(caught.value)
 
-    def test_no_bag(self, tmp_path: Path) -> None:
-        with pytest.raises(BagError, match="does not exist"):
-            Recording(tmp_path / "none").flight()
-
     def test_no_odometry(self, make_bag: BagStarter, build: SimpleNamespace) -> None:
         bag = make_bag()
         bag.reference(build.window(build.start_ns, [0.0, 0.0, 0.0]))
-        assert "no flight in it" in self.refusal(bag)
+        assert "no flight: expected" in self.refusal(bag)
 
     def test_no_usable_odometry(self, make_bag: BagStarter, build: SimpleNamespace) -> None:
         bag = make_bag()
         bag.odometry(build.odometry(build.start_ns, v_WB_B=np.array([0.0, np.inf, 0.0])))
         refusal = self.refusal(bag)
-        assert "no flight in it" in refusal
+        assert "no flight: expected" in refusal
         assert "1 rejected: odometry twist.twist.linear.y is not finite or beyond 1e8" in refusal
 
     def test_two_vehicles(self, make_bag: BagStarter, build: SimpleNamespace) -> None:
@@ -314,46 +292,6 @@ class TestRefusals:
         bag.parameters("mpc", {"mass": -1.0})
         bag.odometry(build.odometry(build.start_ns))
         assert "mpc.mass" in self.refusal(bag)
-
-
-def test_the_papers_square(make_bag: BagStarter) -> None:
-    """The paper's flight: RMSE 0.788 m, at most 0.03 m off before each switch."""
-    mpc = load_config("paper").mpc
-    simulator = ideal(dynamics="paper", duration=10.0)
-    bag = make_bag()
-    steps = list(fly(mpc=mpc, simulator=simulator, reference=ReferenceConfig()))
-    for step in steps:
-        assert step.tick is not None
-        assert step.tick.command is not None
-        bag.odometry(step.odometry)
-        bag.reference(step.window)
-        bag.command(step.tick.command, latency_ms=0.4)
-        bag.tick(step.tick.stats)
-    bag.parameters("mpc", mpc.flattened())
-
-    flight = read(bag)
-    summary = summarise(flight, wall_seconds=9.98)
-    assert flight.mpc == mpc
-    assert summary["position_rmse_m"] == pytest.approx(0.788, abs=0.01)
-    assert summary["position_max_m"] == pytest.approx(2.0, abs=0.01)
-    # Before the switches at 2, 4, 6 and 8 s, and at the end of the last dwell.
-    assert len(summary["waypoint_error_m"]) == 5
-    assert max(summary["waypoint_error_m"]) <= 0.03
-    assert summary["iterations"]["p99"] <= 75
-    assert summary["iterations"]["max"] <= 100
-    assert summary["odometries"] == summary["commands"] == 500
-    for name in ("solver_failures", "fallbacks", "deadline_misses", "unanswered_odometries"):
-        assert summary[name] == 0
-    assert summary["realtime_factor"] == pytest.approx(1.0)
-    assert flight.reference is not None
-    squared = [np.sum((step.window.p_WB[0] - step.odometry.p_WB) ** 2) for step in steps]
-    assert summary["position_rmse_m"] == pytest.approx(np.sqrt(np.mean(squared)), abs=1e-12)
-    at_bound = [
-        np.max(np.abs(step.tick.command.w_WB_B) - mpc.omega_max) > -1e-3
-        for step in steps
-        if step.tick is not None and step.tick.command is not None
-    ]
-    assert summary["rate_saturation_fraction"] == pytest.approx(np.mean(at_bound))
 
 
 @pytest.mark.parametrize("stamp_ns", [0, 1_700_000_000_000_000_000])

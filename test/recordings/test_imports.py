@@ -7,13 +7,13 @@ import sys
 
 import pytest
 
-HEAVY = ("numba", "scipy", "rosbags", "osqp", "matplotlib")
+HEAVY = ("numba", "scipy", "osqp", "matplotlib")
 
 
 @pytest.mark.parametrize(
     ("modules", "absent"),
     [
-        (("recordings.qos_profile", "recordings.config"), (*HEAVY, "mcap", "zstandard")),
+        (("recordings.config",), (*HEAVY, "mcap", "rosbags", "zstandard")),
         # The modules of the recorder, the player and quad_mpc bag.
         (
             ("recordings.writer", "recordings.parameters", "recordings.reader"),

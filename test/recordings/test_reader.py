@@ -18,8 +18,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.messages.schemas import schema_for
-from quad_mpc_ros.recordings.reader import BagReader, TopicInfo
+from quad_mpc_ros.recordings.mcap_file import TimeSpan, TopicInfo
+from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.recording import Recording
+from quad_mpc_ros.recordings.repair import repair
 from quad_mpc_ros.recordings.writer import BagWriter
 
 WriteFlight = Callable[[BagWriter, int], None]
@@ -34,7 +36,7 @@ def test_reads_topics_messages_and_metadata(flight_bag: Path) -> None:
     assert odometry.message_count == 10
     assert "reliability: best_effort" in odometry.qos_profiles
     assert odometry.type_hash == schema_for("nav_msgs/msg/Odometry").type_hash
-    assert reader.duration_ns == 9 * 20_000_000
+    assert reader.span is not None and reader.span.duration_ns == 9 * 20_000_000
     assert reader.metadata["parameters"] == {"mpc": "control_rate: 50.0"}
     messages = list(reader.messages())
     assert [m.log_time_ns for m in messages] == sorted(m.log_time_ns for m in messages)
@@ -74,27 +76,7 @@ def test_reads_a_bag_of_another_writer(tmp_path: Path, version: int) -> None:
     reader = BagReader(tmp_path / "theirs")
     assert reader.topics["/clock"].message_count == 3
     assert [m.message.clock.sec for m in reader.messages()] == [1, 2, 3]
-    assert reader.duration_ns == 2 * 10**9
-
-
-@pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
-def test_unpacks_rosbag2_compression(tmp_path: Path, mode: CompressionMode) -> None:
-    store = get_typestore(Stores.ROS2_JAZZY)
-    writer = RosbagsWriter(tmp_path / "theirs", version=9, storage_plugin=StoragePlugin.MCAP)
-    writer.set_compression(mode, CompressionFormat.ZSTD)
-    with writer:
-        connection = writer.add_connection("/clock", CLOCK, typestore=store)
-        for second in range(100):
-            data = b"\x00\x01\x00\x00" + second.to_bytes(4, "little") + bytes(4)
-            writer.write(connection, second, data)
-    reader = BagReader(tmp_path / "theirs")
-    assert [m.message.clock.sec for m in reader.messages()] == list(range(100))
-    assert reader.complete
-    assert [m.log_time_ns for m in reader.messages(from_ns=98)] == [98, 99]
-    (tmp_path / "theirs" / "metadata.yaml").unlink()
-    reader = BagReader(tmp_path / "theirs")
-    assert [m.message.clock.sec for m in reader.messages()] == list(range(100))
-    assert not reader.complete
+    assert reader.span == TimeSpan(start_ns=10**9, end_ns=3 * 10**9)
 
 
 def write_mcap(
@@ -104,11 +86,10 @@ def write_mcap(
     type_name: str = CLOCK,
     text: str | None = None,
     data: bytes | None = None,
-    use_chunking: bool = True,
 ) -> None:
     """Write messages with the plain MCAP library, as some other recorder might."""
     with path.open("wb") as stream:
-        writer = Writer(stream, compression=CompressionType.LZ4, use_chunking=use_chunking)
+        writer = Writer(stream, compression=CompressionType.LZ4)
         writer.start(profile="ros2")
         text = schema_for(type_name).text if text is None else text
         schema = writer.register_schema(type_name, "ros2msg", text.encode())
@@ -120,10 +101,11 @@ def write_mcap(
 
 
 def test_reads_a_split_bag_as_one(tmp_path: Path) -> None:
-    """Files overlap in time; without metadata.yaml they are taken by number, not by name."""
+    """Files overlap in time; a repair lists them by number, not by name."""
     write_mcap(tmp_path / "run_10.mcap", [2, 4], data=b"ten")
     write_mcap(tmp_path / "run_2.mcap", [1, 4, 9], data=b"two")
     write_mcap(tmp_path / "run_0.mcap", [3], data=b"zero")
+    repair(tmp_path)
     reader = BagReader(tmp_path)
     assert [(m.log_time_ns, m.data) for m in reader.messages()] == [
         (1, b"two"),
@@ -136,29 +118,12 @@ def test_reads_a_split_bag_as_one(tmp_path: Path) -> None:
     assert reader.topics["/topic"] == TopicInfo(
         type_name=CLOCK, encoding="cdr", message_count=6, qos_profiles="", type_hash=""
     )
-    assert reader.duration_ns == 8
+    assert reader.span == TimeSpan(start_ns=1, end_ns=9)
     (tmp_path / "metadata.yaml").write_text(
         "rosbag2_bagfile_information:\n  storage_identifier: mcap\n  compression_mode: ''\n"
         "  relative_file_paths: [run_0.mcap, run_2.mcap]\n"
     )
     assert [m.log_time_ns for m in BagReader(tmp_path).messages()] == [1, 3, 4, 9]
-
-
-def test_reads_a_file_without_chunks(tmp_path: Path) -> None:
-    write_mcap(tmp_path / "plain.mcap", [2, 1], use_chunking=False)
-    assert [m.log_time_ns for m in BagReader(tmp_path).messages()] == [1, 2]
-
-
-@pytest.mark.parametrize("whole", [True, False])
-def test_reading_from_a_time_on(flight_bag: Path, whole: bool) -> None:
-    if not whole:
-        (flight_bag / "metadata.yaml").unlink()
-        file = flight_bag / "flight_0.mcap"
-        file.write_bytes(file.read_bytes()[:-30])
-    reader = BagReader(flight_bag)
-    times = [m.log_time_ns for m in reader.messages()]
-    assert [m.log_time_ns for m in reader.messages(from_ns=times[4])] == times[4:]
-    assert list(reader.messages(from_ns=times[-1] + 1)) == []
 
 
 def test_decodes_by_the_definition_in_the_bag(
@@ -167,7 +132,7 @@ def test_decodes_by_the_definition_in_the_bag(
     text = f"lab_msgs/Gain gain\n\n{'=' * 80}\nMSG: lab_msgs/Gain\nuint8 k\nstring name\n"
     data = b"\x00\x01\x00\x00" + b"\x07\x00\x00\x00" + b"\x02\x00\x00\x00p\x00"
     write_mcap(tmp_path / "lab.mcap", [1, 2], type_name="lab_msgs/msg/Gains", text=text, data=data)
-    read = [m.message.gain for m in BagReader(tmp_path).messages()]
+    read = [m.message.gain for m in BagReader(tmp_path / "lab.mcap").messages()]
     assert [(gain.k, gain.name) for gain in read] == [(7, "p")] * 2
 
 
@@ -190,7 +155,7 @@ def test_undecodable_message_keeps_its_bytes(
     tmp_path: Path, type_name: str, text: str | None, data: bytes | None, reason: str
 ) -> None:
     write_mcap(tmp_path / "odd.mcap", [1, 2], type_name=type_name, text=text, data=data)
-    for message in BagReader(tmp_path).messages():
+    for message in BagReader(tmp_path / "odd.mcap").messages():
         assert data is None or message.data == data
         with pytest.raises(BagError, match=reason) as caught:
             _ = message.message
@@ -210,51 +175,31 @@ def recorded(tmp_path: Path, write_flight: WriteFlight) -> bytes:
     return (tmp_path / "whole" / "whole_0.mcap").read_bytes()
 
 
-def test_reads_a_cut_file_up_to_its_last_whole_chunk(tmp_path: Path, recorded: bytes) -> None:
-    (tmp_path / "cut.mcap").write_bytes(recorded)
-    whole = [(m.log_time_ns, m.data) for m in BagReader(tmp_path / "cut.mcap").messages()]
-    assert len(whole) == 30
-    counts = set()
-    for length in [*range(8, len(recorded), 37), len(recorded) - 1]:
-        (tmp_path / "cut.mcap").write_bytes(recorded[:length])
-        reader = BagReader(tmp_path / "cut.mcap")
-        read = [(m.log_time_ns, m.data) for m in reader.messages()]
-        assert len(read) == sum(topic.message_count for topic in reader.topics.values())
-        assert [time for time, _ in read] == sorted(time for time, _ in read)
-        assert set(read) <= set(whole)
-        counts.add(len(read))
-    assert counts == {0, 18, 30}
-
-
-def test_orders_overlapping_chunks_of_an_unfinished_file(tmp_path: Path) -> None:
-    """Messages of a time keep their order in the file, whichever chunk is opened first."""
-    times = [5, 3, 9, 1, 5, 4, 2, 5, 8, 0, 7, 5]
-    with BagWriter(tmp_path / "bag") as writer:
-        writer.add_topic("/clock", CLOCK)
-        for number, time in enumerate(times):
-            data = b"\x00\x01\x00\x00" + number.to_bytes(4, "little") + bytes(4)
-            writer.write("/clock", data, log_time_ns=time, publish_time_ns=0)
-            if number % 3 == 2:
-                writer.flush()
-    path = tmp_path / "bag" / "bag_0.mcap"
-    whole = path.read_bytes()
-    expected = sorted(range(len(times)), key=lambda number: times[number])
-    for data in (whole, whole[:-30]):
-        path.write_bytes(data)
-        assert [m.message.clock.sec for m in BagReader(path).messages()] == expected
+def test_refuses_an_unfinished_bag_and_names_the_repair(flight_bag: Path) -> None:
+    file, metadata = flight_bag / "flight_0.mcap", flight_bag / "metadata.yaml"
+    file.write_bytes(file.read_bytes()[:-30])
+    for path in (flight_bag, file):
+        with pytest.raises(BagError, match=f"unfinished.*: quad_mpc bag repair {flight_bag}$"):
+            BagReader(path)
+    metadata.unlink()
+    for path in (flight_bag, file):
+        with pytest.raises(BagError, match=f"unfinished.*: quad_mpc bag repair {path}$"):
+            BagReader(path)
+    repair(flight_bag)
+    assert len(list(BagReader(flight_bag).messages())) == 15
 
 
 def test_damage_is_detected_or_harmless(tmp_path: Path, recorded: bytes) -> None:
     """A flipped byte never leads to a foreign exception, nor to altered messages."""
     (tmp_path / "bad.mcap").write_bytes(recorded)
-    whole = {(m.log_time_ns, m.data) for m in BagReader(tmp_path).messages()}
+    whole = {(m.log_time_ns, m.data) for m in BagReader(tmp_path / "bad.mcap").messages()}
     refused = 0
     for index in range(0, len(recorded), 29):
         damaged = bytearray(recorded)
         damaged[index] ^= 0x41
         (tmp_path / "bad.mcap").write_bytes(damaged)
         try:
-            reader = BagReader(tmp_path)
+            reader = BagReader(tmp_path / "bad.mcap")
             read = {(m.log_time_ns, m.data) for m in reader.messages()}
         except BagError as error:
             refused += 1
@@ -265,6 +210,9 @@ def test_damage_is_detected_or_harmless(tmp_path: Path, recorded: bytes) -> None
     assert refused > 10
 
 
+LISTED = {"storage_identifier": "mcap", "relative_file_paths": ["x_0.mcap"]}
+
+
 def metadata_yaml(**information: object) -> dict[str, bytes]:
     return {"metadata.yaml": json.dumps({"rosbag2_bagfile_information": information}).encode()}
 
@@ -272,27 +220,20 @@ def metadata_yaml(**information: object) -> dict[str, bytes]:
 @pytest.mark.parametrize(
     ("files", "reason"),
     [
-        ({}, "is no bag: neither metadata.yaml nor an .mcap file"),
-        ({"x_0.mcap": b""}, "x_0.mcap: is empty"),
-        ({"x_0.mcap": b"not an MCAP file"}, "x_0.mcap: is not an MCAP file"),
-        (metadata_yaml(storage_identifier="mcap"), "relative_file_paths names no file"),
+        ({}, "not a bag: neither metadata.yaml nor an .mcap file"),
+        ({"x_0.mcap": b"", **metadata_yaml(**LISTED)}, "x_0.mcap: is empty"),
+        (
+            {"x_0.mcap": b"not an MCAP file", **metadata_yaml(**LISTED)},
+            "x_0.mcap: is not an MCAP file",
+        ),
+        (metadata_yaml(storage_identifier="mcap"), "relative_file_paths is empty"),
         (
             metadata_yaml(storage_identifier="mcap", relative_file_paths=["y.mcap"]),
-            "metadata.yaml: lists y.mcap, which is not there",
+            "metadata.yaml: lists y.mcap, which does not exist",
         ),
         (
             metadata_yaml(storage_identifier="sqlite3", relative_file_paths=["y.db3"]),
             "storage is 'sqlite3', expected MCAP; convert it: rosbags-convert --src",
-        ),
-        (
-            metadata_yaml(storage_identifier="mcap", compression_mode="FILE"),
-            "compression None of mode 'FILE' is not supported",
-        ),
-        (
-            metadata_yaml(
-                storage_identifier="mcap", compression_mode="FILE", compression_format="lz4"
-            ),
-            "compression 'lz4' of mode 'FILE' is not supported, expected zstd",
         ),
         ({"metadata.yaml": b"- 1"}, "rosbag2_bagfile_information is missing"),
         ({"metadata.yaml": b"a: [\n\tb"}, "metadata.yaml: not YAML"),
@@ -328,21 +269,53 @@ def test_names_other_formats_and_their_converter(
         assert expected in str(caught.value) and command in str(caught.value)
 
 
-def test_the_command_for_sqlite_converts(tmp_path: Path) -> None:
+def write_clocks_with_rosbags(
+    bag: Path, plugin: StoragePlugin, compression: CompressionMode = CompressionMode.NONE
+) -> None:
     store = get_typestore(Stores.ROS2_JAZZY)
-    with RosbagsWriter(
-        tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3
-    ) as writer:
+    writer = RosbagsWriter(bag, version=9, storage_plugin=plugin)
+    writer.set_compression(compression, CompressionFormat.ZSTD)
+    with writer:
         connection = writer.add_connection("/clock", CLOCK, typestore=store)
-        writer.write(connection, 1, b"\x00\x01\x00\x00" + bytes(8))
-    (tmp_path / "bag" / "metadata.yaml").unlink()
+        for second in range(100):
+            data = b"\x00\x01\x00\x00" + second.to_bytes(4, "little") + bytes(4)
+            writer.write(connection, second, data)
+
+
+@pytest.mark.parametrize(
+    ("plugin", "compression"),
+    [
+        (StoragePlugin.SQLITE3, CompressionMode.NONE),
+        (StoragePlugin.MCAP, CompressionMode.FILE),
+        (StoragePlugin.MCAP, CompressionMode.MESSAGE),
+    ],
+)
+def test_the_named_command_converts(
+    tmp_path: Path, plugin: StoragePlugin, compression: CompressionMode
+) -> None:
+    bag = tmp_path / "bag"
+    write_clocks_with_rosbags(bag, plugin, compression)
+    if plugin == StoragePlugin.SQLITE3:
+        (bag / "metadata.yaml").unlink()
     with pytest.raises(BagError) as caught:
-        BagReader(tmp_path / "bag")
+        BagReader(bag)
     command = str(caught.value).partition("convert it: ")[2]
     assert command.startswith("rosbags-convert ")
     scripts = Path(sys.executable).parent
     subprocess.run([scripts / command.split()[0], *command.split()[1:]], check=True)
-    assert BagReader(Path(command.split()[4])).topics["/clock"].message_count == 1
+    converted = BagReader(Path(command.split()[4]))
+    assert [m.message.clock.sec for m in converted.messages()] == list(range(100))
+
+
+def test_refuses_compressed_messages_also_in_repair(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    write_clocks_with_rosbags(bag, StoragePlugin.MCAP, CompressionMode.MESSAGE)
+    before = {path.name: path.read_bytes() for path in bag.iterdir()}
+    for use in (repair, BagReader):
+        for path in (bag, bag / "bag.mcap") if use is BagReader else (bag,):
+            with pytest.raises(BagError, match=f"convert it: rosbags-convert --src {bag} "):
+                use(path)
+    assert {path.name: path.read_bytes() for path in bag.iterdir()} == before
 
 
 def test_a_topic_of_another_encoding_is_named(tmp_path: Path) -> None:
@@ -367,14 +340,17 @@ def test_refuses_a_missing_bag(tmp_path: Path) -> None:
         BagReader(tmp_path / "nowhere")
 
 
-def test_refuses_a_directory_in_place_of_a_file(tmp_path: Path) -> None:
-    (tmp_path / "x_0.mcap").mkdir()
-    with pytest.raises(BagError, match=r"x_0\.mcap: cannot be read: Is a directory"):
-        BagReader(tmp_path)
-
-
 def test_refuses_a_file_that_was_removed(flight_bag: Path) -> None:
     reader = BagReader(flight_bag)
     shutil.rmtree(flight_bag)
     with pytest.raises(BagError, match=r"flight_0.mcap: cannot be read"):
         list(reader.messages())
+
+
+def test_names_the_repair_of_messages_logged_decades_apart(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/clock", CLOCK)
+        for time_ns in (0, 1_700_000_000 * 10**9):
+            writer.write("/clock", bytes(12), log_time_ns=time_ns, publish_time_ns=time_ns)
+    with pytest.raises(BagError, match=r"off by decades; .*quad_mpc bag repair"):
+        list(BagReader(tmp_path / "bag").messages())

@@ -1,25 +1,18 @@
-"""Battery voltages in recordings, in messages of all supported types."""
+"""Battery voltages in recordings."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from fixtures.messages import STORE, encoded_by_rosbags
-from fixtures.stack_messages import DEFINITIONS, new_message
-from rosbags.typesys import get_types_from_msg
+from fixtures.stack_messages import DEFINITIONS
 
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.messages.cdr import written_battery
 from quad_mpc_ros.messages.topics import BATTERY, COMMAND
-from quad_mpc_ros.recordings.recording import Recording
-from quad_mpc_ros.recordings.run import VOLTAGE_FIELDS, TopicNames
-
-PX4 = "px4_msgs/msg/BatteryStatus"
+from quad_mpc_ros.recordings.recording import VOLTAGE_FIELDS, Recording
 
 
 @pytest.fixture
@@ -39,7 +32,8 @@ def write_voltages(bag: Any, topic: str, *volts: float, start_ns: int) -> None:
 
 def volts(bag: Any, topic: str = "") -> list[tuple[int, float]]:
     bag.writer.close()
-    run = Recording(bag.writer.directory).run(TopicNames(battery=topic), topics=(COMMAND, BATTERY))
+    names = {BATTERY: topic} if topic else {}
+    run = Recording(bag.writer.directory).run(names, topics=(COMMAND, BATTERY))
     return [(sample.log_time_ns, sample.value) for sample in run.voltages]
 
 
@@ -58,31 +52,9 @@ def test_two_batteries_need_a_name(bag: Any, build: SimpleNamespace) -> None:
     write_voltages(bag, "/spare/pack", 15.0, start_ns=build.start_ns)
     assert volts(bag, "pack") == [(build.start_ns, 16.0)]
     reread = Recording(bag.writer.directory)
-    with pytest.raises(BagError, match="/pack, /spare/pack all report a battery: expected --bat"):
+    with pytest.raises(BagError, match="/pack, /spare/pack all report a battery: select the"):
         reread.run(topics=(BATTERY,))
     assert not reread.run(topics=(COMMAND,)).voltages  # not requested
-
-
-def test_reads_px4_battery_by_the_definition_in_the_bag(
-    bag: Any, build: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    share = tmp_path / "share" / "px4_msgs" / "msg"
-    share.mkdir(parents=True)
-    (share / "BatteryStatus.msg").write_text(DEFINITIONS[PX4])
-    hashes = {"type_hashes": [{"type_name": PX4, "hash_string": "RIHS01_0"}]}
-    (share / "BatteryStatus.json").write_text(json.dumps(hashes))
-    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
-    message = new_message(PX4)
-    STORE.register(get_types_from_msg(DEFINITIONS[PX4], PX4))
-    message.voltage_v = 15.5
-    bag.writer.add_topic("/fmu/out/battery_status_v1", PX4)
-    bag.writer.write(
-        "/fmu/out/battery_status_v1",
-        encoded_by_rosbags(PX4, message),
-        log_time_ns=build.start_ns,
-        publish_time_ns=build.start_ns,
-    )
-    assert volts(bag) == [(build.start_ns, 15.5)]
 
 
 @pytest.mark.parametrize("kind", sorted(VOLTAGE_FIELDS.keys() & DEFINITIONS.keys()))

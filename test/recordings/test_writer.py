@@ -14,15 +14,18 @@ import pytest
 import yaml
 from fixtures.messages import RECORDED_TYPES, empty
 from mcap.reader import make_reader
+from mcap.records import Message
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import QosReliability
+from rosbags.interfaces import QosHistory, QosReliability
 
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.messages.schemas import schema_for
-from quad_mpc_ros.recordings.qos_profile import QosProfile
+from quad_mpc_ros.recordings.mcap_records import WholeRecords
+from quad_mpc_ros.recordings.qos import offered_qos
 from quad_mpc_ros.recordings.reader import BagReader
-from quad_mpc_ros.recordings.writer import FLUSH_PERIOD_S, BagWriter, Split
+from quad_mpc_ros.recordings.repair import repair
+from quad_mpc_ros.recordings.writer import FLUSH_PERIOD_S, BagWriter
 
 WriteFlight = Callable[[BagWriter, int], None]
 CLOCK = "rosgraph_msgs/msg/Clock"
@@ -78,24 +81,6 @@ def test_mcaps_own_decoder_reads_what_was_written(flight_bag: Path) -> None:
         assert content.pose.pose.orientation.w == 1.0
     throttles = [content.twist.linear.z for *_, content in commands]
     assert throttles == pytest.approx([0.0, 0.002, 0.004, 0.006, 0.008])
-
-
-def test_schemas_and_channels_are_as_rosbag2_writes_them(flight_bag: Path) -> None:
-    with (flight_bag / "flight_0.mcap").open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    schemas = {schema.name: schema for schema in summary.schemas.values()}
-    assert list(schemas) == ["nav_msgs/msg/Odometry", "geometry_msgs/msg/TwistStamped"]
-    for name, schema in schemas.items():
-        assert schema.encoding == "ros2msg"
-        assert schema.data.decode() == schema_for(name).text
-    channels = {channel.topic: channel for channel in summary.channels.values()}
-    odometry = channels["/odom"]
-    assert odometry.message_encoding == "cdr"
-    assert set(odometry.metadata) == {"offered_qos_profiles", "topic_type_hash"}
-    assert odometry.metadata["topic_type_hash"] == schema_for("nav_msgs/msg/Odometry").type_hash
-    (qos,) = yaml.safe_load(odometry.metadata["offered_qos_profiles"])
-    assert qos["reliability"] == "best_effort"
 
 
 # The keys of a metadata.yaml recorded by `ros2 bag record` of Jazzy.
@@ -156,8 +141,9 @@ RIHS01_692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564
 
 
 def write_clock_bag(directory: Path) -> None:
+    discovered = offered_qos(depth=0)._replace(history=QosHistory.UNKNOWN)
     with BagWriter(directory) as writer:
-        writer.add_topic("/clock", CLOCK, qos_profiles=[QosProfile(history="unknown", depth=0)])
+        writer.add_topic("/clock", CLOCK, qos_profiles=[discovered])
         writer.add_topic("/quiet", CLOCK)
         for log_time_ns in (START_NS + 5, START_NS):
             writer.write(
@@ -175,13 +161,13 @@ def test_metadata_yaml_is_that_of_rosbag2(tmp_path: Path) -> None:
     ]
 
 
-def test_the_mcap_holds_the_same_metadata(tmp_path: Path) -> None:
+def test_the_mcap_file_has_the_version_of_the_metadata(tmp_path: Path) -> None:
+    """rosbag2 needs it to read the quality of service; it counts messages by the index."""
     write_clock_bag(tmp_path / "run")
-    with (tmp_path / "run" / "run_0.mcap").open("rb") as stream:
-        records = [r for r in make_reader(stream).iter_metadata() if r.name == "rosbag2"]
-    first, last = (yaml.safe_load(record.metadata["serialized_metadata"]) for record in records)
-    assert last == yaml.safe_load(METADATA)["rosbag2_bagfile_information"]
-    assert first["version"] == 9
+    record = BagReader(tmp_path / "run" / "run_0.mcap").metadata["rosbag2"]
+    information = yaml.safe_load(record["serialized_metadata"])
+    assert information.keys() == yaml.safe_load(METADATA)["rosbag2_bagfile_information"].keys()
+    assert information["version"] == 9
 
 
 def test_writes_a_bag_without_messages(tmp_path: Path) -> None:
@@ -190,7 +176,7 @@ def test_writes_a_bag_without_messages(tmp_path: Path) -> None:
     with AnyReader([tmp_path / "empty"]) as reader:
         assert reader.message_count == 0
         assert list(reader.messages()) == []
-    assert BagReader(tmp_path / "empty").duration_ns == 0
+    assert BagReader(tmp_path / "empty").span is None
 
 
 @pytest.mark.parametrize("compression", ["none", "zstd", "lz4"])
@@ -223,78 +209,16 @@ def test_writes_every_recorded_type_into_an_unusual_directory(
         assert reader.message_count == len(RECORDED_TYPES)
 
 
-@pytest.mark.parametrize("split", [Split(max_size=1500), Split(max_duration_ns=200_000_000)])
-def test_rosbags_reads_a_split_bag_as_one(
-    tmp_path: Path, write_flight: WriteFlight, split: Split
-) -> None:
-    directory = tmp_path / "long"
-    with BagWriter(directory, compression="none", split=split) as writer:
-        write_flight(writer, 20)
-        for second in range(3):
-            writer.flush_if_due(float(second))
-            data = empty("nav_msgs/msg/Odometry")
-            time_ns = START_NS + (second + 1) * 10**9
-            writer.write("/odom", data, log_time_ns=time_ns, publish_time_ns=time_ns)
-    files = sorted(path.name for path in directory.glob("*.mcap"))
-    assert len(files) > 1
-    assert files == [f"long_{number}.mcap" for number in range(len(files))]
-    with AnyReader([directory]) as reader:
-        assert reader.message_count == 33
-        messages = list(reader.messages())
-        assert len(messages) == 33
-        assert {topic: info.msgcount for topic, info in reader.topics.items()} == {
-            "/odom": 23,
-            "/command": 10,
-        }
-    assert len(list(BagReader(directory).messages())) == 33
-    information = yaml.safe_load((directory / "metadata.yaml").read_text())[
-        "rosbag2_bagfile_information"
-    ]
-    assert information["relative_file_paths"] == files
-    assert information["message_count"] == 33
-    assert information["duration"]["nanoseconds"] == messages[-1][1] - messages[0][1]
-    assert sum(file["message_count"] for file in information["files"]) == 33
-    for file in information["files"]:
-        with (directory / file["path"]).open("rb") as stream:
-            summary = make_reader(stream, validate_crcs=True).get_summary()
-        assert summary is not None
-        assert summary.statistics is not None
-        statistics = summary.statistics
-        assert statistics.message_count == file["message_count"]
-        start = file["starting_time"]["nanoseconds_since_epoch"]
-        assert statistics.message_start_time == start
-        assert statistics.message_end_time == start + file["duration"]["nanoseconds"]
-        # As in rosbag2, every file knows every topic, so that it can be read alone.
-        assert {channel.topic for channel in summary.channels.values()} == {"/odom", "/command"}
-
-
-def test_splits_by_log_time(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "bag", split=Split(max_duration_ns=100)) as writer:
-        writer.add_topic("/clock", CLOCK)
-        for time_ns in (0, 50, 99, 100, 150, 300, 301):
-            writer.write("/clock", clock_data(), log_time_ns=time_ns, publish_time_ns=0)
-    files = [BagReader(file) for file in sorted((tmp_path / "bag").glob("*.mcap"))]
-    assert [[m.log_time_ns for m in file.messages()] for file in files] == [
-        [0, 50, 99],
-        [100, 150],
-        [300, 301],
-    ]
-
-
-def test_refuses_an_existing_directory(tmp_path: Path) -> None:
-    (tmp_path / "flight").mkdir()
-    (tmp_path / "flight" / "note").write_text("mine")
+@pytest.mark.parametrize("is_directory", [True, False])
+def test_refuses_a_path_that_exists(tmp_path: Path, is_directory: bool) -> None:
+    path = tmp_path / "flight"
+    note = path / "note" if is_directory else path
+    note.parent.mkdir(exist_ok=True)
+    note.write_text("mine")
     with pytest.raises(BagError, match="exists already"):
-        BagWriter(tmp_path / "flight")
-    assert [path.name for path in (tmp_path / "flight").iterdir()] == ["note"]
-    assert (tmp_path / "flight" / "note").read_text() == "mine"
-
-
-def test_refuses_an_existing_file(tmp_path: Path) -> None:
-    (tmp_path / "flight").write_text("mine")
-    with pytest.raises(BagError, match="exists already"):
-        BagWriter(tmp_path / "flight")
-    assert (tmp_path / "flight").read_text() == "mine"
+        BagWriter(path)
+    assert note.read_text() == "mine"
+    assert [each for each in tmp_path.rglob("*") if each.is_file()] == [note]
 
 
 @pytest.mark.parametrize("parent", ["file", "/proc/none", "n" * 300])
@@ -307,17 +231,9 @@ def test_refuses_an_unwritable_place(tmp_path: Path, parent: str) -> None:
     assert str(directory) in str(caught.value)
 
 
-def test_unknown_compression_creates_nothing(tmp_path: Path) -> None:
-    with pytest.raises(BagError, match="expected one of none, zstd, lz4"):
-        BagWriter(tmp_path / "flight", compression="gzip")  # type: ignore[arg-type]
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_refuses_misuse(tmp_path: Path) -> None:
     writer = BagWriter(tmp_path / "flight")
     writer.add_topic("/clock", CLOCK)
-    with pytest.raises(BagError, match="/clock was added before"):
-        writer.add_topic("/clock", CLOCK)
     with pytest.raises(BagError, match="no_msgs/msg/None"):
         writer.add_topic("/none", "no_msgs/msg/None")
     with pytest.raises(BagError, match="/other was not added"):
@@ -351,8 +267,8 @@ def test_flushes_when_due_even_in_slow_traffic(tmp_path: Path) -> None:
         file = tmp_path / "slow" / "slow_0.mcap"
 
         def recorded() -> int:
-            topics = BagReader(file).topics
-            return topics["/clock"].message_count if topics else 0
+            with file.open("rb") as stream:
+                return sum(isinstance(record, Message) for record in WholeRecords(stream))
 
         writer.add_topic("/clock", CLOCK)
         writer.flush_if_due(100.0)
@@ -401,10 +317,10 @@ def test_what_was_flushed_survives_sigkill(tmp_path: Path) -> None:
         assert process.stdout.readline() == b"flushed\n"
         process.send_signal(signal.SIGKILL)
     assert not (directory / "metadata.yaml").exists()
+    repair(directory)
     reader = BagReader(directory)
     assert [message.log_time_ns for message in reader.messages()] == list(range(500))
     assert reader.topics["/clock"].message_count == 500
-    assert reader.duration_ns == 499
     assert reader.metadata["parameters"] == {"mpc": "control_rate: 50.0"}
     assert yaml.safe_load(reader.metadata["rosbag2"]["serialized_metadata"])["version"] == 9
 
@@ -429,4 +345,5 @@ def test_full_disk_closes_the_bag_with_an_error(tmp_path: Path, write_flight: Wr
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert not (directory / "metadata.yaml").exists()
+    repair(directory)
     assert len(list(BagReader(directory).messages())) == 30

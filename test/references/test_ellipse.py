@@ -10,7 +10,7 @@ from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
-from quad_mpc_ros.references.ellipse import Ellipse
+from quad_mpc_ros.references.ellipse import ellipse
 
 AXES, W = (2.0, 0.8), 1.7
 
@@ -29,9 +29,9 @@ def config(**changes: object) -> ReferenceConfig:
 
 
 @pytest.mark.parametrize(("plane", "second"), [("horizontal", 1), ("vertical", 2)])
-def test_it_is_the_ellipse_of_its_semi_axes_in_its_plane(plane: str, second: int) -> None:
+def test_path_is_the_ellipse_of_its_semi_axes(plane: str, second: int) -> None:
     seconds = np.linspace(0.0, 2.0 * np.pi / W, 100)
-    path = Ellipse(config(ellipse_plane=plane)).at(seconds)
+    path = ellipse(config(ellipse_plane=plane)).at(seconds)
     place = path.p_WB - [1.0, -2.0, 3.0]
     assert_allclose((place[:, 0] / AXES[0]) ** 2 + (place[:, second] / AXES[1]) ** 2, 1.0)
     assert_allclose(place[:, 3 - second], 0.0, atol=1e-12)
@@ -54,7 +54,7 @@ def unit(vectors: Array) -> Array:
 
 
 @pytest.mark.parametrize("axes", [AXES, (1.0, 1.0), (0.5, 2.0)])
-def test_the_nose_looks_to_the_centre_or_along_the_way(axes: tuple[float, float]) -> None:
+def test_heading_points_to_the_centre_or_along_the_path(axes: tuple[float, float]) -> None:
     place, _, nose = noses("centre", ellipse_semi_axes=axes)
     assert_allclose(nose, -unit(place), atol=1e-9)
     _, velocity, nose = noses("along", ellipse_semi_axes=axes)
@@ -68,11 +68,11 @@ def test_the_nose_looks_to_the_centre_or_along_the_way(axes: tuple[float, float]
 @pytest.mark.parametrize("heading", ["centre", "along"])
 def test_the_heading_never_jumps_and_its_rate_is_its_slope(heading: str) -> None:
     seconds = np.arange(0.0, 12.0, 1e-3)
-    path = Ellipse(config(ellipse_heading=heading)).at(seconds)
+    path = ellipse(config(ellipse_heading=heading)).at(seconds)
     rate = np.asarray(path.yaw_rate)
     assert_allclose(np.gradient(np.asarray(path.yaw), seconds)[1:-1], rate[1:-1], atol=1e-4)
 
 
-def test_refuses_heading_of_upright_ellipse() -> None:
+def test_rejects_heading_of_vertical_ellipse() -> None:
     with pytest.raises(ConfigurationError, match=r"reference\.ellipse_heading: given 'centre'"):
         config(ellipse_plane="vertical", ellipse_heading="centre")

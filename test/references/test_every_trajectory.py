@@ -1,6 +1,6 @@
-"""Every trajectory: values are derivatives of each other, and the dynamics fly it.
+"""Every trajectory: values are derivatives of each other, and the vehicle's thrust suffices.
 
-The oracles are finite differences and the true dynamics of the core, integrated open loop.
+The oracles are finite differences and Newton's law.
 """
 
 from __future__ import annotations
@@ -10,11 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fixtures.plant_motion import integrate
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quad_mpc_ros.control.lie import Array, so3
-from quad_mpc_ros.control.model.state import Input, State
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.references.config import TRAJECTORIES, ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
@@ -99,7 +97,7 @@ def test_every_name_has_a_case() -> None:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_each_value_is_the_derivative_of_the_one_before(
+def test_each_value_is_the_derivative_of_the_previous(
     case: str, make: Callable[[str], Trajectory]
 ) -> None:
     trajectory, h = make(case), 50_000
@@ -114,37 +112,21 @@ def test_each_value_is_the_derivative_of_the_one_before(
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_flown_open_loop_it_lands_on_the_path(
+def test_force_is_along_body_z_and_within_the_thrust_of_the_vehicle(
     case: str, make: Callable[[str], Trajectory]
 ) -> None:
-    """The true dynamics follow the inputs alone, for 2 s from anywhere and over the whole path."""
     trajectory, vehicle = make(case), Vehicle(drag=float(CASES[case].get("drag", 0.2)))
-    step_ns = 2_000_000
-    end_ns = max(trajectory.period_ns, 2 * SECOND)
-    for start_ns in range(0, end_ns - 2 * SECOND + 1, SECOND):
-        steps = range(start_ns, start_ns + 2 * SECOND, step_ns)
-        first = trajectory.at([start_ns])
-        R_WB = rotations(first)[0]
-        x = State(p_WB=first.p_WB[0], v_WB_B=R_WB.T @ first.v_WB_W[0], R_WB=R_WB)
-        middles = trajectory.at([time + step_ns // 2 for time in steps])
-        force = middles.a_WB_W + vehicle.drag * middles.v_WB_W + [0.0, 0.0, vehicle.gravity]
-        thrust = vehicle.mass * np.einsum("nij,ni->nj", rotations(middles), force)
-        rates = np.einsum("nji,nj->ni", rotations(middles), middles.w_WB_W)
-        # All of the force is along body z: nothing else on a quadrotor can make it.
-        assert_allclose(thrust[:, :2], 0.0, atol=1e-9)
-        farthest = 0.0
-        ends = trajectory.at([time + step_ns for time in steps]).p_WB
-        for needed, rate, wanted in zip(thrust[:, 2].tolist(), rates, ends, strict=True):
-            u = Input(throttle=vehicle.throttle_for(needed), w_WB_B=rate)
-            x = integrate(x, u, vehicle, duration=1e-9 * step_ns)
-            farthest = max(farthest, float(np.linalg.norm(x.p_WB - wanted)))
-        assert farthest < 0.01
+    end_ns = max(trajectory.period_ns, SECOND)
+    samples = trajectory.at(list(range(0, end_ns, 2_000_000)))
+    specific_force = samples.a_WB_W + vehicle.drag * samples.v_WB_W + [0.0, 0.0, vehicle.gravity]
+    force_B = vehicle.mass * np.einsum("nij,ni->nj", rotations(samples), specific_force)
+    assert_allclose(force_B[:, :2], 0.0, atol=1e-9)
+    for thrust in force_B[:, 2].tolist():
+        assert 0.0 <= vehicle.throttle_for(thrust) <= 1.0
 
 
 @pytest.mark.parametrize("case", ENDING)
-def test_it_begins_and_ends_at_rest_and_level(
-    case: str, make: Callable[[str], Trajectory]
-) -> None:
+def test_starts_and_ends_at_rest_and_level(case: str, make: Callable[[str], Trajectory]) -> None:
     trajectory = make(case)
     end = trajectory.period_ns
     outside = trajectory.at([-(10**15), -1, end + 1, 10**15])
@@ -159,7 +141,7 @@ def test_it_begins_and_ends_at_rest_and_level(
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_nothing_jumps(case: str, make: Callable[[str], Trajectory]) -> None:
+def test_motion_is_continuous(case: str, make: Callable[[str], Trajectory]) -> None:
     """Finely stepped, everything changes by little, acceleration and body rates included."""
     trajectory = make(case)
     step = 500_000
@@ -169,18 +151,3 @@ def test_nothing_jumps(case: str, make: Callable[[str], Trajectory]) -> None:
     turns = so3.log(np.swapaxes(rotations(samples)[:-1], -1, -2) @ rotations(samples)[1:])
     fastest = np.linalg.norm(samples.w_WB_W, axis=1).max()
     assert np.linalg.norm(turns, axis=1).max() <= 1.01e-9 * step * fastest + 1e-9
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_a_time_has_one_value_whatever_else_is_asked(
-    case: str, make: Callable[[str], Trajectory]
-) -> None:
-    trajectory = make(case)
-    times = [0, 123_456_789, 1_111_111_111, 777_777_777, 1_999_999_999]
-    together = trajectory.at(times)
-    for place, time in enumerate(times):
-        alone = trajectory.at([time])
-        for name in (*VECTORS, "q_WB_xyzw"):
-            assert_allclose(
-                getattr(together, name)[place], getattr(alone, name)[0], rtol=0.0, atol=1e-12
-            )

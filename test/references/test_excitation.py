@@ -36,7 +36,7 @@ def body_rates(samples: TrajectorySamples, R_WB: Array) -> Array:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_it_stays_in_its_box_and_within_speed_tilt_and_turn(case: str) -> None:
+def test_stays_within_reach_speed_tilt_and_yaw(case: str) -> None:
     config, samples, R_WB = flown(**CASES[case])
     reach = np.array(config.excitation_reach)
     assert samples.p_WB[:, 2].min() == pytest.approx(config.height, abs=1e-3)
@@ -54,13 +54,13 @@ def test_it_stays_in_its_box_and_within_speed_tilt_and_turn(case: str) -> None:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_it_ends_where_and_as_it_began(case: str) -> None:
+def test_ends_in_its_initial_state(case: str) -> None:
     _, samples, R_WB = flown(**CASES[case])
     assert_allclose(samples.p_WB[-1], samples.p_WB[0], atol=1e-3)
     assert_allclose(R_WB[-1], R_WB[0], atol=0.01)
 
 
-def test_every_axis_is_slow_and_wide_as_well_as_quick() -> None:
+def test_every_axis_has_slow_and_fast_oscillations() -> None:
     """Of each a tenth of the power lies below 0.5 Hz, and of x, y, z a twentieth above 1 Hz."""
     _, samples, R_WB = flown()
     courses = np.column_stack((samples.a_WB_W, 2.0 * body_rates(samples, R_WB)[:, 2]))

@@ -117,12 +117,6 @@ INVERTED = Path(
 )
 
 
-@settings(deadline=None, max_examples=25)
-@given(upright)
-def test_flown_open_loop_it_lands_on_the_path(path: Path) -> None:
-    assert miss(path, duration=2.0, step=0.004) < 0.01
-
-
 def test_flown_open_loop_through_inverted_flight() -> None:
     up = INVERTED.inputs(np.linspace(0.0, 2.0, 400)).R_WB[:, 2, 2]
     assert up.min() < -0.9
@@ -152,7 +146,7 @@ def test_rates_are_the_derivative_of_the_attitude(path: Path) -> None:
         ((0.4, 0.0, 0.3), (0.4, 0.0, 0.3), -2.0, -2.6),
     ],
 )
-def test_finds_the_attitude_for_much_unequal_drag(
+def test_finds_the_attitude_for_strongly_anisotropic_drag(
     drag: PerAxis, rotors: PerAxis, phase: float, yaw: float
 ) -> None:
     path = Path(
@@ -167,8 +161,8 @@ def test_finds_the_attitude_for_much_unequal_drag(
     assert miss(path, duration=2.0, step=0.002) < 0.02
 
 
-def test_drag_that_leaves_no_attitude_is_refused() -> None:
-    with pytest.raises(ValueError, match="no attitude for the path"):
+def test_rejects_drag_without_a_feasible_attitude() -> None:
+    with pytest.raises(ValueError, match="the path infeasible"):
         flat_inputs(
             v_WB_W=np.array([[20.0, 15.0, -20.0]]),
             a_WB_W=np.array([[0.0, 0.0, -9.0]]),
@@ -245,7 +239,7 @@ def test_yaw_of_90_degrees_turns_the_nose_from_east_to_north() -> None:
 
 @pytest.mark.parametrize("direction", np.linspace(0.0, 2.0 * np.pi, 9))
 @pytest.mark.parametrize("distance", [1e-3, 1e-7, 1e-12])
-def test_precise_right_up_to_thrust_downwards(direction: float, distance: float) -> None:
+def test_is_accurate_near_downward_thrust(direction: float, distance: float) -> None:
     z = np.array([distance * np.cos(direction), distance * np.sin(direction), -1.0])
     R_WB = one(a=[20.0 * z[0], 20.0 * z[1], 20.0 * z[2] - GRAVITY]).R_WB[0]
     assert_allclose(R_WB.T @ R_WB, np.eye(3), atol=1e-9)

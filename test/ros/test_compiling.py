@@ -23,7 +23,7 @@ class Logger:
         self.warnings.append(line)
 
 
-def test_logs_progress_while_it_takes_long() -> None:
+def test_logs_progress_of_long_compilation() -> None:
     logger = Logger()
     node: Any = SimpleNamespace(get_logger=lambda: logger)
     with compiling.log_compilation(node, period=0.02):
@@ -38,7 +38,7 @@ def test_logs_progress_while_it_takes_long() -> None:
     assert not logger.warnings  # all was kept
 
 
-def test_warns_once_of_what_it_had_to_compile(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_warns_once_of_compiled_functions(monkeypatch: pytest.MonkeyPatch) -> None:
     counts = iter((7, 10, 10))
     monkeypatch.setattr(compiling, "functions_compiled", lambda: next(counts))
     logger = Logger()

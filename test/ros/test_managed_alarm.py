@@ -70,7 +70,7 @@ class _Hindered(ManagedNode[MpcConfig]):
 
 
 @pytest.mark.parametrize("refused", [1, 2, 5])
-def test_a_refused_automatic_activation_is_tried_again(refused: int) -> None:
+def test_retries_a_refused_automatic_activation(refused: int) -> None:
     rclpy.init()
     try:
         node = _Hindered([each for _ in range(refused) for each in (None, "too old")])

@@ -269,7 +269,7 @@ OVERRIDES = {
     "Q:=[1, 2]": "mpc.Q: given [1, 2], expected 9 numbers >= 0",
     "mass": "-p: given 'mass', expected name:=value",
     "mass=1": "-p: given 'mass=1', expected name:=value",
-    "mass:=": "ROS refuses the arguments",
+    "mass:=": "ROS rejects the arguments",
     "mcp:mass:=1": "given node 'mcp', did you mean mpc?",
 }
 
@@ -347,7 +347,7 @@ def test_refuses_arguments_that_are_not_for_ros(
 def test_reports_a_refusal_by_ros_in_one_line(
     arguments: list[str], refusal: Callable[..., str]
 ) -> None:
-    assert refusal(VisualisationNode, *arguments).startswith("ROS refuses the arguments: ")
+    assert refusal(VisualisationNode, *arguments).startswith("ROS rejects the arguments: ")
 
 
 FOREIGN: dict[str, dict[str, object]] = {
@@ -383,19 +383,19 @@ def test_reports_a_file_without_a_section_for_the_node(tmp_path: Path) -> None:
     path = written(tmp_path / "stack.yaml", **{"/uav2/mpc": {"mass": 0.5}, "planner": {"a": 1}})
     given = read_arguments(["--ros-args", "--params-file", path], several=False)
     assert given.unread_files(["/uav1/mpc"]) == [
-        f"{path} has nothing for /uav1/mpc, only for /uav2/mpc, planner"
+        f"{path} has no parameters of /uav1/mpc, only of /uav2/mpc, planner"
     ]
     assert given.unread_files(["/uav1/mpc", "/planner"]) == []
 
 
 @pytest.mark.parametrize("node", ["mpc", "simulator", "recorder", "visualisation", "px4_bridge"])
-def test_the_file_that_every_launch_gives_is_for_every_node(node: str) -> None:
+def test_launch_parameter_file_applies_to_every_node(node: str) -> None:
     path = str(files.presets()["default"])
     given = read_arguments(["--ros-args", "--params-file", path], several=False)
     assert given.unread_files([f"/uav1/{node}"]) == []
 
 
-def test_a_vehicle_file_is_still_for_every_node(tmp_path: Path) -> None:
+def test_vehicle_file_applies_to_every_node(tmp_path: Path) -> None:
     vehicle = {"mass": 0.5, "omega_max": [8.0, 8.0, 4.0], "throttle_max": 0.9, "drag": 0.3}
     path = written(
         tmp_path / "vehicle.yaml", **{"/**": {**vehicle, "thrust_map": {"kind": "model"}}}

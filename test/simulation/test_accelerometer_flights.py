@@ -1,4 +1,4 @@
-"""What an accelerometer is worth in closed loop, and what one costs that is silent."""
+"""Flights with an accelerometer in gusts, and with a missing one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SETTLED_NS = 4_000_000_000
 GUSTS = {"wind": (2.0, -1.0, 0.0), "gust_intensity": 1.0, "drag": 0.4}
 NOISES: dict[str, dict[str, Any]] = {
     "white": {"velocity_noise": 0.3},
-    "lasting": {"velocity_noise": 0.02, "velocity_drift": 0.3},
+    "correlated": {"velocity_noise": 0.02, "velocity_drift": 0.3},
 }
 
 
@@ -59,9 +59,9 @@ def commands(steps: list[LoopStep]) -> list[bytes]:
 
 
 @pytest.mark.parametrize("kind", NOISES)
-@pytest.mark.parametrize("bias", [(0.0, 0.0, 0.0), (0.2, -0.2, 0.2)])
-def test_accelerometer_reduces_gust_displacement(kind: str, bias: tuple[float, ...]) -> None:
-    """Whatever noise the velocity has, and with a bias that is usual."""
+def test_accelerometer_reduces_gust_displacement(kind: str) -> None:
+    """With white and with correlated noise of the velocity, and a usual bias."""
+    bias = (0.2, -0.2, 0.2)
     without_imu = rmse(flown(noise=0.0, **GUSTS, **NOISES[kind]))
     with_imu = flown(noise=0.5, imu_bias=bias, **GUSTS, **NOISES[kind])
     assert rmse(with_imu) < 0.75 * without_imu
@@ -69,17 +69,10 @@ def test_accelerometer_reduces_gust_displacement(kind: str, bias: tuple[float, .
     assert uses.count("used") > 0.95 * len(uses)
 
 
-def test_one_that_is_silent_changes_nothing() -> None:
+def test_a_missing_accelerometer_changes_no_command() -> None:
     without_imu = flown(noise=0.0, imu_rate=0.0, velocity_noise=0.05)
     silent = flown(noise=0.5, imu_rate=0.0, velocity_noise=0.05)
     assert commands(silent) == commands(without_imu)
     stats = [step.tick.stats for step in silent if step.tick]
     assert {each.accelerometer for each in stats[1:]} == {"missing"}
     assert {each.imu_stamp_ns for each in stats} == {0}
-
-
-def test_one_that_is_not_listened_to_changes_nothing() -> None:
-    steps = flown(noise=0.0, velocity_noise=0.05)
-    stats = [step.tick.stats for step in steps if step.tick]
-    assert {each.accelerometer for each in stats} == {"off"}
-    assert all(len(step.imu) == 4 for step in steps[1:])

@@ -121,11 +121,8 @@ def assert_agrees(body: InternalPlant, world: World, *, atol: float) -> None:
 @pytest.mark.parametrize(
     ("rate_tau", "thrust_tau"),
     [
-        (0.03, 0.03),
-        (0.03, 0.0),
-        (0.0, 0.03),
-        (0.008, 0.2),
         (0.0, 0.0),
+        (0.008, 0.2),
         ((0.03, 0.04, 0.1), 0.03),
         ((0.0, 0.05, 0.02), 0.0),
     ],
@@ -147,27 +144,14 @@ def test_lagged_flight_agrees_with_another_integrator(
         assert_agrees(body, world, atol=atol)
 
 
-def test_drag_of_each_axis_and_lift_agree_with_another_integrator() -> None:
+def test_lags_delay_drag_and_wind_together_agree_with_another_integrator() -> None:
+    """Commands of a 20 ms cycle act 23.4 ms later, between two cycles."""
     air: dict[str, Any] = {
         "drag": (0.3, 0.1, 0.6),
         "rotor_drag": (0.4, 0.2, 0.1),
         "translational_lift": 0.02,
     }
-    world = start(rate_tau=0.03, vehicle=Vehicle(**air))
-    world.wind = (5.0, -2.0, 1.0)
-    body = started_plant(rate_time_constant=0.03, wind=world.wind, integration_step=0.0005, **air)
-    time_ns = 0
-    for throttle, rates, milliseconds in SEQUENCE:
-        body.apply(command(throttle, rates))
-        time_ns += milliseconds * MILLISECOND
-        body.advance_to(time_ns)
-        world.fly(throttle, rates, milliseconds * 1e-3)
-        assert_agrees(body, world, atol=1e-8)
-
-
-def test_lags_delay_and_wind_together_agree_with_another_integrator() -> None:
-    """Commands of a 20 ms cycle that act 23.4 ms later, so never where the cycle is."""
-    world = start(rate_tau=0.03, thrust_tau=0.04)
+    world = start(rate_tau=0.03, thrust_tau=0.04, vehicle=Vehicle(**air))
     world.wind = (5.0, -2.0, 1.0)
     body = started_plant(
         rate_time_constant=0.03,
@@ -175,6 +159,7 @@ def test_lags_delay_and_wind_together_agree_with_another_integrator() -> None:
         command_delay=0.0234,
         wind=world.wind,
         integration_step=0.0005,
+        **air,
     )
     sent = [(0.3 + 0.05 * k, (10.0 * math.sin(k), -6.0, 2.0 * k)) for k in range(10)]
     for k, (throttle, rates) in enumerate(sent):
@@ -187,24 +172,6 @@ def test_lags_delay_and_wind_together_agree_with_another_integrator() -> None:
         world.fly(throttle, rates, 0.020)
     world.fly(*sent[9], 0.210 - 0.0234 - 9 * 0.020)
     assert_agrees(body, world, atol=1e-8)
-
-
-@pytest.mark.parametrize("name", ["rate_time_constant", "thrust_time_constant"])
-@pytest.mark.parametrize("tau", [0.001, 0.03, 0.5])
-def test_step_response_is_of_first_order(name: str, tau: float) -> None:
-    body = plant(**{name: tau})
-    target = np.array([2.0, -3.0, 1.0])
-    body.apply(command(0.6, tuple(target)))
-    for milliseconds in (1, 7, 30, 100):
-        body.advance_to(milliseconds * MILLISECOND)
-        rise = 1.0 - math.exp(-milliseconds * 1e-3 / tau)
-        rates, throttle = body.odometry(0).w_WB_B, body.input.throttle
-        if name == "rate_time_constant":
-            assert_allclose(rates, rise * target, rtol=1e-12)
-            assert throttle == 0.6
-        else:
-            assert throttle == pytest.approx(HOVER + rise * (0.6 - HOVER), rel=1e-12)
-            assert_array_equal(rates, target)
 
 
 @pytest.mark.parametrize("delay_ns", [1, 12_345_678, 20 * MILLISECOND, 57 * MILLISECOND])
@@ -222,15 +189,7 @@ def test_commands_act_exactly_their_delay_later(delay_ns: int) -> None:
             assert body.odometry(0).w_WB_B[0] == 0.1 * (k if event == "acts" else k - 1)
 
 
-def test_holds_the_initial_inputs_until_the_first_command_acts() -> None:
-    body = plant(initial_body_rates=(0.0, 0.0, 1.5), rate_time_constant=0.1, command_delay=0.5)
-    body.apply(command(1.0, (3.0, 0.0, 0.0)))
-    body.advance_to(SECOND // 2 - 1)
-    assert_allclose(body.odometry(0).w_WB_B, [0.0, 0.0, 1.5], rtol=1e-12)
-    assert_allclose(body.state.p_WB, [0.0, 0.0, 50.0], atol=1e-9)
-
-
-def test_motors_spin_up_on_the_ground_but_the_body_does_not_turn() -> None:
+def test_on_the_ground_rotors_spin_up_without_rotation() -> None:
     body = InternalPlant(ideal(thrust_time_constant=0.1, rate_time_constant=0.1))
     body.apply(command(0.5, (3.0, 0.0, 0.0)))
     lifts_after = -0.1 * math.log(1.0 - HOVER / 0.5)
@@ -243,16 +202,22 @@ def test_motors_spin_up_on_the_ground_but_the_body_does_not_turn() -> None:
     assert 0.0 < body.odometry(0).w_WB_B[0] < 3.0
 
 
-@pytest.mark.parametrize(
-    "effects",
-    [
-        {"rate_time_constant": 0.03},
-        {"thrust_time_constant": 0.03},
-        {"command_delay": 0.0333},
-        {"rate_time_constant": 0.02, "thrust_time_constant": 0.05, "command_delay": 0.0123},
-    ],
-)
-def test_flight_does_not_depend_on_how_time_is_divided(effects: dict[str, float]) -> None:
+def test_one_call_for_many_steps_equals_many_calls() -> None:
+    """Bit for bit: the state between steps is complete."""
+    lags = {"rate_time_constant": 0.05, "thrust_time_constant": 0.05}
+    once, stepwise = (started_plant(**lags, integration_step=0.004) for _ in range(2))
+    for body in (once, stepwise):
+        body.apply(command(0.7, (12.0, -9.0, 5.0)))
+    once.advance_to(40 * MILLISECOND)
+    for k in range(1, 11):
+        stepwise.advance_to(4 * k * MILLISECOND)
+    for name in ("p_WB", "v_WB_B", "R_WB"):
+        assert_array_equal(getattr(once.state, name), getattr(stepwise.state, name))
+    assert once.input.throttle == stepwise.input.throttle
+
+
+def test_flight_does_not_depend_on_how_time_is_divided() -> None:
+    effects = {"rate_time_constant": 0.02, "thrust_time_constant": 0.05, "command_delay": 0.0123}
     whole, divided = plant(**effects), plant(**effects)
     for body in (whole, divided):
         body.apply(command(0.5, (5.0, -3.0, 2.0)))
@@ -264,17 +229,3 @@ def test_flight_does_not_depend_on_how_time_is_divided(effects: dict[str, float]
     assert_allclose(whole.state.p_WB, divided.state.p_WB, atol=1e-7)
     assert_allclose(whole.state.R_WB, divided.state.R_WB, atol=1e-6)
     assert_allclose(whole.odometry(0).w_WB_B, divided.odometry(0).w_WB_B, rtol=1e-12)
-
-
-def test_a_call_for_many_steps_is_as_many_calls_for_one() -> None:
-    """To the bit: what is carried from step to step is all that there is."""
-    lags = {"rate_time_constant": 0.05, "thrust_time_constant": 0.05}
-    once, stepwise = (started_plant(**lags, integration_step=0.004) for _ in range(2))
-    for body in (once, stepwise):
-        body.apply(command(0.7, (12.0, -9.0, 5.0)))
-    once.advance_to(40 * MILLISECOND)
-    for k in range(1, 11):
-        stepwise.advance_to(4 * k * MILLISECOND)
-    for name in ("p_WB", "v_WB_B", "R_WB"):
-        assert_array_equal(getattr(once.state, name), getattr(stepwise.state, name))
-    assert once.input.throttle == stepwise.input.throttle

@@ -19,12 +19,6 @@ LEMNISCATE = ["reference.trajectory=lemniscate", "simulator.wind=[2.0,1.0,0.0]"]
 OPEN = {
     "manifold": LEMNISCATE,
     "contouring": [*LEMNISCATE, "mpc.formulation=contouring"],
-    # The paper's model has no lags: it oscillates if the vehicle has more of them.
-    "paper": [
-        "reference.trajectory=circle",
-        "mpc.formulation=paper",
-        "simulator.torque_time_constant=0.0",
-    ],
 }
 OBSTACLES = {
     "known": (AROUND, ["simulator.obstacles", "mpc.obstacles"]),

@@ -78,9 +78,10 @@ def flown(plant: str, trajectory: str, seed: int, patch: pytest.MonkeyPatch) -> 
     return found[SETTLED:]
 
 
-@pytest.mark.parametrize("trajectory", ["hover", "lemniscate"])
-@pytest.mark.parametrize("plant", ["internal", "rotors"])
-def test_innovations_and_errors_are_as_the_covariance_says(
+@pytest.mark.parametrize(
+    ("plant", "trajectory"), [("internal", "hover"), ("rotors", "lemniscate")]
+)
+def test_innovations_and_errors_agree_with_the_covariance(
     plant: str, trajectory: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Averages over flights lie below the 97.5 % bound of chi-square, nine times of ten.

@@ -56,7 +56,7 @@ class Flown:
 
 
 def flown(out: Path, *arguments: str) -> Flown:
-    """Fly what ``quad_mpc simulate --config agile`` would fly, the vehicle an ideal one."""
+    """Fly ``quad_mpc simulate --config agile`` with an ideal vehicle."""
     parser = argparse.ArgumentParser()
     add_run_options(parser)
     run = run_configuration(
@@ -91,7 +91,7 @@ def given(step: LoopStep) -> list[float]:
 
 
 def failures(steps: list[LoopStep]) -> int:
-    """Return how often the solver failed or something else commanded."""
+    """Return the number of failed solves and of fallbacks."""
     last = steps[-1].tick
     assert last is not None
     return last.stats.solver_failures + last.stats.fallbacks
@@ -122,9 +122,8 @@ MODELLED = settings(
 LEMNISCATE = ["--reference", "lemniscate", "--duration", "8"]
 FAST = [*LEMNISCATE, *settings("reference", angular_frequency=2.6), "--duration", "5"]
 WIND = settings("simulator", wind=[5.0, 0.0, 0.0])
-CROSSWIND = settings("simulator", wind=[0.0, 5.0, 0.0])
 HEAVY = settings("simulator", mass_scale=1.2)
-UNEVEN_AIR = [
+ANISOTROPIC_DRAG = [
     part
     for node in ("mpc", "simulator", "reference")
     for part in settings(node, drag=[0.35, 0.2, 0.55], translational_lift=0.015)
@@ -138,21 +137,13 @@ NOISE = settings("simulator", position_noise=0.01, attitude_noise=0.00873, veloc
     ("arguments", "rmse"),
     [
         (FAST, 0.012),
-        ([*FAST, *MODELLED, *lagging(0.03)], 0.012),
         ([*FAST, *MODELLED, *lagging(0.045)], 0.015),
-        (LEMNISCATE, 0.001),
-        ([*LEMNISCATE, *MODELLED, *lagging(0.03)], 0.001),
-        ([*FAST, *UNEVEN_AIR], 0.012),
-        ([*LEMNISCATE, *UNEVEN_AIR, *MODELLED_YAW, *SLOW_YAW], 0.001),
+        ([*LEMNISCATE, *ANISOTROPIC_DRAG, *MODELLED_YAW, *SLOW_YAW], 0.001),
     ],
     ids=[
         "fast",
-        "fast with lags",
         "fast with larger lags than modelled",
-        "slow",
-        "slow with lags",
-        "fast in uneven air",
-        "slow in uneven air with a lag of each axis",
+        "anisotropic drag and a lag of each axis",
     ],
 )
 def test_flies_the_lemniscate(arguments: list[str], rmse: float, tmp_path: Path) -> None:
@@ -161,38 +152,25 @@ def test_flies_the_lemniscate(arguments: list[str], rmse: float, tmp_path: Path)
     assert run.rmse <= rmse
 
 
-@pytest.mark.parametrize("lags", [[], [*MODELLED, *lagging(0.03)]], ids=["plain", "lags"])
 @pytest.mark.parametrize(
     ("arguments", "settled"),
-    [(WIND, 0.002), (CROSSWIND, 0.002), (HEAVY, 0.005)],
-    ids=["wind", "crosswind", "heavy"],
+    [([*WIND, *MODELLED, *lagging(0.03)], 0.002), (HEAVY, 0.005)],
+    ids=["wind with lags", "heavy"],
 )
 def test_estimates_a_steady_disturbance(
-    arguments: list[str], lags: list[str], settled: float, tmp_path: Path
+    arguments: list[str], settled: float, tmp_path: Path
 ) -> None:
-    run = flown(tmp_path, *LEMNISCATE, *lags, *arguments)
+    run = flown(tmp_path, *LEMNISCATE, *arguments)
     assert run.failures == 0
     assert run.mean_from(4.0) <= settled
-    assert run.distance.max() > 5.0 * run.mean_from(4.0)  # there was something to learn
+    assert run.distance.max() > 5.0 * run.mean_from(4.0)  # not estimated at first
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [WIND, [*HEAVY, *MODELLED, *lagging(0.03)]],
-    ids=["wind", "heavy with lags"],
-)
-def test_estimates_a_disturbance_despite_noise(arguments: list[str], tmp_path: Path) -> None:
-    run = flown(tmp_path, *LEMNISCATE, *arguments, *NOISE)
+def test_estimates_a_disturbance_despite_noise(tmp_path: Path) -> None:
+    run = flown(tmp_path, *LEMNISCATE, *HEAVY, *MODELLED, *lagging(0.03), *NOISE)
     assert run.failures == 0
     assert run.rmse <= 0.05
     assert run.distance.max() <= 0.06
-
-
-def test_flies_the_square(tmp_path: Path) -> None:
-    run = flown(tmp_path)
-    assert run.failures == 0
-    assert run.rmse <= 0.712
-    assert before_switches(run).max() <= 0.005
 
 
 def test_square_with_lags_settles_without_limit_cycle(tmp_path: Path) -> None:
@@ -200,7 +178,7 @@ def test_square_with_lags_settles_without_limit_cycle(tmp_path: Path) -> None:
     assert run.failures == 0
     assert before_switches(run).max() <= 0.005
     assert np.mean(run.saturated) < 0.05
-    # Each 0.2 s of a second leaves less of the motion than the one before.
+    # The motion decreases from each 0.2 s to the next.
     phase, unrest = run.time % 2.0, []
     for start in (1.2, 1.4, 1.6, 1.8):
         while_there = (phase >= start) & (phase < start + 0.2)
@@ -214,7 +192,7 @@ def before_switches(run: Flown) -> Array:
     return run.distance[99::100]
 
 
-# Recovery: hovering 5 m above the ground is what is asked for.
+# Recovery: the reference is a hover 5 m above the ground.
 HEIGHT = 5.0
 TIME_TO_RECOVER, TIME_TO_STAY = 2.5, 0.5
 ACTUATORS = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03}
@@ -228,9 +206,9 @@ def direction(random: np.random.Generator) -> Array:
 
 
 def thrown(seed: int, **plant: float) -> SimulatorConfig:
-    """Return a start 5 m beside the reference, at 10 m/s and 6 rad/s whither and however.
+    """Return a start 5 m from the reference, at 10 m/s and 6 rad/s in random directions.
 
-    In every attitude there is; every fourth start is exactly upside down.
+    The attitude is random; every fourth start is exactly upside down.
     """
     random = np.random.default_rng(seed)
     bearing, axis = random.uniform(0.0, 2.0 * math.pi, size=2)
@@ -248,7 +226,7 @@ def thrown(seed: int, **plant: float) -> SimulatorConfig:
 
 
 def recovered(seed: int, mpc: MpcConfig, plant: dict[str, float]) -> tuple[float, float]:
-    """Return when it was within 10 cm of the reference for good, and its least height."""
+    """Return the time until it stays within 10 cm of the reference, and the minimum height."""
     reference = ReferenceConfig(trajectory="hover", height=HEIGHT)
     steps = list(fly(mpc=mpc, simulator=thrown(seed, **plant), reference=reference))
     assert failures(steps) == 0
@@ -257,7 +235,7 @@ def recovered(seed: int, mpc: MpcConfig, plant: dict[str, float]) -> tuple[float
     return 0.02 * float(np.flatnonzero(away)[-1] + 1), float(p_WB[:, 2].min())
 
 
-QUICK = [(range(6), *IDEAL), (range(6, 12), *LAGGING)]
+QUICK = [(range(4), *IDEAL), (range(4, 8), *LAGGING)]
 ALL = [
     *((range(start, start + 40), *IDEAL) for start in range(0, 200, 40)),
     (range(200, 240), *LAGGING),
@@ -269,7 +247,9 @@ ALL = [
     [*QUICK, *(pytest.param(*case, marks=pytest.mark.slow) for case in ALL)],
     ids=lambda value: f"{value.start}-{value.stop - 1}" if isinstance(value, range) else "",
 )
-def test_recovery_from_anywhere(seeds: range, mpc: MpcConfig, plant: dict[str, float]) -> None:
+def test_recovers_from_random_initial_states(
+    seeds: range, mpc: MpcConfig, plant: dict[str, float]
+) -> None:
     outcomes = {seed: recovered(seed, mpc, plant) for seed in seeds}
     times, heights = np.array(list(outcomes.values())).T
     assert times.max() <= TIME_TO_RECOVER, outcomes

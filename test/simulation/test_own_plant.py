@@ -89,7 +89,7 @@ def test_makes_a_registered_plant_with_its_parameters(
 
 
 @pytest.mark.usefixtures("own_package")
-def test_the_command_line_flies_it_with_its_preset(tmp_path: Path) -> None:
+def test_the_command_line_loads_the_preset_of_a_plant(tmp_path: Path) -> None:
     out = tmp_path / "run"
     options = ["--reference", "hover", "--set", "simulator.brick_drag=0.05", "--duration", "1"]
     assert main(["simulate", "--plant", "brick", *options, "--out", str(out)]) == 0

@@ -33,7 +33,7 @@ def flown(vehicle: InternalPlant, seconds: float, throttle: float = HOVER) -> No
 
 
 @pytest.mark.parametrize("most", [0.0, 60.0])
-def test_turns_as_an_independent_integrator_does(most: float) -> None:
+def test_rotation_agrees_with_an_independent_integrator(most: float) -> None:
     lags, torque = np.array([0.04, 0.05, 0.2]), np.array([0.1, 0.03, 0.0])
     vehicle = plant(
         rate_time_constant=tuple(lags),
@@ -60,16 +60,6 @@ def test_turns_as_an_independent_integrator_does(most: float) -> None:
     assert_allclose(vehicle.input.w_WB_B, end[4:7], atol=2e-4 if most else 1e-6)
     error = Rotation.from_quat(end[:4]).inv() * Rotation.from_matrix(vehicle.state.R_WB)
     assert error.magnitude() < (1e-4 if most else 1e-6)
-
-
-def test_rings_with_its_natural_frequency_and_damping() -> None:
-    tau, lag = 0.04, 0.2
-    frequency, damping = 1.0 / math.sqrt(tau * lag), 0.5 * math.sqrt(tau / lag)
-    peak = math.pi / (frequency * math.sqrt(1.0 - damping**2))
-    vehicle = plant(rate_time_constant=tau, torque_time_constant=lag)
-    flown(vehicle, peak)
-    overshoot = math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2))
-    assert_allclose(vehicle.input.w_WB_B, (1.0 + overshoot) * COMMAND, rtol=1e-4)
 
 
 def test_throttle_decreases_with_a_lag_of_its_own() -> None:

@@ -25,27 +25,21 @@ def shapes(count: int = 40) -> list[Shape]:
     return made
 
 
-@pytest.mark.parametrize("seconds", [0.0, 0.7, 3.0])
-def test_distance_is_the_least_of_the_distances_to_what_is_there(seconds: float) -> None:
-    scene = Scene(shapes())
-    for place in RANDOM.uniform(-12, 12, (50, 3)):
-        there = [
-            float(shape.after(seconds).distance(place[None])[0])
-            for shape in scene.shapes
-            if shape.appears_at <= seconds
-        ]
-        assert scene.distance(place[None], seconds)[0] == pytest.approx(min(there), abs=1e-12)
-
-
-def test_clearances_along_a_flight_are_those_at_each_moment() -> None:
+def test_clearances_are_the_minimum_over_the_present_shapes() -> None:
     scene = Scene(shapes())
     times, places = np.linspace(0.0, 4.0, 60), RANDOM.uniform(-12, 12, (60, 3))
-    moments = zip(places[:, None], times.tolist(), strict=True)
-    expected = [scene.distance(place, time)[0] for place, time in moments]
+    expected = [
+        min(
+            float(shape.after(time).distance(place)[0])
+            for shape in scene.shapes
+            if shape.appears_at <= time
+        )
+        for place, time in zip(places[:, None], times.tolist(), strict=True)
+    ]
     assert scene.clearances(places, times) == pytest.approx(expected, abs=1e-12)
 
 
-def test_what_is_near_is_all_that_is_in_reach() -> None:
+def test_near_contains_all_shapes_in_reach() -> None:
     scene = Scene(shapes())
     near = scene.near(np.zeros(3), 5.0, 2.0)
     in_reach = [s for s in scene.there(2.0) if s.distance(np.zeros((1, 3)))[0] <= 5.0]
@@ -53,12 +47,7 @@ def test_what_is_near_is_all_that_is_in_reach() -> None:
     assert {tuple(shape.p_WO) for shape in in_reach} <= places
 
 
-def test_an_empty_scene_is_infinitely_far() -> None:
-    assert Scene().distance(np.zeros((1, 3)), 0.0)[0] == np.inf
-    assert np.isinf(Scene().clearances(np.zeros((2, 3)), np.zeros(2))).all()
-
-
-def test_what_stands_is_there_from_the_start_and_does_not_move() -> None:
+def test_static_shapes_exist_from_the_start_and_do_not_move() -> None:
     scene = Scene(shapes())
     assert all(not s.moves and s.appears_at == 0.0 for s in scene.static.shapes)
     assert scene.changes and not scene.static.changes

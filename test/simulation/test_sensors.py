@@ -15,7 +15,6 @@ from scipy.stats import kstest
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
-from quad_mpc_ros.simulation.parameters import Stream, white_noise
 from quad_mpc_ros.simulation.sensors import (
     OdometryStream,
     Sensors,
@@ -24,7 +23,6 @@ from quad_mpc_ros.simulation.sensors import (
 )
 
 START_NS = 1_000_000_000
-FIELDS = ("p_WB", "q_WB_xyzw", "v_WB_B", "w_WB_B")
 TRUTH = OdometrySample(
     stamp_ns=5,
     p_WB=np.array([1.0, -2.0, 3.0]),
@@ -75,13 +73,6 @@ def test_noise_is_white_gaussian_of_its_standard_deviation(parameter: str) -> No
         assert_allclose(other, 0.0, atol=1e-14)
 
 
-def test_all_noise_is_independent() -> None:
-    sensor = sensors(**{parameter: sigma for parameter, (_, sigma) in NOISE.items()})
-    found = errors([sensor.measured(TRUTH) for _ in range(5000)])
-    together = np.hstack(list(found.values()))
-    assert np.abs(np.corrcoef(together.T) - np.eye(12)).max() < 0.06
-
-
 def test_biases_are_in_the_frames_of_the_odometry() -> None:
     sample = sensors(
         position_bias=(0.1, 0.2, -0.3),
@@ -93,32 +84,6 @@ def test_biases_are_in_the_frames_of_the_odometry() -> None:
     assert_array_equal(sample.w_WB_B, TRUTH.w_WB_B)
     tilted = Rotation.from_quat(TRUTH.q_WB_xyzw) * Rotation.from_euler("y", 0.3)
     assert (tilted.inv() * Rotation.from_quat(sample.q_WB_xyzw)).magnitude() < 1e-12
-
-
-def test_nose_down_bias_of_a_level_vehicle() -> None:
-    """A positive rotation about y of a FLU body shows it with its nose below the horizon."""
-    body = InternalPlant(ideal())
-    config = ideal(attitude_bias=(0.0, 0.2, 0.0))
-    seen = Rotation.from_quat(Sensors(config).measured(body.odometry(0)).q_WB_xyzw)
-    assert seen.apply([1.0, 0.0, 0.0])[2] == pytest.approx(-np.sin(0.2))
-
-
-@pytest.mark.parametrize("sigma", [0.01, 1.0, 30.0])
-def test_noisy_quaternions_are_of_unit_length(sigma: float) -> None:
-    sensor = sensors(attitude_noise=sigma)
-    for _ in range(300):
-        q = sensor.measured(TRUTH).q_WB_xyzw
-        assert np.linalg.norm(q) == pytest.approx(1.0, abs=1e-14)
-
-
-def test_without_effects_the_odometry_is_the_truth_itself() -> None:
-    assert sensors().measured(TRUTH) is TRUTH
-
-
-def test_unmeasured_values_are_unchanged() -> None:
-    sample = sensors(position_noise=1.0).measured(TRUTH)
-    assert (sample.stamp_ns, sample.frame_id, sample.child_frame_id) == (5, "odom", "base_link")
-    assert_array_equal(TRUTH.p_WB, [1.0, -2.0, 3.0])
 
 
 @pytest.mark.parametrize("probability", [0.0, 0.05, 0.5, 0.99])
@@ -177,9 +142,7 @@ def acceleration() -> float:
 
 @pytest.mark.parametrize("delay", [0.0, 0.004, 0.02, 0.0537])
 @pytest.mark.parametrize("jitter", [0.0, 0.003])
-def test_an_odometry_is_the_measurement_at_its_stamp_sent_later(
-    delay: float, jitter: float
-) -> None:
+def test_an_odometry_is_the_measurement_at_its_stamp(delay: float, jitter: float) -> None:
     sent = flown(odom_delay=delay, odom_jitter=jitter)
     assert len(sent) == 100
     assert sent[0].odometry.stamp_ns == START_NS
@@ -211,15 +174,7 @@ def test_dropped_odometries_are_measured_but_not_sent() -> None:
         assert_array_equal(one.odometry.p_WB, complete[one.odometry.stamp_ns].odometry.p_WB)
 
 
-def test_the_plant_is_at_the_time_of_sending() -> None:
-    config = ideal(odom_delay=0.05, duration=1.0, initial_position=(0.0, 0.0, 9.0))
-    plant = InternalPlant(config)
-    stream = OdometryStream(plant, config, start_stamp_ns=START_NS)
-    while (sent := stream.step()) is not None:
-        assert plant.time_ns == sent.time_ns == sent.odometry.stamp_ns - START_NS + 50_000_000
-
-
-def test_command_acts_from_the_sending_it_answers() -> None:
+def test_commands_act_from_the_publication_of_their_odometry() -> None:
     """With 50 ms of delay the third odometry is the first to see the answer to the first."""
     config = ideal(odom_delay=0.05, duration=0.2, initial_position=(0.0, 0.0, 9.0))
     plant = InternalPlant(config)
@@ -234,7 +189,7 @@ def test_command_acts_from_the_sending_it_answers() -> None:
 
 
 @pytest.mark.parametrize("changes", [{}, {"odom_delay": 0.033, "odom_jitter": 0.002}])
-def test_following_a_clock_gives_the_same_odometries(changes: dict[str, float]) -> None:
+def test_stepping_by_a_clock_gives_the_same_odometries(changes: dict[str, float]) -> None:
     stepped = flown(position_noise=0.1, odom_dropout=0.1, **changes)
     config = ideal(
         {"initial_position": (0.0, 0.0, 100.0), "duration": 2.0, "drag": 0.0}
@@ -252,34 +207,3 @@ def test_following_a_clock_gives_the_same_odometries(changes: dict[str, float]) 
     assert [s.time_ns for s in followed] == [s.time_ns for s in stepped]
     for one, other in zip(followed, stepped, strict=True):
         assert_allclose(one.odometry.p_WB, other.odometry.p_WB, rtol=0.0, atol=1e-9)
-
-
-ALL = {
-    **{parameter: sigma for parameter, (_, sigma) in NOISE.items()},
-    "position_bias": (0.1, 0.0, 0.0),
-    "odom_delay": 0.013,
-    "odom_jitter": 0.002,
-    "odom_dropout": 0.2,
-    "gust_intensity": 1.0,
-    "wind": (1.0, 2.0, 0.0),
-}
-
-
-def as_bytes(sent: list[SentOdometry]) -> bytes:
-    return b"".join(
-        one.odometry.stamp_ns.to_bytes(8, "big")
-        + b"".join(getattr(one.odometry, name).tobytes() for name in FIELDS)
-        for one in sent
-    )
-
-
-def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
-    assert as_bytes(flown(**ALL, seed=3)) == as_bytes(flown(**ALL, seed=3))
-    assert as_bytes(flown(**ALL, seed=3)) != as_bytes(flown(**ALL, seed=4))
-
-
-def test_noise_drawn_ahead_is_that_drawn_row_by_row() -> None:
-    """A seed means the same numbers however many are drawn at once."""
-    ahead, alone = (np.random.default_rng([7, Stream.NOISE]) for _ in range(2))
-    rows = np.array([*itertools.islice(white_noise(ahead, 12), 200)])
-    assert_array_equal(rows, [alone.standard_normal(12) for _ in range(200)])

@@ -34,12 +34,12 @@ NOISE = {
 }
 AGILE = agile()
 HEIGHT, JUMP_NS = 10.0, 1_000_000_000
-REFUSED_FOR = 3.0  # s: for so long a jump of the estimate is refused
+REFUSED_FOR = 3.0  # s, for which a jump of the estimate is refused
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Jump:
-    """A flight with a jump after a second: the truth along it, and what was commanded."""
+    """A flight with a jump after a second: the truth, and the commands."""
 
     tilt: Array
     height: Array
@@ -56,7 +56,7 @@ def jumped(
     of: str = "reference",
     weights: MpcConfig = AGILE,
 ) -> Jump:
-    """Hover, and let the reference or the estimate jump to where the vehicle has to go (3,)."""
+    """Hover, and let the reference or the estimate jump by a vector (3,) [m]."""
     controller, ticks = warmed_up(weights.updated({**LAGS, **changes})), []
     simulator = ideal(
         {
@@ -101,9 +101,15 @@ def assert_calm(flight: Jump) -> None:
     assert flight.ticks[-1].stats.solver_failures == 0
 
 
-@pytest.mark.parametrize("weights", [AGILE, MpcConfig()], ids=["agile", "default"])
-@pytest.mark.parametrize("distance", [2.0, 10.0, 40.0])
-@pytest.mark.parametrize("of", ["reference", "estimate"])
+@pytest.mark.parametrize(
+    ("weights", "distance", "of"),
+    [
+        (AGILE, 2.0, "estimate"),
+        (AGILE, 40.0, "reference"),
+        (MpcConfig(), 10.0, "reference"),
+        (MpcConfig(), 40.0, "estimate"),
+    ],
+)
 def test_jumps_are_approached_within_35_degrees(
     weights: MpcConfig, distance: float, of: str
 ) -> None:
@@ -117,40 +123,21 @@ def test_jumps_are_approached_within_35_degrees(
     assert flight.distance[-1] < 0.02
 
 
-@pytest.mark.parametrize("weights", [AGILE, MpcConfig()], ids=["agile", "default"])
-def test_without_a_limit_on_speed_a_tilt_is_kept_as_well(weights: MpcConfig) -> None:
-    flight = jumped(TILT, (40.0, 0.0, 0.0), weights=weights)
-    assert flight.speed.max() <= 4.0, "by limits.pull_distance"
+def test_keeps_the_tilt_limit_without_a_speed_limit() -> None:
+    flight = jumped(TILT, (40.0, 0.0, 0.0), weights=MpcConfig())
+    assert flight.speed.max() <= 4.0, "by limits.position_error_max"
     assert_calm(flight)
     assert flight.tilt.max() <= 37.0
     assert flight.height.min() >= -0.3
 
 
-@pytest.mark.parametrize("jump", [(0.0, 0.0, 8.0), (0.0, 0.0, -8.0), (20.0, 20.0, 8.0)])
+@pytest.mark.parametrize("jump", [(0.0, 0.0, -8.0), (20.0, 20.0, 8.0)])
 def test_the_limit_on_speed_holds_in_every_direction(jump: tuple[float, ...]) -> None:
-    limits = {**TILT, **SPEED, "advanced.limits.pull_distance": 4.0}
+    limits = {**TILT, **SPEED, "advanced.limits.position_error_max": 4.0}
     flight = jumped(limits, jump, weights=MpcConfig())
     assert_calm(flight)
     assert 4.5 < flight.speed.max() <= 5.0 * 1.05
     assert flight.distance[-1] < 0.02
-
-
-def test_commands_change_no_faster_than_their_limit() -> None:
-    """Soft, so a little more where the plan is corrected; without it they jump by 6 rad/s."""
-    limited = jumped({**TILT, "advanced.limits.rate_slew": 50.0}, (2.0, 1.0, 0.0))
-    assert_calm(limited)
-    assert np.abs(np.diff(limited.commands[:, 1:], axis=0)).max() <= 50.0 * 0.02 * 1.5
-    assert limited.distance[-1] < 0.02
-
-
-def test_keeps_the_throttle_margin() -> None:
-    limited = jumped({**TILT, "advanced.limits.throttle_margin": 0.15}, (5.0, 0.0, 2.0))
-    assert_calm(limited)
-    throttle = limited.commands[:, 0]
-    assert throttle.max() <= 0.87
-    assert throttle.min() >= 0.13
-    free = jumped(TILT, (5.0, 0.0, 2.0)).commands[:, 0]
-    assert free.max() > 0.95
 
 
 def errors(changes: dict[str, Any], trajectory: str, disturbed: dict[str, Any]) -> Array:
@@ -163,14 +150,19 @@ def errors(changes: dict[str, Any], trajectory: str, disturbed: dict[str, Any]) 
     return np.array([np.linalg.norm(step.truth.p_WB - step.window.p_WB[0]) for step in steps])
 
 
-@pytest.mark.parametrize("trajectory", ["flip", "split_s", "vertical_loop"])
 @pytest.mark.parametrize(
-    "disturbed", [[{}], [NOISE | {"seed": seed} for seed in range(5)]], ids=["clean", "noisy"]
+    ("trajectory", "disturbed"),
+    [
+        ("split_s", [{}]),
+        ("vertical_loop", [{}]),
+        ("flip", [NOISE | {"seed": seed} for seed in range(5)]),
+    ],
+    ids=["split_s", "vertical_loop", "noisy flip"],
 )
 def test_limits_do_not_change_a_flip(trajectory: str, disturbed: list[dict[str, Any]]) -> None:
-    """A limit on tilt forbids nothing that the reference asks for.
+    """A limit on tilt does not restrict the reference's attitude.
 
-    Which of two noisy flips comes out better is chance: several are taken together.
+    The errors of single noisy flips are random: five flips are compared together.
     """
     free, limited = (
         np.concatenate([errors(limits, trajectory, each) for each in disturbed])
@@ -208,11 +200,11 @@ def near_free_fall(tilt_max: float) -> float:
     return float(np.sqrt(np.mean(np.square(away))))
 
 
-def test_near_free_fall_a_limit_costs_nothing() -> None:
-    """There the reference turns over faster than any vehicle can.
+def test_limits_hardly_increase_the_error_near_free_fall() -> None:
+    """The reference turns over faster than any vehicle can.
 
-    How far away it is then depends on how well OSQP converges: with any limit, be it 3.1 rad,
-    the flight begins up to 0.26 m away and not 0.21 m.
+    The error then depends on the convergence of OSQP: with any limit, even 3.1 rad, it begins with
+    up to 0.26 m instead of 0.21 m.
     """
     free = near_free_fall(0.0)
     for tilt_max in (0.61, 1.5, 3.1):

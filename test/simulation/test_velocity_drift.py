@@ -1,4 +1,4 @@
-"""An error of the odometry's velocity that lasts: a first-order Gauss-Markov process."""
+"""A correlated error of the odometry's velocity: a first-order Gauss-Markov process."""
 
 from __future__ import annotations
 
@@ -13,14 +13,12 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.simulation.sensors import Sensors
 
 PERIOD_NS, COUNT = 20_000_000, 20_000
-DEVIATION, TIME = 0.3, 0.5
+DEVIATION, TIME = 0.3, 1.0
 
 
 def errors_in_the_world(seed: int = 0) -> np.ndarray:
     """Return the errors (n, 3) of a velocity of a vehicle that leans."""
-    sensors = Sensors(
-        ideal({"velocity_drift": DEVIATION, "velocity_drift_time": TIME, "seed": seed})
-    )
+    sensors = Sensors(ideal({"velocity_drift": DEVIATION, "seed": seed}))
     q = so3.quaternion_xyzw_from_rotation(so3.exp([0.3, -0.4, 1.0]))
     truth = OdometrySample(
         stamp_ns=0, p_WB=np.zeros(3), q_WB_xyzw=q, v_WB_B=np.ones(3), w_WB_B=np.zeros(3)
@@ -42,10 +40,6 @@ def test_drift_has_its_deviation_and_its_correlation() -> None:
         expected = np.exp(-lag * 1e-9 * PERIOD_NS / TIME)
         np.testing.assert_allclose(correlation, expected, atol=0.1)
     assert np.abs(np.corrcoef(errors.T) - np.eye(3)).max() < 0.15
-
-
-def test_drift_repeats_with_its_seed() -> None:
-    np.testing.assert_array_equal(errors_in_the_world(1)[:100], errors_in_the_world(1)[:100])
 
 
 @pytest.mark.parametrize("name", ["velocity_noise", "position_noise"])

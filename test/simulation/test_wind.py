@@ -1,4 +1,4 @@
-"""Wind and gusts: where drag carries the vehicle, and the statistics of the gusts."""
+"""Effects of wind and gusts on the vehicle, and statistics of the gusts."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fixtures.presets import ideal
-from numpy.testing import assert_allclose, assert_array_equal
-from scipy.signal import lfilter
-from scipy.spatial.transform import Rotation
+from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import CommandSample
@@ -45,7 +43,7 @@ def gusts(*, seconds: float, airspeed: float, **changes: Any) -> Array:
 
 
 @pytest.mark.parametrize("dynamics", ["rigid_body", "paper"])
-def test_wind_carries_a_level_vehicle_along(dynamics: str) -> None:
+def test_wind_accelerates_a_level_vehicle_through_drag(dynamics: str) -> None:
     wind, drag = np.array([5.0, -2.0, 0.5]), 0.2
     body = hovering(wind=tuple(wind), dynamics=dynamics, drag=drag)
     for seconds in (1, 5, 60):
@@ -57,20 +55,7 @@ def test_wind_carries_a_level_vehicle_along(dynamics: str) -> None:
     assert_allclose(body.state.v_WB_W, wind, rtol=1e-9)
 
 
-def test_wind_is_in_the_world_whatever_the_heading() -> None:
-    heading = tuple(Rotation.from_euler("z", 2.0).as_quat())
-    east, turned = (
-        hovering(wind=(5.0, 0.0, 0.0), initial_attitude=q) for q in ((0.0, 0.0, 0.0, 1.0), heading)
-    )
-    for body in (east, turned):
-        body.advance_to(3 * SECOND)
-    assert_allclose(turned.state.p_WB, east.state.p_WB, atol=1e-9)
-    assert_allclose(
-        turned.state.v_WB_B, Rotation.from_euler("z", -2.0).apply(east.state.v_WB_W), atol=1e-9
-    )
-
-
-def test_flying_with_the_wind_is_flying_in_calm_air() -> None:
+def test_flight_in_steady_wind_is_galilean_invariant() -> None:
     """Galileo: seen from the air, the same tumbling flight."""
     wind = np.array([3.0, -4.0, 1.0])
     calm = hovering(initial_velocity=(1.0, 2.0, 3.0))
@@ -82,13 +67,6 @@ def test_flying_with_the_wind_is_flying_in_calm_air() -> None:
     assert_allclose(windy.state.v_WB_W - wind, calm.state.v_WB_W, atol=1e-6)
 
 
-def test_the_ground_shelters_from_the_wind() -> None:
-    body = InternalPlant(ideal(wind=(10.0, 0.0, 0.0), gust_intensity=2.0))
-    body.advance_to(SECOND)
-    assert_array_equal(body.state.p_WB, np.zeros(3))
-    assert_array_equal(body.state.v_WB_B, np.zeros(3))
-
-
 @pytest.mark.parametrize("sigma", [0.5, 3.0])
 def test_gusts_have_the_intensity_as_standard_deviation(sigma: float) -> None:
     """6,000 s of a correlation time of 2 s are 1,500 independent values per axis: 2 %."""
@@ -97,11 +75,6 @@ def test_gusts_have_the_intensity_as_standard_deviation(sigma: float) -> None:
     assert_allclose(values.mean(axis=0), 0.0, atol=0.15 * sigma)
     correlation = np.corrcoef(values.T) - np.eye(3)
     assert np.abs(correlation).max() < 0.12
-
-
-def test_gusts_begin_with_their_intensity() -> None:
-    first = [gusts(seconds=0.01, airspeed=0.0, seed=seed)[0] for seed in range(60)]
-    assert np.std(first) == pytest.approx(1.0, rel=0.15)
 
 
 @pytest.mark.parametrize(
@@ -120,23 +93,7 @@ def test_gusts_are_correlated_over_the_scale_length(
         assert correlation == pytest.approx(math.exp(-lag * 0.01 / time_constant), abs=0.06)
 
 
-def test_gusts_are_whitened_by_the_inverse_filter() -> None:
-    """Independent of the code's arithmetic: what is left is white and Gaussian."""
-    values = gusts(seconds=500.0, airspeed=8.0, gust_length=16.0)[:, 0]
-    kept = math.exp(-0.01 / 2.0)
-    white = lfilter([1.0, -kept], [1.0], values)[1:] / math.sqrt(1.0 - kept**2)
-    assert white.std() == pytest.approx(1.0, rel=0.02)
-    assert abs(np.mean(white[1:] * white[:-1])) < 0.02
-    assert np.mean(np.abs(white) < 1.0) == pytest.approx(0.6827, abs=0.01)
-
-
-def test_the_same_seed_gives_the_same_gusts_and_another_does_not() -> None:
-    one, again, other = (gusts(seconds=1.0, airspeed=5.0, seed=seed) for seed in (7, 7, 8))
-    assert one.tobytes() == again.tobytes()
-    assert np.abs(one - other).min() > 0.0
-
-
-def test_gusts_shake_the_vehicle_repeatably_however_the_time_is_divided() -> None:
+def test_gusts_do_not_depend_on_how_time_is_divided() -> None:
     whole, divided = (hovering(gust_intensity=2.0, wind=(3.0, 0.0, 0.0)) for _ in range(2))
     whole.advance_to(SECOND)
     for k in range(1, 334):
@@ -145,11 +102,3 @@ def test_gusts_shake_the_vehicle_repeatably_however_the_time_is_divided() -> Non
     assert_allclose(whole.state.p_WB, divided.state.p_WB, atol=1e-9)
     assert_allclose(whole.wind_W, divided.wind_W, atol=1e-12)
     assert np.linalg.norm(whole.state.v_WB_W) > 0.1
-
-
-def test_weaker_motors_sink_at_hover_throttle() -> None:
-    body = hovering(thrust_scale=0.9, drag=0.0)
-    body.advance_to(SECOND)
-    assert body.state.v_WB_W[2] == pytest.approx(-0.1 * 9.81, rel=1e-9)
-    hovers = ideal(thrust_scale=0.9).vehicle().hover_throttle
-    assert hovers == pytest.approx(Vehicle().throttle_for(0.396893 * 9.81 / 0.9))

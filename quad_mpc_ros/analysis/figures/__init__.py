@@ -1,5 +1,5 @@
-"""Pictures of flights and references. Matplotlib is imported only when something is drawn."""
+"""Figures of flights and references. Matplotlib is imported only when something is drawn."""
 
-from quad_mpc_ros.analysis.figures.over_time import FIGURE_NAMES, write_figures
+from quad_mpc_ros.analysis.figures.over_time import write_figures
 
-__all__ = ["FIGURE_NAMES", "write_figures"]
+__all__ = ["write_figures"]

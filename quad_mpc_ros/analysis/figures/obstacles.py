@@ -1,4 +1,4 @@
-"""Obstacles in figures: their faces, where they stood when the vehicle came nearest."""
+"""Obstacles in figures, at the time of closest approach."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape
 
 COLOUR = "#D55E00"
 
-_MAX_DISTANCE = 3.0  # m from the flight; what is further away is not drawn
+_MAX_DISTANCE = 3.0  # m from the flight
 _CIRCLE_CORNERS = 24  # corners of a circle
 _SPHERE_RINGS = 8  # of a sphere
 _MAX_SHAPES = 400
 
 
 def drawn_shapes(flight: Flight) -> list[Shape]:
-    """Return the obstacles near a flight, the nearest ones, each where it was nearest to it."""
+    """Return the nearest obstacles of a flight, at their times of closest approach."""
     if flight.scene is None:
         return []
     found = []
@@ -66,7 +66,7 @@ def faces(shape: Shape) -> list[Array]:
 
 
 def draw(axes: Any, shapes: list[Shape], *, zorder: int) -> None:
-    """Draw shapes translucent into axes of mplot3d."""
+    """Draw translucent shapes into mplot3d axes."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
     for number, shape in enumerate(shapes):

@@ -1,11 +1,10 @@
-"""What is drawn over time: panels of curves, the same for pictures and for the report's page."""
+"""Panels of curves over time: state, errors, inputs, solver and command source of a flight."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,69 +15,34 @@ from quad_mpc_ros.control.safety.ladder import Source
 from quad_mpc_ros.recordings.evaluation.metrics import attitude_errors, position_errors
 from quad_mpc_ros.recordings.flight import Flight
 
-Weight = Literal["normal", "strong", "broad"]
-"""How thick a curve is. A broad one lies below the others: it is seen where they lie on it."""
-
-LEVELS = tuple(source.name.lower() for source in Source)
-"""The rungs of the safety ladder, as :func:`source_panels` numbers them."""
-
-AVOIDANCE = ("off", "free", "around", "stopped", "failed")
-"""What is flown among obstacles, as :func:`clearance_panels` numbers it."""
+_SOURCES = tuple(source.name.lower() for source in Source)
+_AVOIDANCE = ("off", "free", "around", "stopped", "failed")
 
 _STEP_COLOUR = "#009E73"  # of the same palette as the others
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curve:
-    """Values over time [s], both (n,); ``held`` if each holds until the next.
+    """Values over time [s], both (n,).
 
-    ``hover`` (n,) is shown beside a value where the pointer is, on a page.
+    With ``held`` each value is held until the next. A ``broad`` curve is drawn below other curves,
+    so that coinciding curves stay visible.
     """
 
     name: str
     time: Array
     values: NDArray[Any]
     colour: str = style.FLOWN
-    weight: Weight = "normal"
+    broad: bool = False
     held: bool = False
-    hover: NDArray[Any] | None = None
-
-    def thinned(self, most: int) -> Curve:
-        """Return the least and the greatest value of ``most`` / 2 stretches, so peaks stay.
-
-        Breaks, the first of values that are not numbers, stay as well.
-
-        A curve of no more than ``most`` values is returned as it is.
-        """
-        count = len(self.time)
-        if count <= most:
-            return self
-        length = -(-count // (most // 2))
-        begins = np.arange(0, count, length)
-        values = np.asarray(self.values, dtype=np.float64)
-        padded = np.full(len(begins) * length, np.nan)
-        padded[:count] = values
-        stretches = padded.reshape(-1, length)
-        least = np.argmin(np.where(np.isnan(stretches), np.inf, stretches), axis=1)
-        greatest = np.argmax(np.where(np.isnan(stretches), -np.inf, stretches), axis=1)
-        missing = np.isnan(values)
-        breaks = np.flatnonzero(missing & ~np.append(False, missing[:-1]))
-        ends = [0, count - 1]
-        kept = np.unique(np.concatenate((ends, breaks, begins + least, begins + greatest)))
-        return dataclasses.replace(
-            self,
-            time=self.time[kept],
-            values=self.values[kept],
-            hover=None if self.hover is None else self.hover[kept],
-        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Panel:
     """Curves on one axis: a quantity, like ω with subscript x and unit rad/s, and its bounds.
 
-    Curves are drawn in their order. ``levels`` are the names of the values 0, 1, … when these
-    stand for something.
+    Curves are drawn in their order. ``levels`` are the names of the values 0, 1, … of an
+    enumeration.
     """
 
     name: str
@@ -91,7 +55,7 @@ class Panel:
     levels: Sequence[str] = ()
 
     def curve(self, name: str) -> Curve:
-        """Return a curve by its name; raises ``KeyError`` when there is none."""
+        """Return a curve by its name; raises ``KeyError`` if the curve does not exist."""
         return {curve.name: curve for curve in self.curves}[name]
 
 
@@ -110,10 +74,9 @@ def velocity_panels(flight: Flight) -> list[Panel]:
 def attitude_panels(flight: Flight) -> list[Panel]:
     """Return Figure 5: the attitude as a quaternion, w, x, y and z.
 
-    A quaternion and its negative are the same attitude, and where the recorded sign changes
-    nothing has happened to the vehicle. Both curves therefore start with their own sign and go on
-    without a jump. After a turn by more than half a revolution the flight thus converges to the
-    negative of the reference, which is the reference, as in the paper.
+    A quaternion and its negative are the same attitude, so the recorded sign may change at any
+    time. Both curves start with the recorded sign and continue without a jump. After more than
+    half a revolution the flight converges to the negative reference, as in the paper.
     """
     reference = None
     if flight.reference is not None:
@@ -123,8 +86,13 @@ def attitude_panels(flight: Flight) -> list[Panel]:
 
 
 def input_panels(flight: Flight) -> list[Panel]:
-    """Return Figure 7: the commands, throttle and body rates, with the controller's bounds."""
+    """Return Figure 7: commanded throttle and body rates, with the bounds of the controller.
+
+    Empty without commands.
+    """
     commands, reference, mpc = flight.commands, flight.reference, flight.mpc
+    if not len(commands.stamp_ns):
+        return []
     wanted = None
     if reference is not None:
         wanted = np.column_stack((reference.throttle, reference.w_WB_B))
@@ -150,34 +118,28 @@ def input_panels(flight: Flight) -> list[Panel]:
 
 
 def error_panels(flight: Flight) -> list[Panel]:
-    """Return the distance and the angle to the reference."""
+    """Return the distance and the angle to the reference; empty without a reference."""
+    if flight.reference is None:
+        return []
     errors = (
-        ("position", "m", position_errors(flight)),
-        ("attitude", "rad", attitude_errors(flight)),
+        ("position error", "m", position_errors(flight)),
+        ("attitude error", "rad", attitude_errors(flight)),
     )
-    nothing = Curve(name="error", time=np.zeros(0), values=np.zeros(0))
     return [
-        Panel(
-            name=name,
-            unit=unit,
-            curves=[
-                _curve_of_odometry(flight, values, name="error")
-                if flight.reference is not None
-                else nothing
-            ],
-        )
+        Panel(name=name, unit=unit, curves=[_curve_of_odometry(flight, values, name="error")])
         for name, unit, values in errors
     ]
 
 
 def solver_panels(flight: Flight) -> list[Panel]:
-    """Return times against the control period, and iterations, of the ticks that solved."""
+    """Return times and iterations of the ticks at which the solver ran; else empty."""
     stats = flight.stats
     ran = stats["solver_status"] != "not run"
-    time, status = flight.tick_time[ran], stats["solver_status"][ran]
+    if not ran.any():
+        return []
 
-    def curve(name: str, field: str, colour: str = style.FLOWN) -> Curve:
-        return Curve(name=name, time=time, values=stats[field][ran], colour=colour, hover=status)
+    def curve(name: str, key: str, colour: str = style.FLOWN) -> Curve:
+        return Curve(name=name, time=flight.tick_time[ran], values=stats[key][ran], colour=colour)
 
     return [
         Panel(
@@ -188,6 +150,7 @@ def solver_panels(flight: Flight) -> list[Panel]:
                 curve("solve", "solve_time_us"),
             ],
             bounds=[1e6 / flight.mpc.control_rate],
+            bound_name="control period",
             logarithmic=True,
         ),
         Panel(name="iterations", curves=[curve("iterations", "iterations")]),
@@ -195,9 +158,9 @@ def solver_panels(flight: Flight) -> list[Panel]:
 
 
 def clearance_panels(flight: Flight) -> list[Panel]:
-    """Return from the vehicle's surface to the nearest obstacle's, and what the controller knew.
+    """Return the true and the known distance to obstacles, and the state of the avoidance.
 
-    Without obstacles there are none.
+    Distances are from the surface of the vehicle. Empty without obstacles.
     """
     true, known = flight.clearance, flight.stats.get("clearance_m")
     curves = []
@@ -209,51 +172,31 @@ def clearance_panels(flight: Flight) -> list[Panel]:
                 time=flight.tick_time,
                 values=values,
                 colour=style.REFERENCE,
-                weight="broad",
+                broad=True,
             )
         )
     if true is not None:
-        curves.append(_curve_of_odometry(flight, true, name="flown", weight="strong"))
+        curves.append(_curve_of_odometry(flight, true, name="flown"))
     if not curves:
         return []
-    panels = [
+    found = [
         Panel(name="clearance", unit="m", curves=curves, bounds=[0.0], bound_name="collision")
     ]
-    states = flight.stats.get("avoidance")
-    if states is not None:
-        numbers = [AVOIDANCE.index(str(each)) for each in states]
-        panels.append(
-            Panel(
-                name="",
-                levels=AVOIDANCE,
-                curves=[
-                    Curve(
-                        name="avoidance",
-                        time=flight.tick_time,
-                        values=np.array(numbers, dtype=np.int64),
-                        colour=style.INK,
-                        held=True,
-                        hover=flight.stats["avoidance_reason"],
-                    )
-                ],
-            )
-        )
-    return panels
+    if "avoidance" in flight.stats:
+        found += _level_panels(flight, "avoidance", _AVOIDANCE)
+    return found
 
 
 def source_panels(flight: Flight) -> list[Panel]:
-    """Return the rung of the safety ladder that commanded, and the reason for it."""
-    stats = flight.stats
-    curve = Curve(
-        name="commanding",
-        time=flight.tick_time,
-        values=np.array([LEVELS.index(str(name)) for name in stats["source"]], dtype=np.int64),
-        colour=style.INK,
-        weight="strong",
-        held=True,
-        hover=stats["reason"],
-    )
-    return [Panel(name="", curves=[curve], levels=LEVELS)]
+    """Return the source of the command at each tick; empty without ticks."""
+    return _level_panels(flight, "source", _SOURCES) if len(flight.stats["source"]) else []
+
+
+def _level_panels(flight: Flight, key: str, levels: Sequence[str]) -> list[Panel]:
+    """Return an enumeration in the statistics of the ticks, with the names of its values."""
+    numbers = np.array([levels.index(str(each)) for each in flight.stats[key]], dtype=np.int64)
+    curve = Curve(name=key, time=flight.tick_time, values=numbers, colour=style.INK, held=True)
+    return [Panel(name="", curves=[curve], levels=levels)]
 
 
 def _tracked(
@@ -263,7 +206,7 @@ def _tracked(
     flown: Array,
     reference: Array | None,
 ) -> list[Panel]:
-    """Return a panel for each column of what was flown (n, k), with its reference."""
+    """Return a panel for each column of the flown quantity (n, k), with its reference."""
     return [
         Panel(
             name=name,
@@ -287,20 +230,20 @@ def _reference_curve(flight: Flight, reference: Array | None, column: int) -> li
             reference[:, column],
             name="reference",
             colour=style.REFERENCE,
-            weight="broad",
+            broad=True,
             held=True,
         )
     ]
 
 
 def _curve_of_odometry(flight: Flight, values: Array, **look: Any) -> Curve:
-    """Return values at each odometry (n,) as a curve that is broken where odometry is missing."""
+    """Return values at each odometry (n,) as a curve, interrupted where odometry is missing."""
     time, broken = flight.broken(flight.time, values)
     return Curve(time=time, values=broken, **look)
 
 
 def _continuous_wxyz(q_xyzw: Array) -> Array:
-    """Return quaternions (n, 4) as w, x, y, z, each with the sign next to the one before."""
+    """Return quaternions (n, 4) as w, x, y, z, with continuous signs."""
     turned = np.sum(q_xyzw[1:] * q_xyzw[:-1], axis=1) < 0.0
     signs = np.cumprod(np.where(np.append(False, turned), -1.0, 1.0))
     return np.asarray(signs[:, None] * np.roll(q_xyzw, 1, axis=1))

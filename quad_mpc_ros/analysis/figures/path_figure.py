@@ -1,4 +1,4 @@
-"""The flight in space."""
+"""Figure of a flight in space."""
 
 from __future__ import annotations
 
@@ -12,26 +12,20 @@ from quad_mpc_ros.recordings.evaluation.race import drawn_course
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoint_positions
 from quad_mpc_ros.recordings.flight import Flight
 
-_SIDE = 8.0  # inch, before the figure is cropped to what is drawn
-_SCALE_HEIGHT = 0.6  # of the height of what is drawn
-_MARGIN = 0.1  # inch
-_MAX_NUMBERED = 12  # waypoints; numbers on more would hide the flight
+_WIDTH, _HEIGHT = 8.0, 6.5  # inch
+_MAX_NUMBERED = 12  # waypoints; more numbers would hide the flight
+_MAX_SEGMENTS = 20_000  # of the coloured line, which are drawn one by one
 
-_VEHICLE_SPACING = 0.25  # of the longest side, flown between two drawn vehicles
-_MAX_VEHICLES = 300
-_MAX_SEGMENTS = 20_000  # of the coloured line, each drawn by itself
-
-# From the ground up; mplot3d's own order takes each of these as a whole and gets it wrong.
+# From the ground up, because the order that mplot3d chooses is wrong.
 _GROUND, _OBSTACLES, _REFERENCE, _FLIGHT, _VEHICLES, _MARKS = range(1, 7)
 
 
 def write_path(flight: Flight, path: Path) -> Path:
-    """Draw the flight coloured by its speed, with start, waypoints and reference.
+    """Draw the flight coloured by speed, with vehicles, reference, waypoints, gates and obstacles.
 
-    The vehicle, four rotors on a cross, is drawn along the way as it was tilted there, larger
-    than it is where the room is large. Raises ``OSError`` when the file cannot be written.
+    Raises ``OSError`` if the file cannot be written.
     """
-    figure = style.new_figure(_SIDE, _SIDE)
+    figure = style.new_figure(_WIDTH, _HEIGHT)
     points = [flight.p_WB, *([] if flight.reference is None else [flight.reference.p_WB])]
     shapes = obstacles.drawn_shapes(flight)
     course = drawn_course(flight)
@@ -42,47 +36,12 @@ def write_path(flight: Flight, path: Path) -> Path:
     _draw_reference(axes, flight)
     if course is None:
         _draw_waypoints(axes, flight)
-    scale = _draw_flight(figure, axes, flight, ground=float(lower[2]))
+    _draw_flight(figure, axes, flight, ground=float(lower[2]))
     space.draw_gates(axes, course, zorder=_MARKS)
     side = float(np.max(upper - lower))
-    way = space.way_along(flight.p_WB)
-    space.draw_vehicles(
-        axes,
-        flight.p_WB,
-        flight.q_WB_xyzw,
-        way=way,
-        spacing=max(_VEHICLE_SPACING * side, float(way[-1]) / _MAX_VEHICLES),
-        side=side,
-        zorder=_VEHICLES,
-        apart=True,
-    )
-    return style.save(figure, path, crop=_arrange(figure, axes, scale))
-
-
-def _arrange(figure: Any, axes: Any, scale: Any) -> Any:
-    """Put the legend above what is drawn and the scale beside it; return the box of all [inch]."""
-    from matplotlib.transforms import Bbox
-
-    room = space.drawn_box(figure, axes)
-    figure.set_layout_engine("none")
-    drawn, bar = room.transformed(figure.transFigure.inverted()), scale.get_position()
-    height = _SCALE_HEIGHT * drawn.height
-    bottom = drawn.y0 + 0.5 * (drawn.height - height)
-    scale.set_position((drawn.x1 + bar.width, bottom, bar.width, height))
-    handles, labels = axes.get_legend_handles_labels()
-    legend = figure.legend(
-        handles,
-        labels,
-        loc="lower left",
-        bbox_to_anchor=(drawn.x0, drawn.y1),
-        ncols=len(labels),
-        frameon=False,
-        fontsize=9,
-        labelcolor=style.INK,
-        handlelength=2.4,
-    )
-    boxes = Bbox.union([room, legend.get_window_extent(), scale.get_tightbbox()])
-    return boxes.transformed(figure.dpi_scale_trans.inverted()).padded(_MARGIN)
+    space.draw_vehicles(axes, flight.p_WB, flight.q_WB_xyzw, side=side, zorder=_VEHICLES)
+    style.legend(axes)
+    return style.save(figure, path)
 
 
 def _draw_reference(axes: Any, flight: Flight) -> None:
@@ -129,7 +88,7 @@ def _draw_waypoints(axes: Any, flight: Flight) -> None:
         )
 
 
-def _draw_flight(figure: Any, axes: Any, flight: Flight, *, ground: float) -> Any:
+def _draw_flight(figure: Any, axes: Any, flight: Flight, *, ground: float) -> None:
     x, y, _ = flight.broken(flight.time, flight.p_WB)[1].T
     axes.plot(x, y, ground, color=style.FAINT, linewidth=1.0, zorder=_GROUND)
     start = flight.p_WB[0]
@@ -139,4 +98,4 @@ def _draw_flight(figure: Any, axes: Any, flight: Flight, *, ground: float) -> An
     thinned = slice(None, None, -(-len(x) // _MAX_SEGMENTS))
     speed = np.linalg.norm(flight.v_WB_B[thinned], axis=1)
     _, p_WB, speed = flight.broken(flight.time[thinned], flight.p_WB[thinned], speed)
-    return space.draw_coloured_by_speed(figure, axes, p_WB, speed, zorder=_FLIGHT)
+    space.draw_coloured_by_speed(figure, axes, p_WB, speed, zorder=_FLIGHT)

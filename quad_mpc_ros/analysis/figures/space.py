@@ -1,8 +1,7 @@
-"""What figures in space have in common: the room, the line coloured by speed, the vehicles."""
+"""Parts of figures in space: axes, line coloured by speed, vehicles, gates."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -12,18 +11,20 @@ from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.vehicle import ARM, outline
 from quad_mpc_ros.references.course import Course, Gate
 
-_ELEVATION, _AZIMUTH = 22.0, -60.0  # deg, of the eye
-_MARGIN = 0.1  # of the longest side of the flight
-_MIN_SIDE = 1.0  # m: a hovering flight is not to look like a journey
+_ELEVATION, _AZIMUTH = 22.0, -60.0  # deg, of the camera
+_MARGIN = 0.1  # of the longest side
+_MIN_SIDE = 1.0  # m, so that drift in hover does not fill the figure
 
-_MIN_ARM = 0.045  # of the longest side, where the true size could not be seen
-_MIN_SEPARATION = 3.6  # arms: nearer to one that is drawn none is drawn
+_MIN_ARM = 0.045  # of the longest side, where the true size would be invisible
+_VEHICLE_COUNT = 14
+_TURN_WEIGHT = 0.12  # distance per radian of rotation, as a share of the longest side
+_MIN_SPACING = 1e-3  # m, between two vehicles
 
 _MIN_SHIFT = 0.05  # m: a gate is drawn again if it was moved by more
 
 
 def room(points: Array) -> tuple[Array, Array]:
-    """Return two corners (3,) [m] of the space round points, down to the ground if it is near."""
+    """Return two corners (3,) [m] of a box around points, including a ground that is near."""
     lower, upper = points.min(axis=0), points.max(axis=0)
     widened = np.maximum(_MIN_SIDE - (upper - lower), 0.0) / 2.0
     side = max(float(np.max(upper - lower)), _MIN_SIDE)
@@ -37,11 +38,11 @@ def room(points: Array) -> tuple[Array, Array]:
 def draw_room(
     figure: Any, lower: Array, upper: Array, *, place: Any = 111, zoom: float = 1.0
 ) -> Any:
-    """Return axes of that extent, in a place of the figure; Any, for mplot3d has no types."""
+    """Return 3D axes between two corners at a position of the figure; mplot3d has no types."""
     from matplotlib import rc_context
     from matplotlib.ticker import MaxNLocator
 
-    # The colour and the width that mplot3d's grid() is given it ignores; these it takes.
+    # mplot3d ignores colour and width of grid(), but uses these.
     with rc_context({"grid.color": style.GRID, "grid.linewidth": 0.6}):
         axes = figure.add_subplot(place, projection="3d", computed_zorder=False)
     axes.set(xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]), zlim=(lower[2], upper[2]))
@@ -53,7 +54,7 @@ def draw_room(
         axis.line.set_color(style.FAINT)
         axis.set_tick_params(labelsize=8, labelcolor=style.INK, color=style.FAINT)
         axis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
-        # In space the offset of the ticks would stand on top of the label.
+        # The offset text of the ticks would overlap the label.
         axis.get_major_formatter().format_ticks(axis.get_majorticklocs())
         offset = axis.get_major_formatter().get_offset()
         axis.get_offset_text().set_visible(False)
@@ -61,34 +62,12 @@ def draw_room(
     return axes
 
 
-def _corners(axes: Any) -> Array:
-    """Return the corners (8, 2) of the room in the plane of the picture."""
-    from mpl_toolkits.mplot3d import proj3d  # type: ignore[import-untyped]
-
-    bounds = axes.get_xlim(), axes.get_ylim(), axes.get_zlim()
-    x, y, _ = proj3d.proj_transform(
-        *np.array(np.meshgrid(*bounds)).reshape(3, -1), axes.get_proj()
-    )
-    return np.column_stack((x, y))
-
-
-def drawn_box(figure: Any, axes: Any) -> Any:
-    """Return what the room and its labels cover, a box in pixels."""
-    from matplotlib.transforms import Bbox
-
-    figure.draw_without_rendering()
-    box = Bbox.null()
-    box.update_from_data_xy(axes.transData.transform(_corners(axes)), ignore=True)
-    labels = (axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis))
-    return Bbox.union([box, *labels])
-
-
 def draw_coloured_by_speed(
     figure: Any, axes: Any, p_WB: Array, speed: Array, *, zorder: int
-) -> Any:
-    """Draw positions (n, 3) [m] as a line coloured by speed (n,) [m/s]; return the axes' scale.
+) -> None:
+    """Draw positions (n, 3) [m] as a line coloured by speed (n,) [m/s], with the colour bar.
 
-    The line is broken where a position is not a number.
+    The line is interrupted where a position is not a number.
     """
     from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
 
@@ -103,51 +82,35 @@ def draw_coloured_by_speed(
     bar.outline.set_visible(False)
     bar.set_label("speed [m/s]", fontsize=9, color=style.INK)
     bar.ax.tick_params(labelsize=8, labelcolor=style.INK, color=style.FAINT)
-    return bar.ax
 
 
 def _speed_colours() -> Any:
-    """Return viridis without its last yellow, which cannot be seen on white."""
+    """Return viridis without its lightest yellow, which is invisible on white."""
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
 
     return ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.92, 256)))
 
 
-def way_along(p_WB: Array) -> Array:
-    """Return the way (n,) [m] to each of positions (n, 3) [m] from the first."""
-    steps = np.linalg.norm(np.diff(p_WB, axis=0, prepend=p_WB[:1]), axis=1)
-    return np.asarray(np.cumsum(steps))
+def draw_vehicles(axes: Any, p_WB: Array, q_WB_xyzw: Array, *, side: float, zorder: int) -> None:
+    """Draw the vehicle, four rotors on a cross, at some of positions (n, 3) [m] along a path.
 
-
-def draw_vehicles(
-    axes: Any,
-    p_WB: Array,
-    q_WB_xyzw: Array,
-    *,
-    way: Array,
-    spacing: float,
-    side: float,
-    zorder: int,
-    apart: bool = False,
-) -> None:
-    """Draw the vehicle, four rotors on a cross, at positions (n, 3) [m] as it is tilted there.
-
-    One is drawn every ``spacing`` of the ``way`` (n,), larger than it is where the longest
-    ``side`` [m] of the room is large; none on another if they are to be ``apart``.
+    The vehicles are evenly spaced in distance and rotation. Vehicles are enlarged if the longest
+    ``side`` [m] of the axes is large.
     """
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-    arm = max(ARM, _MIN_ARM * side)
-    due = np.flatnonzero(np.diff(np.floor(way / spacing), prepend=0.0))
-    drawn = _apart(p_WB, due, distance=_MIN_SEPARATION * arm) if apart else due
-    if len(drawn) == 0:
-        return
+    R_WB = so3.rotation_from_quaternion_xyzw(q_WB_xyzw)
+    turns = so3.log(np.swapaxes(R_WB[:-1], -1, -2) @ R_WB[1:])
+    steps = np.linalg.norm(np.diff(p_WB, axis=0), axis=1)
+    steps += _TURN_WEIGHT * side * np.linalg.norm(turns, axis=1)
+    spacing = max(float(steps.sum()) / _VEHICLE_COUNT, _MIN_SPACING)
+    passed = np.floor(np.append(0.0, np.cumsum(steps)) / spacing)
+    drawn = np.flatnonzero(np.diff(passed, prepend=-1.0))  # with one at the start
     places = p_WB[drawn]
-    R_WB = so3.rotation_from_quaternion_xyzw(q_WB_xyzw[drawn])
-    arms_B, rotors_B = outline(arm)
-    arms_W = np.einsum("nij,lkj->nlki", R_WB, arms_B) + places[:, None, None]
-    rotors_W = np.einsum("nij,lkj->nlki", R_WB, rotors_B) + places[:, None, None]
+    arms_B, rotors_B = outline(max(ARM, _MIN_ARM * side))
+    arms_W = np.einsum("nij,lkj->nlki", R_WB[drawn], arms_B) + places[:, None, None]
+    rotors_W = np.einsum("nij,lkj->nlki", R_WB[drawn], rotors_B) + places[:, None, None]
     axes.add_collection(
         Poly3DCollection(
             rotors_W.reshape(-1, *rotors_W.shape[2:]),
@@ -163,14 +126,14 @@ def draw_vehicles(
 
 
 def gate_points(course: Course | None) -> Array:
-    """Return the corners (n, 3) [m] of all gates of a course; none without one."""
+    """Return the corners (n, 3) [m] of all gates; none without a course."""
     if course is None:
         return np.zeros((0, 3))
     return np.vstack([gate.corners() for _, gate in drawn_gates(course)])
 
 
 def drawn_gates(course: Course) -> list[tuple[int, Gate]]:
-    """Return the gates of a course with their numbers, once for each place where they stood."""
+    """Return the gates of a course with their numbers, once for each position."""
     drawn: list[tuple[int, Gate]] = []
     for number, gate in sorted(zip(course.numbers, course.gates, strict=True), key=_number):
         stood = [other for own, other in drawn if own == number]
@@ -188,7 +151,7 @@ def _are_together(one: Gate, other: Gate) -> bool:
 
 
 def draw_gates(axes: Any, course: Course | None, *, zorder: int) -> None:
-    """Draw the openings of a course's gates, with their numbers; nothing without a course."""
+    """Draw the openings of a course's gates, with their numbers; a course is optional."""
     if course is None:
         return
     from matplotlib.patheffects import withStroke
@@ -208,12 +171,3 @@ def draw_gates(axes: Any, course: Course | None, *, zorder: int) -> None:
             path_effects=halo,
             zorder=zorder,
         )
-
-
-def _apart(p_WB: Array, places: Iterable[int], *, distance: float) -> list[int]:
-    """Return those of the places whose positions are no nearer to each other than that [m]."""
-    kept: list[int] = []
-    for place in places:
-        if not kept or np.linalg.norm(p_WB[kept] - p_WB[place], axis=1).min() >= distance:
-            kept.append(int(place))
-    return kept

@@ -1,4 +1,4 @@
-"""How every figure looks: size, palette (Okabe and Ito's, safe for colour-blind eyes), axes."""
+"""Style of all figures: size, axes, palette of Okabe and Ito (safe for colour blindness)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.transforms import Bbox
 
 FLOWN = "#0072B2"
 REFERENCE = "#E69F00"
@@ -39,13 +38,24 @@ def tidy(axes: Axes) -> None:
     axes.tick_params(color=FAINT, labelcolor=INK, labelsize=8)
 
 
+def use_log_scale(axes: Axes, name: str) -> None:
+    """Make the axis ``x`` or ``y`` logarithmic, with plain numbers as labels."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    axes.set(**{f"{name}scale": "log"})
+    axis = axes.xaxis if name == "x" else axes.yaxis
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter("{x:g}")
+
+
 def title(axes: Axes, text: str) -> None:
     """Write a title above axes, on the left."""
-    axes.set_title(text, loc="left", fontsize=11, color=INK, fontweight="bold")
+    axes.set_title(text, loc="left", fontsize=11, color=INK, fontweight="bold", parse_math=False)
 
 
 def legend(axes: Axes) -> None:
-    """Put the legend above axes, on the right: it never hides a curve."""
+    """Put the legend above axes, on the right, where the legend hides no curve."""
     handles, labels = axes.get_legend_handles_labels()
     axes.legend(
         handles,
@@ -66,11 +76,8 @@ def rgb(colour: str) -> tuple[float, float, float]:
     return red / 255, green / 255, blue / 255
 
 
-def save(figure: Figure, path: Path, *, crop: Bbox | None = None) -> Path:
-    """Write a figure as PNG, or the part of it in a box [inch]; return its path.
-
-    The folder is made.
-    """
+def save(figure: Figure, path: Path) -> Path:
+    """Write a figure as PNG, create missing folders, and return the path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, format="png", bbox_inches=crop)
+    figure.savefig(path, format="png")
     return path

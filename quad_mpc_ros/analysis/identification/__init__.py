@@ -1,5 +1,5 @@
-"""The lags, the delay, the thrust and the drag of a vehicle, fitted to a recorded flight.
+"""Identification of lags, delay, thrust and drag from a recorded flight.
 
-``measurements`` takes what is needed from a recording, ``fit`` fits the ``model`` to it, and
-``report`` and ``figure`` present it. ``learned`` takes what the controller itself has estimated.
+``measurements`` extracts the data from a recording, ``fit`` fits the ``model`` to the data, and
+``report`` and ``figure`` present the result. ``learned`` reads the controller's own estimates.
 """

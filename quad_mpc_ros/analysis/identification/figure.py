@@ -1,4 +1,4 @@
-"""What an identification fits, drawn: measured and modelled body rates and specific force."""
+"""Figure of an identification: measured and fitted body rates and specific force."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from quad_mpc_ros.analysis.figures import style
-from quad_mpc_ros.analysis.figures.over_time import write_panels
+from quad_mpc_ros.analysis.figures.over_time import PanelColumn, write_panels
 from quad_mpc_ros.analysis.figures.panels import Curve, Panel
 from quad_mpc_ros.analysis.identification.result import (
     FittedCourse,
@@ -15,11 +15,11 @@ from quad_mpc_ros.analysis.identification.result import (
     ParameterEstimate,
 )
 
-_MAX_DURATION = 10.0  # s, of a flight, shown where the rates change most
+_MAX_DURATION = 10.0  # s, of the part of a flight where the rates change most
 
 
 def write_fit_figure(found: Identification, path: Path) -> Path:
-    """Draw the liveliest ten seconds into a PNG. Raises ``OSError`` if it cannot be written."""
+    """Draw the ten seconds with the most motion. Raises ``OSError`` if writing fails."""
     start = _liveliest(found.rates)
     panels = [
         Panel(
@@ -29,11 +29,11 @@ def write_fit_figure(found: Identification, path: Path) -> Path:
     ]
     force = _curves(found.specific_force, 0, start=start)
     panels.append(Panel(name="specific force\nalong body z", unit="m/s²", curves=force))
-    return write_panels(_title(found), panels, path)
+    return write_panels([PanelColumn(title=_title(found), panels=panels)], path)
 
 
 def _curves(course: FittedCourse, axis: int, *, start: float) -> list[Curve]:
-    """Return one component as fitted and as measured, over the time that is shown."""
+    """Return one fitted and measured component over the drawn time."""
     shown = (course.time >= start) & (course.time <= start + _MAX_DURATION)
     time = course.time[shown]
     return [
@@ -42,7 +42,7 @@ def _curves(course: FittedCourse, axis: int, *, start: float) -> list[Curve]:
             time=time,
             values=course.fitted[shown, axis],
             colour=style.REFERENCE,
-            weight="broad",
+            broad=True,
         ),
         Curve(name="measured", time=time, values=course.measured[shown, axis]),
     ]
@@ -63,7 +63,7 @@ def _milliseconds(estimates: tuple[ParameterEstimate, ...]) -> str:
 
 
 def _liveliest(rates: FittedCourse) -> float:
-    """Return from when on the body rates vary most over the time that is shown."""
+    """Return the start of the drawn time, in which the body rates vary most."""
     squares = np.sum((rates.measured - rates.measured.mean(axis=0)) ** 2, axis=1)
     sums = np.concatenate(([0.0], np.cumsum(squares)))
     ends = np.searchsorted(rates.time, rates.time + _MAX_DURATION)

@@ -1,4 +1,4 @@
-"""Fitting the response model: a coarse search, a robust least-squares fit, and its confidence."""
+"""Fit of the response model: coarse search, robust least squares, confidence intervals."""
 
 from __future__ import annotations
 
@@ -48,15 +48,16 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.recordings.recording import Recording
 
-# Searched before the fit, which finds the nearest minimum only [s].
+# Grid that is searched before the fit, which finds only the nearest minimum [s].
 _TIME_CONSTANTS = (0.003, 0.01, 0.02, 0.04, 0.08, 0.16, 0.3)
 _DELAYS = np.arange(0.0, 0.301, 0.02)
 
 
 class _ParameterRange(NamedTuple):
-    """What is known of a parameter beforehand: the range that is searched, its natural size.
+    """Search range and natural size of a parameter.
 
-    Half of a 95 % interval above both ``share`` of the value and ``vague`` is too wide.
+    The parameter is not observable if half of its 95 % interval exceeds both ``share`` of its
+    value and ``vague``.
     """
 
     lowest: float
@@ -94,29 +95,28 @@ _LOWEST, _HIGHEST, _SIZES, _MAX_RELATIVE_WIDTHS, _MAX_WIDTHS = _vectors()
 _REPORTED = np.isfinite(_MAX_WIDTHS)
 _ARE_TIMES = np.isin(np.arange(MOST_PARAMETERS), np.r_[RATE_TAU, TORQUE_TAU, THRUST_TAU, DELAY])
 
-# Residuals smaller than these are no knowledge: rounding, and what the model leaves out.
+# Smaller residuals contain no information, only rounding and effects that are not modelled.
 _MIN_SPREAD_RATE, _MIN_SPREAD_VELOCITY = 0.02, 0.005  # rad/s, m/s
 _MIN_VARIED_RATE, _MIN_VARIED_VELOCITY = 0.3, 0.1  # rad/s, m/s
 _MAD_TO_SIGMA = 1.4826
-_OUTLIER_SPREADS = 2.0  # spreads from where a residual counts less
+_OUTLIER_SPREADS = 2.0  # spreads above which a residual has less weight
 _ROUNDS = 2
 _AT_BOUND = 1e-3  # of the size of a parameter
-_PRIOR_WEIGHT = 1e-6  # what is known of a parameter beforehand, in its size
-_CORRELATED_WINDOWS = 4  # in a row whose residuals may be alike
-_TIME_STEP = 0.005  # s; a shorter one sees nothing of lags faster than the odometry
-# A window weighs on those parameters together that the velocity shows, of which there are so many
-# without the drag of the rotors, which is rarely observable.
+_PRIOR_WEIGHT = 1e-6  # of a prior with the natural size of a parameter
+_CORRELATED_WINDOWS = 4  # neighbouring windows with correlated residuals
+_TIME_STEP = 0.005  # s; shorter steps do not resolve lags faster than the odometry
+# Parameters that affect the velocity, without the drag of the rotors, which is rarely observable.
 _VELOCITY_PARAMETERS = 10
 _MIN_WINDOWS = _VELOCITY_PARAMETERS + 2
 
-# No interval is narrower than this share of the value: the model is not truer than that.
+# No interval is narrower than this share of the value, the accuracy of the model.
 _MIN_RELATIVE_WIDTH = 0.01
-# The drag of the rotors is fitted where it is so many half intervals from what is given, once in a
-# hundred times by chance. Else it would only blur the drag of the body.
+# The drag of the rotors is fitted only if it differs from the configured value by this many half
+# intervals (by chance once in a hundred flights), because it blurs the drag of the body.
 _SIGNIFICANT_HALF_WIDTHS = 1.2
 
-_MAX_ODOMETRIES = 30_000  # ten minutes at 50 Hz: more costs memory and adds nothing
-_AVERAGING_TIME = 0.08  # s, of the specific force shown
+_MAX_ODOMETRIES = 30_000  # ten minutes at 50 Hz; more needs memory without a benefit
+_AVERAGING_TIME = 0.08  # s, of the specific force in the figure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +127,7 @@ class _Spread:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Fit:
-    """Parameters, half of their 95 % intervals, and of each were it the only one, all (p,)."""
+    """Parameters, and halves of their 95 % intervals, joint and individual, all (p,)."""
 
     theta: Array
     half_width: Array
@@ -135,9 +135,9 @@ class _Fit:
 
     @property
     def enough(self) -> Array:
-        """Half of an interval that is narrow enough to be of use.
+        """Largest useful half intervals (p,).
 
-        Of drags of body and rotors that are both fitted mostly the sum is observable.
+        If drags of body and rotors are both fitted, mostly their sum is observable.
         """
         p = len(self.theta)
         enough = np.maximum(_MAX_RELATIVE_WIDTHS[:p] * self.theta, _MAX_WIDTHS[:p])
@@ -149,14 +149,14 @@ class _Fit:
 
     @property
     def at_bound(self) -> NDArray[np.bool_]:
-        """What is as large, or as small, as anything searched; but for what may be nothing."""
+        """Whether each parameter is at a bound of its search range, except a bound of 0."""
         theta, p = self.theta, len(self.theta)
         margin = _AT_BOUND * _SIZES[:p]
         low = (theta <= _LOWEST[:p] + margin) & (_LOWEST[:p] != 0.0)
         return np.asarray(_REPORTED[:p] & (low | (theta >= _HIGHEST[:p] - margin)))
 
     def estimates(self, which: NDArray[np.intp], *, free: bool) -> dict[int, ParameterEstimate]:
-        """Return what is found of parameters; those that are held at last are not ``free``."""
+        """Return the estimates of some parameters; ``free`` parameters are not fixed."""
         least = _MIN_RELATIVE_WIDTH * np.abs(self.theta)
         width, enough, at_bound = np.maximum(self.half_width, least), self.enough, self.at_bound
         return {
@@ -172,18 +172,18 @@ class _Fit:
 
 
 def identify(recording: Recording) -> Identification:
-    """Identify the vehicle of a recording, compared with the one in its recorded parameters.
+    """Identify the vehicle of a recording, relative to its recorded parameters.
 
     Args:
-        recording: One vehicle's odometry and the commands that it flew by.
+        recording: Odometry and commands of one vehicle.
 
     Returns:
-        Time constants and delay [s], thrust per mass over that of the given vehicle, drag [1/s],
+        Time constants and delay [s], thrust per mass relative to the recorded vehicle, drag [1/s],
         each with its 95 % interval.
 
     Raises:
         BagError: The recording has too little flight under commands.
-        ArgumentError: It is no recording.
+        ArgumentError: The argument is not a recording.
     """
     instance(recording, "recording", Recording)
     given = MpcConfig.build(recording.parameters_of(MpcConfig))
@@ -198,18 +198,18 @@ def identify(recording: Recording) -> Identification:
 
 
 def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
-    """Fit lags, delay, thrust scale and drag to a flight; of a long one, to parts of it.
+    """Fit lags, delay, thrust scale and drag to a flight, or to parts of a long flight.
 
-    What is not observable is held as ``given``, one after the other, until all others are. Raises
-    :class:`BagError` for a flight that is too short for a confidence.
+    Parameters that are not observable are fixed at the values ``given``, one after the other,
+    until all others are observable. Raises :class:`BagError` if the flight is too short.
     """
     data = measured.thinned(_MAX_ODOMETRIES)
     model = ResponseModel(data)
     windows = len(np.unique(model.blocks[model.in_window > 0.0]))
     if windows < _MIN_WINDOWS:
         raise BagError(
-            f"{windows} stretches of flight of half a second, expected {_MIN_WINDOWS} or more "
-            "under commands: record a longer flight"
+            f"{windows} flight segments of half a second under commands, expected "
+            f"{_MIN_WINDOWS} or more: record a longer flight"
         )
     theta, held = _searched(model, data), _as_given(given, data)[: model.parameters]
     estimates: dict[int, ParameterEstimate] = {}
@@ -255,7 +255,7 @@ def _over_voltage(
     if not data.knows_voltage:
         return None
     exponent = estimates[EXPONENT]
-    # What is not seen reaches a bound by chance.
+    # Without excitation the exponent reaches a bound by chance.
     at_bound = exponent.at_bound and exponent.seen
     return ThrustOverVoltage(
         exponent=dataclasses.replace(exponent, at_bound=at_bound),
@@ -265,9 +265,9 @@ def _over_voltage(
 
 
 def _as_given(given: MpcConfig, data: Measurements) -> Array:
-    """Return the parameters (25,) that a configuration has; the thrust is that of its vehicle.
+    """Return the parameters (25,) of a configuration, with a thrust scale of 1.
 
-    With the voltage it goes only as far as commands compensated for it.
+    The exponent of the voltage is the exponent of the compensation.
     """
     theta = np.zeros(MOST_PARAMETERS)
     theta[RATE_TAU] = per_axis(given.rate_time_constant)
@@ -280,28 +280,28 @@ def _as_given(given: MpcConfig, data: Measurements) -> Array:
 
 
 def _fit(model: ResponseModel, theta: Array, free: NDArray[np.bool_]) -> _Fit:
-    """Return the fit of the parameters that are free, from where they are."""
+    """Fit the free parameters, starting at ``theta`` (p,)."""
     for _ in range(_ROUNDS):
         spread = _spread(model, theta)
         theta = _fitted(model, theta, spread, free)
     half_width, alone = _half_widths(model, theta, spread, free)
-    # What is much faster than the odometry cannot be distinguished from zero.
+    # Lags much shorter than the odometry period cannot be distinguished from zero.
     short = _ARE_TIMES[: len(theta)] & (theta < _TIME_STEP)
     half_width[short] = np.maximum(half_width, theta)[short]
     return _Fit(theta=theta, half_width=half_width, alone=alone)
 
 
 def _unobservable(found: _Fit, free: NDArray[np.bool_], given: Array) -> NDArray[np.intp]:
-    """Return what the flight does not excite, or else what is the least observable, if any.
+    """Return the parameters without excitation, otherwise the least observable parameter, if any.
 
-    One that is held as given may be what the others were mistaken for. Before all others the drag
-    of the rotors that is not apart from what is ``given`` (p,).
+    Only one parameter is returned, as fixing it may make the others observable. The drag of the
+    rotors comes first if it does not differ from the configured value, ``given`` (p,).
     """
     off = np.abs(found.theta - given)[ROTOR_DRAG]
     alike = free[ROTOR_DRAG] & (off <= _SIGNIFICANT_HALF_WIDTHS * found.half_width[ROTOR_DRAG])
     if alike.any():
         return np.asarray(ROTOR_DRAG.start + np.flatnonzero(alike))
-    # What is given is not kept where it is refuted, however roughly.
+    # A configured value is not kept if the flight contradicts it, however roughly.
     vague = free & (np.abs(found.theta - given) <= _SIGNIFICANT_HALF_WIDTHS * found.half_width)
     width = np.where(vague, found.half_width / found.enough, 0.0)
     alone = np.where(free, found.alone / found.enough, 0.0)
@@ -314,10 +314,9 @@ def _unobservable(found: _Fit, free: NDArray[np.bool_], given: Array) -> NDArray
 def _misfit(
     model: ResponseModel, data: Measurements, rates: Array, velocity: Array
 ) -> tuple[float, float]:
-    """Return what of body rates and velocity is neither modelled nor noise, as shares.
+    """Return the residuals of body rates and velocity beyond noise, as shares of their variation.
 
-    Noise is what differs from one odometry to the next; what lasts for longer is not. Shares are
-    of what they vary, but not of less than what can matter.
+    Residuals that last longer than one odometry are not noise. The variation has a lower bound.
     """
     inside = model.in_window > 0.0
     neighbours = np.diff(model.usable) == 1
@@ -343,7 +342,7 @@ def _lasting(left: Array, steps: Array, varied: float) -> float:
 
 
 def _searched(model: ResponseModel, data: Measurements) -> Array:
-    """Return the best parameters of a grid of time constants and delays, the torque's 0."""
+    """Return the best parameters of a grid of time constants and delays, without torque lags."""
     measured = data.w_WB_B[model.usable]
     shape = (len(_TIME_CONSTANTS), len(_DELAYS))
     rate_cost, thrust_cost = np.empty((*shape, 3)), np.empty(shape)
@@ -366,7 +365,7 @@ def _searched(model: ResponseModel, data: Measurements) -> Array:
             A, b = columns.reshape(-1, columns.shape[-1]), left.ravel()
             linear[i, j] = np.linalg.lstsq(A, b, rcond=1e-6)[0]
             thrust_cost[i, j] = np.sum((b - A @ linear[i, j]) ** 2)
-    # The delay is one, and the channels are weighed by what each leaves at its best.
+    # All channels share the delay; each is weighted by its smallest residuals.
     total = sum(
         np.min(cost, axis=0) / _scale(cost, _MIN_SPREAD_RATE, len(measured))
         for cost in np.moveaxis(rate_cost, -1, 0)
@@ -388,7 +387,7 @@ def _scale(cost: Array, least_spread: float, count: float) -> float:
 
 
 def _spread(model: ResponseModel, theta: Array) -> _Spread:
-    """Return the spread of the residuals, by their median, which outliers do not move."""
+    """Return the spread of the residuals from their median, which is robust to outliers."""
     rates, velocity = model.residuals(theta)
     inside = velocity[model.in_window > 0.0]
     return _Spread(
@@ -430,18 +429,18 @@ def _fitted(model: ResponseModel, start: Array, spread: _Spread, free: NDArray[n
 def _half_widths(
     model: ResponseModel, theta: Array, spread: _Spread, fitted: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Return half of the 95 % interval of what is fitted, and of each were it the only one.
+    """Return half of the 95 % intervals of fitted parameters, joint and individual.
 
-    Residuals next to each other are alike (gusts, what the model leaves out), so their number
-    says too much. The covariance is the sandwich H^-1 M H^-1 (Huber 1967; White 1980) whose M
-    sums the gradients window by window, and neighbouring windows with falling weights (Newey and
-    West 1987). It is taken no smaller than H^-1, that of independent residuals of the assumed
-    spread, and knows of no error that lasts the whole flight. The second is from the diagonal of
-    H: how much the flight says of a parameter if all others were known.
+    Neighbouring residuals are correlated (gusts, effects that are not modelled), so their number
+    overstates the information. The covariance is the sandwich H^-1 M H^-1 (Huber 1967; White 1980)
+    whose M sums the gradients window by window, and neighbouring windows with decreasing weights
+    (Newey and West 1987). The covariance is at least H^-1, valid for independent residuals of the
+    assumed spread, and excludes errors that last the whole flight. The second result comes from
+    the diagonal of H: the information about a parameter if all others were known.
     """
     H, gradients = _curvature_and_gradients(model, theta, spread)
     count = len(gradients)
-    # Where a bound holds the fit back the gradients do not cancel: only their scatter counts.
+    # At a bound of the fit the gradients do not cancel, so only their scatter is used.
     gradients -= gradients.mean(axis=0)
     M = gradients.T @ gradients
     for lag in range(1, _CORRELATED_WINDOWS + 1):
@@ -451,7 +450,7 @@ def _half_widths(
     variance = np.zeros(len(theta))
     lowest, highest, sizes = (each[: len(theta)] for each in (_LOWEST, _HIGHEST, _SIZES))
     inside = (theta > lowest + _AT_BOUND * sizes) & (theta < highest - _AT_BOUND * sizes)
-    # A drag at its lower bound is as uncertain as the other drag permits.
+    # The uncertainty of a drag at its lower bound depends on the other drag.
     inside[DRAG] = inside[ROTOR_DRAG] = True
     for free in (fitted, fitted & inside):
         block = np.ix_(free, free)
@@ -481,8 +480,8 @@ def _curvature_and_gradients(
 
 
 def _variances(H: Array, M: Array, sizes: Array) -> Array:
-    """Return the diagonal of H^-1 M H^-1, or of H^-1 where that is larger."""
-    # A parameter that nothing depends on would make H singular; this makes it just unknown.
+    """Return the diagonal of H^-1 M H^-1, or of H^-1 where the latter is larger."""
+    # The prior keeps H regular if no residual depends on a parameter.
     inverse = np.linalg.pinv(H + np.diag(_PRIOR_WEIGHT / sizes**2), hermitian=True)
     return np.asarray(np.maximum(np.diag(inverse @ M @ inverse), np.diag(inverse)))
 
@@ -521,7 +520,7 @@ def _specific_force(model: ResponseModel, data: Measurements, theta: Array) -> F
 
 
 def _whole(model: ResponseModel, first: NDArray[np.intp], stride: int) -> NDArray[np.bool_]:
-    """Return which stretches from ``first`` on lie in usable windows."""
+    """Return which intervals from ``first`` on are in usable windows."""
     sums = np.concatenate(([0.0], np.cumsum(model.in_window)))
     return np.asarray(sums[first + stride + 1] - sums[first] >= stride + 1)
 

@@ -1,7 +1,7 @@
-"""Commands that are held, and what follows them through the controller's rate loop.
+"""Response of the controller's rate-loop model to commands held constant.
 
-Exact at any time (:mod:`quad_mpc_ros.control.model.rate_loop`); a lag of first order without a
-lag of the torque.
+Exact at any time (:mod:`quad_mpc_ros.control.model.rate_loop`). Without a torque lag the response
+is a first-order lag.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _SHORTEST = 1e-12  # s
 class LaggedCommands:
     """The response y to commands c, each held until the next.
 
-    Without delay: a delay only shifts the time that is asked for.
+    The response has no delay, which only shifts the time.
     """
 
     def __init__(
@@ -33,9 +33,10 @@ class LaggedCommands:
         time_constant: ArrayLike,
         torque_time_constant: ArrayLike = 0.0,
     ) -> None:
-        """Take the commands (m, k) from ``time`` (m,) [s] on, ascending; y begins at rest there.
+        """Take the commands (m, k) from ``time`` (m,) [s] on, ascending.
 
-        At rest is: equal to the first command. Time constants, tau and T [s], are one, or k.
+        y starts at rest, equal to the first command. The time constants tau and T [s] are one
+        number or k numbers.
         """
         self._time, self._command = time, np.ascontiguousarray(command)
         self._lags = np.empty((2, command.shape[1]))
@@ -47,11 +48,11 @@ class LaggedCommands:
         return self._responses(time, self._index(time), np.zeros_like(time))[..., 0]
 
     def means(self, time: Array, duration: Array) -> tuple[Array, Array]:
-        """Return the means (n, k) of y and of y^2 over stretches that no command divides.
+        """Return the means (n, k) of y and of y^2 over intervals without a new command.
 
         The mean of y^2 is exact for a lag of first order.
         """
-        # By a time inside the stretch, so that rounding at its edge picks no other command.
+        # Use a time inside the stretch, so that rounding at its edge selects no other command.
         index = self._index(time + 0.5 * duration)
         responses = self._responses(time, index, duration)
         return responses[..., 1], responses[..., 2]
@@ -68,7 +69,7 @@ class LaggedCommands:
 
 @compiled
 def _starts(command: Array, duration: Array, lags: Array) -> Array:
-    """Return y and its slope (m, k, 2) as each command begins."""
+    """Return y and its slope (m, k, 2) at the start of each command."""
     starts = np.zeros((*command.shape, 2))
     for k in range(command.shape[1]):
         y, slope = command[0, k], 0.0

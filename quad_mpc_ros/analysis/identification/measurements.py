@@ -1,4 +1,4 @@
-"""What an identification is fitted to: the motion, and the commands by the stamps they answer."""
+"""Measurements for an identification: motion, and commands by the stamps that they answer."""
 
 from __future__ import annotations
 
@@ -22,28 +22,29 @@ from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received, Stam
 from quad_mpc_ros.recordings.run import RecordedRun
 
 RECORDED = (COMMAND, ENGAGED, BATTERY)
-"""What is asked of a recording beside its odometry."""
+"""Topics that are read in addition to odometry."""
 
-# Perhaps on the ground: this near to where it stood, if it ever went this far from there [m].
+# Possibly on the ground: within the first distance of the start or end, if the vehicle ever went
+# beyond the second one [m].
 _GROUND_RADIUS, _LEFT_RADIUS = 0.05, 0.3
 _REST_SPEED = 0.3  # m/s
-# After the first command the state of the actuators is unknown for so long [s].
+# The state of the actuators is unknown for this time after the first command [s].
 _SETTLING = 0.3
 _COMMAND_AGE = 0.5  # s
 _VOLTAGE_AGE = 5.0  # s
-_MAX_VALUE = 1e3  # rad/s; no vehicle turns at more, and no throttle is larger
+_MAX_VALUE = 1e3  # rad/s; larger rates and throttles are invalid
 _MIN_DATA = 50
-_BLOCK_DURATION = 5.0  # s of a long flight that are kept together
+_BLOCK_DURATION = 5.0  # s, of the parts of a long flight
 _PER_ODOMETRY = ("time", "p_WB", "v_WB_W", "R_WB", "w_WB_B", "voltage")
 _PER_COMMAND = ("command_time", "throttle", "w_command")
 
 
 @dataclass(frozen=True, kw_only=True)
 class VoltageMap:
-    """How a bridge compensated for the voltage in the flight: ``thrust_map`` of its parameters.
+    """Voltage compensation of the bridge in the flight: ``thrust_map`` of its parameters.
 
-    It scaled the thrust by the voltage over ``battery_voltage`` [V], to the power
-    ``battery_exponent``; with a voltage of 0, or a power of 0, it left that out.
+    The bridge scaled the thrust by (voltage / ``battery_voltage`` [V]) to the power
+    ``battery_exponent``. A voltage or an exponent of 0 disables the compensation.
     """
 
     battery_voltage: float = 0.0
@@ -51,7 +52,7 @@ class VoltageMap:
 
     @property
     def compensated(self) -> float:
-        """Power of the voltage that commands compensated for."""
+        """Exponent of the voltage with which commands were compensated."""
         return self.battery_exponent if self.battery_voltage > 0.0 else 0.0
 
 
@@ -61,17 +62,17 @@ NO_VOLTAGE_MAP = VoltageMap()
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measurements:
-    """n odometries and m commands, in order of time [s], which starts with the first odometry.
+    """n odometries and m commands, in order of time [s] since the first odometry.
 
     Shapes: ``p_WB``, ``v_WB_W``, ``w_WB_B`` (n, 3); ``R_WB`` (n, 3, 3); ``throttle`` (m,) in 0 to
     1; ``w_command`` (m, 3) [rad/s]. A command's time is the stamp of the odometry it answers.
-    ``usable`` (n,) is true where the vehicle flies and acts on commands.
-    ``command_age`` is the median time from that stamp to the command's publication [s], NaN where
-    the clocks differ. ``vehicle`` is the one that the thrust is compared with.
+    ``usable`` (n,) is true where the vehicle flies and executes commands. ``command_age`` is the
+    median time from the stamp of the odometry to the command's publication [s], NaN if the clocks
+    differ. The thrust is relative to the thrust of ``vehicle``.
 
-    ``voltage`` (n,) [V] is the battery's as a bridge smooths it, NaN throughout where it is not
-    known all the flight; at ``reference_voltage`` [V] the thrust is that of the fit's scale.
-    Commands have already compensated for the power ``compensated`` of their ratio.
+    ``voltage`` (n,) [V] is smoothed as in a bridge, and NaN everywhere if a part of the flight has
+    no voltage. The thrust scale of the fit holds at ``reference_voltage`` [V]. Commands were
+    already compensated with the exponent ``compensated``.
     """
 
     time: Array
@@ -91,7 +92,7 @@ class Measurements:
 
     @property
     def knows_voltage(self) -> bool:
-        """Whether the voltage is known, all the flight."""
+        """Whether the voltage was recorded during the whole flight."""
         return not math.isnan(self.reference_voltage)
 
     @property
@@ -101,13 +102,13 @@ class Measurements:
 
     @property
     def flown(self) -> float:
-        """Time that the vehicle flies and acts on commands [s]."""
+        """Time in which the vehicle flies and executes commands [s]."""
         return float(np.count_nonzero(self.usable) * self.period)
 
     def thinned(self, most: int) -> Measurements:
-        """Return about ``most`` odometries at most, in blocks spread evenly over the flight.
+        """Return about ``most`` odometries, in blocks spread evenly over the flight.
 
-        The commands are those before and in the blocks.
+        Commands in the blocks and in the block before each are kept.
         """
         if len(self.time) <= most:
             return self
@@ -115,7 +116,7 @@ class Measurements:
         numbers = np.unique(block[self.usable])
         kept = numbers[:: -(-np.count_nonzero(self.usable) // most)]
         chosen = np.isin(block, kept)
-        # Nothing is measured across a gap.
+        # No measurement spans a gap.
         usable = self.usable & np.append(chosen[1:], True)
         command_block = np.floor(self.command_time / _BLOCK_DURATION)
         commanded = np.isin(command_block, kept) | np.isin(command_block + 1, kept)
@@ -134,9 +135,9 @@ def measurements_of(
     twist_frame: str,
     voltage_map: VoltageMap = NO_VOLTAGE_MAP,
 ) -> Measurements:
-    """Return the measurements of a recording with its twist in the ``child`` or ``world`` frame.
+    """Return the measurements of a recording with the twist in the ``child`` or ``world`` frame.
 
-    Raises :class:`BagError` for one without commands, or with too little flight under them.
+    Raises :class:`BagError` without commands, or with too little flight under commands.
     """
     places = _usable_places(run.odometries)
     command_ns, throttle, w_command = _usable_commands(run.commands)
@@ -144,7 +145,7 @@ def measurements_of(
         raise BagError(f"{run.bag}: {len(places)} usable odometries, expected {_MIN_DATA} or more")
     if len(command_ns) < 2:
         raise BagError(
-            f"{run.bag}: {len(command_ns)} commands, expected those of the flight, "
+            f"{run.bag}: {len(command_ns)} commands, expected the flight's commands, "
             "geometry_msgs/msg/TwistStamped with the throttle in linear.z, on a topic that ends "
             "in /command or on --command-topic"
         )
@@ -165,10 +166,10 @@ def measurements_of(
     usable = _flying(p_WB, v) & _commanded(time, command_time) & acting
     if np.count_nonzero(usable) < _MIN_DATA:
         raise BagError(
-            f"{run.bag}: {np.count_nonzero(usable)} odometries of a flight under commands, "
+            f"{run.bag}: {np.count_nonzero(usable)} odometries in flight under commands, "
             f"expected {_MIN_DATA} or more; the commands are stamped {command_time[0]:.3f} s to "
-            f"{command_time[-1]:.3f} s after the first odometry, the odometries until "
-            f"{time[-1]:.3f} s, and commands acted on {np.mean(acting):.0%} of them"
+            f"{command_time[-1]:.3f} s after the first odometry, the odometries end at "
+            f"{time[-1]:.3f} s, and commands were active for {np.mean(acting):.0%} of them"
         )
     voltage = _smoothed(run.voltages, recorded_ns, usable=usable)
     return Measurements(
@@ -190,7 +191,7 @@ def measurements_of(
 
 
 def recorded_bridge(parameters: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Any]:
-    """Return the parameters of the bridge among recorded nodes; empty without one."""
+    """Return the parameters of the bridge among recorded nodes; empty without a bridge."""
     for values in parameters.values():
         if any(name.startswith("thrust_map.") for name in values):
             return values
@@ -198,7 +199,7 @@ def recorded_bridge(parameters: Mapping[str, Mapping[str, Any]]) -> Mapping[str,
 
 
 def recorded_voltage_map(parameters: Mapping[str, Mapping[str, Any]]) -> VoltageMap:
-    """Return the voltage compensation of the bridge among recorded nodes; none without one."""
+    """Return the voltage compensation of the recorded bridge; none without a bridge."""
     values = recorded_bridge(parameters)
     if not values.get("thrust_map.battery_voltage"):
         return NO_VOLTAGE_MAP
@@ -209,7 +210,7 @@ def recorded_voltage_map(parameters: Mapping[str, Mapping[str, Any]]) -> Voltage
 
 
 def _usable_places(odometries: OdometryLog) -> NDArray[np.intp]:
-    """Return where what is fit for use is, in order of stamps, each stamp once."""
+    """Return the indices of valid odometries, in order of stamps, each stamp once."""
     fit = [odometry_fault(each.value, frame_id=each.value.frame_id) is None for each in odometries]
     places = np.flatnonzero(fit)
     _, first = first_by_stamp(odometries.stamp_ns[places])
@@ -217,9 +218,9 @@ def _usable_places(odometries: OdometryLog) -> NDArray[np.intp]:
 
 
 def _usable_commands(commands: CommandLog) -> tuple[Stamps, Array, Array]:
-    """Return stamps (m,), ascending, throttle (m,) and rates (m, 3) of what can be used."""
+    """Return ascending stamps (m,), throttle (m,) and rates (m, 3) of valid commands."""
     throttle, rates = commands.values.column("throttle"), commands.values.column("w_WB_B")
-    # NaN compares with nothing, and so is not within the limit.
+    # Comparisons with NaN are false, so NaN is invalid.
     usable = (np.abs(throttle) <= _MAX_VALUE) & np.all(np.abs(rates) <= _MAX_VALUE, axis=1)
     places = np.flatnonzero(usable)
     stamp_ns, first = first_by_stamp(commands.stamp_ns[places])
@@ -227,10 +228,10 @@ def _usable_commands(commands: CommandLog) -> tuple[Stamps, Array, Array]:
 
 
 def _flying(p_WB: Array, v_WB_W: Array) -> NDArray[np.bool_]:
-    """Return when the vehicle is surely not on the ground.
+    """Return at which odometries (n,) the vehicle is certainly not on the ground.
 
-    Where it stood still at the beginning or the end, and as near to there, it may have been: the
-    ground holds what no model of flight explains. One that never leaves its place hovers.
+    Near its first and last position the vehicle may be on the ground, where ground forces act. A
+    vehicle that stays at its position counts as hovering.
     """
     flying = np.ones(len(p_WB), dtype=bool)
     for order in (slice(None), slice(None, None, -1)):
@@ -243,7 +244,7 @@ def _flying(p_WB: Array, v_WB_W: Array) -> NDArray[np.bool_]:
 
 
 def _commanded(time: Array, command_time: Array) -> NDArray[np.bool_]:
-    """Return when a command is young enough to be followed, and the first one is history."""
+    """Return at which odometries (n,) commands are recent and the first command is long ago."""
     place = np.searchsorted(command_time, time, side="right") - 1
     age = time - command_time[np.maximum(place, 0)]
     return np.asarray((place >= 0) & (age < _COMMAND_AGE) & (time > command_time[0] + _SETTLING))
@@ -252,9 +253,9 @@ def _commanded(time: Array, command_time: Array) -> NDArray[np.bool_]:
 def _acting(
     engagements: Sequence[Received[bool]], recorded_ns: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Return whether the vehicle acted on commands when each odometry was recorded [ns].
+    """Return whether the vehicle executed commands at the log time of each odometry (n,) [ns].
 
-    And had done so for long enough; before the first report it is assumed to.
+    After each engagement, some time must pass. Initially, commands count as executed.
     """
     acting = np.ones(len(recorded_ns), dtype=bool)
     acts = True
@@ -274,9 +275,9 @@ def _smoothed(
     *,
     usable: NDArray[np.bool_],
 ) -> Array:
-    """Return the smoothed voltage when each odometry was recorded (n,) [V], or NaN throughout.
+    """Return the smoothed voltage at each odometry (n,) [V].
 
-    That is where one that is ``usable`` (n,) is too far from a measured voltage.
+    NaN everywhere if a ``usable`` (n,) odometry is too far from the next measured voltage.
     """
     smoothed = SmoothedVoltage()
     times_ns, values = [], []
@@ -294,7 +295,7 @@ def _smoothed(
 
 
 def _reference_voltage(voltage: Array, given: VoltageMap) -> float:
-    """Return the voltage of the map, or the mean of the flight (n,); NaN where that is [V]."""
+    """Return the voltage of the map, or the mean of the flight; NaN without voltage [V]."""
     mean = float(np.mean(voltage))
     return given.battery_voltage if given.battery_voltage and not math.isnan(mean) else mean
 

@@ -1,4 +1,4 @@
-"""The model that is fitted, and by how much measurements differ from it.
+"""Response model of the identification, its residuals and their derivatives.
 
 Commands act after the delay d; the throttle follows them with a first-order lag, the body rates
 with a loop of second order,
@@ -8,12 +8,11 @@ with a loop of second order,
     dv/dt = g + (k T(s)/m + k_h (u_x^2 + u_y^2)) R e3 - R D R' v + a,   u = R' v,
     D = diag(mu + nu sqrt(k T(s)/(m g))),
 
-which is the prediction model of the controller without its bound on the acceleration. tau_w, T and
-gamma are those of each axis, as mu and nu are. Where the battery's voltage V was recorded, k is
-that at V_r times (V / V_r)^n; commands may have compensated for part of n already. Both lags are
-followed exactly from edge to edge of the commands, wherever those lie between the odometries. The
-velocity is compared over windows, each with a separate start: errors do not accumulate, and
-nothing is differentiated.
+which is the prediction model of the controller without its bound on the acceleration. tau_w, T,
+gamma, mu and nu have a value for each axis. With a recorded battery voltage V, k is its value at
+V_r times (V / V_r)^n; commands may already compensate for a part of n. Both lags are integrated
+exactly between command times, which may be anywhere between odometries. The velocity is compared
+over windows, each with a separate start: errors do not accumulate, and nothing is differentiated.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from quad_mpc_ros.control.lie import Array, so3
 class Linear(Record):
     """The parameters in which the velocity is linear."""
 
-    scale: float  # thrust over that of the given vehicle
+    scale: float  # thrust relative to the configured vehicle
     drag: Vector3  # 1/s
     lift: float  # 1/m
     rotor_drag: Vector3  # 1/s
@@ -41,7 +40,7 @@ class Linear(Record):
 
 
 class Parameters(Record):
-    """All parameters; the fit sees them as a vector (p,)."""
+    """All parameters; the fit uses them as a vector (p,)."""
 
     rate_tau: Vector3  # time constants of the body rates [s]
     torque_tau: Vector3  # of their torques [s]
@@ -50,11 +49,11 @@ class Parameters(Record):
     delay: float  # s
     linear: Linear
     rate_bias: Vector3  # of the measured body rates [rad/s]
-    exponent: float  # power of the voltage; left out where that is not known
+    exponent: float  # of the voltage; left out without a recorded voltage
 
 
 def _places(dtype: np.dtype[Any], start: int = 0) -> dict[str, slice]:
-    """Return where each field is in a record that is seen as a vector."""
+    """Return the slice of each field in a record that is viewed as a vector."""
     found = {}
     for name, (field, offset, *_) in (dtype.fields or {}).items():
         begin = start + offset // np.dtype(np.float64).itemsize
@@ -64,7 +63,7 @@ def _places(dtype: np.dtype[Any], start: int = 0) -> dict[str, slice]:
 
 
 PLACES = _places(Parameters.dtype)
-"""Where each parameter is in a vector of them; one number is a slice of one."""
+"""Slices of the parameters in their vector."""
 RATE_TAU, RATE_GAIN, RATE_BIAS = (PLACES[f"rate_{name}"] for name in ("tau", "gain", "bias"))
 TORQUE_TAU = PLACES["torque_tau"]
 DRAG, ROTOR_DRAG, ACCELERATION = (PLACES[name] for name in ("drag", "rotor_drag", "acceleration"))
@@ -80,16 +79,16 @@ WINDOW = 0.5  # s
 _MIN_IN_WINDOW = 5
 _MAX_GAP_PERIODS = 3.0  # periods
 _STEP_SIZE = 1e-4  # s
-# The thrust's direction is that in the middle of a stretch [s].
+# Each stretch has the direction of thrust in its middle [s].
 _MAX_SUBSTEP = 0.01
-_MAX_SUBSTEPS = 50  # in a gap, whose far side is in another window anyway
+_MAX_SUBSTEPS = 50  # in a gap, whose ends are in different windows
 
 
 class ResponseModel:
     """Residuals of body rates (u, 3) and velocity (n, 3), with their derivatives.
 
-    u are the usable ones of n odometries; the velocity's are zero outside of windows. ``blocks``
-    is the window of each odometry, ``parameters`` how many of those there are, p.
+    u of n odometries are usable; velocity residuals are zero outside of windows. ``blocks`` is the
+    window of each odometry, ``parameters`` the number of parameters, p.
     """
 
     def __init__(self, data: Measurements) -> None:
@@ -103,7 +102,7 @@ class ResponseModel:
         mean_voltage = 0.5 * (data.voltage[:-1] + data.voltage[1:])
         self._log_voltage = np.log(mean_voltage / data.reference_voltage)
         self._grid = _divided(data.time)
-        # The last few are kept: a delay only shifts them.
+        # The last responses are cached, because a delay only shifts them.
         self._lag = functools.lru_cache(maxsize=8)(self._response)
 
     def rates(self, theta: Array) -> Array:
@@ -111,9 +110,9 @@ class ResponseModel:
         return self._rate_lag(theta).at(self._data.time[self.usable] - theta[DELAY])
 
     def _thrust_impulse(self, theta: Array) -> tuple[Array, Array]:
-        """Return what the modelled thrust adds to the velocity between odometries (n-1, 3).
+        """Return the velocity changes (n-1, 3) [m/s] from the modelled thrust between odometries.
 
-        Second is the mean speed of the rotors there (n-1,), over that of hover.
+        The second result is the mean rotor speed (n-1,), relative to hover.
         """
         data, vehicle, delay = self._data, self._data.vehicle, theta[DELAY]
         edges = data.command_time + delay
@@ -146,10 +145,11 @@ class ResponseModel:
         duration: Array,
         interval: NDArray[np.intp],
     ) -> Array:
-        """Return the thrust's direction in the world in the middle of stretches (k, 3).
+        """Return the thrust direction in the world in the middle of intervals (k, 3).
 
-        From each measured attitude it turns as the modelled rates do, and what is then missing to
-        the next measured one is spread evenly: commands change the rates within an interval.
+        From each measured attitude the direction is rotated by the modelled rates, because
+        commands change the rates within an interval. The difference to the next measured attitude
+        is distributed evenly.
         """
         half = 0.5 * duration
         first = half[:, None] * rates.means(start - delay, half)
@@ -163,10 +163,7 @@ class ResponseModel:
         return np.asarray((self._data.R_WB[interval] @ so3.exp(turn))[..., 2])
 
     def increments(self, theta: Array) -> Array:
-        """Return the derivatives (n-1, 3, 10) of the velocity gained between odometries.
-
-        They are by the parameters of :class:`Linear`.
-        """
+        """Return the derivatives (n-1, 3, 10) of velocity changes with respect to Linear."""
         columns = Linear.zeros(len(self._interval), 3)
         columns["scale"], speed = self._thrust_impulse(theta)
         if self._data.knows_voltage:
@@ -180,9 +177,10 @@ class ResponseModel:
         return np.asarray(columns).view(np.float64).reshape(*columns.shape, -1)
 
     def velocity_columns(self, theta: Array) -> tuple[Array, Array]:
-        """Return what the velocity is without thrust, and its derivatives (n, 3, 10).
+        """Return the velocity (n, 3) without gravity and its derivatives (n, 3, 10).
 
-        Both are relative to their windows; the derivatives are those of :meth:`increments`.
+        Both results are relative to the means of their windows. The derivatives are sums of the
+        derivatives of :meth:`increments`.
         """
         return self._relative_to_windows(self.increments(theta))
 
@@ -193,7 +191,7 @@ class ResponseModel:
         return self.relative(left), self.relative(_summed(columns))
 
     def relative(self, values: Array) -> Array:
-        """Return values (n, ...) less the mean of their window, and zero outside of windows."""
+        """Return values (n, ...) minus the mean of their window, and zero outside of windows."""
         flat = values.reshape(len(values), -1)
         count = np.bincount(self.blocks, self.in_window, minlength=self.blocks[-1] + 1)
         mean = (
@@ -218,9 +216,9 @@ class ResponseModel:
     def jacobians(self, theta: Array, *, difference: float = _STEP_SIZE) -> tuple[Array, Array]:
         """Return the derivatives of both residuals, (u, 3, p) and (n, 3, p).
 
-        Those by times are central differences over ``difference`` [s] to both sides. Lags and
-        gains of the rates move the velocity only by how the thrust turns between two odometries,
-        with measured attitudes: that is left out.
+        Derivatives with respect to times are central differences over ``difference`` [s] to both
+        sides. The small effect of lags and gains of the rates on the velocity, through the
+        direction of thrust between two measured attitudes, is neglected.
         """
         rates = np.zeros((len(self.usable), 3, self.parameters))
         velocity = np.zeros((len(self._data.time), 3, self.parameters))
@@ -245,7 +243,7 @@ class ResponseModel:
             by_tau = theta[RATE_GAIN] * (slower - faster) / span
             for axis in range(3):
                 rates[:, axis, constants.start + axis] = -by_tau[:, axis]
-        # Over more than rounding: at edges of the commands the residuals have kinks.
+        # The difference is larger than rounding, because residuals have kinks at commands.
         for parameter in (THRUST_TAU, DELAY):
             above, below, span = _beside(theta, parameter, difference)
             high, low = self.residuals(above), self.residuals(below)
@@ -259,7 +257,7 @@ class ResponseModel:
     def _response(
         self, channel: str, time_constant: tuple[float, ...], torque: tuple[float, ...]
     ) -> LaggedCommands:
-        """Return how ``rate``, the body rates, or ``thrust``, the throttle, follows commands."""
+        """Return the response of the body rates (``rate``) or of the throttle (``thrust``)."""
         data = self._data
         command = data.w_command if channel == "rate" else data.throttle[:, None]
         return LaggedCommands(
@@ -268,13 +266,13 @@ class ResponseModel:
 
 
 class _Rates(NamedTuple):
-    """Body rates that follow their commands with a gain each."""
+    """Modelled body rates with a gain for each axis."""
 
     lag: LaggedCommands
     gain: Array
 
     def means(self, time: Array, duration: Array) -> Array:
-        """Return the means (n, 3) over stretches that no command divides."""
+        """Return the means (n, 3) [rad/s] over intervals without a new command."""
         return np.asarray(self.gain * self.lag.means(time, duration)[0])
 
 
@@ -285,7 +283,7 @@ def _key(time_constants: ArrayLike) -> tuple[float, ...]:
 def _beside(
     theta: Array, parameters: int | slice, difference: float
 ) -> tuple[Array, Array, Array]:
-    """Return parameters with times a difference longer and shorter, and how far they are apart."""
+    """Return parameters with longer and with shorter times, and the difference of these times."""
     above, below = theta.copy(), theta.copy()
     above[parameters] += difference
     below[parameters] = np.maximum(below[parameters] - difference, 0.0)
@@ -293,10 +291,7 @@ def _beside(
 
 
 def _air_columns(data: Measurements) -> tuple[Array, Array]:
-    """Return what drag of one along each axis, and lift of one, add to the velocity.
-
-    Shapes (n-1, 3, 3) and (n-1, 3).
-    """
+    """Return velocity changes (n-1, 3, 3) per drag of each axis, and (n-1, 3) per lift."""
     v_WB_B = np.einsum("nji,nj->ni", data.R_WB, data.v_WB_W)
     drag = -data.R_WB * v_WB_B[:, None, :]
     across = np.sum(v_WB_B[:, :2] ** 2, axis=1)
@@ -309,9 +304,9 @@ def _air_columns(data: Measurements) -> tuple[Array, Array]:
 
 
 def _divided(time: Array) -> Array:
-    """Return times with others between them, none further apart than the longest stretch.
+    """Return times with inserted times, at most the longest interval apart.
 
-    But for gaps, which may be of any length where a clock was set.
+    Gaps may have any length, because a clock may have been set.
     """
     parts = np.clip(np.ceil(np.diff(time) / _MAX_SUBSTEP), 1.0, _MAX_SUBSTEPS)
     parts = parts.astype(np.intp)
@@ -327,7 +322,7 @@ def _summed(increments: Array) -> Array:
 
 
 def _windows(data: Measurements) -> tuple[NDArray[np.intp], Array]:
-    """Return the window of each odometry, and 1 for those in one that can be used, else 0."""
+    """Return the window of each odometry (n,), and 1 for odometries in usable windows, else 0."""
     longest_gap = _MAX_GAP_PERIODS * data.period
     block = np.zeros(len(data.time), dtype=np.intp)
     current, start = 0, data.time[0]

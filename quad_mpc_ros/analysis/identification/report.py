@@ -19,12 +19,12 @@ from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.control.config import MpcConfig
 
 _WIDTH = 80
-# Of what the body rates and the velocity vary: what the model may leave beyond noise.
+# Largest residuals beyond noise, as shares of the variation of body rates and velocity.
 _MAX_MISFIT = {"body rates": 0.45, "velocity": 0.2}
 
 _NO_TURNING = "the commanded body rates hardly changed"
-_NO_SPEED = "the velocity hardly changed along it"
-# The flights that excite what one did not: about one place, and with several m/s.
+_NO_SPEED = "the velocity along this axis hardly changed"
+# Flights that excite missing parameters: near one place, and at several m/s.
 _SWEEP_OPTIONS = ("--reference excitation", "--duration 21")
 _WIDE_SWEEP_OPTIONS = (
     *_SWEEP_OPTIONS,
@@ -35,8 +35,8 @@ _WIDE_SWEEP_OPTIONS = (
 _SWEEP_SPACE, _WIDE_SWEEP_SPACE = "4 m by 4 m by 2 m", "12 m by 12 m by 4 m"
 _NEED_SPEED = ("drag", "translational_lift")
 _UNSURE_TEXT = (
-    "too uncertain to be used: the effect cannot be distinguished from that of others (fly more "
-    "dynamically, or record more odometries a second), or the vehicle is not as the model says "
+    "too uncertain to be used: the effect cannot be distinguished from other effects (fly more "
+    "dynamically, or record more odometries a second), or the vehicle differs from the model "
     "(one delay, no bound on torques)"
 )
 _OF_AXES = "rate_time_constant", "torque_time_constant", "rate_gain", "drag", "rotor_drag"
@@ -45,7 +45,7 @@ _RATE_AXES, _BODY_AXES = ("roll", "pitch", "yaw"), ("x", "y", "z")
 
 @dataclass(frozen=True)
 class _Row:
-    """A number of the vehicle: name, unit, value given, estimate, reasons if it is unusable."""
+    """A parameter: name, unit, configured value, estimate, reasons if the estimate is unusable."""
 
     label: str
     unit: str
@@ -63,8 +63,8 @@ def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
         pairs = zip(axes, per_axis(getattr(given, name)), getattr(found, name), strict=True)
         return [_Row(f"{name} {axis}", unit, before, it, unseen) for axis, before, it in pairs]
 
-    scale, no_thrust = found.thrust_scale, "no thrust was seen: fly longer, off the ground"
-    # Drag of the rotors that is not observable is part of the drag, and nothing is missing.
+    scale, no_thrust = found.thrust_scale, "no thrust: fly longer, off the ground"
+    # Drag of the rotors that is not observable is included in the drag.
     rotor_drag = each("rotor_drag", _BODY_AXES, "1/s", _NO_SPEED)
     return [
         *each("rate_time_constant", _RATE_AXES, "ms", _NO_TURNING),
@@ -80,7 +80,7 @@ def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
 
 
 def _voltage_rows(found: Identification) -> list[_Row]:
-    """Return what is fitted only with a recorded battery; no flight is proposed for it."""
+    """Return the row of the voltage; empty without a recorded battery."""
     over = found.over_voltage
     if over is None:
         return []
@@ -99,17 +99,17 @@ def _voltage_rows(found: Identification) -> list[_Row]:
 def identification_table(
     found: Identification, given: MpcConfig, *, command_age: float, file: Path | None = None
 ) -> str:
-    """Return what was found beside what was given as lines of text, at most 80 columns wide.
+    """Return configured and estimated values as lines of text, at most 80 columns wide.
 
-    ``command_age`` [s] is that of :class:`Measurements`, NaN to leave it out; ``file`` is the
-    parameter file to be written, for the next flight.
+    ``command_age`` [s] is from :class:`Measurements`, NaN omits it; ``file`` is the vehicle file
+    to be written, for the next flight.
     """
     reported = [*_rows(found, given), *_voltage_rows(found)]
     values = [("", "given", "found", "+- 95 %"), *map(_cells, reported)]
     rows = [
         *text_table(values, align="lrrr", widths=(27, 7, 15, 10), gap=" "),
         "",
-        f"flown under commands {found.flown:.1f} s; left over: body rates "
+        f"flown under commands {found.flown:.1f} s; residuals: body rates "
         f"{found.rate_residual:.3g} rad/s, velocity {found.velocity_residual:.3g} m/s RMS",
     ]
     for note in _notes(found, given, command_age):
@@ -118,9 +118,9 @@ def identification_table(
 
 
 def proposal(found: Identification, given: MpcConfig, *, file: Path | None) -> list[str]:
-    """Return lines that name the flight which would show what is missing; none if nothing is.
+    """Return lines with a flight that excites the missing parameters; empty if none is missing.
 
-    It is flown with the parameter ``file`` of this fit, if that is usable.
+    The flight uses the vehicle ``file`` of this fit, if the fit is usable.
     """
     refused = refusal(found) is not None
     missing = [row.label for row in _rows(found, given) if not row.estimate.observable]
@@ -132,20 +132,20 @@ def proposal(found: Identification, given: MpcConfig, *, file: Path | None) -> l
     room = _WIDE_SWEEP_SPACE if wide else _SWEEP_SPACE
     return [
         "",
-        f"This flight would show more, in {room} (docs/howto/references.md, excitation):",
+        f"An excitation flight identifies more, in {room} (docs/howto/references.md):",
         " \\\n    ".join(("  quad_mpc fly", *flight)),
     ]
 
 
 def warnings(found: Identification, given: MpcConfig) -> Iterator[str]:
-    """Yield what is not observable, and bad fits."""
+    """Yield warnings about parameters that are not observable and about bad fits."""
     unobservable: dict[str, list[str]] = {}
     for row in (*_rows(found, given), *_voltage_rows(found)):
         estimate, value = row.estimate, _number(row.estimate.value, row.unit)
         if estimate.at_bound:
             yield (
-                f"{row.label} came out as {f'{value} {row.unit}'.strip()}, the end of what is "
-                "searched: the model does not describe this flight; kept as given"
+                f"{row.label} was estimated as {f'{value} {row.unit}'.strip()}, the end of the "
+                "search range: the model does not fit; the configured value is kept"
             )
         elif not estimate.seen:
             unobservable.setdefault(
@@ -159,13 +159,13 @@ def warnings(found: Identification, given: MpcConfig) -> Iterator[str]:
 
 
 def refusal(found: Identification) -> str | None:
-    """Return why nothing of a fit should be used, if so."""
+    """Return the reason why a fit must not be used; None for a usable fit."""
     for (name, most), misfit in zip(_MAX_MISFIT.items(), found.misfit, strict=True):
         if misfit > most:
             return (
-                f"{misfit:.0%} of the variation of the {name} is left over beyond noise, expected "
-                f"{most:.0%} or less: the odometry and the commands of one vehicle, the rates in "
-                "the frame of odometry.twist_frame, a rate loop that is not saturated"
+                f"{misfit:.0%} of the variation of the {name} is unexplained beyond noise, "
+                f"expected {most:.0%} or less: odometry and commands of one vehicle, rates in "
+                "the frame of odometry.twist_frame, an unsaturated rate loop"
             )
     return None
 
@@ -178,12 +178,18 @@ def parameter_file(
     keep: vehicle_file.Kept,
     bridge: Mapping[str, Any] = MappingProxyType({}),
 ) -> str:
-    """Return the vehicle file, safe to be used alone.
+    """Return the text of the complete vehicle file.
 
-    What is not observable is written as given. With ``keep`` mass the thrust curve is
-    scaled, with curve the mass. ``bridge`` are the recorded parameters of the bridge that flew,
-    of which the file has the thrust map. Raises :class:`UserError` for a fit that explains too
-    little, and ``ConfigurationError`` when the controller would refuse the values.
+    Args:
+        found: The identification.
+        given: The configured vehicle, whose values are kept where they are not observable.
+        bag: The bag, for the remark.
+        keep: With mass the thrust curve is scaled, with curve the mass changes.
+        bridge: The recorded parameters of the bridge, for the thrust map.
+
+    Raises:
+        UserError: The fit explains too little of the flight.
+        ConfigurationError: The controller would reject the values.
     """
     if (reason := refusal(found)) is not None:
         raise UserError(f"nothing is written: {reason}")
@@ -211,13 +217,13 @@ def parameter_file(
     over = found.over_voltage
     if over is not None and over.falls:
         volt = vehicle_file.rounded(over.reference)
-        thrust_map["thrust_map.battery_voltage"] = (volt, "at which the thrust is as stated")
+        thrust_map["thrust_map.battery_voltage"] = (volt, "at which the thrust curve is valid")
         thrust_map["thrust_map.battery_exponent"] = vehicle_file.found_entry(over.exponent)
     return vehicle_file.content(entries, given, remarks=[remark], thrust_map=thrust_map)
 
 
 def _usable(estimate: ParameterEstimate) -> ParameterEstimate | None:
-    """Return an estimate as it is written: None if it is not observable, and not below zero."""
+    """Return an estimate for the file, at least zero; None if not observable."""
     if not estimate.observable:
         return None
     return dataclasses.replace(estimate, value=max(estimate.value, 0.0))
@@ -242,7 +248,7 @@ def _number(value: float, unit: str) -> str:
 
 
 def _scale(unit: str) -> tuple[float, int]:
-    """Return by what a value is multiplied to be shown, and how many decimals it has."""
+    """Return the factor and the number of decimals with which a value is printed."""
     return (1e3, 1) if unit == "ms" else (1.0, 4 if unit == "1/m" else 3)
 
 
@@ -252,16 +258,17 @@ def _notes(found: Identification, given: MpcConfig, command_age: float) -> Itera
     if found.thrust_scale.observable:
         scale = found.thrust_scale.value
         yield (
-            f"thrust per mass {scale:.3f}: the given curve lifting {given.mass / scale:.3f} kg, "
-            f"or {scale:.3f} of the given curve lifting the given {given.mass:.3f} kg"
+            f"thrust per mass {scale:.3f}: the configured curve with a mass of "
+            f"{given.mass / scale:.3f} kg, or {scale:.3f} of this curve with the configured "
+            f"mass, {given.mass:.3f} kg"
         )
     yield from _voltage_notes(found)
     east, north = (f"{push + 0.0:.2f}" for push in found.wind_acceleration_W)
-    yield f"wind and the like push by {east} m/s^2 east and {north} m/s^2 north"
+    yield f"wind and other disturbances: {east} m/s^2 east and {north} m/s^2 north"
     if not math.isnan(command_age) and found.input_delay.observable:
         yield (
-            "input_delay counts from the stamp of the odometry to the effect of the command; "
-            f"{1e3 * command_age:.1f} ms of it (median) pass until the command is published"
+            "input_delay counts from the stamp of the odometry to the effect of the command, "
+            f"including {1e3 * command_age:.1f} ms (median) until the command is published"
         )
     yield from (f"warning: {text}" for text in warnings(found, given))
 
@@ -274,4 +281,4 @@ def _voltage_notes(found: Identification) -> Iterator[str]:
     if over.falls:
         yield f"{text}, battery_exponent and battery_voltage of the bridge's thrust_map"
     else:
-        yield f"{text}, not distinct from 0: leave thrust_map.battery_voltage of the bridge at 0"
+        yield (f"{text}, not significant: leave thrust_map.battery_voltage of the bridge at 0")

@@ -1,4 +1,4 @@
-"""What an identification found, and how sure it is."""
+"""Results of an identification, with their uncertainty."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from quad_mpc_ros.control.lie import Array
 class ParameterEstimate:
     """A fitted value with half of its 95 % interval.
 
-    ``seen``: the flight excites it; ``observable``: the interval is narrow enough to be of use,
-    which needs more than excitation. ``at_bound``: it is at a bound of the search, so no answer.
+    ``seen``: the flight excites the parameter. ``observable``: the interval is narrow enough to be
+    useful; excitation alone is not enough. ``at_bound``: the value is at a bound of the search and
+    therefore not usable.
     """
 
     value: float
@@ -24,10 +25,10 @@ class ParameterEstimate:
 
 @dataclass(frozen=True, kw_only=True)
 class ThrustOverVoltage:
-    """The power of the battery's voltage over ``reference`` [V] that the thrust goes with.
+    """Exponent of the thrust over the battery's voltage, relative to ``reference`` [V].
 
-    The thrust's scale is that at this voltage. Commands had compensated for the power
-    ``compensated`` of it.
+    The thrust scale holds at this voltage. The recorded commands were already compensated with
+    the exponent ``compensated``.
     """
 
     exponent: ParameterEstimate
@@ -36,7 +37,7 @@ class ThrustOverVoltage:
 
     @property
     def falls(self) -> bool:
-        """Whether the thrust surely falls with the voltage."""
+        """Whether the thrust falls significantly with the voltage."""
         return self.exponent.observable and self.exponent.value > self.exponent.half_width
 
 
@@ -51,19 +52,20 @@ class FittedCourse:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Identification:
-    """The fit: time constants and delay [s], thrust over that of the given vehicle, drag [1/s].
+    """Fitted time constants and delay [s], relative thrust, and drag [1/s].
 
-    Time constants of rates and torques, gains and drag are those of the body axes. What is not
-    observable was held as given while the others were fitted; its estimate is that of the fit
-    before. ``rotor_drag`` [1/s] is the drag that grows with the rotors' speed.
+    Time constants of rates and torques, gains and drag have a value for each body axis. Parameters
+    that are not observable were held at their configured values while the others were fitted;
+    their estimates are from the previous fit. ``rotor_drag`` [1/s] is the drag that grows with the
+    rotor speed.
 
-    ``thrust_scale`` is that of thrust per mass: no flight distinguishes the two.
-    ``wind_acceleration_W`` (2,) [m/s^2] is the constant horizontal acceleration that was fitted
-    beside them, wind above all. ``rates`` are body rates [rad/s], ``specific_force`` is along the
-    thrust axis [m/s^2], averaged over a few odometries. ``over_voltage`` is None where the
-    battery's voltage is not known. ``misfit`` is what the model leaves beyond noise of the body
-    rates and of the velocity, as a share of what they vary. ``flown`` is the time under commands
-    [s], ``fitted`` what of it was used.
+    ``thrust_scale`` scales the thrust per mass of the configured vehicle, because only the
+    quotient is observable.
+    ``wind_acceleration_W`` (2,) [m/s^2] is a constant horizontal acceleration, mainly wind.
+    ``rates`` are body rates [rad/s], ``specific_force`` is along the thrust axis [m/s^2], averaged
+    over a few odometries. ``over_voltage`` is None without a battery voltage. ``misfit`` are the
+    residuals of body rates and velocity beyond noise, as shares of their variation. ``flown`` is
+    the time under commands [s], ``fitted`` the part of it that was used.
     """
 
     rate_time_constant: tuple[ParameterEstimate, ...]

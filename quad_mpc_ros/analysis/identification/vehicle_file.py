@@ -1,4 +1,4 @@
-"""The vehicle file, which every node reads its share of: what was found, and what was kept."""
+"""Vehicle file: identified and kept parameters of the vehicle, for all nodes."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from quad_mpc_ros.configuration.vehicle import VEHICLE
 from quad_mpc_ros.control.config import MpcConfig
 
 Kept = Literal["mass", "curve"]
-"""What is kept of thrust per mass, of which only the quotient is observable."""
+"""The part of the thrust per mass to keep; only the quotient is observable."""
 
 Entries = dict[str, tuple[Any, str]]
-"""Values by the name of their parameter, each with a remark."""
+"""Values by parameter name, each with a remark."""
 
 KEPT, UNOBSERVABLE = "kept", "kept, not observable"
-# What a bridge reads of its thrust map, and what of that scales with the thrust.
+# Parameters of each kind of thrust map, and those that scale with the thrust.
 _MAP_KEYS = {
     "model": (),
     "linear": ("full_thrust",),
@@ -28,18 +28,18 @@ _MAP_KEYS = {
 }
 _SCALED_KEYS = ("full_thrust", "motor_curve", "table_thrust")
 _MAP_PREFIX = "thrust_map."
-_DIGITS, _DECIMALS = 4, 7  # of what is written
+_DIGITS, _DECIMALS = 4, 7  # of written values
 
 
 def found_entry(estimate: ParameterEstimate) -> tuple[float, str]:
-    """Return a found value and how far off it may be."""
+    """Return an identified value and its uncertainty."""
     return rounded(estimate.value), f"+- {estimate.half_width:.2g}"
 
 
 def axes_entry(estimates: Sequence[ParameterEstimate | None], given: PerAxis) -> tuple[Any, str]:
-    """Return a value for each body axis, and how far off each may be; None is kept as given.
+    """Return a value and its uncertainty for each body axis; None keeps the configured value.
 
-    What is kept of all of them stays as it was given, one number or three.
+    If all are None, the configured value is kept, one number or three.
     """
     if all(estimate is None for estimate in estimates):
         return given, UNOBSERVABLE
@@ -52,9 +52,9 @@ def axes_entry(estimates: Sequence[ParameterEstimate | None], given: PerAxis) ->
 
 
 def thrust_entries(scale: ParameterEstimate, given: MpcConfig, *, keep: Kept) -> Entries:
-    """Return what makes the given vehicle one of ``scale`` times its thrust per mass.
+    """Return mass, thrust curve and motor count for ``scale`` times the thrust per mass.
 
-    With ``keep`` mass the thrust curve is scaled, with curve the mass.
+    With ``keep`` mass the thrust curve is scaled, with curve the mass changes.
     """
     spread = f"thrust per mass x {scale.value:.4f} +- {scale.half_width:.2g}"
     if keep == "mass":
@@ -67,10 +67,10 @@ def thrust_entries(scale: ParameterEstimate, given: MpcConfig, *, keep: Kept) ->
 
 
 def map_entries(recorded: Mapping[str, Any], scale: float) -> Entries:
-    """Return what of a bridge's recorded parameters is its thrust map, its thrust times a scale.
+    """Return the thrust map among the recorded parameters of a bridge, with scaled thrust.
 
-    A throttle of the stack makes the thrust that the map states, so the map is scaled together
-    with the thrust curve. Empty where no map is recorded.
+    The map converts thrust to the throttle of the stack, so map and thrust curve are scaled
+    together. Empty without a recorded map.
     """
     kind = recorded.get(f"{_MAP_PREFIX}kind")
     if kind not in _MAP_KEYS:
@@ -86,7 +86,7 @@ def map_entries(recorded: Mapping[str, Any], scale: float) -> Entries:
                 if isinstance(value, int | float)
                 else [rounded(scale * v) for v in value]
             )
-            entries[f"{_MAP_PREFIX}{name}"] = (scaled, f"x {scale:.4f}, as the thrust curve")
+            entries[f"{_MAP_PREFIX}{name}"] = (scaled, f"x {scale:.4f}, like the thrust curve")
         else:
             entries[f"{_MAP_PREFIX}{name}"] = (value, KEPT)
     return entries
@@ -99,9 +99,9 @@ def content(
     remarks: Sequence[str],
     thrust_map: Mapping[str, tuple[Any, str]] = MappingProxyType({}),
 ) -> str:
-    """Return the text of the file, below ``remarks``; what has no entry is kept as given.
+    """Return the text of the file, below ``remarks``; other parameters keep configured values.
 
-    Raises ``ConfigurationError`` when the controller would refuse the values.
+    Raises ``ConfigurationError`` if the controller would reject the values.
     """
     given.updated({name: value for name, (value, _) in entries.items()})
     lines = [*(f"# {remark}" for remark in remarks), "/**:", "  ros__parameters:"]
@@ -116,5 +116,5 @@ def content(
 
 
 def rounded(value: float) -> float:
-    """Return a value with as many digits as anything found deserves."""
+    """Return a value rounded to significant digits."""
     return round(float(f"{value:.{_DIGITS}g}"), _DECIMALS)

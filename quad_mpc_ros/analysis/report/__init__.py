@@ -1,7 +1,6 @@
-"""Recorded runs on one page: a self-contained HTML file, and their series as CSV.
+"""Report of recorded runs: a self-contained HTML page, and their time series as CSV.
 
-:func:`read_runs` reads bags, :func:`page` makes the HTML, :func:`csv_tables` the tables. Plotly,
-an extra of the package, is imported when a page is made.
+:func:`read_runs` reads bags, :func:`page` makes the HTML, :func:`csv_tables` the tables.
 """
 
 from quad_mpc_ros.analysis.report.page import page

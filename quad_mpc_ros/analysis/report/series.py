@@ -1,4 +1,4 @@
-"""The time series of a run as tables: every digit, for other programs."""
+"""Time series of a run as CSV tables with full precision."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ CsvColumns = dict[str, NDArray[Any]]
 def csv_tables(run: ReportedRun) -> dict[str, str]:
     """Return the tables of :data:`TABLE_NAMES` as CSV with a header; units end the names.
 
-    ``odometry`` has a row an odometry, with the reference in force and the errors to it;
-    ``commands`` a row a command, by the stamp of the odometry it answers; ``ticks`` the figures of
-    ``mpc/stats``.
+    ``odometry`` has a row for each odometry, with the active reference and the errors;
+    ``commands`` a row for each command, with the stamp of the answered odometry; ``ticks`` the
+    values of ``mpc/stats``.
     """
     ticks = {"time_s": run.flight.tick_time, **run.flight.stats}
     tables = (_odometry(run), _commands(run), ticks)

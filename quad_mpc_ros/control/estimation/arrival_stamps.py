@@ -1,4 +1,4 @@
-"""Correction of odometry stamped on arrival: the displacement shows when it was measured.
+"""Correction of odometry stamped on arrival: the displacement reveals the measurement time.
 
 Between two odometries the vehicle moves by its velocity times the time between the measurements.
 With the mean velocity v of both, the interval dt of the stamps and the lateness l of each stamp
@@ -25,9 +25,9 @@ from typing import NamedTuple
 import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
-from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.lie import kernels
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.model.samples import Measured, OdometrySample
 from quad_mpc_ros.control.stage import Stage
 
 _STATISTICS_TIME = 2.0  # s, time constant of the sums
@@ -41,11 +41,9 @@ _EARLIEST_TIME = 10.0  # s, time constant of the earliest arrival
 _INTERVAL_TOLERANCE, _MIN_REGULAR = 0.001, 100
 _MIN_STEP_NS = 1_000_000  # between corrected stamps
 
-_Measured = tuple[Array, Array, Array]  # position (3,), attitude (4,), velocity in the body (3,)
-
 
 class _Before(NamedTuple):
-    """The odometry before, and its interval [s] to the one before that."""
+    """The previous odometry, and its interval [s] to the one before."""
 
     odometry: OdometrySample
     corrected_ns: int
@@ -53,7 +51,7 @@ class _Before(NamedTuple):
 
 
 class _Sums:
-    """Decaying sums; those of y are weighted by the square of the speed."""
+    """Decaying sums; sums of y are weighted by the square of the speed."""
 
     def __init__(self) -> None:
         self._sums = np.zeros(9)
@@ -72,7 +70,7 @@ class _Sums:
         self._sums += (1.0, interval, interval**2, *ages, across, square, *ys)
 
     def lateness(self) -> tuple[float, float, float] | None:
-        """Return mean of y, variance of l and r; None if stamps are not those of arrivals."""
+        """Return mean of y, variance of l and r; None if stamps are not arrival times."""
         count, interval, intervals, age, ages, across, square, y, ys = self._sums.tolist()
         if count < _MIN_ODOMETRIES:
             return None
@@ -90,7 +88,7 @@ class _Sums:
 
 
 class ArrivalStamps(Stage):
-    """Corrects stamps of arrival; true stamps stay as they are."""
+    """Corrects stamps of arrival; true stamps are unchanged."""
 
     def __init__(self) -> None:
         self._before: _Before | None = None
@@ -102,7 +100,7 @@ class ArrivalStamps(Stage):
         self._l = self._P = self._earliest = 0.0
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Forget the last odometry, whose coordinates are outdated."""
+        """Drop the last odometry, whose coordinates are outdated."""
         self._before = None
 
     def corrected(self, odometry: OdometrySample, *, now_ns: int) -> OdometrySample:
@@ -131,11 +129,7 @@ class ArrivalStamps(Stage):
         self, before: OdometrySample, after: OdometrySample, interval: float, now_ns: int
     ) -> int:
         """Return the lateness of the stamp; 0 for a true stamp."""
-        y, across, square = _deviation(
-            (before.p_WB, before.q_WB_xyzw, before.v_WB_B),
-            (after.p_WB, after.q_WB_xyzw, after.v_WB_B),
-            interval,
-        )
+        y, across, square = _deviation(before.measured, after.measured, interval)
         if square > _MIN_SPEED**2 and -_LONGEST_GAP < y < _LONGEST_GAP:
             self._sums.add(y, across, square, interval, now_ns - after.stamp_ns)
         found = self._sums.lateness()
@@ -152,9 +146,9 @@ class ArrivalStamps(Stage):
 
 
 @compiled
-def _deviation(before: _Measured, after: _Measured, interval: float) -> tuple[float, float, float]:
+def _deviation(before: Measured, after: Measured, interval: float) -> tuple[float, float, float]:
     """Return y [s], squared deviation across the track [m^2] and squared speed."""
-    (p_before, q_before, v_before), (p_after, q_after, v_after) = before, after
+    (p_before, q_before, v_before, _), (p_after, q_after, v_after, _) = before, after
     moved_W = kernels.minus(kernels.vector(p_after), kernels.vector(p_before))
     v_W = kernels.in_world(q_before, v_before)
     mean_W = kernels.scaled(0.5, kernels.plus(v_W, kernels.in_world(q_after, v_after)))

@@ -67,9 +67,9 @@ def set_accelerometer_variances(state: Filter) -> None:
 
 
 def bandwidth_scale_of(nominal: ModelParameters, delay: float) -> float:
-    """Return the scale of the estimator's bandwidth over the default, at least 1.
+    """Return the estimator's bandwidth relative to the default, at least 1.
 
-    Commands respond to the estimate, and a loop that is quicker than the actuators oscillates.
+    Commands respond to the estimate, and a loop faster than the actuators oscillates.
     """
     roll, pitch, _yaw = nominal.rate_time_constants
     latency = max(roll, pitch) + nominal.thrust_time_constant + delay

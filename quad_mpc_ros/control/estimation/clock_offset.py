@@ -13,12 +13,12 @@ _DRIFT = 0.02
 class ClockOffset:
     """Tracks how far a source's clock is behind the local clock.
 
-    The fastest arrival counts as arriving without latency. It is forgotten at the rate at which
-    the clocks may drift apart.
+    The fastest arrival counts as arriving without latency. The offset decays at the largest rate
+    of clock drift.
     """
 
     def __init__(self, *, until_last: bool = False) -> None:
-        """With ``until_last``, keep what the last arrival has confirmed."""
+        """With ``until_last``, keep the duration confirmed by the last arrival."""
         self._until_last = until_last
         self.behind_ns = 0
         self.last_age_ns = 0
@@ -26,20 +26,18 @@ class ClockOffset:
         self._arrived_ns = 0
 
     def age_ns(self, stamp_ns: int, *, now_ns: int) -> int:
-        """Return the latency of a message that arrives now; negative if it is the fastest."""
+        """Return the latency of a message that arrives now; negative for the fastest message."""
         return now_ns - stamp_ns - self.behind_ns
 
     def follow(self, stamp_ns: int, *, now_ns: int) -> int:
-        """Take an arrival, update the offset, and return the age by the offset before."""
+        """Take an arrival, update the offset, and return the age by the previous offset."""
         drift_ns = round(_DRIFT * (now_ns - self._arrived_ns))
         if self._until_last:
             drift_ns = min(max(drift_ns, 0), max(self.last_age_ns, 0))
         self.behind_ns += drift_ns
-        age_ns = now_ns - stamp_ns - self.behind_ns
-        if age_ns < 0:
-            self.behind_ns += age_ns
-        self._arrived_ns = now_ns
-        self.last_age_ns = now_ns - stamp_ns - self.behind_ns
+        age_ns = self.age_ns(stamp_ns, now_ns=now_ns)
+        self.behind_ns += min(age_ns, 0)
+        self._arrived_ns, self.last_age_ns = now_ns, max(age_ns, 0)
         return age_ns
 
     def set(self, behind_ns: int, *, stamp_ns: int, now_ns: int) -> None:
@@ -74,13 +72,13 @@ class Lateness(Stage):
 
 
 class PersistentOffset:
-    """Duration of an unexpected offset, to distinguish a clock that was set from one bad stamp."""
+    """Duration of an unexpected offset, to distinguish a set clock from a single bad stamp."""
 
     def __init__(self) -> None:
         self._since: tuple[int, int] | None = None  # the time, and the offset then
 
     def clear(self) -> None:
-        """Note that the offset is as expected."""
+        """Record that the offset is as expected."""
         self._since = None
 
     def duration_ns(self, offset_ns: int, *, now_ns: int, tolerance_ns: float) -> int:

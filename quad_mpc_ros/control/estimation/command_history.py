@@ -1,4 +1,4 @@
-"""The commands sent, and when each of them acts: after the input delay."""
+"""The sent commands; each acts after the input delay."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.state import INPUT_SIZE
 
-_KEPT_NS = 2_000_000_000
-_INITIAL_CAPACITY = 256  # commands; doubled if they do not suffice
+_CAPACITY = 4096  # commands; half of them last for two seconds at 1 kHz
 
 
 class Acting(NamedTuple):
-    """Commands (n, 4) that act one after the other, each for one of the ``durations`` (n,) [s]."""
+    """Successive active commands (n, 4), with their ``durations`` (n,) [s]."""
 
     durations: Array
     commands: Array
@@ -29,51 +28,37 @@ class CommandHistory:
     """
 
     def __init__(self, *, delay_ns: int, initial: Array) -> None:
-        """``initial`` (4,) acts before all others."""
+        """``initial`` (4,) acts before all other commands."""
         self._delay_ns = delay_ns
         self._initial = initial
-        self._times_ns = np.zeros(_INITIAL_CAPACITY, dtype=np.int64)
+        self._times_ns = np.zeros(_CAPACITY, dtype=np.int64)
         self.acts_ns = self._times_ns[:0]
         """Time from which each command acts (n,) [ns], without the first of ``commands``."""
-        self.commands = np.zeros((_INITIAL_CAPACITY + 1, INPUT_SIZE))
-        """The initial command, n others, and unused rows."""
+        self.commands = np.zeros((_CAPACITY + 1, INPUT_SIZE))
+        """The initial command, n further commands, and unused rows."""
         self.commands[0] = self._initial
 
     def record(self, command: Array, *, stamp_ns: int) -> None:
-        """Add a command (4,); later ones, from before a clock was set back, are dropped."""
+        """Add a command (4,); drop later commands from before a clock was set back."""
         acts_ns, count = stamp_ns + self._delay_ns, self.acts_ns.size
         while count > 0 and self._times_ns.item(count - 1) > acts_ns:
             count -= 1
-        if count == self._times_ns.size:
-            count = self._grow(stamp_ns - _KEPT_NS)
+        if count == _CAPACITY:
+            count = _CAPACITY // 2
+            self._times_ns[:count] = self._times_ns[count:]
+            self.commands[: count + 1] = self.commands[count:]
         self._times_ns[count] = acts_ns
         self.acts_ns = self._times_ns[: count + 1]
         self.commands[count + 1] = command
 
     def forget(self) -> None:
-        """Drop all commands, which did not act."""
+        """Drop all commands, because the vehicle did not execute them."""
         self.acts_ns = self._times_ns[:0]
         self.commands[0] = self._initial
 
-    def knows(self, time_ns: int) -> bool:
+    def covers(self, time_ns: int) -> bool:
         """Whether the command that acted at a time is known."""
         return self.acts_ns.size > 0 and self.acts_ns.item(0) <= time_ns
-
-    def _grow(self, oldest_ns: int) -> int:
-        """Drop commands before a time, and double the capacity if more than half remain.
-
-        Returns how many remain.
-        """
-        count = len(self._times_ns)
-        kept = int(np.searchsorted(self._times_ns, oldest_ns))
-        if 2 * kept < count:
-            self._times_ns = np.resize(self._times_ns, 2 * count)
-            self.commands = np.resize(self.commands, (2 * count + 1, INPUT_SIZE))
-        left = count - kept
-        # Source and destination overlap, hence copies.
-        self._times_ns[:left] = self._times_ns[kept:count].copy()
-        self.commands[: left + 1] = self.commands[kept : count + 1].copy()
-        return left
 
 
 @compiled

@@ -1,10 +1,10 @@
 """Crash detection.
 
 A false crash would cut the motors of a flying vehicle. So a vehicle counts as crashed only if it
-keeps its height although in the air it would accelerate by
+holds its height although in the air it would accelerate
 
-- upside down, where any thrust points down: at least g - gust downwards;
-- after a collision, with l times its weight as thrust: at least (l / 2 - 1) g - gust upwards,
+- downwards by at least g - gust, if upside down, where any thrust points down;
+- upwards by at least (l / 2 - 1) g - gust, after a collision, with l times its weight as thrust,
   even if the true thrust is half of the modelled.
 
 A collision is a deceleration that no vehicle in the air can reach. The crash ends if the vehicle
@@ -35,7 +35,7 @@ class CrashDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the motion; the crash stays."""
+        """Reset the motion; keep the crash state."""
         self._inverted, self._stopped = KeptHeight(2.0 * SETTLING), KeptHeight(_STOPPED_TIME)
         self._previous = 0, 0.0  # stamp, speed [m/s]
         self._collided_ns: int | None = None

@@ -7,8 +7,6 @@ compiled code: the update of the EKF, and the prediction.
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -19,39 +17,29 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.command_history import CommandHistory, acting_between
-from quad_mpc_ros.control.estimation.ekf import EkfSnapshot, VehicleEkf, update
+from quad_mpc_ros.control.estimation.ekf import VehicleEkf, update
 from quad_mpc_ros.control.estimation.error_state import MOTION
 from quad_mpc_ros.control.estimation.estimate_health import EstimateHealth
 from quad_mpc_ros.control.estimation.filter_state import Filter, is_at_bounds, write_estimated
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
-from quad_mpc_ros.control.estimation.ground_state import Learning
 from quad_mpc_ros.control.estimation.rate_update import add_offsets, track_acceleration
 from quad_mpc_ros.control.estimation.specific_force import SpecificForces
-from quad_mpc_ros.control.estimation.update_mode import (
-    LONGEST_GAP_NS,
-    MODE_TEXTS,
-    Conditions,
-    UpdateMode,
-)
+from quad_mpc_ros.control.estimation.update_mode import LONGEST_GAP_NS, MODE_TEXTS, UpdateMode
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
+from quad_mpc_ros.control.model.parameters import parameters_of
 from quad_mpc_ros.control.model.prediction import PredictedState, Prediction
 from quad_mpc_ros.control.model.rollout import (
-    LONGEST_SUBSTEP,
     StateRecord,
     read_odometry,
     roll_forward,
 )
-from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample
+from quad_mpc_ros.control.model.samples import ImuSample, Measured, OdometrySample
 from quad_mpc_ros.control.model.state import BODY_RATE, U_THROTTLE, Input
 from quad_mpc_ros.control.stage import Stage
 
 # Learning starts this long after commands begin to act, as the actuators have to settle.
 _ACTUATOR_SETTLING_NS = 300_000_000
-# A landing is detected some time after the touchdown, and what was learned in between is wrong.
-# So the estimate is restored from the oldest of some snapshots.
-_SNAPSHOT_PERIOD_NS, _MAX_SNAPSHOTS = 1_000_000_000, 5
 
 
 class EstimatorState(Record):
@@ -65,13 +53,29 @@ class EstimatorState(Record):
 class EstimateStatus(NamedTuple):
     """Status of the estimate: the update mode, ``at bounds`` or ``reset``.
 
-    ``resets`` is the number of resets, ``accelerometer`` the use of its measurements.
+    ``resets`` is the number of resets, ``accelerometer`` the use of accelerometer samples.
     """
 
     text: str = MODE_TEXTS[UpdateMode.HOLD]
     resets: int = 0
     accelerometer: str = "off"  # or missing, paused, used, refused
     imu_stamp_ns: int = 0  # of the newest accelerometer sample
+
+
+class LearnedModel(NamedTuple):
+    """The estimate for the fallbacks.
+
+    ``thrust_scale`` is the ratio of true to modelled thrust, ``a_W`` (3,) [m/s^2] the disturbance
+    acceleration. In hover only their combined effect is observable, so use both. ``rate_lag`` and
+    ``torque_lag`` are the time constants of the rate loop of roll and pitch [s], ``acceleration``
+    (3,) is the angular acceleration at the last odometry [rad/s^2].
+    """
+
+    thrust_scale: float = 1.0
+    a_W: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rate_lag: float = 0.0
+    torque_lag: float = 0.0
+    acceleration: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class DelayCompensation(Stage):
@@ -104,9 +108,7 @@ class DelayCompensation(Stage):
         self._ground = ground
         self._health = EstimateHealth()
         self.status = EstimateStatus()
-        self._snapshots: deque[tuple[int, EkfSnapshot]] = deque(maxlen=_MAX_SNAPSHOTS)
         self._sent = hover.vector()
-        self._sent_ns: int | None = None
         self._engaged, self._was_idle = True, False
         # Stamp of the last odometry, if the commands since then are known.
         self._previous_ns: int | None = None
@@ -127,19 +129,21 @@ class DelayCompensation(Stage):
         fresh.engage(self._engaged)
         return fresh
 
-    def estimated(self) -> ModelParameters:
-        """Return the estimated parameters of the vehicle."""
-        return self._ekf.parameters()
-
-    def angular_acceleration(self) -> tuple[float, float, float]:
-        """Return the estimated angular acceleration at the last odometry [rad/s^2]."""
-        roll, pitch, yaw = self._estimator.measured.angular_acceleration.tolist()
-        return roll, pitch, yaw
+    def learned(self) -> LearnedModel:
+        """Return the estimate for the fallbacks."""
+        model = self._ekf.parameters()
+        return LearnedModel(
+            thrust_scale=float(model.thrust_scale),
+            a_W=tuple(model.a_W.tolist()),
+            rate_lag=0.5 * sum(model.rate_time_constants.tolist()[:2]),
+            torque_lag=0.5 * sum(model.torque_time_constants.tolist()[:2]),
+            acceleration=tuple(self._estimator.measured.angular_acceleration.tolist()),
+        )
 
     def record(self, command: Input, *, stamp_ns: int) -> None:
-        """Record a command and when it is sent, by the clock of the odometry's stamps."""
+        """Record a command and its sending time, by the clock of the odometry's stamps."""
         # The model has no rate gain, so commands are recorded times the gain.
-        self._sent[U_THROTTLE], self._sent_ns = command.throttle, stamp_ns
+        self._sent[U_THROTTLE] = command.throttle
         self._sent[BODY_RATE] = self._rate_gain * command.w_WB_B
         self._history.record(self._sent, stamp_ns=stamp_ns)
 
@@ -148,9 +152,9 @@ class DelayCompensation(Stage):
         self._specific_forces.add(sample)
 
     def engage(self, engaged: bool) -> None:
-        """Set whether commands act on the vehicle; initially they do.
+        """Set whether the vehicle executes commands (initially true).
 
-        Otherwise nothing is learned, and the estimate of some seconds before is restored. Commands
+        If not, estimation is paused, and the estimate of some seconds before is restored. Commands
         are still recorded, as this call may be late.
         """
         if engaged and not self._engaged:
@@ -159,13 +163,12 @@ class DelayCompensation(Stage):
             self._was_idle = True
         elif self._engaged and not engaged:
             # The vehicle may have landed before disarming.
-            self._restore_snapshot()
+            self._ekf.restore()
         self._engaged = engaged
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Transform the measured state and the estimate by an announced step."""
+        """Transform the measured state and the estimate by an announced odometry jump."""
         self._ekf.turn(reset)
-        self._snapshots.clear()  # in the old frame
         if self._previous_ns is not None and self._previous_ns < reset.stamp_ns:
             state = self._estimator.measured
             state.p_WB[:] = reset.points(state.p_WB)
@@ -180,7 +183,7 @@ class DelayCompensation(Stage):
         stamp_ns, previous_ns = odometry.stamp_ns, self._previous_ns
         # Restart after a long gap, and after a clock was set.
         if previous_ns is None or not 0 <= stamp_ns - previous_ns <= LONGEST_GAP_NS:
-            self._take_measurement(odometry)
+            _read_measurement(self._buffer, odometry.measured)
             measured = self._estimator.measured
             measured.angular_acceleration[:] = 0.0
             self._ekf.start(p_WB=measured.p_WB, v_WB_W=measured.v_WB_W, w_WB_B=measured.w_WB_B)
@@ -190,7 +193,7 @@ class DelayCompensation(Stage):
         elif self._follows:
             self._update_to(odometry, previous_ns)
         else:
-            self._take_measurement(odometry)
+            _read_measurement(self._buffer, odometry.measured)
         self._previous_ns = stamp_ns
         return self._predicted(stamp_ns + late_ns, begin_ns=stamp_ns)
 
@@ -203,9 +206,6 @@ class DelayCompensation(Stage):
     def _predicted(self, stamp_ns: int, *, begin_ns: int) -> PredictedState:
         """Predict the measured state until a command sent at a stamp acts."""
         prediction = Prediction.zeros()
-        since_sent = math.inf
-        if self._sent_ns is not None and stamp_ns >= self._sent_ns:
-            since_sent = (stamp_ns - self._sent_ns) * 1e-9
         _predict_ahead(
             buffer=self._buffer,
             acts_ns=self._history.acts_ns,
@@ -213,37 +213,23 @@ class DelayCompensation(Stage):
             begin_ns=begin_ns,
             end_ns=stamp_ns + self._delay_ns,
             sent=self._sent,
-            since_sent=since_sent,
             prediction=prediction,
         )
         return PredictedState(stamp_ns + self._delay_ns, prediction)
 
-    def _take_measurement(self, odometry: OdometrySample) -> None:
-        """Read an odometry into the measured state."""
-        _read_measurement(
-            buffer=self._buffer,
-            p_WB=odometry.p_WB,
-            q_WB_xyzw=odometry.q_WB_xyzw,
-            v_WB_B=odometry.v_WB_B,
-            w_WB_B=odometry.w_WB_B,
-        )
-
     def _update_to(self, odometry: OdometrySample, previous_ns: int) -> None:
-        """Update the EKF by an odometry."""
+        """Update the EKF with an odometry."""
         stamp_ns = odometry.stamp_ns
         measures = self._force_variance > 0.0
         is_measured = measures and self._take_specific_force(previous_ns, stamp_ns)
         mode, at_bounds = _update_filter(
             buffer=self._buffer,
-            p_WB=odometry.p_WB,
-            q_WB_xyzw=odometry.q_WB_xyzw,
-            v_WB_B=odometry.v_WB_B,
-            w_WB_B=odometry.w_WB_B,
+            measured=odometry.measured,
             v_variance=odometry.v_variance,
             acts_ns=self._history.acts_ns,
             commands=self._history.commands,
             stamps_ns=(previous_ns, stamp_ns),
-            conditions=self._conditions(previous_ns),
+            permitted=int(self._permitted_mode(previous_ns)),
         )
         self._check_health(mode, at_bounds, stamp_ns, duration=1e-9 * (stamp_ns - previous_ns))
         if measures:
@@ -269,7 +255,7 @@ class DelayCompensation(Stage):
         return "refused" if mode in (UpdateMode.LEARN, UpdateMode.REJECT) else "paused"
 
     def _check_health(self, mode: int, at_bounds: bool, stamp_ns: int, *, duration: float) -> None:
-        """Set the status after an odometry; reset an estimate that fails for long."""
+        """Set the status after an odometry; reset an estimate that has failed too long."""
         text = MODE_TEXTS[mode]
         if mode in (UpdateMode.LEARN, UpdateMode.REJECT):
             refused = mode == UpdateMode.REJECT
@@ -279,78 +265,53 @@ class DelayCompensation(Stage):
                 stamp_ns, duration=duration, refused=refused, at_bounds=at_bounds
             ):
                 self._ekf.start_over()
-                self._snapshots.clear()
             if self._health.was_reset(stamp_ns):
                 text = "reset"
         self.status = EstimateStatus(text, self._health.resets)
 
-    def _conditions(self, previous_ns: int) -> Conditions:
-        """Return the conditions of an update since the previous odometry."""
-        learning = Learning.LEARN
+    def _permitted_mode(self, previous_ns: int) -> UpdateMode:
+        """Return the update that commands and ground permit since the previous odometry."""
+        permitted = UpdateMode.LEARN
         if self._ground is not None and self._learns and self._engaged:
-            learning = self._ground.learning
+            permitted = self._ground.learning
             if self._ground.state.is_on_ground:
-                self._restore_snapshot()
-        is_flying, may_touch = learning is not Learning.HOLD, learning is Learning.PAUSE
-        known = self._history.knows(previous_ns - (_ACTUATOR_SETTLING_NS if self._was_idle else 0))
-        acts = self._learns and self._engaged and known
-        if acts and learning is Learning.LEARN:
-            self._keep_snapshot(previous_ns)
-        return Conditions(acts, is_flying, may_touch)
-
-    def _keep_snapshot(self, now_ns: int) -> None:
-        """Keep a snapshot of the estimate, once a second."""
-        if self._snapshots and 0 <= now_ns - self._snapshots[-1][0] < _SNAPSHOT_PERIOD_NS:
-            return
-        self._snapshots.append((now_ns, self._ekf.snapshot()))
-
-    def _restore_snapshot(self) -> None:
-        """Restore the oldest snapshot, which was taken in flight."""
-        if self._snapshots:
-            self._ekf.restore(self._snapshots[0][1])
-            self._snapshots.clear()
+                self._ekf.restore()
+        settling_ns = _ACTUATOR_SETTLING_NS if self._was_idle else 0
+        acts = self._history.covers(previous_ns - settling_ns)
+        if not (self._learns and self._engaged and acts):
+            return UpdateMode.HOLD
+        if permitted is UpdateMode.LEARN:
+            self._ekf.keep(previous_ns)
+        return permitted
 
 
 @compiled
-def _read_measurement(
-    buffer: RecordArray[EstimatorState],
-    p_WB: Array,
-    q_WB_xyzw: Array,
-    v_WB_B: Array,
-    w_WB_B: Array,
-) -> None:
-    """Read an odometry; the measured state becomes the previous one."""
-    estimator = buffer[()]
+def _read_measurement(buffer: RecordArray[EstimatorState], measured: Measured) -> None:
+    """Read an odometry; the measured state becomes the previous state."""
+    estimator, (p_WB, q_WB_xyzw, v_WB_B, w_WB_B) = buffer[()], measured
     estimator.before = estimator.measured
-    read_odometry(
-        p_WB=p_WB,
-        q_WB_xyzw=q_WB_xyzw,
-        v_WB_B=v_WB_B,
-        w_WB_B=w_WB_B,
-        state=estimator.measured,
-    )
+    read_odometry(p_WB, q_WB_xyzw, v_WB_B, w_WB_B, estimator.measured)
 
 
 @compiled
 def _update_filter(
     buffer: RecordArray[EstimatorState],
-    p_WB: Array,
-    q_WB_xyzw: Array,
-    v_WB_B: Array,
-    w_WB_B: Array,
+    measured: Measured,
     v_variance: float,
     acts_ns: NDArray[np.int64],
     commands: Array,
     stamps_ns: tuple[int, int],
-    conditions: Conditions,
+    permitted: int,
 ) -> tuple[int, bool]:
     """Update the filter by an odometry, under the commands that acted since the previous one.
+
+    The modes are integers: members of an enum are slow arguments in numba.
 
     Returns:
         The update mode, and whether the estimate is at its bounds.
     """
     start_ns, end_ns = stamps_ns
-    _read_measurement(buffer=buffer, p_WB=p_WB, q_WB_xyzw=q_WB_xyzw, v_WB_B=v_WB_B, w_WB_B=w_WB_B)
+    _read_measurement(buffer, measured)
     estimator = buffer[()]
     acting = acting_between(acts_ns=acts_ns, commands=commands, start_ns=start_ns, end_ns=end_ns)
     mode = update(
@@ -358,7 +319,7 @@ def _update_filter(
         before=estimator.before,
         after=estimator.measured,
         acting=acting,
-        conditions=conditions,
+        permitted=permitted,
         reported_variance=v_variance,
     )
     if len(acting.durations) > 0:
@@ -374,12 +335,11 @@ def _predict_ahead(
     begin_ns: int,
     end_ns: int,
     sent: Array,
-    since_sent: float,
     prediction: RecordArray[Prediction],
 ) -> None:
     """Write the prediction for ``end_ns`` from the state measured at ``begin_ns``.
 
-    ``sent`` (4,) is the last command, ``since_sent`` [s] ago.
+    ``sent`` (4,) is the last command.
     """
     estimator, predicted = buffer[()], prediction[()]
     estimate, x = estimator.filter, estimator.filter.translation.x
@@ -403,10 +363,8 @@ def _predict_ahead(
             predicted.parameters,
             commands=acting.commands,
             durations=acting.durations,
-            longest=LONGEST_SUBSTEP,
             start=predicted.state,
             end=predicted.state,
         )
     predicted.sent[:] = sent
     add_offsets(estimate, predicted.sent)
-    predicted.since_sent = since_sent

@@ -12,18 +12,18 @@ equations). docs/explanation/estimation.md explains how the states are distingui
 
     z_p = p + n,   z_v = v + b + n,   z_w = w + n,   z_f = R' (dv/dt - g) + a + n
 
-**k and d_z** are not separately observable at hover: only k T/m + d_z = g is. Their process noise
-separates them: wind changes, a lack of thrust lasts. **Drag** is distinguished from wind by
-motion, and is considered below a speed. **A velocity bias** is distinguished by the change of the
-position. :mod:`.update_mode` selects what an odometry may change. A time constant of zero is no
-lag and stays zero. The input delay is not estimated (``docs/howto/tune.md``): a delay that is not
-modelled shows as a lag of the torque.
+****k and d_z** are not separately observable at hover, only the sum k T/m + d_z = g. Their process
+noise separates them: wind changes, a thrust deficit lasts. ****Drag** is distinguished from wind
+by motion, and only considered at low speed. **A velocity bias** is distinguished by the change of
+the position. :mod:`.update_mode` selects what an odometry may change. A time constant of zero
+means no lag and stays zero. The input delay is not estimated (``docs/howto/tune.md``): an
+unmodelled delay appears as a lag of the torque.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from collections import deque
 
 import numpy as np
 
@@ -39,6 +39,8 @@ from quad_mpc_ros.control.estimation.error_state import (
     LEARNED_STATES,
     MOTION,
     SCALE_BOUNDS,
+    RateEstimate,
+    TranslationEstimate,
 )
 from quad_mpc_ros.control.estimation.filter_state import Filter, write_estimated
 from quad_mpc_ros.control.estimation.rate_update import (
@@ -47,19 +49,16 @@ from quad_mpc_ros.control.estimation.rate_update import (
     update_rates,
 )
 from quad_mpc_ros.control.estimation.translation_update import restart, update_translation
-from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode, update_mode
+from quad_mpc_ros.control.estimation.update_mode import UpdateMode, update_mode
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.parameters import ModelParameters
 from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.state import U_THROTTLE
 
-
-class EkfSnapshot(NamedTuple):
-    """A copy of both filters."""
-
-    translation: Any
-    rates: Any
+# A landing is detected some time after the touchdown, and the estimate since then is wrong. So the
+# estimate is restored from the oldest of some snapshots.
+_SNAPSHOT_PERIOD_NS, _MAX_SNAPSHOTS = 1_000_000_000, 5
 
 
 class VehicleEkf:
@@ -80,6 +79,9 @@ class VehicleEkf:
         ``delay`` [s] is the input delay. The estimate is kept in ``state``, initially zeros.
         """
         self._filter, self._initial_throttle = state, throttle
+        self._snapshots: deque[tuple[int, TranslationEstimate, RateEstimate]] = deque(
+            maxlen=_MAX_SNAPSHOTS
+        )
         state.nominal = state.estimated = nominal
         state.enabled = int(enabled)
         state.drag_shape[:] = nominal.anisotropic_drag / (nominal.drag or 1.0)
@@ -101,8 +103,9 @@ class VehicleEkf:
         """Return to the configured parameters, with the initial covariance.
 
         The vertical disturbance is moved into the thrust scale, so that the total vertical force
-        stays: the vehicle may be flying with it.
+        is kept: the vehicle may depend on it in flight.
         """
+        self._snapshots.clear()
         state = self._filter
         nominal, x = state.nominal, state.translation.x
         lifted = nominal.gravity - x[MOTION.disturbance + 2]
@@ -130,23 +133,30 @@ class VehicleEkf:
         write_estimated(self._filter, estimated[()])
         return estimated[()]
 
-    def snapshot(self) -> EkfSnapshot:
-        """Return a copy of estimate and covariance."""
-        return EkfSnapshot(self._filter.translation.copy(), self._filter.rates.copy())
+    def keep(self, now_ns: int) -> None:
+        """Keep a snapshot of estimate and covariance, once a second."""
+        state, snapshots = self._filter, self._snapshots
+        if not (snapshots and 0 <= now_ns - snapshots[-1][0] < _SNAPSHOT_PERIOD_NS):
+            snapshots.append((now_ns, state.translation.copy(), state.rates.copy()))
 
-    def restore(self, snapshot: EkfSnapshot) -> None:
-        """Return to an earlier estimate, but keep the present motion."""
+    def restore(self) -> None:
+        """Return to the oldest snapshot, if there is one, but keep the current motion."""
+        if not self._snapshots:
+            return
+        _, translation, rates = self._snapshots[0]
+        self._snapshots.clear()
         state, learned = self._filter, slice(*LEARNED_STATES)
         now = state.translation.x.copy()
-        now[learned] = snapshot.translation.x[learned]
-        state.translation, state.rates = snapshot.translation, snapshot.rates
+        now[learned] = translation.x[learned]
+        state.translation, state.rates = translation, rates
         state.translation.x[:] = now
         position, velocity = now[: MOTION.velocity], now[MOTION.velocity : MOTION.disturbance]
         restart(state, position.copy(), velocity + now[MOTION.bias : MOTION.accelerometer])
         take_rates(state)
 
     def turn(self, reset: EstimateReset) -> None:
-        """Apply an announced step of the world's coordinates."""
+        """Apply an announced jump of the world frame."""
+        self._snapshots.clear()  # in the old coordinates
         x, P, turns = self._filter.translation.x, self._filter.translation.P, np.eye(MOTION.size)
         turn, drift = reset.vectors(np.eye(3)).T, self._filter.drift
         for begin in (MOTION.position, MOTION.velocity, MOTION.disturbance, MOTION.bias):
@@ -175,13 +185,14 @@ def update(
     before: StateRecord,
     after: StateRecord,
     acting: Acting,
-    conditions: Conditions,
+    permitted: int,
     reported_variance: float,
 ) -> UpdateMode:
     """Update from one odometry to the next, under the commands that acted between them.
 
-    ``before`` and ``after`` are the measured states, ``reported_variance`` [m^2/s^2] the variance
-    of the second velocity, 0 if unknown. Returns the mode of the update.
+    ``before`` and ``after`` are the measured states, ``permitted`` is the :class:`.UpdateMode`
+    that commands and ground permit, ``reported_variance`` [m^2/s^2] the variance of the second
+    velocity, 0 if unknown. Returns the mode of the update.
     """
     if len(acting.durations) == 0:
         return UpdateMode.HOLD
@@ -189,10 +200,10 @@ def update(
     for k in range(len(acting.durations)):
         throttle = acting.commands[k, U_THROTTLE]
         saturated |= not state.bounds.throttle_min < throttle < state.bounds.throttle_max
-    mode = update_mode(conditions, saturated, state.paused_for)
+    mode = update_mode(permitted, saturated, state.paused_for)
     if mode == UpdateMode.VELOCITY_ONLY:
         state.paused_for += duration
-        mode = update_mode(conditions, saturated, state.paused_for)
+        mode = update_mode(permitted, saturated, state.paused_for)
     elif mode == UpdateMode.LEARN:
         state.paused_for = 0.0
     write_estimated(state, state.estimated)

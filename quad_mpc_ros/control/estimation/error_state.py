@@ -1,6 +1,6 @@
 """The states of the filter: indices, initial deviations, process noise and bounds.
 
-The attitude is measured, so translation and body rates are not coupled: they are two filters.
+The attitude is measured, so translation and body rates are not coupled and have separate filters.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class RateEstimate(Record):
 
 
 class StateNoise(NamedTuple):
-    """Initial standard deviation, and random walk per root of a second."""
+    """Initial standard deviation, and random walk per square root of a second."""
 
     initial: float
     random_walk: float
@@ -95,5 +95,5 @@ OFFSET_BOUND, OFFSET_BY_THRUST_BOUND = 3.0, 0.2
 
 
 def variances_at(assumed: StateNoise, scale: float = 1.0) -> tuple[float, float]:
-    """Return the initial variance and its growth per second of a state times ``scale``."""
+    """Return the initial variance and its growth per second of a state, times ``scale``."""
     return float(np.square(scale * assumed.initial)), float(np.square(scale * assumed.random_walk))

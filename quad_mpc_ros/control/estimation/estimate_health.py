@@ -1,7 +1,8 @@
-"""Health of the estimate: when it has to be reset."""
+"""Health of the estimate, and the decision to reset it."""
 
 from __future__ import annotations
 
+from quad_mpc_ros.control.estimation.kept_height import since
 from quad_mpc_ros.control.lie import formulas
 
 _SECOND = 1_000_000_000
@@ -14,7 +15,7 @@ _REPORT_TIME_NS = 10 * _SECOND
 
 
 class EstimateHealth:
-    """Tracks how long the estimate has been at its bounds or has refused odometries."""
+    """Tracks how long the estimate has been at its bounds or has rejected odometries."""
 
     def __init__(self) -> None:
         self.resets = 0
@@ -30,13 +31,8 @@ class EstimateHealth:
         """
         share = formulas.lowpass_share(duration, _REFUSED_TIME)
         self._refused += share * ((1.0 if refused else 0.0) - self._refused)
-        if not at_bounds:
-            self._bounds_since_ns = None
-        elif self._bounds_since_ns is None:
-            self._bounds_since_ns = now_ns
-        stuck = (
-            self._bounds_since_ns is not None and now_ns - self._bounds_since_ns > _AT_BOUNDS_NS
-        )
+        since_ns = self._bounds_since_ns = since(self._bounds_since_ns, now_ns, lasts=at_bounds)
+        stuck = since_ns is not None and now_ns - since_ns > _AT_BOUNDS_NS
         recent = self._reset_ns is not None and 0 <= now_ns - self._reset_ns < _RESET_INTERVAL_NS
         if recent or not (stuck or self._refused > _MAX_REFUSED_SHARE):
             return False

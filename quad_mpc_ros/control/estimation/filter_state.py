@@ -1,4 +1,4 @@
-"""The record of the filter, and the model parameters that follow from it."""
+"""The record of the filter, and the model parameters derived from the record."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class ProcessNoise(Record):
 
 
 class LowpassedRates(Record):
-    """Commands and measured rates behind the same first-order low-pass."""
+    """Commands and measured rates after equal first-order low-pass filters."""
 
     command: Vector4
     measured: Vector3  # rad/s
@@ -112,7 +112,7 @@ def write_estimated(state: Filter, parameters: ModelParameters) -> None:
 
 @compiled
 def is_at_bounds(state: Filter) -> bool:
-    """Whether disturbance or thrust scale are at their bounds."""
+    """Whether disturbance or thrust scale is at a bound."""
     x, farthest = state.translation.x, state.bounds.disturbance_max
     d, k = MOTION.disturbance, x[MOTION.scale]
     far = max(abs(x[d]), abs(x[d + 1])) >= farthest or abs(x[d + 2]) >= VERTICAL_BOUND

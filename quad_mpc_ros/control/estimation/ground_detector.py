@@ -7,10 +7,10 @@ the vehicle cannot fly. With a share l of its weight as thrust a vehicle in the 
 
     a >= (1 - 1.5 l) g - gust
 
-even if the true thrust is 1.5 times the modelled one. If it keeps its height nevertheless
-(:mod:`.kept_height`), the ground carries it. A landing reported by the flight stack counts as
-well, also with little thrust only. ``simulation/`` has its own model of the ground, so that tests
-find errors made here.
+even if the true thrust is 1.5 times the modelled one. If the vehicle holds its height nevertheless
+(:mod:`.kept_height`), it is on the ground. A landing reported by the flight stack also counts, but
+only at low thrust. ``simulation/`` models the ground independently, so that tests find errors of
+this module.
 """
 
 from __future__ import annotations
@@ -27,11 +27,16 @@ from quad_mpc_ros.control.estimation.ground_state import (
     AllowedCommand,
     GroundEvidence,
     GroundState,
-    Learning,
     next_state,
 )
-from quad_mpc_ros.control.estimation.kept_height import GUST, SETTLING, THRUST_ERROR, KeptHeight
-from quad_mpc_ros.control.estimation.update_mode import LONGEST_GAP_NS
+from quad_mpc_ros.control.estimation.kept_height import (
+    GUST,
+    SETTLING,
+    THRUST_ERROR,
+    KeptHeight,
+    since,
+)
+from quad_mpc_ros.control.estimation.update_mode import LONGEST_GAP_NS, UpdateMode
 from quad_mpc_ros.control.lie import kernels
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
@@ -51,7 +56,7 @@ _MIN_HEIGHT_CHANGE = 0.01  # m within its window: the reference climbs or sinks
 
 
 class _ReferenceHeights(NamedTuple):
-    """The reference's present, lowest and highest height [m], and its largest speed [m/s]."""
+    """Current, lowest and highest height of the reference [m], and its largest speed [m/s]."""
 
     height: float
     lowest: float
@@ -60,15 +65,18 @@ class _ReferenceHeights(NamedTuple):
 
 
 class GroundDetector(Stage):
-    """Decides the ground state from odometry to odometry."""
+    """Decides the ground state at each odometry."""
 
     def __init__(self, gravity: float = 9.81) -> None:
-        self.state = GroundState.UNKNOWN
-        """The state at the last odometry."""
         self.idle_wanted = False
         """Whether the reference requests idle motors (:func:`.ground_state.idles`)."""
         self._gravity = gravity
-        self._landed: bool | None = None
+        self.landed: bool | None = None
+        """Whether the flight stack reports the vehicle landed; None if it does not report.
+
+        A reported landing counts while the vehicle has little thrust and does not move. The
+        absence of a report proves nothing, because stacks report late.
+        """
         self._engaged = True
         self._motion = MotionFilter(gravity)
         self._window: ReferenceWindow | None = None
@@ -77,6 +85,7 @@ class GroundDetector(Stage):
 
     def _forget(self) -> None:
         self.state = GroundState.UNKNOWN
+        """The state at the last odometry."""
         self._climbs = self._lands = False  # the reference, near the ground
         self._stood_at: float | None = None
         self._stood_ns: int | None = None
@@ -90,25 +99,16 @@ class GroundDetector(Stage):
         self._crash = CrashDetector(self._gravity)
 
     def engage(self, engaged: bool) -> None:
-        """Set whether commands act; otherwise their thrust is meaningless."""
-        if engaged is not self._engaged:
-            stood, height = self.state.is_on_ground and engaged, self._stood_at
-            self._engaged = engaged
-            self._forget()
-            self._stood_at = height  # the vehicle may land there again
-            if stood:  # as reported by the flight stack
-                self.state = GroundState.ON_GROUND
-
-    def set_landed(self, landed: bool | None) -> None:
-        """Set whether the flight stack reports the vehicle landed; None if it does not report.
-
-        A reported landing counts while the vehicle has little thrust and does not move. The
-        absence of ``landed`` proves nothing, as stacks report late.
-        """
-        self._landed = landed
+        """Set whether the vehicle executes commands; otherwise their thrust is meaningless."""
+        stood, height = self.state.is_on_ground and engaged, self._stood_at
+        self._engaged = engaged
+        self._forget()
+        self._stood_at = height  # the vehicle may land there again
+        if stood:  # as reported by the flight stack
+            self.state = GroundState.ON_GROUND
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Transform heights by an announced step of the estimate."""
+        """Transform heights by an announced odometry jump."""
         if self._stood_at is not None:
             self._stood_at += float(reset.step_W[2])
         self._still.forget()
@@ -130,14 +130,14 @@ class GroundDetector(Stage):
                 return AllowedCommand.ALL
 
     @property
-    def learning(self) -> Learning:
-        """The permitted learning, as the ground may carry part of the weight."""
+    def learning(self) -> UpdateMode:
+        """The permitted update of the estimate, as the ground may carry part of the weight."""
         if not self.state.is_flying or self._has_just_left:
-            return Learning.HOLD
+            return UpdateMode.HOLD
         might_touch = self._lands or self._little_since_ns is not None
         if might_touch or self.state is GroundState.TOUCHING_DOWN:
-            return Learning.PAUSE
-        return Learning.LEARN
+            return UpdateMode.VELOCITY_ONLY
+        return UpdateMode.LEARN
 
     def update(
         self, odometry: OdometrySample, *, thrust: float, window: ReferenceWindow | None
@@ -150,8 +150,8 @@ class GroundDetector(Stage):
             window: The reference, if there is one.
         """
         if not self._engaged:
-            self.state = GroundState.ON_GROUND if self._landed else GroundState.UNKNOWN
-            self._stood_at = float(odometry.p_WB[2]) if self._landed else self._stood_at
+            self.state = GroundState.ON_GROUND if self.landed else GroundState.UNKNOWN
+            self._stood_at = float(odometry.p_WB[2]) if self.landed else self._stood_at
         elif self._stamp_ns != odometry.stamp_ns:
             self._follow(odometry, thrust)
             self.state = next_state(self.state, self._evidence(odometry, window))
@@ -206,7 +206,7 @@ class GroundDetector(Stage):
         return found
 
     def _heights_of(self, window: ReferenceWindow | None, height: float) -> _ReferenceHeights:
-        """Return the heights of the reference: -inf if idle, the vehicle's without a reference."""
+        """Return heights of the reference: -inf if idle, the vehicle's without a reference."""
         if self.idle_wanted:
             return _ReferenceHeights(-math.inf, -math.inf, -math.inf, 0.0)
         if window is None:
@@ -220,7 +220,7 @@ class GroundDetector(Stage):
         return self._reference_heights
 
     def _follow_ground(self, odometry: OdometrySample) -> None:
-        """Update the place on the ground, as the estimate drifts."""
+        """Update the position on the ground, as the estimate drifts."""
         stamp_ns = odometry.stamp_ns
         if self.state.is_on_ground:
             self._stood_at, self._stood_ns = float(odometry.p_WB[2]), stamp_ns
@@ -235,7 +235,7 @@ class GroundDetector(Stage):
             self._motion.lower_ground()
 
     def _rests(self, stamp_ns: int, *, wanted: bool) -> bool:
-        """Whether a landing is reported, or the height is kept with too little thrust to fly."""
+        """Whether a landing is reported, or the height is held with too little thrust to fly."""
         since_ns = self._little_since_ns
         idle = since_ns is not None and stamp_ns - since_ns >= round(1e9 * SETTLING)
         if not (wanted and idle and self._motion.now.speed < SLOW):
@@ -243,13 +243,13 @@ class GroundDetector(Stage):
             return False
         fall = (1.0 - (1.0 + THRUST_ERROR) * self._thrust - GUST) * self._gravity
         kept = self._still.lasts(stamp_ns, self._motion.now.height, fall)
-        return bool(self._landed) or kept
+        return bool(self.landed) or kept
 
     def _might_be_down(self, height: float, *, sinks: bool) -> bool:
-        """Whether the vehicle is slow, and may be carried by the ground.
+        """Whether the vehicle is slow, and possibly on the ground.
 
-        The reference requests idle, the thrust is little near the ground, or the vehicle does not
-        sink with the reference. In hover, a vehicle with more thrust than before does not either.
+        Contact means: the reference requests idle, thrust is low near the ground, or the vehicle
+        does not descend with the reference. Neither does a hover with more thrust than before.
         """
         low = self._little_since_ns is not None and self._is_low(height)
         carried = sinks and self._motion.now.carried
@@ -258,7 +258,7 @@ class GroundDetector(Stage):
     def _is_low(self, height: float) -> bool:
         """Whether the vehicle is near the height of the ground."""
         stood = self._stood_at is not None and height < self._stood_at + _NEAR_GROUND
-        return bool(self._landed) or stood
+        return bool(self.landed) or stood
 
     def _is_moving(self) -> bool:
         """Whether the vehicle is faster than noise, which alone does not change the height."""
@@ -267,7 +267,7 @@ class GroundDetector(Stage):
         return motion.speed > (_MOVING_SPEED if shifted else FAST)
 
     def _has_left(self) -> bool:
-        """Whether the vehicle has left its place on the ground, or first position, by thrust."""
+        """Whether the vehicle has left its initial or ground position by thrust."""
         since_ns, stamp_ns, motion = self._lifting_since_ns, self._stamp_ns, self._motion.now
         assert stamp_ns is not None
         if since_ns is not None and stamp_ns - since_ns >= _SPOOL_UP_NS:
@@ -279,10 +279,3 @@ class GroundDetector(Stage):
         climbs = motion.climb > _CLIMB_SPEED and motion.rise > 0.5 * HEIGHT
         by_thrust = self._thrust > _FLIGHT_LIFT and (climbs or motion.aside > _SLIPPING_SPEED)
         return by_thrust or motion.rise > LEFT_GROUND
-
-
-def since(since_ns: int | None, now_ns: int, *, lasts: bool) -> int | None:
-    """Return since when a condition lasts, None if it does not."""
-    if not lasts:
-        return None
-    return now_ns if since_ns is None else since_ns

@@ -1,7 +1,7 @@
 """Filtered motion and thrust of a vehicle, for the ground detector.
 
 With less than a share of its recent thrust in flight, a vehicle must fall. If its sink rate has
-grown by less than a share of the expected amount, the ground carries it.
+grown by less than a share of the expected amount, the vehicle is on the ground.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3
-from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.lie import kernels
 from quad_mpc_ros.control.lie.formulas import lowpass_share
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.model.samples import Measured, OdometrySample
 
 # Time constants [s]: odometry, thrust of the motors, mean thrust in flight.
 _ODOMETRY_TIME, _THRUST_TIME, _FLIGHT_TIME = 0.1, 0.3, 2.0
@@ -22,15 +22,13 @@ _REDUCED_THRUST = 0.8  # share of the thrust in flight below which the vehicle m
 _EXPECTED_SINK = 0.2  # m/s, expected change of the sink rate before it is compared
 _MIN_SINK_SHARE = 0.3  # of the expected change; below it the ground carries the vehicle
 
-_Reported = tuple[Array, Array, Array]  # position, attitude and velocity in the body
-
 
 class VehicleMotion(NamedTuple):
     """Filtered motion: horizontal, vertical and total speed [m/s], height [m].
 
-    ``displacement`` and ``rise`` [m] are from the place on the ground, or the first position.
-    ``lift`` is the vertical thrust as a share of the weight; ``carried``: the ground seems to
-    carry the vehicle. Not filtered: ``up``, cosine of the tilt, and ``reported_speed``.
+    ``displacement`` and ``rise`` [m] are relative to the position on the ground, or the first
+    position. ``lift`` is the vertical thrust as a share of the weight; ``carried``: the ground
+    seems to carry the vehicle. Not filtered: ``up``, cosine of the tilt, and ``reported_speed``.
     """
 
     aside: float = 0.0
@@ -63,7 +61,7 @@ class Filters(Record):
 
 
 class MotionFilter:
-    """Filters the motion from odometry to odometry."""
+    """Filters the motion at each odometry."""
 
     def __init__(self, gravity: float) -> None:
         self.now = VehicleMotion()
@@ -77,44 +75,45 @@ class MotionFilter:
             self._filters[name] = 0.0
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Transform the filters by an announced step of the estimate."""
+        """Transform the filters by an announced odometry jump."""
         for name in ("p_WB", "ground_W"):
             self._filters[name] = reset.points(self._filters[name])
         self._filters["v_WB_W"] = reset.vectors(self._filters["v_WB_W"])
 
     def draw_ground(self, *, fast: bool) -> None:
-        """Move the place on the ground towards the position."""
+        """Move the position on the ground towards the current position."""
         time_constant = _THRUST_TIME if fast else _FLIGHT_TIME
         share = lowpass_share(float(self._filters["duration"]), time_constant)
         ground_W = self._filters["ground_W"]
         ground_W += share * (self._filters["p_WB"] - ground_W)
 
     def lower_ground(self) -> None:
-        """Lower the place on the ground to at most the present height."""
+        """Lower the position on the ground to at most the current height."""
         ground_W = self._filters["ground_W"]
         ground_W[2] = min(ground_W[2], self.now.height)
 
     def follow(
         self, odometry: OdometrySample, *, thrust: float, duration: float, is_flying: bool
     ) -> None:
-        """Take an odometry ``duration`` [s] after the last one; 0 restarts the filters.
+        """Take an odometry ``duration`` [s] after the previous odometry; 0 restarts the filters.
 
         ``thrust`` is the modelled thrust of the active command as a share of the weight.
         """
-        reported = odometry.p_WB, odometry.q_WB_xyzw, odometry.v_WB_B
-        self.now = _follow(self._filters, reported, thrust, duration=duration, is_flying=is_flying)
+        self.now = _follow(
+            self._filters, odometry.measured, thrust, duration=duration, is_flying=is_flying
+        )
 
 
 @compiled
 def _follow(
     buffer: RecordArray[Filters],
-    reported: _Reported,
+    reported: Measured,
     thrust: float,
     duration: float,
     is_flying: bool,
 ) -> VehicleMotion:
     """Filter the ``reported`` position, attitude and velocity; restart if the duration is 0."""
-    filters, (p_WB, q_WB_xyzw, v_WB_B) = buffer[()], reported
+    filters, (p_WB, q_WB_xyzw, v_WB_B, _) = buffer[()], reported
     R_WB = kernels.rotation(kernels.quaternion_in(q_WB_xyzw))
     v_WB_W = kernels.apply(R_WB, kernels.vector(v_WB_B))
     restarts, (_, _, up) = duration == 0.0, kernels.column(R_WB, 2)

@@ -16,13 +16,13 @@ import numpy as np
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 
 NO_LIFT = 0.4
-"""Thrust as a share of the weight with which no vehicle lifts off or stays in the air."""
+"""Thrust as a share of the weight, too low to lift off or to stay in the air."""
 HEIGHT = 0.1
 """Difference in height [m] between reference and vehicle that commands a climb or descent."""
 LEFT_GROUND = 0.15
-"""Distance [m] from its place on the ground beyond which a vehicle under thrust flies."""
+"""Distance [m] from the position on the ground beyond which a vehicle under thrust flies."""
 LEFT_GROUND_UNPOWERED = 2.0 * LEFT_GROUND
-"""That distance without known thrust: larger, as the estimate drifts."""
+"""Corresponding distance if the thrust is unknown: larger, as the estimate drifts."""
 
 
 class GroundState(enum.Enum):
@@ -45,15 +45,17 @@ class GroundState(enum.Enum):
 class GroundEvidence(enum.Enum):
     """Evidence for a transition; the value describes it."""
 
-    LIES = "the vehicle keeps a height it could not keep in the air: inverted or after a collision"
-    LEFT = "the vehicle left its place under thrust, moves, or has had lifting thrust for long"
-    RESTS = "the vehicle keeps its height with so little thrust that it would fall"
+    LIES = "the vehicle does not fall, although inverted, or climb with thrust after a collision"
+    LEFT = (
+        "the vehicle moves, left its position under thrust, or had lift-off thrust for some time"
+    )
+    RESTS = "the vehicle holds its height with too little thrust to fly"
     CLIMBS = "the reference climbs, or is above the vehicle"
-    TOUCHES = "the reference sinks, and the slow vehicle is carried, is low or is to idle"
+    TOUCHES = "the reference sinks, and the slow vehicle is carried, low or commanded to idle"
 
 
 class Transition(NamedTuple):
-    """From ``state`` to ``then`` if the evidence is ``present``, or is absent."""
+    """From ``state`` to ``then`` if the evidence is ``present``, or absent."""
 
     state: GroundState
     evidence: GroundEvidence
@@ -81,10 +83,10 @@ TRANSITIONS = (
     Transition(_TOUCHING_DOWN, GroundEvidence.TOUCHES, False, _FLYING),
     Transition(_CRASHED, GroundEvidence.LIES, False, _FLYING),
 )
-"""The first row that applies is taken, at most one per odometry.
+"""The first matching row is applied, at most one per odometry.
 
-When commands begin or cease to act, the state becomes ``UNKNOWN``, or ``ON_GROUND`` if the flight
-stack reports a landing.
+When the vehicle starts or stops executing commands, the state becomes ``UNKNOWN``, or
+``ON_GROUND`` if the flight stack reports a landing.
 """
 
 
@@ -100,16 +102,8 @@ class AllowedCommand(enum.Enum):
     """The part of a command that is sent to the motors."""
 
     IDLE = "motors idle, no rates"
-    LEVEL = "throttle, and rates that make it level"
+    LEVEL = "throttle, and rates that level the vehicle"
     ALL = "throttle and rates"
-
-
-class Learning(enum.Enum):
-    """The permitted learning from an odometry."""
-
-    HOLD = "hold what was learned"
-    PAUSE = "follow the velocity, learn nothing"
-    LEARN = "learn"
 
 
 def idling(window: ReferenceWindow, gravity: float) -> ReferenceWindow:
@@ -118,7 +112,7 @@ def idling(window: ReferenceWindow, gravity: float) -> ReferenceWindow:
 
 
 def idles(window: ReferenceWindow, gravity: float) -> bool:
-    """Whether a window requests idle motors: at rest with less force than any flight needs."""
+    """Whether a window requests idle motors: at rest, with less force than any flight requires."""
     if window.v_WB_W.any():
         return False
     force = np.linalg.norm(window.a_WB_W + np.array([0.0, 0.0, gravity]), axis=1)
@@ -128,7 +122,7 @@ def idles(window: ReferenceWindow, gravity: float) -> bool:
 class GroundHeight:
     """The last height [m] on the ground, and whether the vehicle has left it since.
 
-    For users without ground state and without a landed flag of the flight stack.
+    For use without ground state and without a landed flag of the flight stack.
     """
 
     def __init__(self, threshold: float) -> None:
@@ -142,6 +136,6 @@ class GroundHeight:
         self.height, self.was_left = height, False
 
     def update(self, height: float) -> None:
-        """Take the height of a vehicle that may be on the ground."""
+        """Take the height of a vehicle that is possibly on the ground."""
         if self.height is not None:
             self.was_left = self.was_left or abs(height - self.height) > self._threshold

@@ -5,10 +5,10 @@
     update    K = P H' S^-1,  x <- x + K nu,  P <- (I - K H) P (I - K H)' + K R K'
 
 The update is in Joseph's form, which holds for any K, so that rows of K may be zero: states that
-must not be learned now are *considered* (Schmidt, "Application of state-space methods to
-navigation problems", 1966). They stay, but their uncertainty counts in S. A state beyond a bound
-is projected back in the norm of P^-1 (Simon, Chia, "Kalman filtering with state equality
-constraints", 2002), which moves correlated states as well.
+must not be updated are *considered* (Schmidt, "Application of state-space methods to navigation
+problems", 1966). Considered states do not change, but their uncertainty counts in S. A state
+beyond a bound is projected back in the norm of P^-1 (Simon, Chia, "Kalman filtering with state
+equality constraints", 2002), which moves correlated states as well.
 """
 
 from __future__ import annotations
@@ -89,21 +89,20 @@ def update(x: Array, P: Array, measured: Innovation, considered: Array) -> None:
 
 
 @compiled
-def constrain(x: Array, P: Array, i: int, bounds: tuple[float, float], considered: Array) -> bool:
-    """Project a state back to its bounds; return whether it was beyond them.
+def constrain(x: Array, P: Array, i: int, bounds: tuple[float, float], considered: Array) -> None:
+    """Project a state back to its bounds.
 
     Correlated states that are not ``considered`` (n,) change as well.
     """
     off = kernels.clamp(x[i], bounds[0], bounds[1]) - x[i]
     if off == 0.0:
-        return False
+        return
     bound, variance = x[i] + off, P[i, i]
     if variance > 0.0:
         for j in range(len(x)):
             if considered[j] == 0.0:
                 x[j] += P[j, i] / variance * off
     x[i] = bound
-    return True
 
 
 @compiled

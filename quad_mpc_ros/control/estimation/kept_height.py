@@ -1,8 +1,8 @@
-"""Detection of a height that a vehicle in the air could not keep, so that the ground carries it.
+"""Detection of a height that a vehicle in the air could not hold: it is on the ground.
 
-A body with an acceleration of at least a covers at least a T^2 / 8 of height in a time T, namely
-about the turning point of a throw. A vehicle on the ground covers at most half of that. Heights
-are compared because speeds are noisier.
+A body with an acceleration of at least a covers at least a T^2 / 8 of height in a time T, the
+least around the highest point of a ballistic arc. A vehicle on the ground covers at most half of
+this height. Heights are compared because speeds are noisier.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ THRUST_ERROR = 0.5
 GUST = 0.2
 """Largest acceleration by gusts, as a share of gravity."""
 SETTLING = 0.2
-"""Time [s] after which motors no longer lift once the throttle is reduced."""
+"""Time [s] from a reduction of the throttle to the loss of lift."""
 
 
 class KeptHeight:
-    """Tracks how long a vehicle has kept its height although in the air it could not."""
+    """Tracks how long a vehicle has held a height that it could not hold in the air."""
 
     def __init__(self, shortest: float) -> None:
-        """Compare over ``shortest`` [s] to twice that, then restart."""
+        """Compare over one to two times ``shortest`` [s], then restart."""
         self._shortest = shortest
         self._since_ns: int | None = None
         self._lowest = self._highest = self._least = 0.0
@@ -29,9 +29,9 @@ class KeptHeight:
         self._since_ns = None
 
     def lasts(self, stamp_ns: int, height: float, acceleration: float) -> bool:
-        """Take a height [m]; return whether it has been kept long enough.
+        """Take a height [m]; return whether the height has been held long enough.
 
-        ``acceleration`` [m/s^2] is the least possible one in the air, 0 if it may be none.
+        ``acceleration`` [m/s^2] is the least possible acceleration in the air, or 0.
         """
         if acceleration <= 0.0:
             self._since_ns = None
@@ -47,3 +47,10 @@ class KeptHeight:
         if duration > 2.0 * self._shortest:
             self.forget()
         return kept
+
+
+def since(since_ns: int | None, now_ns: int, *, lasts: bool) -> int | None:
+    """Return the start time of a condition, None if the condition is false."""
+    if not lasts:
+        return None
+    return now_ns if since_ns is None else since_ns

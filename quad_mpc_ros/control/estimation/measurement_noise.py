@@ -1,7 +1,7 @@
-"""Estimation of the measurement noise of position and velocity, which few sources report.
+"""Estimation of the measurement noise of position and velocity, which few odometry sources report.
 
 **White noise** of one measurement appears in two successive changes with opposite signs,
-unmodelled motion with the same sign. With y_k the measured less the predicted change between two
+unmodelled motion with the same sign. With y_k the measured minus the predicted change between two
 odometries, white noise of variance s^2 gives
 
     y_k - y_{k-1} = n_k - 2 n_{k-1} + n_{k-2},   variance 6 s^2 along each axis,
@@ -73,7 +73,7 @@ def drift_variance_in(drift: VelocityDrift, reported: float) -> float:
 
 @compiled
 def update_white_noise(noise: WhiteNoise, change: kernels.Vector, duration: float) -> None:
-    """Update by the next measured less predicted change, after a duration."""
+    """Update with the next measured minus predicted change, after a duration."""
     square = 0.0
     for i in range(3):
         square += (change[i] - noise.change[i]) ** 2
@@ -89,7 +89,7 @@ def update_white_noise(noise: WhiteNoise, change: kernels.Vector, duration: floa
 def update_drift(
     drift: VelocityDrift, p_WB: Array, v_WB_W: Array, white: float, duration: float
 ) -> None:
-    """Update by measured position (3,) [m] and velocity (3,) [m/s] after a duration [s].
+    """Update with measured position (3,) [m] and velocity (3,) [m/s] after a duration [s].
 
     ``white`` [m^2] is the variance of the position.
     """
@@ -117,7 +117,7 @@ def begin_drift(drift: VelocityDrift, p_WB: Array, v_WB_W: Array) -> None:
 
 @compiled
 def _share(age: float, duration: float) -> float:
-    """Return the weight of the newest observation in the mean of all, or of recent ones."""
+    """Return the weight of the newest observation in the mean of all or recent observations."""
     return (
         duration / age
         if age < _AVERAGING_TIME

@@ -1,7 +1,7 @@
 """The process model of the filter: the MPC's model between two odometries, with its derivatives.
 
 Position, velocity and throttle follow from the commands that acted, delayed and lagged, and from
-the estimated parameters. The attitude turns at a constant rate between two measured attitudes.
+the estimated parameters. The attitude rotates at a constant rate between two measured attitudes.
 The modelled rates follow their commands and offsets through the loop of each axis.
 """
 
@@ -29,7 +29,7 @@ from quad_mpc_ros.control.model.parameter_jacobians import (
     thrust_lag_slopes,
 )
 from quad_mpc_ros.control.model.parameters import ModelParameters, modelled_thrust
-from quad_mpc_ros.control.model.rollout import LONGEST_SUBSTEP, Body, StateRecord
+from quad_mpc_ros.control.model.rollout import Body, StateRecord
 from quad_mpc_ros.control.model.state import U_RATE, U_THROTTLE
 
 
@@ -45,7 +45,7 @@ def predict_translation(
 ) -> None:
     """Predict the translation with the estimated ``model``, and write the Jacobian F.
 
-    ``before`` and ``after`` are the measured states. Disturbance and bias have ones in F.
+    ``before`` and ``after`` are the measured states. Disturbance and bias have 1 on F's diagonal.
     """
     x, duration = estimate.x, acting.durations.sum()
     R = kernels.matrix(before.R_WB)
@@ -62,7 +62,7 @@ def predict_translation(
     for k in range(len(acting.durations)):
         command = acting.commands[k, U_THROTTLE], w[0], w[1], w[2]
         body = propagated_with_derivatives(
-            model, shape, command, acting.durations[k], LONGEST_SUBSTEP, body, derivatives
+            model, shape, command, acting.durations[k], body, derivatives
         )
     kernels.store_vector(body.p, x[MOTION.position : MOTION.velocity])
     kernels.store_vector(body.v, x[MOTION.velocity : MOTION.disturbance])
@@ -82,7 +82,7 @@ def _add_lateness(
 ) -> None:
     """Add the effect of a thrust delay D beyond the longest time constant.
 
-    To first order, the velocity lacks D times the change of the thrust over the duration.
+    To first order, the velocity lags by D times the change of the thrust over the duration.
     """
     x, late = estimate.x, estimate.x[MOTION.lag] - model.thrust_time_constant
     if late <= 0.0:
@@ -124,7 +124,7 @@ def _write_jacobian(derivatives: MotionDerivatives, F: Array) -> None:
 def predict_unmodelled(
     model: ModelParameters, estimate: TranslationEstimate, acting: Acting, F: Array
 ) -> None:
-    """Predict at constant velocity, without forces, and the throttle by the model."""
+    """Predict with constant velocity, without forces, and the throttle with the model."""
     x, duration = estimate.x, acting.durations.sum()
     identity(F)
     for k in range(3):

@@ -70,7 +70,7 @@ def take_rates(state: Filter) -> None:
 def begin_rates(state: Filter, w_WB_B: Array) -> None:
     """Start at measured rates (3,).
 
-    The low-pass starts with commands that equal the rates less the offset, so that low-passed
+    The low-pass starts with commands that equal the rates minus the offset, so that low-passed
     rates follow low-passed commands through the same lag.
     """
     lowpass = state.lowpass
@@ -89,8 +89,8 @@ def track_acceleration(
 ) -> None:
     """Write the angular acceleration of a measured state ``after``.
 
-    It is the model's, corrected by the measured rates. The shorter the lag of the torque, the
-    less is corrected: the model's own error decays with the lag.
+    The measured rates correct the acceleration of the model. A shorter torque lag needs less
+    correction: the model's own error decays with the lag.
     """
     commands, duration = acting.commands.copy(), acting.durations.sum()
     for n in range(len(commands)):
@@ -113,10 +113,10 @@ def track_acceleration(
 
 @compiled
 def _interpolation_error(lowpass: LowpassedRates, measured: Array) -> float:
-    """Return how far rates are from a straight line to the measured ones (3,) [rad/s].
+    """Return the deviation of rates from a straight line to the measured rates (3,) [rad/s].
 
-    A parabola is off by an eighth of its second difference at most. Half of that: commands that
-    alternate from sample to sample must still show that lags are short.
+    A parabola is off by an eighth of its second difference at most. Half of this is used, so that
+    commands that alternate at each sample still reveal short lags.
     """
     largest = 0.0
     for k in range(3):

@@ -1,15 +1,15 @@
 """The measurement model of the accelerometer.
 
-An accelerometer measures the specific force, the acceleration less gravity, in the body. Its mean
+An accelerometer measures the specific force, the acceleration minus gravity, in the body. The mean
 over an interval follows from the predicted change of the velocity (:mod:`.process_model`), so no
 model of the forces is needed here:
 
     f_B = R' ((v(dt) - v) / dt - g) + a + n,     H = R' (F_v - E_v) / dt,   H_a = 1,
 
 with the midpoint attitude R, the rows F_v and E_v of the velocity in the Jacobian and in the unit
-matrix, the bias a and white noise n. It measures the state at the start of the interval, before
-the prediction. Errors are of second order in the rotation: 0.2 % of the force at 10 rad/s and
-20 ms.
+matrix, the bias a and white noise n. The innovation corrects the state at the start of the
+interval, before the prediction. Errors are of second order in the rotation: 0.2 % of the force at
+10 rad/s and 20 ms.
 """
 
 from __future__ import annotations

@@ -153,9 +153,9 @@ def restart(state: Filter, p_WB: Array, v_WB_W: Array) -> None:
 
 @compiled
 def _lag_is_observable(state: Filter, F: Array, duration: float) -> bool:
-    """Whether the thrust changes so fast that the velocity shows its time constant.
+    """Whether the thrust changes so fast that its time constant is observable in the velocity.
 
-    Directly, and through the throttle, which has lagged with it.
+    The throttle, which has the same lag, contributes as well.
     """
     effect, speed, P = 0.0, 0.0, state.translation.P
     if P[MOTION.lag, MOTION.lag] <= 0.0:
@@ -178,7 +178,7 @@ def _update_noise(
     mode: UpdateMode,
     duration: float,
 ) -> None:
-    """Update the noise by two measurements and the prediction from the estimate ``was``."""
+    """Update the noise with two measurements and the prediction from the estimate ``was``."""
     before, after = states
     white = measurement_noise.variance_in(state.position_noise)
     measurement_noise.update_drift(state.drift, after.p_WB, after.v_WB_W, white, duration)
@@ -196,7 +196,7 @@ def _update_noise(
 def _unpredicted(
     measured_before: Array, measured: Array, was: Array, x: Array, i: int
 ) -> kernels.Vector:
-    """Return a measured change (3,) less the predicted change of a block of the state."""
+    """Return a measured change (3,) minus the predicted change of a block of the state."""
     return (
         measured[0] - measured_before[0] - x[i] + was[i],
         measured[1] - measured_before[1] - x[i + 1] + was[i + 1],

@@ -4,4 +4,4 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-"""An array of floats; its shape is said where it is used."""
+"""An array of floats; docstrings state the shape."""

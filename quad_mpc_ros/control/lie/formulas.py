@@ -1,7 +1,7 @@
-"""The formulas of SO(3), and a low-pass, on plain numbers: for Python and for Numba alike.
+"""The formulas of SO(3), and a low-pass, on plain numbers, for Python and Numba.
 
-:mod:`.so3` calls them uncompiled, without Numba, and :mod:`.kernels` compiles them. Both give the
-same bits, because powers are written as products.
+:mod:`.so3` calls them uncompiled, without Numba, and :mod:`.kernels` compiles them. Both give
+bit-identical results, because powers are written as products.
 """
 
 from __future__ import annotations
@@ -15,16 +15,9 @@ Quaternion = tuple[float, float, float, float]
 # Below this angle the closed forms lose digits to cancellation and their Taylor series, cut after
 # the third term, is exact to rounding (the fourth is smaller than 1e-3**6 / 5040).
 SMALL_ANGLE = 1e-3
-# Where the differences of higher order lose as much: two digits per factor of ten.
-_SMALL_DEFICIT = 0.05
 # Up to this square of an angle six terms are exact to rounding (the seventh is below
 # 0.0625**6 / 15!), and take a third of the time of a sine. Rotations in a substep are smaller.
 _SERIES_SQUARE = 0.0625
-
-
-def cross(a: Vector, b: Vector) -> Vector:
-    """Return a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def polynomial(phi: Vector, a: float, b: float) -> Matrix:
@@ -56,22 +49,13 @@ def turn_ratios(x: float) -> Vector:
     return sine / angle, 2.0 * half_sine * half_sine / x, (angle - sine) / (x * angle)
 
 
-def inverse_deficit(square: float) -> float:
-    """Return (1 - t / 2 cot(t / 2)) / t^2 for the square of an angle t."""
-    angle = math.sqrt(square)
-    if angle < _SMALL_DEFICIT:
-        second = square * square
-        return 1 / 12 + square / 720 + second / 30240 + square * second / 1209600
-    return (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / square
-
-
 def heading(q_xyzw: Quaternion) -> float:
-    """Return the turn about the vertical [rad] that is left after the shortest tilt from level."""
+    """Return the rotation about the vertical [rad] after the shortest tilt from level."""
     return 2.0 * math.atan2(q_xyzw[2], q_xyzw[3])
 
 
 def lowpass_share(duration: float, time_constant: float) -> float:
-    """Return the share of the way to a new value that a first-order filter goes in a time [s]."""
+    """Return the share of a step that a first-order low-pass covers in a duration [s]."""
     return 1.0 - math.exp(-duration / time_constant)
 
 
@@ -108,8 +92,8 @@ def product(a: Quaternion, b: Quaternion) -> Quaternion:
 def quaternion(r: Matrix) -> Quaternion:
     """Return the unit quaternion (x, y, z, w), w >= 0, of a rotation (Shepperd 1978).
 
-    Each of the four products 4 q_i q is linear in the matrix; the one with the largest q_i is the
-    best conditioned.
+    Each of the four products 4 q_i q is linear in the matrix; the product with the largest q_i is
+    the best conditioned.
     """
     xx, yy, zz = r[0], r[4], r[8]
     squares = (1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz, 1.0 + xx + yy + zz)

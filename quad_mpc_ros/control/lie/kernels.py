@@ -1,11 +1,10 @@
 """Vectors and rotations as plain numbers, for functions that Numba compiles.
 
 NumPy takes a microsecond for each operation on three numbers, and a horizon has thousands of them.
-Code of the control step is therefore compiled: plain loops over tuples of floats, which are in
-registers.
+Code of the control step is therefore compiled: plain loops over tuples of floats in registers.
 
-A vector is a tuple of three, a matrix one of nine, row by row. Conventions are those of
-:mod:`quad_mpc_ros.control.lie.so3`, which is the same on arrays.
+A vector is a tuple of three numbers, a matrix of nine, row by row. Conventions as in
+:mod:`quad_mpc_ros.control.lie.so3`, which works on arrays.
 """
 
 from __future__ import annotations
@@ -23,8 +22,10 @@ Quaternion = formulas.Quaternion
 
 # All bits of a float but its sign.
 _MAGNITUDE = np.int64(0x7FFF_FFFF_FFFF_FFFF)
+# Below this angle the closed form of the inverse Jacobian loses digits to cancellation: two per
+# factor of ten.
+_SMALL_DEFICIT = 0.05
 
-cross = compiled(formulas.cross)
 lowpass_share = compiled(formulas.lowpass_share)
 rotation = compiled(formulas.rotation)
 heading = compiled(formulas.heading)
@@ -32,13 +33,12 @@ product = compiled(formulas.product)
 quaternion = compiled(formulas.quaternion)
 _polynomial = compiled(formulas.polynomial)
 _turn_ratios = compiled(formulas.turn_ratios)
-_inverse_deficit = compiled(formulas.inverse_deficit)
 _rotation_vector = compiled(formulas.rotation_vector)
 
 
 @compiled
 def infinity_norm(values: Array) -> float:
-    """Return the largest magnitude in (n,); NaN when one is NaN."""
+    """Return the largest magnitude in (n,); NaN if any is NaN."""
     # Without their sign the bits of floats order as whole numbers do, NaN above infinity, and of
     # those a processor compares several at a time.
     found = np.zeros(1, dtype=np.int64)
@@ -51,7 +51,7 @@ def infinity_norm(values: Array) -> float:
 
 @compiled
 def clamp(value: float, lowest: float, highest: float) -> float:
-    """Return the number in [lowest, highest] that is nearest to a value."""
+    """Return a value limited to [lowest, highest]."""
     return min(max(value, lowest), highest)
 
 
@@ -113,6 +113,12 @@ def is_zero(a: Array) -> bool:
 def dot(a: Vector, b: Vector) -> float:
     """Return a' b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @compiled
@@ -179,7 +185,7 @@ def distance(a: Array, b: Array) -> float:
 
 @compiled
 def largest_length(rows: Array) -> float:
-    """Return the largest length of vectors (n, 3), 0 of none."""
+    """Return the largest length of vectors (n, 3), 0 without vectors."""
     square = 0.0
     for k in range(len(rows)):
         square = max(square, dot(vector(rows[k]), vector(rows[k])))
@@ -265,15 +271,22 @@ def right_jacobian(phi: Vector) -> Matrix:
 @compiled
 def right_jacobian_inverse(phi: Vector) -> Matrix:
     """Return the inverse of :func:`right_jacobian`, finite up to and at pi."""
-    return _polynomial(phi, 0.5, _inverse_deficit(dot(phi, phi)))
+    square = dot(phi, phi)
+    angle = math.sqrt(square)
+    if angle < _SMALL_DEFICIT:
+        second = square * square
+        deficit = 1 / 12 + square / 720 + second / 30240 + square * second / 1209600
+    else:  # (1 - t / 2 cot(t / 2)) / t^2 of the angle t
+        deficit = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / square
+    return _polynomial(phi, 0.5, deficit)
 
 
 @compiled
 def shortest_rotation(start: Vector, end: Vector) -> Matrix:
-    """Return the shortest rotation from the direction of one vector to that of another.
+    """Return the shortest rotation from the direction of one vector to another's.
 
-    Rodrigues' formula without an angle, (1 - cos) / sin^2 = 1 / (1 + cos). Neither vector may be
-    zero, nor may they be opposite.
+    Rodrigues' formula without an angle, (1 - cos) / sin^2 = 1 / (1 + cos). The vectors must be
+    nonzero and not opposite.
     """
     lengths = math.sqrt(dot(start, start) * dot(end, end))
     cosine = dot(start, end) / lengths
@@ -296,6 +309,6 @@ def shortest_rotation(start: Vector, end: Vector) -> Matrix:
 def log(r: Matrix) -> Vector:
     """Return the rotation vector of a rotation, of length at most pi.
 
-    Through the unit quaternion, whose vector part is well conditioned near pi.
+    It is computed from the unit quaternion, whose vector part is well conditioned near pi.
     """
     return _rotation_vector(quaternion(r))

@@ -1,11 +1,11 @@
 """The rotation group SO(3) and its Lie algebra.
 
 A rotation is a 3x3 matrix, a tangent vector is a rotation vector ``phi`` (axis times angle, rad).
-Leading batch dimensions are accepted where shapes say so: (..., 3) and (..., 3, 3). Conventions
-follow Solà, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018), with
-right (body-frame) Jacobians.
+Leading batch dimensions are accepted where shapes have an ellipsis: (..., 3) and (..., 3, 3).
+Conventions follow Solà, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics"
+(2018), with right (body-frame) Jacobians.
 
-Arguments of another shape or without a rotation raise :class:`ArgumentError`, a ``ValueError``.
+Arguments with a wrong shape, or no rotations, raise :class:`ArgumentError`, a ``ValueError``.
 
 A single rotation goes through plain numbers (:mod:`.formulas`), batches through NumPy, which takes
 ten times as long for three numbers.
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from quad_mpc_ros.configuration.arguments import array
 from quad_mpc_ros.configuration.errors import ArgumentError
 from quad_mpc_ros.control.lie import Array, formulas
-from quad_mpc_ros.control.lie.formulas import SMALL_ANGLE, Matrix, Quaternion, Vector
+from quad_mpc_ros.control.lie.formulas import SMALL_ANGLE, Matrix, Quaternion
 
 
 def hat(phi: ArrayLike) -> Array:
@@ -37,19 +37,17 @@ def hat(phi: ArrayLike) -> Array:
     return skew
 
 
-def cross(a: Array, b: Array) -> Array:
-    """Return a x b of two vectors (3,), twenty times as fast as NumPy's, which does any shape."""
-    return np.array(formulas.cross(_vector(a, "a"), _vector(b, "b")))
-
-
 def exp(phi: ArrayLike) -> Array:
     """Return the rotation by the rotation vector ``phi`` (Rodrigues); (..., 3) → (..., 3, 3)."""
     phi = array(phi, "phi", ..., 3)
     if phi.ndim == 1:
-        vector = _vector(phi, "phi")
-        sine, versine, _ = formulas.turn_ratios(_square(vector))
-        return _array(formulas.polynomial(vector, sine, versine))
-    angle = _norm(phi)
+        x, y, z = phi.tolist()
+        square = x * x + y * y + z * z
+        if not square < math.inf:  # NaN compares with nothing
+            raise ArgumentError("phi", phi, _ROTATION_VECTOR)
+        sine, versine, _ = formulas.turn_ratios(square)
+        return _array(formulas.polynomial((x, y, z), sine, versine))
+    angle = np.sqrt(np.sum(phi * phi, axis=-1))[..., None, None]  # to multiply matrices with
     if not np.isfinite(angle).all():
         raise ArgumentError("phi", phi, _ROTATION_VECTOR)
     skew = hat(phi)
@@ -59,8 +57,8 @@ def exp(phi: ArrayLike) -> Array:
 def log(rotation: Array) -> Array:
     """Return the rotation vector of ``rotation``, of length at most pi; (..., 3, 3) → (..., 3).
 
-    It goes through the unit quaternion, whose vector part is well conditioned near pi, where the
-    trace formula divides by zero. At exactly pi either of the two axes is right; one is returned.
+    The result comes from the unit quaternion, whose vector part is well conditioned near pi, where
+    the trace formula divides by zero. At exactly pi two opposite axes are valid; one is returned.
     """
     rotation = array(rotation, "rotation", ..., 3, 3)
     if rotation.ndim == 2:
@@ -81,23 +79,10 @@ def log(rotation: Array) -> Array:
     return np.asarray(ratio * vector)
 
 
-def right_jacobian(phi: ArrayLike) -> Array:
-    """Return J_r with ``exp(phi + d) ≈ exp(phi) @ exp(J_r @ d)``; (3,) → (3, 3)."""
-    vector = _vector(phi, "phi")
-    _, versine, deficit = formulas.turn_ratios(_square(vector))
-    return _array(formulas.polynomial(vector, -versine, deficit))
-
-
-def right_jacobian_inverse(phi: ArrayLike) -> Array:
-    """Return the inverse of :func:`right_jacobian`, finite up to and at pi; (3,) → (3, 3)."""
-    vector = _vector(phi, "phi")
-    return _array(formulas.polynomial(vector, 0.5, formulas.inverse_deficit(_square(vector))))
-
-
 def shortest_rotation(start: Array, end: Array) -> Array:
-    """Return the shortest rotations (n, 3, 3) that take unit vectors to others, (n, 3) each.
+    """Return the shortest rotations (n, 3, 3) between two sets of unit vectors (n, 3).
 
-    There is none between opposite ones.
+    Between opposite vectors the rotation is undefined.
     """
     start, end = array(start, "start", ..., 3), array(end, "end", ..., 3)
     if start.ndim != 2 or start.shape != end.shape:
@@ -111,7 +96,7 @@ def shortest_rotation(start: Array, end: Array) -> Array:
 def shortest_turn_of_z(direction: Array) -> Array:
     """Return the rotation vector (3,) of the shortest rotation from e_3 to a direction (3,).
 
-    It has no component along e_3. Opposite to e_3 every horizontal axis is as short: e_1.
+    The vector has no component along e_3. For the direction opposite to e_3, the axis is e_1.
     """
     length = np.linalg.norm(direction)
     if not 0.0 < length < math.inf:
@@ -127,7 +112,7 @@ def shortest_turn_of_z(direction: Array) -> Array:
 def rotation_from_quaternion_xyzw(q_xyzw: ArrayLike) -> Array:
     """Return the rotation of a quaternion (x, y, z, w), normalised first; (..., 4) → (..., 3, 3).
 
-    Raises :class:`ArgumentError` when a quaternion is zero or not finite.
+    Raises :class:`ArgumentError` if a quaternion is zero or not finite.
     """
     q = np.asarray(q_xyzw, dtype=np.float64)
     if q.ndim == 1:
@@ -155,8 +140,8 @@ def rotation_from_quaternion_xyzw(q_xyzw: ArrayLike) -> Array:
 def quaternion_xyzw_from_rotation(rotation: Array) -> Array:
     """Return the unit quaternion (x, y, z, w) with w >= 0; (..., 3, 3) → (..., 4).
 
-    Each of the four products ``4 q_i q`` is linear in the matrix; the one with the largest norm
-    is the best conditioned everywhere, pi included (Shepperd 1978).
+    Each of the four products ``4 q_i q`` is linear in the matrix; the product with the largest
+    norm is the best conditioned everywhere, including at pi (Shepperd 1978).
     """
     r = array(rotation, "rotation", ..., 3, 3)
     if r.ndim == 2:
@@ -187,42 +172,18 @@ _QUATERNION = "a quaternion that is finite and not zero"
 _ROTATION = "a rotation: finite, orthogonal"
 
 
-def _vector(given: ArrayLike, name: str) -> Vector:
-    """Return (3,) as plain numbers."""
-    x, y, z = array(given, name, 3).tolist()
-    return x, y, z
-
-
 def _quaternion(rotation: Array) -> Quaternion:
-    """Return the unit quaternion of a rotation (3, 3), both as plain numbers."""
+    """Return the unit quaternion of a rotation (3, 3), as plain numbers."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     try:
-        return formulas.quaternion(_numbers(rotation))
+        return formulas.quaternion((a, b, c, d, e, f, g, h, i))
     except (ArithmeticError, ValueError):
         raise ArgumentError("rotation", rotation.tolist(), _ROTATION) from None
-
-
-def _numbers(rotation: Array) -> Matrix:
-    """Return (3, 3) as plain numbers, row by row."""
-    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
-    return a, b, c, d, e, f, g, h, i
 
 
 def _array(matrix: Matrix) -> Array:
     """Return the (3, 3) of plain numbers."""
     return np.array(matrix).reshape(3, 3)
-
-
-def _square(v: Vector) -> float:
-    """Return v' v."""
-    square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    if not square < math.inf:  # NaN compares with nothing
-        raise ArgumentError("phi", list(v), _ROTATION_VECTOR)
-    return square
-
-
-def _norm(phi: Array) -> Array:
-    """Return the angle with two trailing axes of one, to multiply matrices with."""
-    return np.asarray(np.sqrt(np.sum(phi * phi, axis=-1)))[..., None, None]
 
 
 def _sinc(angle: Array) -> Array:
@@ -239,6 +200,6 @@ def _versine(angle: Array) -> Array:
 
 
 def _split(angle: Array) -> tuple[NDArray[np.bool_], Array]:
-    """Return where the angle is small, and the angle made safe to divide by."""
+    """Return where the angle is small, and an angle that is safe to divide by."""
     small = angle < SMALL_ANGLE
     return small, np.where(small, 1.0, angle)

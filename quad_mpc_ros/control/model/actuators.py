@@ -1,10 +1,10 @@
 """First-order lags of throttle and body rates, in compiled code.
 
 An actuator y follows its command c as dy/dt = (c - y) / tau. After a time t under one command the
-share exp(-t / tau) of its distance to the command remains, on average over that time the share
-tau (1 - exp(-t / tau)) / t. Without a time constant it equals its command.
+share exp(-t / tau) of its distance to the command remains, on average over that time the share tau
+(1 - exp(-t / tau)) / t. Without a time constant the actuator equals its command.
 
-The simulator implements its lag independently (``simulation/actuators.py``), so that tests find
+The simulator implements the lag independently (``simulation/actuators.py``), so that tests find
 errors.
 """
 
@@ -37,7 +37,7 @@ def first_order_lag(time_constant: float, duration: float) -> tuple[float, float
 
 @compiled
 def first_order_lag_slopes(time_constant: float, duration: float) -> tuple[float, float]:
-    """Return the derivatives of :func:`first_order_lag` by the time constant."""
+    """Return the derivatives of :func:`first_order_lag` with respect to the time constant."""
     if time_constant <= 0.0:
         return 0.0, 0.0
     decay, share = first_order_lag(time_constant, duration)

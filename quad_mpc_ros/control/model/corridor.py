@@ -11,17 +11,17 @@ from quad_mpc_ros.control.lie import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Corridor:
-    """Half-spaces n' p <= b on the position, K a stage.
+    """Half-spaces n' p <= b on the position, K per stage.
 
     Args:
-        stamp_ns: When the first stage begins [ns].
-        step: How long a stage is [s].
-        normals: Unit vectors n in the world (N, K, 3); zero in rows that hold nothing.
-        offsets: b along them (N, K) [m], infinity in rows that hold nothing. A row holds at the
-            end of its stage.
+        stamp_ns: Start time of the first stage [ns].
+        step: Duration of a stage [s].
+        normals: Unit vectors n in the world (N, K, 3); zero in inactive rows.
+        offsets: Offsets b (N, K) [m], infinity in inactive rows. A row applies at the end of its
+            stage.
 
     Raises:
-        ArgumentError: One of them is of another type or shape, or N is 0.
+        ArgumentError: An argument has another type or shape, or N is 0.
     """
 
     stamp_ns: int
@@ -36,8 +36,3 @@ class Corridor:
         if offsets.ndim != 2 or len(offsets) == 0:
             raise ArgumentError("offsets", offsets, "numbers of shape (N, K), N at least 1")
         array(self.normals, "normals", *offsets.shape, 3)
-
-    def beyond(self, p_W: Array, stage: int = 0) -> float:
-        """Return how far a position (3,) is outside the free region of a stage, at least 0 [m]."""
-        over = self.normals[stage] @ p_W - self.offsets[stage]
-        return max(0.0, float(over.max(initial=0.0)))

@@ -1,4 +1,4 @@
-"""An announced step of the estimator's frame: the vehicle stays, its coordinates change."""
+"""An announced jump of the odometry frame: the vehicle stays, its coordinates change."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class EstimateReset:
 
     @classmethod
     def between(cls, before: OdometrySample, after: OdometrySample) -> EstimateReset:
-        """Return the step between two odometries without the predicted motion of the vehicle."""
+        """Return the jump between two odometries without the predicted motion of the vehicle."""
         duration = 1e-9 * (after.stamp_ns - before.stamp_ns)
         R_WB = so3.rotation_from_quaternion_xyzw(before.q_WB_xyzw)
         expected = so3.quaternion_xyzw_from_rotation(R_WB @ so3.exp(duration * before.w_WB_B))
@@ -85,7 +85,7 @@ class EstimateReset:
     def samples(self, samples: Any) -> dict[str, Array]:
         """Return fields of a reference's samples in the new coordinates, by name.
 
-        These are ``p_WB``, ``v_WB_W``, ``a_WB_W``, ``w_WB_W`` (n, 3) and ``q_WB_xyzw`` (n, 4).
+        Fields: ``p_WB``, ``v_WB_W``, ``a_WB_W``, ``w_WB_W`` (n, 3) and ``q_WB_xyzw`` (n, 4).
         """
         moved = {name: self.vectors(getattr(samples, name)) for name in _VECTORS}
         return {

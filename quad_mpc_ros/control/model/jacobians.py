@@ -1,8 +1,8 @@
 """Exact Jacobians of the rollout, in compiled loops.
 
 x_{i+1} = f(x_i, u_i) over a stage of substeps; A_i = df/dx and B_i = df/du through ⊞, that is in
-the tangent spaces at x_i and x_{i+1}, with the right Jacobian of SO(3). They are those of the
-discretisation in :mod:`quad_mpc_ros.control.model.rollout`, not of the differential equations.
+the tangent spaces at x_i and x_{i+1}, with the right Jacobian of SO(3). The Jacobians belong to
+the discretisation in :mod:`quad_mpc_ros.control.model.rollout`, not to the differential equations.
 
 Tangent order of the horizon: position, velocity, attitude, body rate, throttle, angular
 acceleration.
@@ -49,8 +49,8 @@ _BY_RATE, _BY_ACCELERATION, _BY_COMMAND = 0, 1, 2
 class _Sensitivities(NamedTuple):
     """Sensitivities of attitude, velocity and position, (15, 3) each, and of the rate loops.
 
-    ``rates`` and ``accelerations`` (3, 3) are those of each axis to its rate, its acceleration and
-    its command at the start of the stage, ``means`` (3, 3) those of the mean rates of a substep.
+    ``rates`` and ``accelerations`` (3, 3) are sensitivities of each axis to its rate, acceleration
+    and command at the start of the stage, ``means`` (3, 3) those of a substep's mean rates.
     """
 
     R: Array
@@ -62,10 +62,10 @@ class _Sensitivities(NamedTuple):
 
 
 class AirSlopes(NamedTuple):
-    """Derivatives of the anisotropic drag by midpoint velocity, rotation and specific thrust.
+    """Derivatives of the anisotropic drag w.r.t. midpoint velocity, rotation and specific thrust.
 
-    ``kept`` and ``half`` are the derivatives of the midpoint velocity by the velocity before and
-    by the acceleration.
+    ``kept`` and ``half`` are the derivatives of the midpoint velocity with respect to the previous
+    velocity and the acceleration.
     """
 
     anisotropic: bool
@@ -87,7 +87,7 @@ def jacobians(
     A: Array,
     B: Array,
 ) -> None:
-    """Roll out as :func:`roll_out` does and write A (N, nx, nx) and B (N, nx, 4).
+    """Roll out like :func:`roll_out` and write A (N, nx, nx) and B (N, nx, 4).
 
     ``nx`` is 16, 13 without a lag of the torque, or 9 without actuator lags. The input of a stage
     changes the commands of all its substeps whose ``free`` (N, M, 4) is 1; it is 0 for commands at
@@ -146,7 +146,8 @@ def jacobians(
         store_body(x, states[i + 1])
         _fill(A[i], B[i], own_p, own_v, sensitivities, by_command)
         if d.anisotropic:
-            _fill_velocity(A[i], sensitivities)
+            # Anisotropic drag couples the axes of the velocity.
+            _fill_columns(A[i], V, _FROM_VELOCITY, sensitivities)
         if columns > _FROM_RATE:
             _fill_actuators(A[i], B[i], kept, gained, sensitivities, by_throttle)
         if columns > _FROM_ACCELERATION:
@@ -180,7 +181,7 @@ def air_slopes(model: ModelParameters, d: Discretisation, midpoint: Midpoint) ->
     by_x, by_y = -drag[0] - speed * rotors[0], -drag[1] - speed * rotors[1]
     by_z = -drag[2] - speed * rotors[2]
     slope = (by_x, 0.0, 0.0, 0.0, by_y, 0.0, lift * u[0], lift * u[1], by_z)
-    # Of R e(R' v) by a turn phi of the body: R (phi x e) + R e' (u x phi).
+    # Derivative of R e(R' v) by a turn phi of the body: R (phi x e) + R e' (u x phi).
     turned = kernels.multiply(slope, (0.0, -u[2], u[1], u[2], 0.0, -u[0], -u[1], u[0], 0.0))
     xx, xy, xz, yx, yy, yz, zx, zy, zz = turned
     by_turn = xx, xy + z, xz - y, yx - z, yy, yz + x, zx + y, zy - x, zz
@@ -206,7 +207,7 @@ def propagated_slopes(
 ) -> tuple[kernels.Vector, kernels.Vector]:
     """Return the sensitivities of velocity and position after a substep.
 
-    ``acceleration`` and ``direct`` are those of the acceleration and, at constant midpoint
+    ``acceleration`` and ``direct`` are sensitivities of the acceleration and, at constant midpoint
     velocity, of the anisotropic drag.
     """
     v, p = moved
@@ -224,7 +225,7 @@ def propagated_slopes(
 
 @compiled
 def _propagate_rates(midpoint: Midpoint, let: Actuators, sensitivities: _Sensitivities) -> None:
-    """Propagate the sensitivities of the rate loops over a substep; commands ``let`` count."""
+    """Propagate the sensitivities of the rate loops over a substep; ``let`` masks commands."""
     rates, accelerations, means = sensitivities[3:]
     for axis in range(3):
         step = midpoint.axes[axis]
@@ -249,7 +250,7 @@ def _propagate(
 ) -> None:
     """Propagate the sensitivities to attitude, rates and velocity over a substep.
 
-    Only the first ``columns`` of the state's are needed; the others are zero.
+    Only the first ``columns`` of the state are needed; the other columns are zero.
     """
     dR, dv, dp, _rates, _accelerations, means = sensitivities
     J = kernels.right_jacobian(midpoint.half_turn)
@@ -293,29 +294,24 @@ def _fill(
     by_command: tuple[kernels.Vector, kernels.Vector],
 ) -> None:
     """Write the non-zero entries of position, velocity and attitude."""
-    dR, dv, dp, _rates, _accelerations, _means = sensitivities
+    _fill_columns(A, THETA, 0, sensitivities)
+    _fill_columns(B, U_RATE, _FROM_COMMAND, sensitivities)
     for k in range(3):
         A[P + k, P + k] = 1.0
         A[P + k, V + k] = own_p
         A[V + k, V + k] = own_v
         B[V + k, U_THROTTLE], B[P + k, U_THROTTLE] = by_command[0][k], by_command[1][k]
-        for n in range(3):
-            A[P + k, THETA + n] = dp[n, k]
-            A[V + k, THETA + n] = dv[n, k]
-            A[THETA + k, THETA + n] = dR[n, k]
-            B[P + k, U_RATE + n] = dp[_FROM_COMMAND + n, k]
-            B[V + k, U_RATE + n] = dv[_FROM_COMMAND + n, k]
-            B[THETA + k, U_RATE + n] = dR[_FROM_COMMAND + n, k]
 
 
 @compiled
-def _fill_velocity(A: Array, sensitivities: _Sensitivities) -> None:
-    """Write the sensitivities to the velocity, whose axes anisotropic drag couples."""
-    _dR, dv, dp, _rates, _accelerations, _means = sensitivities
+def _fill_columns(matrix: Array, column: int, first: int, sensitivities: _Sensitivities) -> None:
+    """Write three columns of position, velocity and attitude, from the sensitivities ``first``."""
+    dR, dv, dp, _rates, _accelerations, _means = sensitivities
     for k in range(3):
         for n in range(3):
-            A[P + k, V + n] = dp[_FROM_VELOCITY + n, k]
-            A[V + k, V + n] = dv[_FROM_VELOCITY + n, k]
+            matrix[P + k, column + n] = dp[first + n, k]
+            matrix[V + k, column + n] = dv[first + n, k]
+            matrix[THETA + k, column + n] = dR[first + n, k]
 
 
 @compiled
@@ -328,28 +324,21 @@ def _fill_actuators(
     by_throttle: tuple[kernels.Vector, kernels.Vector],
 ) -> None:
     """Write the columns and rows of body rate and throttle."""
-    dR, dv, dp, rates, _accelerations, _means = sensitivities
+    _fill_columns(A, OMEGA, _FROM_RATE, sensitivities)
     for k in range(3):
-        for n in range(3):
-            A[P + k, OMEGA + n] = dp[_FROM_RATE + n, k]
-            A[V + k, OMEGA + n] = dv[_FROM_RATE + n, k]
-            A[THETA + k, OMEGA + n] = dR[_FROM_RATE + n, k]
         A[V + k, S], A[P + k, S] = by_throttle[0][k], by_throttle[1][k]
-        A[OMEGA + k, OMEGA + k] = rates[k, _BY_RATE]
-        B[OMEGA + k, U_RATE + k] = rates[k, _BY_COMMAND]
+        A[OMEGA + k, OMEGA + k] = sensitivities.rates[k, _BY_RATE]
+        B[OMEGA + k, U_RATE + k] = sensitivities.rates[k, _BY_COMMAND]
     A[S, S], B[S, U_THROTTLE] = kept, gained
 
 
 @compiled
 def _fill_accelerations(A: Array, B: Array, sensitivities: _Sensitivities) -> None:
     """Write the columns and rows of the angular acceleration."""
-    dR, dv, dp, rates, accelerations, _means = sensitivities
+    _fill_columns(A, ALPHA, _FROM_ACCELERATION, sensitivities)
+    accelerations = sensitivities.accelerations
     for k in range(3):
-        for n in range(3):
-            A[P + k, ALPHA + n] = dp[_FROM_ACCELERATION + n, k]
-            A[V + k, ALPHA + n] = dv[_FROM_ACCELERATION + n, k]
-            A[THETA + k, ALPHA + n] = dR[_FROM_ACCELERATION + n, k]
-        A[OMEGA + k, ALPHA + k] = rates[k, _BY_ACCELERATION]
+        A[OMEGA + k, ALPHA + k] = sensitivities.rates[k, _BY_ACCELERATION]
         A[ALPHA + k, OMEGA + k] = accelerations[k, _BY_RATE]
         A[ALPHA + k, ALPHA + k] = accelerations[k, _BY_ACCELERATION]
         B[ALPHA + k, U_RATE + k] = accelerations[k, _BY_COMMAND]

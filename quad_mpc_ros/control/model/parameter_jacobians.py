@@ -1,9 +1,9 @@
-"""Derivatives of the rollout by the parameters of the model, in compiled loops.
+"""Derivatives of the rollout with respect to model parameters, in compiled loops.
 
-Position, velocity and throttle are differentiated by the initial velocity and throttle, by the
-disturbance, the thrust scale, the time constant of the thrust and the mean drag. The drag of the
-axes is proportional to the mean. Body rates are differentiated by the time constants of their
-loops and by offsets. The derivatives are those of the discretisation in
+Position, velocity and throttle are differentiated with respect to the initial velocity and
+throttle, by the disturbance, the thrust scale, the time constant of the thrust and the mean drag.
+The drag of the axes is proportional to the mean. Body rates are differentiated with respect to the
+time constants of their loops and the offsets. The derivatives belong to the discretisation in
 :mod:`quad_mpc_ros.control.model.rollout`.
 """
 
@@ -26,6 +26,7 @@ from quad_mpc_ros.control.model.rollout import (
     Midpoint,
     discretised,
     substep,
+    substeps_of,
 )
 from quad_mpc_ros.control.model.state import U_THROTTLE
 
@@ -33,7 +34,7 @@ _NEAR = 1.0 + 1e-5  # factor of difference quotients
 
 
 class ParameterIndices(NamedTuple):
-    """Rows of the derivatives by velocity, throttle and parameters."""
+    """Rows of the derivatives with respect to velocity, throttle and parameters."""
 
     velocity: int
     disturbance: int
@@ -71,16 +72,14 @@ def propagated_with_derivatives(
     drag_shape: kernels.Vector,
     command: Actuators,
     duration: float,
-    longest: float,
     x: Body,
     derivatives: MotionDerivatives,
 ) -> Body:
     """Return a state after a duration under a command, and propagate its derivatives.
 
-    Substeps last at most ``longest`` [s]. ``drag_shape`` is ``anisotropic_drag`` over the mean
-    drag. The rates are constant.
+    ``drag_shape`` is ``anisotropic_drag`` over the mean drag. The rates are constant.
     """
-    count = max(1, math.ceil(duration / longest - 1e-9))
+    count = substeps_of(duration)
     step = discretised(model, duration / count)
     for _ in range(count):
         x = _substep(model, drag_shape, step, command, x, derivatives)
@@ -132,7 +131,7 @@ def _substep(
 def thrust_lag_slopes(
     model: ModelParameters, throttle: float, command: float, duration: float
 ) -> tuple[float, float]:
-    """Return the derivatives of the thrust's lag by its time constant, up or down.
+    """Return the derivatives of the thrust lag w.r.t. its time constant, rising or falling.
 
     The two time constants are proportional.
     """
@@ -153,7 +152,7 @@ def _axis(k: int) -> kernels.Vector:
 def _slowed(
     shape: kernels.Vector, step: Discretisation, x: Body, midpoint: Midpoint
 ) -> tuple[kernels.Vector, kernels.Vector]:
-    """Return the derivatives of midpoint velocity and anisotropic drag by the mean drag."""
+    """Return the derivatives of midpoint velocity and anisotropic drag w.r.t. the mean drag."""
     u = midpoint.v_B
     taken = -shape[0] * u[0], -shape[1] * u[1], -shape[2] * u[2]
     return kernels.scaled(-0.5 * step.dt, x.v), kernels.apply(midpoint.R, taken)
@@ -166,7 +165,7 @@ def _add_decay_slopes(
     states: tuple[Body, Body],
     derivatives: MotionDerivatives,
 ) -> None:
-    """Add the derivatives of the exact integrals by the mean drag.
+    """Add the derivatives of the exact integrals with respect to the mean drag.
 
     ``states`` are the states before and after the substep.
     """
@@ -184,7 +183,7 @@ def _add_decay_slopes(
 
 @compiled
 def at_start() -> Array:
-    """Return the derivatives of rate and acceleration of an axis (2, 6) over no time.
+    """Return the derivatives of rate and acceleration of an axis (2, 6) at time 0.
 
     Columns: rate, acceleration, logarithms of the time constants of loop and torque, offset of
     the command, and offset per thrust.
@@ -205,8 +204,8 @@ def followed_loop(
     """Return rate and acceleration ``x`` of an axis after a duration, and propagate D (2, 6).
 
     ``lags`` are the time constants of loop and torque [s], ``command`` is the commanded rate with
-    its offset [rad/s] and the modelled thrust [m/s^2] of the offset per thrust. Derivatives by the
-    time constants are difference quotients of the exact response.
+    its offset [rad/s] and the modelled thrust [m/s^2] of the offset per thrust. Derivatives with
+    respect to the time constants are difference quotients of the exact response.
     """
     off, loop = x[0] - command[0], loop_step(lags[0], lags[1], math.inf, duration)
     after = _after(loop, off, x[1])

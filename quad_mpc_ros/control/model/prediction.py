@@ -1,8 +1,7 @@
-"""The state predicted for the time at which the next command acts."""
+"""The state predicted for the time when the next command acts."""
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -16,13 +15,12 @@ from quad_mpc_ros.control.model.state import State
 
 
 class Prediction(Record):
-    """The vehicle as predicted for the time when the next command acts."""
+    """The vehicle, predicted for the time when the next command acts."""
 
     state: StateRecord  # including the predicted throttle and rates
     parameters: ModelParameters  # as estimated
     # Last commanded throttle and rates [rad/s], including the offset of the rates.
     sent: Vector4
-    since_sent: float  # s, since the odometry that it answered; infinity before the first
 
 
 class PredictedState(NamedTuple):
@@ -38,7 +36,6 @@ class PredictedState(NamedTuple):
         predicted = prediction[()]
         predicted.state.R_WB[:] = np.eye(3)
         predicted.parameters = parameters[()]
-        predicted.since_sent = math.inf
         return cls(0, prediction)
 
     @property
@@ -48,7 +45,7 @@ class PredictedState(NamedTuple):
 
     @property
     def x(self) -> State:
-        """The state as the paper has it, with the velocity in the body."""
+        """The state of the paper, with the velocity in the body frame."""
         state = self.prediction["state"]
         rotation = state["R_WB"]
         return State(p_WB=state["p_WB"], v_WB_B=rotation.T @ state["v_WB_W"], R_WB=rotation)

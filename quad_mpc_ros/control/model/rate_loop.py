@@ -1,4 +1,4 @@
-"""The rate loop of an axis, in compiled code: a gain in front of a torque that lags.
+"""The rate loop of an axis, in compiled code: a gain followed by a torque lag.
 
 With the commanded rate w_c, the gain 1 / tau and the lag T of the torque,
 
@@ -7,7 +7,7 @@ With the commanded rate w_c, the gain 1 / tau and the lag T of the torque,
 The natural frequency is 1 / sqrt(tau T), the damping ratio sqrt(tau / T) / 2. A gain D on the
 angular acceleration divides both tau and T by 1 + D. Without T the rate lags by tau alone.
 
-The simulator implements its loop independently (``simulation/actuators.py``), so that tests find
+The simulator implements the loop independently (``simulation/actuators.py``), so that tests find
 errors.
 """
 
@@ -23,10 +23,10 @@ from quad_mpc_ros.control.model.actuators import first_order_lag
 class LoopResponse(NamedTuple):
     """Response of an axis over a step, linear in w - w_c and in alpha at its start.
 
-    ``rate`` and ``rate_by_acceleration`` [s] lead to w - w_c at the end, ``mean`` and
-    ``mean_by_acceleration`` [s] to its mean, ``acceleration`` [1/s] and
-    ``acceleration_by_acceleration`` to alpha at the end. ``reach`` [rad/s] is the largest
-    distance to the command with which the mean of the demanded acceleration is within its bound.
+    ``rate`` and ``rate_by_acceleration`` [s] give w - w_c at the end, ``mean`` and
+    ``mean_by_acceleration`` [s] the mean of w - w_c, ``acceleration`` [1/s] and
+    ``acceleration_by_acceleration`` to alpha at the end. ``reach`` [rad/s] is the largest distance
+    to the command with which the mean of the demanded acceleration is within its bound.
     """
 
     rate: float
@@ -39,8 +39,10 @@ class LoopResponse(NamedTuple):
 
 
 class AxisStep(NamedTuple):
-    """Mean rate over a step, rate [rad/s] and acceleration [rad/s^2] at its end, for Jacobians
-    also the response in force, and whether the command has an effect: 1, or 0 at the bound.
+    """Mean rate over a step, and rate [rad/s] and acceleration [rad/s^2] at its end.
+
+    For Jacobians, ``response`` is the applied response, and ``follows`` is 1, or 0 where the
+    command has no effect because the demanded acceleration is at its bound.
     """
 
     mean: float
@@ -51,14 +53,11 @@ class AxisStep(NamedTuple):
 
 
 @compiled
-def loop_step(
-    time_constant: float, torque_time_constant: float, acceleration_max: float, duration: float
-) -> LoopResponse:
-    """Return the response over a duration [s], with ``acceleration_max`` infinite without bound.
+def loop_step(tau: float, lag: float, acceleration_max: float, duration: float) -> LoopResponse:
+    """Return the response over a duration [s]; ``tau`` and ``lag`` are tau and T [s].
 
-    ``time_constant`` is tau, ``torque_time_constant`` is T [s].
+    ``acceleration_max`` is alpha_max [rad/s^2], infinite without a bound.
     """
-    tau, lag = time_constant, torque_time_constant
     if tau <= 0.0 or lag <= 0.0:
         decay, share = first_order_lag(tau, duration)
         return LoopResponse(decay, 0.0, share, 0.0, 0.0, 0.0, _reach(acceleration_max, tau, share))

@@ -38,8 +38,8 @@ def sample(window: ReferenceWindow, stamps_ns: ArrayLike) -> ReferencePoints:
 
     Between samples: position by the cubic through position and velocity, velocity by the cubic
     through velocity and acceleration, attitude by the cubic through attitude and body rate (in the
-    tangent space of the sample before); acceleration and rate are the derivatives of the last two.
-    Before the first sample the first one holds; from the last one on its pose holds, at rest.
+    tangent space of the previous sample); acceleration and rate are the derivatives of velocity
+    and attitude. Outside the window the first sample or the last pose, at rest, holds.
     """
     times = np.asarray(stamps_ns, dtype=np.int64)
     points = PointRecord.zeros(times.size)
@@ -50,12 +50,12 @@ def sample(window: ReferenceWindow, stamps_ns: ArrayLike) -> ReferencePoints:
 
 
 def reference_points(points: RecordArray[PointRecord]) -> ReferencePoints:
-    """Return points of :func:`sample_into`, of any shape, as arrays of their own."""
+    """Return points of :func:`sample_into`, of any shape, as new arrays."""
     return ReferencePoints(**{name: points[name].copy() for name in PointRecord.names()})
 
 
 class SampleRecord(Record):
-    """A sample of a window, as compiled code takes it."""
+    """A sample of a window, for compiled code."""
 
     offset_ns: int  # from the window's stamp
     p_WB: Vector3  # m
@@ -76,7 +76,7 @@ class PointRecord(Record):
 
 
 def packed(window: ReferenceWindow) -> RecordArray[SampleRecord]:
-    """Return the samples of a window (n,) as compiled code takes them."""
+    """Return the samples of a window (n,) for compiled code."""
     samples, arrays = SampleRecord.zeros(window.offset_ns.size), vars(window)
     for name in SampleRecord.names():
         samples[name] = arrays[name]
@@ -95,7 +95,7 @@ def sample_into(
     R, turn, w_before, w_after = _segment(samples[0], samples[0])
     for k in range(len(times_ns)):
         time, point = times_ns[k], points[k]
-        # Of two samples at the same time the later one holds from that time on.
+        # From the time of two samples on, the later one holds.
         while lower < last and samples[lower + 1].offset_ns <= time:
             lower += 1
         while lower > 0 and samples[lower].offset_ns > time:
@@ -135,7 +135,7 @@ def sample_into(
 
 @compiled
 def _is_still(before: SampleRecord, after: SampleRecord) -> bool:
-    """Whether nothing moves between two samples."""
+    """Whether the reference rests between two samples."""
     for i in range(3):
         if before.p_WB[i] != after.p_WB[i]:
             return False
@@ -160,7 +160,7 @@ def _is_same_attitude(before: SampleRecord, after: SampleRecord) -> bool:
 def _segment(
     before: SampleRecord, after: SampleRecord
 ) -> tuple[kernels.Matrix, kernels.Vector, kernels.Vector, kernels.Vector]:
-    """Return attitude before, turn to the one after, and its slopes, in the body before."""
+    """Return the previous attitude, the rotation to the next, and slopes in the previous body."""
     R = kernels.rotation(kernels.quaternion_in(before.q_WB_xyzw))
     w_before, w_after = kernels.vector(before.w_WB_W), kernels.vector(after.w_WB_W)
     slope = kernels.apply_transposed(R, w_before)
@@ -181,7 +181,7 @@ def _cubic(
     fraction: float,
     width: float,
 ) -> tuple[float, float]:
-    """Return Hermite's cubic and its slope; equal values at rest come out without rounding."""
+    """Return Hermite's cubic and its slope; equal values at rest are returned without rounding."""
     f, g = fraction, 1.0 - fraction
     value = before + (
         f * f * (3.0 - 2.0 * f) * (after - before)

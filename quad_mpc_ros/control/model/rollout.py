@@ -18,11 +18,11 @@ dynamics subject to rotor drag", RA-L 2018); and a tau_w and T for each axis, as
 several times slower.
 
 The simulated plant (:mod:`quad_mpc_ros.simulation.dynamics`) implements the equations
-independently, so that flights show errors.
+independently, so that flights reveal errors.
 
 Over a substep, under one command, the rotation is the exact integral of the lagging rate, and the
-thrust is that of the mean throttle along the midpoint attitude. The drag's mean over the axes is
-integrated exactly; anisotropic drag, rotor drag and lift are those of the midpoint.
+thrust follows from the mean throttle, along the midpoint attitude. The drag's mean over the axes
+is integrated exactly; anisotropic drag, rotor drag and lift are evaluated at the midpoint.
 
 In memory a state is a :class:`StateRecord`, in registers a :class:`Body`.
 """
@@ -41,8 +41,7 @@ from quad_mpc_ros.control.model.rate_loop import AxisStep, LoopResponse, axis_st
 from quad_mpc_ros.control.model.state import U_RATE, U_THROTTLE
 
 SUBSTEPS = 4
-LONGEST_SUBSTEP = 0.005
-"""Of predictions between odometries [s]; the error is of third order in the rotation."""
+_LONGEST_SUBSTEP = 0.005  # s, of predictions; the error is of third order in the rotation
 
 
 class StateRecord(Record):
@@ -97,7 +96,7 @@ def read_odometry(
 ) -> None:
     """Write the state of an odometry with the twist in the body.
 
-    Throttle and angular acceleration are not measured and stay.
+    Throttle and angular acceleration are not measured and do not change.
     """
     R = kernels.rotation(kernels.quaternion_in(q_WB_xyzw))
     kernels.store_vector(kernels.vector(p_WB), state.p_WB)
@@ -111,9 +110,9 @@ class Discretisation(NamedTuple):
 
     ``thrust`` and ``thrust_down`` are the remaining distances of the throttle to its command, at
     the end and on average, while it rises and falls, ``loops`` the responses of the rates. The
-    velocity is multiplied by ``velocity_decay`` and gains ``phi1`` times the
-    acceleration; the position gains ``phi1`` times the velocity and ``phi2`` times the
-    acceleration. ``anisotropic``: there is further drag or lift.
+    velocity is multiplied by ``velocity_decay`` and gains ``phi1`` times the acceleration; the
+    position gains ``phi1`` times the velocity and ``phi2`` times the acceleration.
+    ``anisotropic``: anisotropic drag, rotor drag or lift is present.
     """
 
     dt: float
@@ -164,7 +163,7 @@ def is_anisotropic(model: ModelParameters) -> bool:
 
 @compiled
 def rotor_speed(model: ModelParameters, specific_thrust: float) -> float:
-    """Return the speed of the rotors over that of hover, by the specific thrust [m/s^2]."""
+    """Return the rotor speed relative to hover, from the specific thrust [m/s^2]."""
     return math.sqrt(max(specific_thrust, 0.0) / model.gravity)
 
 
@@ -172,7 +171,7 @@ def rotor_speed(model: ModelParameters, specific_thrust: float) -> float:
 def anisotropic_air(model: ModelParameters, u: kernels.Vector, speed: float) -> kernels.Vector:
     """Return the acceleration by anisotropic drag and lift at a velocity ``u``, in the body.
 
-    ``speed`` is that of the rotors over hover's.
+    ``speed`` is the rotor speed relative to hover.
     """
     drag, rotors = model.anisotropic_drag, model.rotor_drag
     d = drag[0] + speed * rotors[0], drag[1] + speed * rotors[1], drag[2] + speed * rotors[2]
@@ -181,7 +180,7 @@ def anisotropic_air(model: ModelParameters, u: kernels.Vector, speed: float) -> 
 
 
 class Midpoint(NamedTuple):
-    """Midpoint of a substep, for the Jacobians: mean throttle with the lag in force, steps of the
+    """Midpoint of a substep, for the Jacobians: mean throttle with the applied lag, steps of the
     rates, specific thrust, half of the rotation as vector and matrix, attitude, and with
     anisotropic drag the velocity in the body.
     """
@@ -245,11 +244,15 @@ def _axis_step(step: Discretisation, x: Body, command: Actuators, axis: int) -> 
 
 
 @compiled
-def propagated(
-    model: ModelParameters, command: Actuators, duration: float, longest: float, x: Body
-) -> Body:
-    """Return a state after a duration under a command, in substeps of ``longest`` [s] at most."""
-    count = max(1, math.ceil(duration / longest - 1e-9))
+def substeps_of(duration: float) -> int:
+    """Return the number of substeps of a prediction over a duration [s]."""
+    return max(1, math.ceil(duration / _LONGEST_SUBSTEP - 1e-9))
+
+
+@compiled
+def propagated(model: ModelParameters, command: Actuators, duration: float, x: Body) -> Body:
+    """Return a state after a duration [s] under a command."""
+    count = substeps_of(duration)
     step = discretised(model, duration / count)
     for _ in range(count):
         x, _midpoint = substep(model, step, command, x)
@@ -261,17 +264,16 @@ def roll_forward(
     model: ModelParameters,
     commands: Array,
     durations: Array,
-    longest: float,
     start: StateRecord,
     end: StateRecord,
 ) -> None:
     """Write the state after commands (n, 4), each held for a duration (n,) [s].
 
-    In substeps of ``longest`` [s] at most. ``start`` and ``end`` may be the same.
+    ``start`` and ``end`` may be one array.
     """
     x = body_in(start)
     for k in range(len(durations)):
-        x = propagated(model, actuators_in(commands[k]), durations[k], longest, x)
+        x = propagated(model, actuators_in(commands[k]), durations[k], x)
     store_body(x, end)
 
 

@@ -8,7 +8,7 @@ converted to rotations inside the controller. Stamps are integer nanoseconds.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from quad_mpc_ros.configuration.arguments import array, instance, number, stamp, stamps
 from quad_mpc_ros.configuration.errors import ArgumentError
-from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.lie import Array, so3
+
+Measured = tuple[Array, Array, Array, Array]
+"""Values of an odometry for compiled code: position, attitude (4,), velocity, body rates."""
 
 _MAX_DURATION = 1e9  # s, of a window
 _MAX_VARIANCE = 25.0  # m^2/s^2 of a velocity; larger values mean unknown
@@ -39,7 +42,7 @@ class OdometrySample:
 
     Raises:
         ArgumentError: A field has another type or shape. The controller rejects numbers that are
-            not finite, as those of a message.
+            not finite, like those of a message.
 
     Example:
         >>> OdometrySample.at_rest([0.0, 0.0, 1.5], yaw=0.5).speed
@@ -76,8 +79,8 @@ class OdometrySample:
 
         Args:
             p_WB: Position in the world (3,) [m].
-            yaw: Where the nose points, from east to north [rad].
-            stamp_ns: When it was measured [ns].
+            yaw: Heading, from east to north [rad].
+            stamp_ns: Time of the measurement [ns].
             frame_id: The world frame.
 
         Raises:
@@ -93,35 +96,40 @@ class OdometrySample:
         )
 
     @property
+    def measured(self) -> Measured:
+        """Position, attitude, velocity and body rates."""
+        return self.p_WB, self.q_WB_xyzw, self.v_WB_B, self.w_WB_B
+
+    @property
     def speed(self) -> float:
         """Speed over ground [m/s]."""
         return math.hypot(*self.v_WB_B.tolist())
 
     @property
     def up(self) -> float:
-        """Cosine of the tilt: how much of the body's z axis points up."""
+        """Cosine of the tilt: vertical component of the body's z axis."""
         x, y, _, _ = self.q_WB_xyzw.tolist()
         return float(1.0 - 2.0 * (x * x + y * y))
 
 
 def reported_variance(variances: Iterable[float]) -> float:
-    """Return the largest reported variance of a velocity, 0 if one of them is implausible."""
+    """Return the largest reported velocity variance, 0 if any variance is implausible."""
     reported = [float(variance) for variance in variances]
     return max(reported) if all(0.0 < each <= _MAX_VARIANCE for each in reported) else 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImuSample:
-    """One ``sensor_msgs/Imu``, of which the accelerometer alone is used.
+    """One ``sensor_msgs/Imu``, of which only the accelerometer is used.
 
     Args:
-        stamp_ns: Time of the measurement [ns]; of a mean the end of its interval.
-        f_B: Specific force in body axes (3,) [m/s^2]: acceleration less gravity, +9.81 upwards at
+        stamp_ns: Time of the measurement, or end of the interval of a mean [ns].
+        f_B: Specific force in body axes (3,) [m/s^2]: acceleration minus gravity, +9.81 upwards at
             rest (REP 145).
         frame_id: The body frame.
 
     Raises:
-        ArgumentError: One of them is of another type or shape.
+        ArgumentError: A field has another type or shape.
     """
 
     stamp_ns: int
@@ -154,7 +162,7 @@ class CommandSample:
     frame_id: str = "base_link"
 
     def checked(self) -> CommandSample:
-        """Return the command of another program, its numbers converted.
+        """Return the command of another program, with converted numbers.
 
         Raises:
             ArgumentError: A field is of another type or shape.
@@ -171,11 +179,11 @@ class CommandSample:
 class ReferenceWindow:
     """One ``trajectory_msgs/MultiDOFJointTrajectory``: n samples of the reference ahead.
 
-    Vectors are in the header frame (world). Two samples at the same time mark a jump; the later
-    one holds from that time on. Most windows are made by :meth:`hover` or :meth:`through`.
+    Vectors are in the header frame (world). Two samples at the same time mark a jump; the second
+    sample is valid from then on. Most windows come from :meth:`hover` or :meth:`through`.
 
     Args:
-        stamp_ns: The time that the offsets count from [ns].
+        stamp_ns: Start time of the offsets [ns].
         offset_ns: Times of the samples after the stamp, non-decreasing (n,) [ns].
         p_WB: Positions (n, 3) [m].
         q_WB_xyzw: Attitudes, body to world, unit quaternions (n, 4).
@@ -186,7 +194,7 @@ class ReferenceWindow:
 
     Raises:
         ArgumentError: A field has another type or shape. The controller rejects other unusable
-            values, as those of a message.
+            values, like those of a message.
     """
 
     stamp_ns: int
@@ -223,13 +231,13 @@ class ReferenceWindow:
         duration: float = 2.0,
         frame_id: str = "odom",
     ) -> ReferenceWindow:
-        """Return the reference that holds a place, level.
+        """Return the reference that holds a position, level.
 
         Args:
-            p_WB: Where to hover (3,) [m].
-            yaw: Where the nose points, from east to north [rad].
-            stamp_ns: From when on [ns].
-            duration: For how long [s]; at least the horizon of the MPC.
+            p_WB: Position of the hover (3,) [m].
+            yaw: Heading, from east to north [rad].
+            stamp_ns: Start time [ns].
+            duration: Duration [s]; at least the horizon of the MPC.
             frame_id: The world frame.
 
         Raises:
@@ -266,29 +274,25 @@ class ReferenceWindow:
         gravity: float = 9.81,
         frame_id: str = "odom",
     ) -> ReferenceWindow:
-        """Return the reference that passes positions at times, smoothly as they are.
+        """Return the reference through positions at given times.
 
         Velocities and accelerations are the finite differences of the positions. The thrust axis
-        is along the force that the acceleration needs, R_WB e3 ~ a + g e3, drag left out; the
-        angular velocities are those of the attitudes.
+        is along the required force, R_WB e3 ~ a + g e3, without drag; the angular velocities
+        follow from the attitudes.
 
         Args:
             seconds: Times after the stamp, increasing (n,) [s]; n is 3 or more.
             p_WB: Positions (n, 3) [m].
-            yaw: Where the nose points while level, from east to north [rad].
-            stamp_ns: The time that ``seconds`` count from [ns].
+            yaw: Heading while level, from east to north [rad].
+            stamp_ns: Start time of ``seconds`` [ns].
             gravity: Acceleration of gravity [m/s^2].
             frame_id: The world frame.
 
         Raises:
             ArgumentError: The shapes do not match, there are fewer than three samples, the times
-                do not increase, or a position needs no thrust or thrust downwards, which leaves
-                its attitude undefined.
+                do not increase, or a position needs zero or downward thrust, which leaves the
+                attitude undefined.
         """
-        from quad_mpc_ros.control.lie import (
-            so3,  # imports Numba, which most users of samples do not need
-        )
-
         t, heading = array(seconds, "seconds", ..., finite=True), number(yaw, "yaw")
         if (
             t.ndim != 1
@@ -315,14 +319,14 @@ class ReferenceWindow:
             q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
             v_WB_W=v,
             a_WB_W=a,
-            w_WB_W=_slopes(t, R_WB, log=so3.log),
+            w_WB_W=_slopes(t, R_WB),
             frame_id=frame_id,
         )
 
     def pose_at(self, stamp_ns: int) -> tuple[Array, Array]:
         """Return the approximate reference at a time: position (3,) and quaternion (4,).
 
-        The position is interpolated linearly, the attitude is that of the previous sample. The MPC
+        The position is interpolated linearly, the attitude is the previous sample's. The MPC
         samples windows exactly (``control/model/reference_window.py``).
         """
         after_ns = stamp_ns - self.stamp_ns
@@ -341,7 +345,7 @@ class ReferenceWindow:
 
 
 def _set_converted(sample: Any, **values: object) -> None:
-    """Set the fields of a frozen sample whose type was converted."""
+    """Set the converted fields of a frozen sample."""
     fields = vars(sample)
     for name, value in values.items():
         if fields[name] is not value:
@@ -354,10 +358,10 @@ def _level(yaw: float) -> Array:
     return np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)])
 
 
-def _slopes(t: Array, R_WB: Array, *, log: Callable[[Array], Array]) -> Array:
+def _slopes(t: Array, R_WB: Array) -> Array:
     """Return the angular velocities of attitudes at times (n,) [s], in the world (n, 3)."""
     places = np.arange(len(t))
     before, after = np.maximum(places - 1, 0), np.minimum(places + 1, len(t) - 1)
-    turn_B = log(np.swapaxes(R_WB[before], 1, 2) @ R_WB[after])
+    turn_B = so3.log(np.swapaxes(R_WB[before], 1, 2) @ R_WB[after])
     turn_W = np.einsum("nij,nj->ni", R_WB[before], turn_B)
     return np.asarray(turn_W / (t[after] - t[before])[:, None])

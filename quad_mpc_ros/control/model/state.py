@@ -53,7 +53,7 @@ class Input(NamedTuple):
 
 
 def boxplus(x: State, tangent: Array) -> State:
-    """Return x ⊞ tangent: position and velocity add, attitude turns in the body frame."""
+    """Return x ⊞ tangent: positions and velocities add, the attitude rotates in the body."""
     return State(
         p_WB=x.p_WB + tangent[POSITION],
         v_WB_B=x.v_WB_B + tangent[VELOCITY],
@@ -78,9 +78,9 @@ def state_from_odometry(odometry: OdometrySample) -> State:
 
 
 def with_body_twist(odometry: OdometrySample) -> OdometrySample:
-    """Return an odometry whose twist was in the world with the twist in the body frame.
+    """Return an odometry with world-frame twist, with the twist in the body frame.
 
-    Raises ``ValueError`` for a quaternion without a rotation.
+    Raises ``ValueError`` for a zero or non-finite quaternion.
     """
     R_BW = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw).T
     return dataclasses.replace(
@@ -91,7 +91,7 @@ def with_body_twist(odometry: OdometrySample) -> OdometrySample:
 def odometry_from_state(
     x: State, *, w_WB_B: Array, stamp_ns: int, frame_id: str, child_frame_id: str
 ) -> OdometrySample:
-    """Return the odometry that reports the state ``x`` turning at ``w_WB_B``."""
+    """Return the odometry that reports the state ``x`` with body rates ``w_WB_B``."""
     return OdometrySample(
         stamp_ns=stamp_ns,
         p_WB=x.p_WB,

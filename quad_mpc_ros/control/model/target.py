@@ -1,6 +1,6 @@
-"""The target of a horizon: the reference along it, and the inputs that hold the reference.
+"""The target of a horizon: the reference, and the inputs that hold the reference.
 
-The throttle of these inputs generates the specific force a + R D R' v + g e3 less lift and
+The throttle of these inputs generates the specific force a + R D R' v + g e3 minus lift and
 disturbance, against which the attitude tilts. Throttle and rates compensate the actuator lags. The
 inputs vary within a stage as the reference does, so that a vehicle on a feasible reference needs
 no correction.
@@ -63,9 +63,9 @@ def sample_target(
 ) -> kernels.Matrix:
     """Write the target of stages of ``step`` seconds from ``elapsed_ns`` after a window's stamp.
 
-    ``samples`` are the window's, ``u_min`` and ``u_max`` (4,) bound throttle and rates, ``speeds``
-    (N,) are the speeds of the reference's time in each stage, (0,) for real time. Returns the
-    attitude at the start of the first stage.
+    ``samples`` are the window's samples, ``u_min`` and ``u_max`` (4,) bound throttle and rates,
+    ``speeds`` (N,) are the speeds of the reference's time in each stage, (0,) for real time.
+    Returns the attitude at the start of the first stage.
     """
     dt, count = step / SUBSTEPS, len(target) * SUBSTEPS + 1
     times_ns = np.empty(count, np.int64)
@@ -120,7 +120,7 @@ def path_times(speeds: Array, dt: float, elapsed_ns: int, times_ns: NDArray[np.i
 
 @compiled
 def speed_at(speeds: Array, k: int) -> float:
-    """Return the speed of the reference's time at a substep, between those of stage midpoints."""
+    """Return the reference's time speed at a substep, interpolated between stage midpoints."""
     place = k / SUBSTEPS - 0.5
     last = len(speeds) - 1
     before = min(max(math.floor(place), 0), last)
@@ -131,7 +131,7 @@ def speed_at(speeds: Array, k: int) -> float:
 
 @compiled
 def _slow_down(model: ModelParameters, speed: float, point: PointRecord) -> kernels.Vector:
-    """Scale a point to another speed along the same path; return the change of the tilt, in W.
+    """Scale a point to another speed on its path; return the change of the tilt, in W.
 
     Velocity and rates scale with the speed, the acceleration with its square.
     """
@@ -152,7 +152,7 @@ def _slow_down(model: ModelParameters, speed: float, point: PointRecord) -> kern
 
 @compiled
 def _is_same(point: PointRecord, before: PointRecord) -> bool:
-    """Whether the motion of the reference is that of the previous substep, as at rest."""
+    """Whether the motion of the reference equals that of the previous substep, as at rest."""
     same = True
     for n in range(3):
         same &= point.v_WB_W[n] == before.v_WB_W[n] and point.a_WB_W[n] == before.a_WB_W[n]
@@ -228,7 +228,7 @@ def _air(
 ) -> kernels.Vector:
     """Return the anisotropic drag and lift, in the world, that the thrust has to compensate.
 
-    ``force`` is the required thrust without them; the speed of the rotors depends on both.
+    ``force`` is the required thrust without drag and lift, which affect the rotor speed.
     """
     u, speed = kernels.apply_transposed(R_WB, v_WB_W), 0.0
     if not kernels.is_zero(model.rotor_drag):
@@ -254,7 +254,7 @@ def _tilt(before: kernels.Vector, after: kernels.Vector) -> kernels.Matrix:
 
 @compiled
 def _add_tilt_rates(tilts: Array, R_WB: kernels.Matrix, dt: float, held: Array, k: int) -> None:
-    """Add the rate of the tilt to the rates of a substep, and of the first one."""
+    """Add the rate of the tilt to the rates of a substep, and of the first substep."""
     change = kernels.plus(
         kernels.vector(tilts[k]), kernels.scaled(-1.0, kernels.vector(tilts[k - 1]))
     )
@@ -270,8 +270,8 @@ def _add_tilt_rates(tilts: Array, R_WB: kernels.Matrix, dt: float, held: Array, 
 def reference_input(reference: ReferencePoints, vehicle: Vehicle) -> Input:
     """Return the input that holds a reference, the paper's u_r, from its acceleration and drag.
 
-    The throttle carries the part of m (a + R D R' v + g) along the reference's thrust axis, as far
-    as the motors can.
+    The throttle generates the part of m (a + R D R' v + g) along the reference's thrust axis,
+    within the limits of the motors.
     """
     thrust = vehicle.mass * vehicle.specific_thrust(
         a_WB_W=reference.a_WB_W[None], v_WB_W=reference.v_WB_W[None], R_WB=reference.R_WB[None]

@@ -1,4 +1,4 @@
-"""The vehicle: mass, drag, the throttle curve of the paper (Eq. 2, Table 1), and its outline."""
+"""The vehicle: mass, drag, the throttle curve of the paper (Eq. 2, Table 1), and outline."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from quad_mpc_ros.configuration import (
 from quad_mpc_ros.control.lie import Array
 
 ARM = 0.11
-"""From the centre to a rotor [m]: the paper's 220 mm diagonal."""
+"""Distance from the centre to a rotor [m]: the paper's 220 mm diagonal."""
 
 _ROTOR_POINTS = 24
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ActuatorLags:
-    """How the model's throttle and body rates follow their commands.
+    """Lags of the model's throttle and body rates behind their commands.
 
     Attributes:
         thrust: Time constant of the throttle [s].
-        thrust_down: Time constant of a falling throttle, 0 for the same [s].
+        thrust_down: Time constant of a falling throttle [s], 0 if equal.
         rate: Time constant of the body rates, one over the gain of their loop [s].
         torque: Time constant of the torque [s].
-        angular_acceleration_max: Its bound, 0 for none [rad/s^2].
+        angular_acceleration_max: Bound of the angular acceleration [rad/s^2], 0 for none.
     """
 
     thrust: float
@@ -49,7 +49,7 @@ class LiftParameters(Configuration):
     """Mass and thrust of the vehicle; the defaults are the paper's quadrotor."""
 
     mass: float = parameter(
-        0.396893, doc="Mass M, the paper's 14 oz with battery.", unit="kg", above=0.0
+        0.396893, doc="Mass M with battery (14 oz in the paper).", unit="kg", above=0.0
     )
     gravity: float = parameter(9.81, doc="Gravity g.", unit="m/s^2", above=0.0)
     motor_count: int = parameter(4, doc="Number of motors.", minimum=1)
@@ -61,7 +61,7 @@ class LiftParameters(Configuration):
     )
 
     def check(self) -> None:
-        """Refuse a thrust curve without an inverse, and a vehicle that cannot hover."""
+        """Reject a thrust curve without an inverse, and a vehicle that cannot hover."""
         a, b, _ = self.thrust_curve
         if a < 0.0 or b < 0.0 or a + b <= 0.0:
             raise ConfigurationError(
@@ -72,7 +72,7 @@ class LiftParameters(Configuration):
         self.check_hover("mass", self.mass, self.mass)
 
     def check_hover(self, name: str, value: float, mass: float) -> None:
-        """Refuse a mass [kg], from parameter ``name``, that the motors cannot carry."""
+        """Reject a mass [kg], from parameter ``name``, that the motors cannot lift."""
         lowest, highest = self.thrust(0.0), self.thrust(1.0)
         if not lowest < mass * self.gravity < highest:
             raise ConfigurationError(
@@ -88,7 +88,7 @@ class LiftParameters(Configuration):
         return self.motor_count * throttle_curve(a, b, c, throttle)
 
     def vehicle(self) -> Vehicle:
-        """Return the vehicle of these parameters, with the paper's defaults for missing ones."""
+        """Return the vehicle of these parameters; missing parameters have the paper's defaults."""
         fields = dataclasses.fields(VehicleParameters)
         return _vehicle(**{f.name: getattr(self, f.name) for f in fields if hasattr(self, f.name)})
 
@@ -98,26 +98,25 @@ class VehicleParameters(LiftParameters):
     """Mass, thrust and drag of the vehicle; the defaults are the paper's quadrotor."""
 
     drag: float | tuple[float, ...] = parameter(
-        0.2, doc="Linear drag mu: acceleration per velocity.", unit="1/s", minimum=0.0
+        0.2, doc="Linear drag mu, acceleration per velocity.", unit="1/s", minimum=0.0
     )
     rotor_drag: float | tuple[float, ...] = parameter(
         0.0,
-        doc="Drag that grows with the speed of the rotors: acceleration per velocity, as much at "
-        "the speed of hover.",
+        doc="Drag proportional to the rotor speed, acceleration per velocity at the rotor speed "
+        "of hover.",
         unit="1/s",
         minimum=0.0,
     )
     translational_lift: float = parameter(
         0.0,
-        doc="Thrust gained by flying across the rotors, k_h: acceleration along body z per square "
-        "of the velocity along body x and y.",
+        doc="Translational lift k_h: acceleration along body z per square of the velocity along "
+        "body x and y.",
         unit="1/m",
         minimum=0.0,
     )
     radius: float = parameter(
         0.2,
-        doc="Radius of a sphere about the centre that holds it, rotors and all: what keeps clear "
-        "of obstacles.",
+        doc="Radius of the vehicle's bounding sphere, including rotors, for obstacle avoidance.",
         unit="m",
         above=0.0,
         maximum=10.0,
@@ -125,7 +124,7 @@ class VehicleParameters(LiftParameters):
 
     @property
     def has_isotropic_drag(self) -> bool:
-        """Whether drag is isotropic, so that the attitude does not change it."""
+        """Whether drag is isotropic, independent of the attitude."""
         alike = len(set(per_axis(self.drag))) == 1 and self.translational_lift == 0.0
         return alike and not any(per_axis(self.rotor_drag))
 
@@ -156,35 +155,26 @@ class Vehicle(VehicleParameters):
     def throttle_for(self, thrust: float) -> float:
         """Return the throttle that gives a total thrust [N] (paper, section 2.1).
 
-        Raises :class:`.ArgumentError` when no throttle in [0, 1] does.
+        Raises :class:`.ArgumentError` if no throttle in [0, 1] does.
         """
         lowest, highest = self.thrust(0.0), self.thrust(1.0)
         if not lowest <= thrust <= highest:
             raise ArgumentError(
                 "thrust",
                 thrust,
-                f"what a throttle in [0, 1] gives, {lowest:.6g} N to {highest:.6g} N",
+                f"the thrust at a throttle in [0, 1], {lowest:.6g} N to {highest:.6g} N",
             )
         a, b, c = self.thrust_curve
         return inverse_throttle_curve(a, b, c, thrust / self.motor_count)
 
     def nearest_throttle(self, thrust: float) -> float:
-        """Return the throttle in [0, 1] whose total thrust is nearest to one wanted [N]."""
+        """Return the throttle in [0, 1] whose total thrust is nearest to a given thrust [N]."""
         return self.throttle_for(min(max(thrust, self.thrust(0.0)), self.thrust(1.0)))
 
     @property
     def hover_throttle(self) -> float:
-        """Throttle that carries the weight."""
+        """Throttle at which the thrust equals the weight."""
         return self.throttle_for(self.mass * self.gravity)
-
-    @property
-    def thrust_bound(self) -> float:
-        """Lower bound on the thrust for which the inverse is real [N]: n (c - b^2 / 4a).
-
-        The paper's bound, -b^2/a + 4c for its four motors; -inf for a linear curve.
-        """
-        a, b, c = self.thrust_curve
-        return self.motor_count * (c - b * b / (4.0 * a)) if a > 0.0 else -math.inf
 
 
 @functools.lru_cache  # nodes of one process use the same vehicle
@@ -201,8 +191,8 @@ def inverse_throttle_curve(a: float, b: float, c: float, thrust: float) -> float
     """Return the throttle s in [0, 1] for which a s^2 + b s + c is nearest to a thrust.
 
     The paper's root (section 2.1), multiplied out so that it neither cancels nor divides by a = 0.
-    Units are those of the curve. Compiled code has it from :mod:`.model.rollout`;
-    here it is plain, so that reading a configuration does not load Numba.
+    Units follow the curve. Compiled code uses :mod:`.model.rollout`; this version is plain Python,
+    so that reading a configuration does not load Numba.
     """
     missing = c - thrust
     if missing >= 0.0:  # no thrust wanted above that of throttle 0
@@ -212,15 +202,15 @@ def inverse_throttle_curve(a: float, b: float, c: float, thrust: float) -> float
 
 
 def root_of_thrust(still: Any, b: Any) -> Any:
-    """Return sqrt(T) for a thrust T = still + 2 b sqrt(T) [m/s^2], which drag of the rotors makes.
+    """Return sqrt(T) for a thrust T = still + 2 b sqrt(T) [m/s^2], caused by rotor drag.
 
-    Numbers or arrays; compiled code has it from :mod:`quad_mpc_ros.control.model.parameters`.
+    For numbers or arrays; compiled code uses :mod:`quad_mpc_ros.control.model.parameters`.
     """
     return np.maximum(b + np.sqrt(np.maximum(b * b + still, 0.0)), 0.0)
 
 
 def outline(arm: float) -> tuple[Array, Array]:
-    """Return, for pictures, two beams (2, 2, 3) and four rotors (4, points, 3) in the body [m]."""
+    """Return two beams (2, 2, 3) and four rotors (4, points, 3) in the body, for figures [m]."""
     directions = np.radians([45.0, 135.0, 225.0, 315.0])
     hubs = arm * np.column_stack((np.cos(directions), np.sin(directions), np.zeros(4)))
     turn = np.linspace(0.0, 2.0 * np.pi, _ROTOR_POINTS, endpoint=False)

@@ -1,4 +1,4 @@
-"""The voltage of a battery as the thrust is scaled by it."""
+"""The voltage of a battery that scales the thrust."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ _LEAST_SHARE, _MOST_SHARE = 0.6, 1.5
 
 
 def measured_voltage(voltage: float) -> float | None:
-    """Return a reported battery voltage [V]; None if it stands for an unknown one."""
+    """Return a reported battery voltage [V]; None if the value means unknown."""
     known = 0.0 < voltage < math.inf and abs(voltage - _UNKNOWN_VOLTAGE) > 1e-3
     return voltage if known else None
 
 
 class SmoothedVoltage:
-    """A voltage [V] that follows measured ones with a lag of first order, from the first on."""
+    """A voltage [V] that follows measured voltages with a first-order lag, from the first on."""
 
     def __init__(self, *, expected: float = 0.0) -> None:
-        """Expect voltages [V] near one, unless it is 0."""
+        """Expect voltages near a nominal voltage [V], unless 0."""
         self.value: float | None = None
         """The voltage [V]; None until one was measured."""
         self.least = _LEAST_SHARE * expected
@@ -31,7 +31,7 @@ class SmoothedVoltage:
         self._time_ns = 0
 
     def receive(self, voltage: float, *, now_ns: int) -> bool:
-        """Take a voltage [V] that is known and between ``least`` and ``most``; return whether."""
+        """Take a voltage [V] if known and between ``least`` and ``most``; return success."""
         if measured_voltage(voltage) is None or not self.least <= voltage <= self.most:
             return False
         if self.value is None:

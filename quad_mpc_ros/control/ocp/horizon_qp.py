@@ -2,15 +2,15 @@
 
     minimise    sum_{i=1..N}   1/2 x_i' H_i x_i + g_i' x_i
               + sum_{i=0..N-1} 1/2 u_i' R_i u_i + r_i' u_i
-              + sum_{i=0..N-1} l_i' s_i + 1/2 s_i' D_i s_i
+              + sum_{i=0..N-1} c_i' s_i + 1/2 s_i' D_i s_i
     subject to  x_{i+1} = A_i x_i + B_i u_i,   lower_i <= u_i <= upper_i,   x_0 given
-                n_ij' (u_{i-1}, u_i, x_{i+1}) - s_i,k(j) <= b_ij,   s_i >= 0
+                n_ij' x_{i+1} - s_i,k(j) <= b_ij,   s_i >= 0
 
 x_0 is a constant and is not a variable. The variables are interleaved, (u_0, x_1, s_0, u_1, x_2,
-s_1, ...), so that the problem is banded. They are divided by their natural size and each dynamics
-row by the size of its state: without that OSQP needs up to ten times the iterations and returns
-inputs wrong by a third of their range. Without soft rows there are no slacks, and nothing of them
-is in the matrices.
+s_1, ...), so that the problem is banded. Variables are divided by their natural size and each
+dynamics row by the size of its state: without this scaling OSQP needs up to ten times the
+iterations and returns inputs wrong by a third of their range. Without soft rows the matrices
+contain no slacks.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import Array, kernels
 
 FREE = 1e9
-"""A bound that constrains nothing; it stays below what OSQP takes for infinity."""
+"""An inactive bound, below the value that OSQP treats as infinity."""
 
 # Found on jumps of the reference, with soft rows: bounds on inputs as loose as this take a third
 # of the iterations.
@@ -38,12 +38,11 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LimitPattern:
-    """Soft inequalities of a stage: nr rows, each eased by one of ns slacks.
+    """Soft inequalities of a stage: nr rows, each relaxed by one of ns slacks.
 
-    ``mask`` (nr, 2 nu + nx) says which of u_{i-1}, u_i and x_{i+1}, side by side, a row has;
-    ``slack_of`` (nr,), ascending, by which slack it is eased; ``slack_size`` (ns,) > 0 is a
-    slack's natural size, in the unit of its rows. Rows that share a slack share its cost: the
-    row that is violated most determines it.
+    ``mask`` (nr, nx) marks the entries of x_{i+1} in each row. ``slack_of`` (nr,), ascending, is
+    the slack of each row. ``slack_size`` (ns,) > 0 is the natural size of a slack, in the unit of
+    its rows. Rows that share a slack share its cost: the most violated row determines the slack.
     """
 
     mask: Mask
@@ -58,7 +57,7 @@ NO_LIMITS = LimitPattern(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HorizonPattern:
-    """Which entries of a stage can ever be non-zero, and the natural size of each variable.
+    """The possibly non-zero entries of a stage, and the natural size of each variable.
 
     ``A`` (nx, nx), ``B`` (nx, nu) and ``H`` (nx, nx, symmetric) are masks; ``state_size`` (nx,)
     and ``input_size`` (nu,) are positive. Without ``limits`` a stage has no soft rows.
@@ -74,7 +73,7 @@ class HorizonPattern:
 
     @property
     def sizes(self) -> tuple[int, int, int, int, int]:
-        """Number of stages; of states, inputs, soft rows and slacks of each."""
+        """Number of stages, and of states, inputs, soft rows and slacks per stage."""
         nx, nu, nr = len(self.state_size), len(self.input_size), len(self.limits.mask)
         return self.steps, nx, nu, nr, len(self.limits.slack_size)
 
@@ -82,13 +81,11 @@ class HorizonPattern:
 class HorizonStages(NamedTuple):
     """The numbers of one horizon in physical units, to be written in place.
 
-    ``x0`` (nx,) is the state at its start. Of the stages 0 to N - 1 there are the dynamics
-    ``A`` (N, nx, nx), ``B`` (N, nx, nu); of the states 1 to N the cost ``H`` (N, nx, nx,
-    symmetric) and ``g`` (N, nx); of the inputs the diagonal of ``R``, ``r`` and the bounds
-    ``lower``, ``upper`` (N, nu); and of the soft rows, normal · (u_{i-1}, u_i, x_{i+1}) - slack
-    <= offset, the ``normals`` (N, nr, 2 nu + nx), ``offsets`` (N, nr) and the cost of each slack
-    s >= 0, ``linear`` s + 1/2 ``quadratic`` s^2 (N, ns). The normal on u_{-1} of the first stage
-    is not used.
+    ``x0`` (nx,) is the state at its start. Stages 0 to N - 1 have the dynamics ``A`` (N, nx, nx),
+    ``B`` (N, nx, nu); states 1 to N the cost ``H`` (N, nx, nx, symmetric) and ``g`` (N, nx);
+    inputs the diagonal of ``R``, ``r`` and the bounds ``lower``, ``upper`` (N, nu); and soft rows,
+    normal · x_{i+1} - slack <= offset, the ``normals`` (N, nr, nx), ``offsets`` (N, nr) and the
+    cost of each slack s >= 0, ``linear`` s + 1/2 ``quadratic`` s^2 (N, ns).
     """
 
     x0: Array
@@ -118,24 +115,19 @@ class HorizonStages(NamedTuple):
             r=np.zeros((steps, nu)),
             lower=np.zeros((steps, nu)),
             upper=np.zeros((steps, nu)),
-            normals=np.zeros((steps, nr, 2 * nu + nx)),
+            normals=np.zeros((steps, nr, nx)),
             offsets=np.zeros((steps, nr)),
             linear=np.zeros((steps, ns)),
             quadratic=np.zeros((steps, ns)),
         )
 
-    @property
-    def sizes(self) -> tuple[int, int, int, int, int]:
-        """Number of stages; of states, inputs, soft rows and slacks of each."""
-        return (*self.B.shape, self.offsets.shape[1], self.linear.shape[1])
-
 
 class HorizonQP:
     """OSQP's form ``min 1/2 z'Pz + q'z, l <= Az <= u`` of a horizon, updated in place.
 
-    ``P`` (upper triangle) and ``A`` keep their pattern for life; :meth:`update` writes into their
-    data and into ``q``, ``lower``, ``upper`` without allocating matrices. The rows of ``A`` are
-    the dynamics, the bounds of inputs, the soft rows and the bounds of slacks.
+    ``P`` (upper triangle) and ``A`` keep their pattern; :meth:`update` writes into their data and
+    into ``q``, ``lower``, ``upper`` without allocating matrices. The rows of ``A`` are the
+    dynamics, the bounds of inputs, the soft rows and the bounds of slacks.
     """
 
     def __init__(self, pattern: HorizonPattern) -> None:
@@ -148,38 +140,25 @@ class HorizonQP:
         self._numbers = _Numbers(self.P.data, self.q, self.A.data, self.lower, self.upper)
         self.is_soft = nr > 0
         self.first_soft_row = n * (nx + nu)
-        """The first soft row; the other ones and the bounds of slacks follow, to the end."""
+        """The first soft row; further soft rows and the bounds of slacks follow."""
         self.lower[self.first_soft_row : self.first_soft_row + n * nr] = -FREE
         self.upper[self.first_soft_row :] = FREE
-        self._checked: HorizonStages | None = None
         self._multipliers = np.zeros(rows)
         self.cost_scale = 1.0
         """Factor on the cost, and so on the multipliers; 1 without soft rows."""
         self.magnitude = 0.0
-        """A number at least as large as each of the problem's; NaN when one is NaN."""
+        """Upper bound on the magnitude of all numbers of the problem; NaN if any is NaN."""
 
     def update(self, stages: HorizonStages) -> None:
-        """Write the numbers of a horizon; shapes as in :class:`HorizonStages`.
-
-        Raises:
-            ValueError: The stages have other sizes than the pattern.
-        """
-        if stages is not self._checked:
-            # Compiled code does not check where it writes.
-            if stages.sizes != self.pattern.sizes:
-                raise ValueError(
-                    "steps, states, inputs, soft rows and slacks of the stages: "
-                    f"{stages.sizes}, expected {self.pattern.sizes}"
-                )
-            self._checked = stages
+        """Write the numbers of a horizon with the sizes of the pattern."""
         self.cost_scale, self.magnitude = _write(stages, self._scales, self._numbers)
 
     def warm_start(self, z: Array, y: Array) -> tuple[Array, Array]:
         """Return a start for a problem with soft rows, from variables and multipliers.
 
         ``y`` are multipliers of the cost without its scale. The slacks, written into ``z``, are
-        what the rows need where all else is zero. The multipliers of their bounds are the linear
-        costs of slacks less the multipliers of the rows. The next call overwrites the result.
+        the row violations with all other variables zero. The multipliers of the slack bounds are
+        the slack costs minus the row multipliers. The next call overwrites the result.
         """
         _warm_start(
             z,
@@ -195,7 +174,7 @@ class HorizonQP:
         """Return whether all numbers of a solution are finite, its inputs and its states.
 
         ``inputs`` (N, nu) and ``states`` 1 to N (N, nx) are in physical units; the multipliers
-        ``y`` become those of the cost without its scale.
+        ``y`` become multipliers of the cost without its scale.
         """
         return _read(z, y, self.cost_scale, self._scales)
 
@@ -203,7 +182,7 @@ class HorizonQP:
 class _Scales(NamedTuple):
     """Factor of each entry of a stage's blocks, 0 outside of the pattern, and sizes.
 
-    ``A`` (nx, nx), ``B`` (nx, nu), ``H`` (nx, nx, upper triangle) and ``normals`` (nr, 2 nu + nx)
+    ``A`` (nx, nx), ``B`` (nx, nu), ``H`` (nx, nx, upper triangle) and ``normals`` (nr, nx)
     multiply the numbers of the stages. ``sizes`` (nu + nx + ns,) are the natural sizes of a
     stage's variables, ``slack_of`` (nr,) is the slack of each soft row, ``input_row`` the entry
     of a bounded input.
@@ -220,15 +199,12 @@ class _Scales(NamedTuple):
 
 def _scales_of(pattern: HorizonPattern) -> _Scales:
     state, size, soft = pattern.state_size, pattern.input_size, pattern.limits
-    of_normal = np.concatenate((size, size, state))
     row_size = soft.slack_size[soft.slack_of]
     return _Scales(
         A=np.where(pattern.A, -state / state[:, None], 0.0),
         B=np.where(pattern.B, -size / state[:, None], 0.0),
         H=np.triu(np.where(pattern.H, state * state[:, None], 0.0)),
-        normals=np.where(
-            soft.mask.reshape(-1, len(of_normal)), of_normal / row_size[:, None], 0.0
-        ),
+        normals=np.where(soft.mask.reshape(-1, len(state)), state / row_size[:, None], 0.0),
         sizes=np.concatenate((size, state, soft.slack_size)),
         slack_of=soft.slack_of,
         input_row=_INPUT_ROW if len(soft.mask) > 0 else 1.0,
@@ -236,7 +212,7 @@ def _scales_of(pattern: HorizonPattern) -> _Scales:
 
 
 def _constraint_matrix(pattern: HorizonPattern, scales: _Scales) -> sparse.csc_matrix:
-    """Return ``A``, with any number in its pattern."""
+    """Return ``A``, with arbitrary numbers in its pattern."""
     n, nx, nu, nr, ns = pattern.sizes
     width, input_rows, soft_rows = nu + nx + ns, n * nx, n * (nx + nu)
     slack_rows = soft_rows + n * nr
@@ -247,21 +223,20 @@ def _constraint_matrix(pattern: HorizonPattern, scales: _Scales) -> sparse.csc_m
 
     for i in range(n):
         u = i * width  # first variable of the stage
-        x, s, before = u + nu, u + nu + nx, u - width
+        x, s = u + nu, u + nu + nx
         if i > 0:
-            put(scales.A, row=i * nx, column=before + nu)
-            put(scales.normals[:, :nu], row=soft_rows + i * nr, column=before)
+            put(scales.A, row=i * nx, column=x - width)
         put(scales.B, row=i * nx, column=u)
         put(np.eye(nx), row=i * nx, column=x)
         put(scales.input_row * np.eye(nu), row=input_rows + i * nu, column=u)
-        put(scales.normals[:, nu:], row=soft_rows + i * nr, column=u)
+        put(scales.normals, row=soft_rows + i * nr, column=x)
         put(-np.eye(ns)[scales.slack_of], row=soft_rows + i * nr, column=s)
         put(np.eye(ns), row=slack_rows + i * ns, column=s)
     return sparse.csc_matrix(matrix)
 
 
 def _cost_matrix(pattern: HorizonPattern, scales: _Scales) -> sparse.csc_matrix:
-    """Return the upper triangle of ``P``, with any number in its pattern."""
+    """Return the upper triangle of ``P``, with arbitrary numbers in its pattern."""
     n, _, nu, _, ns = pattern.sizes
     blocks = [sparse.csc_matrix(block) for block in (np.eye(nu), scales.H, np.eye(ns))]
     return sparse.csc_matrix(sparse.block_diag(blocks * n))
@@ -295,36 +270,29 @@ def _write(stages: HorizonStages, scales: _Scales, numbers: _Numbers) -> tuple[f
 
 @compiled
 def _write_matrix(stages: HorizonStages, scales: _Scales, data: Array) -> None:
-    """Write ``A``, column by column, without calls or branches for each entry.
+    """Write ``A``, column by column, without calls or branches per entry.
 
-    An entry outside of the pattern is overwritten by the one that comes next.
+    An entry outside of the pattern is overwritten by the next entry.
     """
     A, B, normals, slack_of, k = stages.A, stages.B, stages.normals, scales.slack_of, 0
     of_A, of_B, of_normals = scales.A, scales.B, scales.normals
     n, nx, nu = B.shape
     for i in range(n):
-        for j in range(nu):  # of u_i: B_i, its bound, normals of this stage and the next
+        for j in range(nu):  # of u_i: B_i, its bound
             for row in range(nx):
                 data[k] = of_B[row, j] * B[i, row, j]
                 k += of_B[row, j] != 0.0
             data[k] = scales.input_row
             k += 1
-            for row in range(len(slack_of)):
-                data[k] = of_normals[row, nu + j] * normals[i, row, nu + j]
-                k += of_normals[row, nu + j] != 0.0
-            for row in range(len(slack_of) if i + 1 < n else 0):
-                data[k] = of_normals[row, j] * normals[i + 1, row, j]
-                k += of_normals[row, j] != 0.0
         for j in range(nx):  # of x_{i+1}: one, A_{i+1}, normals
             data[k] = 1.0
             k += 1
             for row in range(nx if i + 1 < n else 0):
                 data[k] = of_A[row, j] * A[i + 1, row, j]
                 k += of_A[row, j] != 0.0
-            x = 2 * nu + j
             for row in range(len(slack_of)):
-                data[k] = of_normals[row, x] * normals[i, row, x]
-                k += of_normals[row, x] != 0.0
+                data[k] = of_normals[row, j] * normals[i, row, j]
+                k += of_normals[row, j] != 0.0
         for j in range(len(slack_of)):  # of the slacks: their rows, then their bound
             data[k] = -1.0
             k += 1
@@ -359,7 +327,7 @@ def _write_cost(stages: HorizonStages, scales: _Scales, numbers: _Numbers) -> No
 
 @compiled
 def _write_bounds(stages: HorizonStages, scales: _Scales, numbers: _Numbers) -> None:
-    """Write the right sides of the dynamics, and the bounds of inputs and of soft rows."""
+    """Write the right-hand sides of the dynamics, and the bounds of inputs and soft rows."""
     n, nx, nu = stages.B.shape
     nr, sizes = len(scales.slack_of), scales.sizes
     for k in range(nx):  # those of later stages are zero
@@ -379,7 +347,7 @@ def _write_bounds(stages: HorizonStages, scales: _Scales, numbers: _Numbers) -> 
 
 @compiled
 def _magnitude(numbers: _Numbers) -> float:
-    """Return the largest magnitude of all; NaN when one is NaN."""
+    """Return the largest magnitude of all numbers; NaN if any is NaN."""
     cost = kernels.infinity_norm(numbers.P), kernels.infinity_norm(numbers.q)
     rows = kernels.infinity_norm(numbers.lower), kernels.infinity_norm(numbers.upper)
     A = kernels.infinity_norm(numbers.A)

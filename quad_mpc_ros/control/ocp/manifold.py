@@ -1,20 +1,18 @@
 """The formulation ``manifold``: SQP on the problem of :mod:`.problem`, and ``contouring``.
 
-An iteration writes the QP about a plan and takes the step δ + α dδ with the longest α of a few
-that lowers the true cost, so a plan is never worse than the one it came from. As a rule one
-iteration is enough: the real-time iteration of Diehl et al. (2005), warm started with the last
-plan, shifted by the time that has passed. After a jump of the reference the plan that simply holds
-the reference's inputs competes with the shifted one, and a few iterations follow.
+An iteration writes the QP about a plan and takes the step δ + α dδ, with the largest of a few α
+that lowers the true cost, so a plan is never worse than the previous plan. As a rule one iteration
+is enough: the real-time iteration of Diehl et al. (2005), warm started with the last plan, shifted
+by the elapsed time. After a jump of the reference the cheaper of two plans is used, the shifted
+plan or the reference's inputs, and a few iterations follow.
 
-The iterates stay in the workspace from one call to the next. So a tick crosses from Python into
-compiled code twice, before the solver and after it: a call that finds the caches cold costs as
-much as a fifth of the linearisation.
+The iterates stay in the workspace between calls. So a tick calls compiled code twice, before and
+after the solver: a call with cold caches costs up to a fifth of the linearisation.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -45,47 +43,35 @@ _CONVERGENCE_RATIO = 0.95  # of the cost, above which the plan has converged
 _FLIP_RECOVERY_NS = 500_000_000  # after a flip of the reference the vehicle may be behind
 
 
-class ProblemBuffers(NamedTuple):
-    """The arrays and the pattern of a problem, with half-spaces or without."""
-
-    pattern: HorizonPattern
-    work: OcpArrays
-    stages: HorizonStages
-
-    @staticmethod
-    def of(config: MpcConfig, work: OcpArrays) -> ProblemBuffers:
-        """Return the buffers of a configuration with the limits of a workspace."""
-        pattern = pattern_of(config, work.limits)
-        return ProblemBuffers(pattern, work, HorizonStages.zeros(*pattern.sizes))
-
-
 class ManifoldProblem:
-    """Tracks the reference along the predicted trajectory; keeps the last plan from tick to tick.
+    """Tracks the reference along the predicted trajectory; keeps the last plan between ticks.
 
     :func:`begin` and :func:`relinearise` write the nominal plan; :func:`line_search` alone writes
-    the last plan, which therefore stays where the solver fails. Half-spaces on the position are
-    in a problem of their own, which shares target and plans, so that without a corridor the
-    unconstrained problem is solved.
+    the last plan, which is therefore kept if the solver fails. Half-spaces on the position are in
+    a separate problem, which shares target and plans, so that without a corridor the unconstrained
+    problem is solved.
     """
 
     is_deviation = True
-    """The QP's variables are the change of a plan: the solver starts from zero."""
+    """The QP's variables are changes of a plan: the solver starts from zero."""
 
     def __init__(self, config: MpcConfig) -> None:
-        self._step = config.horizon_step
+        self._config = config
         self._settings = settings_of(config)
         self.has_progress_state = config.formulation == "contouring"
         steps, settings = config.horizon_steps, self._settings[()]
-        work = OcpArrays(
+        limits = Limits.zeros(settings, steps)
+        self._unconstrained = OcpArrays(
             target=TargetStage.zeros(steps),
             nominal=PlannedTrajectory.zeros(steps),
             plan=PlannedTrajectory.zeros(steps),
             progress=ProgressBuffers.zeros(steps if self.has_progress_state else 0),
-            limits=Limits.zeros(settings, steps),
+            limits=limits,
+            stages=HorizonStages.zeros(*pattern_of(config, limits).sizes),
         )
-        self._unconstrained = ProblemBuffers.of(config, work)
         limits = Limits.zeros(settings, steps, half_spaces=config.half_spaces)
-        self._constrained = ProblemBuffers.of(config, work._replace(limits=limits))
+        stages = HorizonStages.zeros(*pattern_of(config, limits).sizes)
+        self._constrained = self._unconstrained._replace(limits=limits, stages=stages)
         self._window: ReferenceWindow | None = None
         self._samples = SampleRecord.zeros(0)
         self._flips_until_ns, self._flipping = 0, False
@@ -94,37 +80,38 @@ class ManifoldProblem:
         self._cost, self._iterations, self._linearised = 0.0, 0, False
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Apply weights and bounds; the last plan stays."""
+        """Apply weights and bounds; the last plan is kept."""
+        self._config = config
         self._settings[()] = settings_of(config)[()]
 
     def pattern(self, *, constrained: bool = False) -> HorizonPattern:
-        """Return the sparsity of the QP, ``constrained`` to a corridor or not."""
-        return (self._constrained if constrained else self._unconstrained).pattern
+        """Return the sparsity of the QP, with corridor if ``constrained``."""
+        work = self._constrained if constrained else self._unconstrained
+        return pattern_of(self._config, work.limits)
 
     def begin(
         self, state: PredictedState, window: ReferenceWindow, corridor: Corridor | None = None
     ) -> None:
         """Set the target, and warm start: shift the last plan, or hold the reference's inputs."""
-        buffers = self._unconstrained
+        work, step = self._unconstrained, self._config.horizon_step
         if corridor is not None:
-            buffers = self._constrained
-            buffers.work.limits.set_corridor(corridor, stamp_ns=state.stamp_ns, step=self._step)
+            work = self._constrained
+            work.limits.set_corridor(corridor, stamp_ns=state.stamp_ns, step=step)
         if window is not self._window:  # one serves several ticks
             self._window, self._samples = window, packed(window)
-        self._stamp_ns, self._stages = state.stamp_ns, buffers.stages
+        self._stamp_ns = state.stamp_ns
         self._problem = Problem(
             elapsed_ns=state.stamp_ns - window.stamp_ns,
             samples=self._samples,
             prediction=state.prediction,
             settings=self._settings,
-            work=buffers.work,
+            work=work,
         )
         last_ns, last_cost = self._last
         recovering = 0 <= self._flips_until_ns - state.stamp_ns <= _FLIP_RECOVERY_NS
         self._cost, self._iterations, is_flipping = begin(
             self._problem,
-            self._stages,
-            elapsed=(state.stamp_ns - last_ns) * 1e-9 / self._step,
+            elapsed=(state.stamp_ns - last_ns) * 1e-9 / step,
             last_cost=last_cost,
             recovering=recovering,
         )
@@ -135,19 +122,19 @@ class ManifoldProblem:
         self._linearised = True
 
     def linearise(self) -> HorizonStages:
-        """Return the QP in the change of the present iterate."""
+        """Return the QP in the change of the current iterate."""
         if not self._linearised:
-            cost = relinearise(self._problem, self._stages, is_flipping=self._flipping)
+            cost = relinearise(self._problem, is_flipping=self._flipping)
             if len(self._problem.work.limits.bounds) > 0:  # the weights have changed
                 self._cost = cost
         self._linearised = False
-        return self._stages
+        return self._problem.work.stages
 
     def line_search(self, inputs: Array, states: Array) -> tuple[Plan, bool]:
-        """Return the plan after the longest step that lowers the true cost, and whether to end.
+        """Return the plan after the longest step that lowers the true cost, and whether to stop.
 
         ``inputs`` (N, nu) and ``states`` 1 to N (N, nx) are the QP's solution. The arrays of the
-        plan are its own.
+        plan are copies.
         """
         cost, plan = line_search(self._problem, inputs, self._cost, self._stamp_ns)
         converged = not cost < _CONVERGENCE_RATIO * self._cost
@@ -158,19 +145,18 @@ class ManifoldProblem:
 
 @compiled
 def begin(
-    problem: Problem, stages: HorizonStages, elapsed: float, last_cost: float, recovering: bool
+    problem: Problem, elapsed: float, last_cost: float, recovering: bool
 ) -> tuple[float, int, bool]:
-    """Write target and bounds, and the QP about the best start.
+    """Write target and bounds, and the QP about the best initial plan.
 
     Args:
-        problem: Target, bounds and the nominal plan are written.
-        stages: The QP, which is written.
-        elapsed: For how many stages the last plan has been flown.
-        last_cost: Cost of the last plan, NaN without one.
-        recovering: Whether the reference flipped a moment ago.
+        problem: Target, bounds, the nominal plan and the QP are written.
+        elapsed: Flown part of the last plan, in stages.
+        last_cost: Cost of the last plan, NaN without a plan.
+        recovering: Whether the reference flipped recently.
 
     Returns:
-        The cost of the start, the iterations that it needs, and whether the reference flips.
+        Cost of the initial plan, number of iterations, and whether the reference flips.
     """
     settings, work = problem.settings[()], problem.work
     planned, speeds = work.plan.deviation, work.progress.nominal
@@ -193,52 +179,52 @@ def begin(
     if has_limits:
         _limit(problem, flipped)
     if math.isnan(last_cost):
-        cost = _linearise_along(np.zeros_like(planned), 0.0, problem, flipped, stages)
+        cost = _linearise_along(np.zeros_like(planned), 0.0, problem, flipped)
         return cost, _COLD_ITERATIONS, is_flipping
-    cost = _linearise_along(planned, elapsed, problem, flipped, stages)
+    cost = _linearise_along(planned, elapsed, problem, flipped)
     if cost <= _JUMP_FACTOR * last_cost + _JUMP_FLOOR:
         return cost, 1, is_flipping
-    held = _linearise_along(np.zeros_like(planned), 0.0, problem, flipped, stages)
+    held = _linearise_along(np.zeros_like(planned), 0.0, problem, flipped)
     if not held < cost:
-        held = _linearise_along(planned, elapsed, problem, flipped, stages)
+        held = _linearise_along(planned, elapsed, problem, flipped)
     return held, _JUMP_ITERATIONS, is_flipping
 
 
 @compiled
 def _limit(problem: Problem, any_tilt: bool) -> None:
-    """Saturate the position error of the target, and write the bounds along it."""
+    """Saturate the position error of the target, and write the bounds along the target."""
     settings, work, prediction = problem.settings[()], problem.work, problem.prediction[()]
     first = kernels.vector(work.target[0].p_WB)
     saturate_position_error(settings, prediction.state, work.target)
     if len(work.progress.shift) > 0:
         moved = kernels.plus(kernels.vector(work.target[0].p_WB), kernels.scaled(-1.0, first))
         kernels.store_vector(moved, work.progress.shift)
-    compute_bounds(settings, prediction, work.target, any_tilt, work.limits.bounds)
+    compute_bounds(settings, work.target, any_tilt, work.limits.bounds)
 
 
 @compiled
-def relinearise(problem: Problem, stages: HorizonStages, is_flipping: bool) -> float:
+def relinearise(problem: Problem, is_flipping: bool) -> float:
     """Write the QP about the last plan, for another iteration; return the plan's cost."""
     work = problem.work
     work.progress.nominal[:] = work.progress.plan
-    return _linearise_along(work.plan.deviation, 0.0, problem, is_flipping, stages)
+    return _linearise_along(work.plan.deviation, 0.0, problem, is_flipping)
 
 
 @compiled
 def _linearise_along(
-    deviation: Array, elapsed: float, problem: Problem, is_flipping: bool, stages: HorizonStages
+    deviation: Array, elapsed: float, problem: Problem, is_flipping: bool
 ) -> float:
     """Write the QP about a plan shifted by ``elapsed`` stages; return its cost."""
     work = problem.work
     _follow_path(problem, work.progress.nominal)
     shift(deviation, elapsed, work.nominal.deviation)
     apply_bounds(problem.settings[()], work.target, work.nominal)
-    return write_qp(problem, is_flipping, stages)
+    return write_qp(problem, is_flipping)
 
 
 @compiled
 def _follow_path(problem: Problem, speeds: Array) -> None:
-    """Move the target to where speeds (N,) lead; without speeds it stays."""
+    """Move the target along the reference with speeds (N,), if any."""
     if len(speeds) > 0:
         work, step = problem.work, problem.settings[()].step
         follow_path(problem.elapsed_ns, problem.samples, step, speeds, work.progress, work.target)
@@ -246,10 +232,10 @@ def _follow_path(problem: Problem, speeds: Array) -> None:
 
 @compiled
 def line_search(problem: Problem, change: Array, cost: float, stamp_ns: int) -> tuple[float, Plan]:
-    """Take the longest step along a ``change`` (N, nu) that lowers a cost.
+    """Take the longest step along a ``change`` (N, nu) that lowers the cost.
 
-    If no step lowers it, the nominal plan stays. Returns the cost reached, and the plan from
-    ``stamp_ns`` on, with inputs as commands: offset and gain of the rates are taken off.
+    If no step lowers the cost, the nominal plan is kept. Returns the cost reached, and the plan
+    from ``stamp_ns`` on, with inputs as commands, without offset and gain of the rates.
     """
     reached = _search(problem, change, cost)
     settings, plan = problem.settings[()], problem.work.plan
@@ -286,7 +272,9 @@ def _search(problem: Problem, change: Array, cost: float) -> float:
         )
         for i in range(len(progress.plan)):
             speed = progress.nominal[i] + length * change[i, SPEED_INPUT]
-            progress.plan[i] = kernels.clamp(speed, settings.speed_min, settings.speed_max)
+            progress.plan[i] = kernels.clamp(
+                speed, settings.progress_speed_min, settings.progress_speed_max
+            )
         _follow_path(problem, progress.plan)
         reached = plan_cost(problem)
         if reached < cost:

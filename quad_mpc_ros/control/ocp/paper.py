@@ -84,7 +84,7 @@ class PaperProblem:
     def begin(
         self, state: PredictedState, window: ReferenceWindow, corridor: Corridor | None = None
     ) -> None:
-        """Take the reference of now, held over the horizon: no warm start is needed."""
+        """Take the current reference, held over the horizon: no warm start is needed."""
         self._stamp_ns = state.stamp_ns
         self._x, self._throttle = state.x, float(state.sent[U_THROTTLE])
         points = sample(window, state.stamp_ns)
@@ -92,7 +92,7 @@ class PaperProblem:
         self._u_reference = reference_input(points, self._vehicle).vector()
 
     def linearise(self) -> HorizonStages:
-        """Return the paper's problem, with A and B at the present state and input."""
+        """Return the paper's problem, with A and B at the current state and input."""
         x, throttle, u_reference = self._x, self._throttle, self._u_reference
         A, B = error_dynamics(
             x, self._vehicle, throttle=throttle, throttle_error=u_reference[U_THROTTLE] - throttle
@@ -107,7 +107,7 @@ class PaperProblem:
         return stages
 
     def line_search(self, inputs: Array, states: Array) -> tuple[Plan, bool]:
-        """Return the reference less the errors, and that this is the end: a full step.
+        """Return the reference minus the errors, and True: no further step.
 
         ``inputs`` (N, 4) and ``states`` 1 to N (N, 9) are the QP's solution.
         """
@@ -128,7 +128,7 @@ def error_dynamics(
 ) -> tuple[Array, Array]:
     """Return A (9, 9) and B (9, 4) of d x̃/dt = A x̃ + B ũ, x̃ = x_r ⊟ x (paper, after Eq. 4).
 
-    ``throttle`` is s, the throttle in force, and ``throttle_error`` is s̃ = s_r - s. The paper
+    ``throttle`` is s, the current throttle, and ``throttle_error`` is s̃ = s_r - s. The paper
     drops second-order terms and also -[omega] q̃, which is of first order while the body turns.
     """
     A = np.zeros((TANGENT_SIZE, TANGENT_SIZE))

@@ -1,4 +1,4 @@
-"""Plans: the one that the controller intends to fly, and those that the SQP compares."""
+"""Plans: the predicted trajectory of the controller, and the iterates of the SQP."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _ROUNDING = 1e-9
 class Plan(NamedTuple):
     """The trajectory the controller intends to fly, starting at ``stamp_ns``.
 
-    ``inputs`` (K, 4): throttle and body rates held over ``input_step`` seconds each. ``p_WB``
-    (N + 1, 3) [m] and ``R_WB`` (N + 1, 3, 3): the predicted poses every ``step`` seconds, the
-    first is now. ``speeds`` (N,) are how fast the reference's time passes in each of these steps,
-    none (0,) where it passes as on a clock.
+    ``inputs`` (K, 4): throttle and body rates held over ``input_step`` seconds each. ``p_WB`` (N +
+    1, 3) [m] and ``R_WB`` (N + 1, 3, 3): the predicted poses every ``step`` seconds, the first
+    pose is current. ``speeds`` (N,) are the speeds of the reference's time in these steps, empty
+    (0,) for real time.
     """
 
     stamp_ns: int
@@ -37,18 +37,18 @@ class Plan(NamedTuple):
     speeds: Array = np.ones(0)
 
     def given_up(self, since: float, until: float) -> float:
-        """Return by how much the reference's time falls behind the clock between two times [s].
+        """Return the lag of the reference's time behind real time, gained between two times [s].
 
-        They are counted from the beginning of the plan; beyond its end nothing is given up.
+        Times count from the beginning of the plan; beyond its end the lag is constant.
         """
         ends = self.step * np.arange(1, len(self.speeds) + 1)
         spent = np.clip(np.minimum(until, ends) - np.maximum(since, ends - self.step), 0.0, None)
         return float(spent @ (1.0 - self.speeds))
 
     def command_over(self, elapsed: float, duration: float) -> Input:
-        """Return the mean of the inputs planned for a time ``elapsed`` seconds on.
+        """Return the mean of the inputs planned for ``elapsed`` seconds later.
 
-        The last one is held beyond the end.
+        The last input is held beyond the end.
         """
         begin = max(elapsed, 0.0) / self.input_step
         throttle, *rates = _mean_over(self.inputs, begin, begin + duration / self.input_step)
@@ -57,7 +57,7 @@ class Plan(NamedTuple):
 
 @compiled
 def _mean_over(inputs: Array, begin: float, end: float) -> tuple[float, float, float, float]:
-    """Return the mean of inputs (K, 4), one a unit of time, the last one held."""
+    """Return the mean of inputs (K, 4), one per unit of time, with the last input held."""
     last = len(inputs) - 1
     first = min(int(begin + _ROUNDING), last)
     if end <= first + 1 + _ROUNDING or first == last:
@@ -76,7 +76,7 @@ def _mean_over(inputs: Array, begin: float, end: float) -> tuple[float, float, f
 
 
 class PlannedTrajectory(NamedTuple):
-    """A plan of N stages of M substeps, and where it leads.
+    """A plan of N stages of M substeps, and the resulting states.
 
     ``deviation`` (N, 4) from the reference's mean inputs, ``inputs`` (N, M, 4) inside the bounds,
     ``states`` 0 to N (N + 1,).
@@ -100,9 +100,9 @@ class PlannedTrajectory(NamedTuple):
 def apply_bounds(
     settings: ProblemSettings, target: RecordArray[TargetStage], plan: PlannedTrajectory
 ) -> None:
-    """Clamp a plan to the bounds, and write its inputs.
+    """Clamp a plan to the bounds, and write the inputs.
 
-    A stage's mean input is clamped first, so that some of it is always free.
+    A stage's mean input is clamped first, so that a part is always free.
     """
     deviation, u_min, u_max = plan.deviation, settings.u_min, settings.u_max
     for i in range(len(deviation)):
@@ -116,7 +116,7 @@ def apply_bounds(
 
 @compiled
 def mark_free(target: RecordArray[TargetStage], plan: PlannedTrajectory, free: Array) -> None:
-    """Write one for inputs (N, M, 4) that no bound holds, zero for others."""
+    """Write 1 for inputs (N, M, 4) within bounds, 0 for inputs at a bound."""
     for i in range(len(free)):
         for j in range(SUBSTEPS):
             for k in range(INPUT_SIZE):
@@ -127,7 +127,7 @@ def mark_free(target: RecordArray[TargetStage], plan: PlannedTrajectory, free: A
 
 @compiled
 def shift(inputs: Array, elapsed: float, shifted: Array) -> None:
-    """Write inputs (N, m) as they are ``elapsed`` stages later, the last one held."""
+    """Write inputs (N, m) shifted by ``elapsed`` stages, with the last input held."""
     last = len(inputs) - 1
     elapsed = kernels.clamp(elapsed, 0.0, float(len(inputs)))
     whole = int(elapsed)

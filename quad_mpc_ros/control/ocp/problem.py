@@ -2,33 +2,33 @@
 
     minimise    sum_{i=1..N}   w_i |e_i|_Q^2 + sum_{i=0..N-1} |δ_i|_R^2,    e_i = x_i ⊟ x_r,i
                 + penalty of the soft limits + cost of progress along the reference
-    subject to  x_{i+1} = f(x_i, u_r,i + δ_i),   u_min <= u_r,i + δ_i <= u_max,   x_0 given
+    subject to  x_{i+1} = f(x_i, u_r,i + δ_i),   u_min <= mean(u_r,i) + δ_i <= u_max,   x_0 given
 
-in the deviations δ, one a stage, from the inputs u_r that hold the reference
+in the deviations δ, one per stage, from the inputs u_r that hold the reference
 (:mod:`quad_mpc_ros.control.model.target`). The errors e are of position, velocity in the world
-(whose norm is that in the body) and attitude at the ends of the stages; w_N is the terminal
+(equal in norm to the body velocity) and attitude at the ends of the stages; w_N is the terminal
 weight, other w_i are 1.
 
-About a plan, which is rolled out from the present state and so has no defects, the QP is::
+About a plan, which is rolled out from the current state and so has no defects, the QP is::
 
     minimise    sum_{i=1..N}   1/2 dx_i' H_i dx_i + g_i' dx_i
               + sum_{i=0..N-1} 1/2 du_i' R du_i + r_i' du_i + c' s_i + 1/2 s_i' D s_i
     subject to  dx_{i+1} = A_i dx_i + B_i du_i,   dx_0 = 0
-                u_min <= u_r,i + δ_i + du_i <= u_max
-                n_ij' (du_{i-1}, du_i, dx_{i+1}) - s_i,k(j) <= b_ij,   s_i >= 0
+                u_min <= mean(u_r,i) + δ_i + du_i <= u_max
+                n_ij' dx_{i+1} - s_i,k(j) <= b_ij,   s_i >= 0
     with        H_i = w_i J_i' Q J_i,   g_i = w_i J_i' Q e_i,   r_i = R δ_i
 
 where A_i and B_i are the exact Jacobians of :mod:`quad_mpc_ros.control.model.jacobians`, and the
-last row are the soft limits. The cost is half of the true one to second order, but for the
-curvature of e (Gauss and Newton): J is the identity for position and velocity, and J_r^-1(e) for
-the attitude error, which changes by that with a rotation of the body. :func:`write_qp` writes the
-QP: dynamics, the cost of states, the cost and the bounds of inputs, then what limits and progress
-add to them.
+last row is the soft limits (c and D are ``linear`` and ``quadratic`` of the stages). The cost is
+half of the true cost to second order, except for the curvature of e (Gauss-Newton): J is the
+identity for position and velocity, and J_r^-1(e) for the attitude error, its derivative with
+respect to a body rotation. :func:`write_qp` writes the QP: dynamics, the cost of states, the cost
+and the bounds of inputs, then the parts of limits and progress.
 
-Soft limits, half-spaces among them, and progress add themselves through the same interface. Each
-of :mod:`.limits` and :mod:`.progress` marks its entries in the pattern, and has three functions:
-``write_...`` adds its numbers to a :class:`HorizonStages`, ``..._cost`` is its part of the true
-cost, and ``regularise_...`` adds a cost to changes of the plan near a limit.
+Soft limits, including half-spaces, and progress share an interface. :mod:`.limits` and
+:mod:`.progress` mark their entries in the pattern, and have three functions: ``write_...`` adds
+numbers to a :class:`HorizonStages`, ``..._cost`` is its part of the true cost, and
+``regularise_...`` adds a cost to changes of the plan near a limit.
 """
 
 from __future__ import annotations
@@ -90,8 +90,9 @@ _INPUT_SIZES = np.array([0.3, 5.0, 5.0, 5.0])
 class OcpArrays(NamedTuple):
     """The arrays of N stages.
 
-    ``target`` (N,) is the reference along the horizon, ``nominal`` the plan linearised along and
-    ``plan`` the last one. ``progress`` is empty where the reference is followed by the clock.
+    ``target`` (N,) is the reference along the horizon, ``nominal`` the plan linearised along,
+    ``plan`` the last plan and ``stages`` the QP. ``progress`` is empty if the reference is tracked
+    in time.
     """
 
     target: RecordArray[TargetStage]
@@ -99,13 +100,14 @@ class OcpArrays(NamedTuple):
     plan: PlannedTrajectory
     progress: ProgressBuffers
     limits: Limits
+    stages: HorizonStages
 
 
 class Problem(NamedTuple):
-    """A problem: the reference from ``elapsed_ns`` after its stamp on, prediction and settings.
+    """A problem: the reference, starting ``elapsed_ns`` after its stamp, prediction and settings.
 
-    ``samples`` (n,) are the reference window's. ``prediction`` and ``settings`` are of no
-    dimensions.
+    ``samples`` (n,) are the reference window's. ``prediction`` and ``settings`` are single
+    records.
     """
 
     elapsed_ns: int
@@ -149,20 +151,20 @@ def pattern_of(config: MpcConfig, limits: Limits) -> HorizonPattern:
         H=H[:nx, :nx],
         state_size=np.append(_STATE_SIZES, progress.STATE_SIZES)[:nx],
         input_size=np.append(_INPUT_SIZES, progress.INPUT_SIZES)[:nu],
-        limits=limits.pattern(nx, nu),
+        limits=limits.pattern(nx),
     )
 
 
 @compiled
-def write_qp(problem: Problem, is_flipping: bool, stages: HorizonStages) -> float:
-    """Write the QP about the nominal plan, rolling it out on the way; return its true cost.
+def write_qp(problem: Problem, is_flipping: bool) -> float:
+    """Roll out the nominal plan, write the QP about this plan, and return its true cost.
 
-    While the reference ``is_flipping``, steep slopes alone add no cost to changes of the plan.
+    While the reference ``is_flipping``, steep gradients alone add no cost to changes of the plan.
     """
-    settings, work = problem.settings[()], problem.work
+    settings, work, stages = problem.settings[()], problem.work, problem.work.stages
     target, plan, errors = work.target, work.nominal, np.empty((len(work.target), TANGENT_SIZE))
     has_progress = len(work.progress.nominal) > 0
-    _write_dynamics(problem, stages)
+    _write_dynamics(problem)
     cost = tracking_cost(settings, plan.states, target, plan.deviation, errors)
     write_tracking_cost(settings, errors, stages.H, stages.g)
     _write_inputs(settings, target, plan, stages)
@@ -170,7 +172,7 @@ def write_qp(problem: Problem, is_flipping: bool, stages: HorizonStages) -> floa
         write_progress(settings, errors, work.progress, stages)
         cost += progress_cost(settings, work.progress.nominal)
     if len(work.limits.bounds) > 0:
-        penalty, activity = write_limits(work.limits, target, plan, stages)
+        penalty, activity = write_limits(work.limits, plan.states, stages)
         cost += penalty
         full_damping_slope = math.inf if is_flipping else settings.full_damping_slope
         scale = regularise_limits(
@@ -182,9 +184,9 @@ def write_qp(problem: Problem, is_flipping: bool, stages: HorizonStages) -> floa
 
 
 @compiled
-def _write_dynamics(problem: Problem, stages: HorizonStages) -> None:
+def _write_dynamics(problem: Problem) -> None:
     """Write A_i and B_i, and the states x_i of the nominal plan."""
-    plan, prediction = problem.work.nominal, problem.prediction[()]
+    plan, stages, prediction = problem.work.nominal, problem.work.stages, problem.prediction[()]
     free = np.empty_like(plan.inputs)
     mark_free(problem.work.target, plan, free)
     jacobians(
@@ -259,7 +261,7 @@ def _write_inputs(
             u = target[i].mean_input[k] + plan.deviation[i, k]
             stages.R[i, k] = settings.R[k]
             stages.r[i, k] = settings.R[k] * plan.deviation[i, k]
-            # No change is always feasible.
+            # So that du = 0 is feasible.
             stages.lower[i, k] = min(settings.u_min[k] - u, 0.0)
             stages.upper[i, k] = max(settings.u_max[k] - u, 0.0)
 
@@ -272,5 +274,6 @@ def plan_cost(problem: Problem) -> float:
     cost = tracking_cost(settings, plan.states, work.target, plan.deviation, errors)
     cost += progress_cost(settings, work.progress.plan)
     if len(work.limits.bounds) > 0:
-        cost += limits_cost(work.limits, work.target, plan)
+        penalty, _activity = limits_cost(work.limits, plan.states)
+        cost += penalty
     return cost

@@ -1,8 +1,8 @@
-"""Progress along the reference as a variable of the problem: its state, its input, their cost.
+"""Progress along the reference as a variable of the problem: state, input and cost.
 
-A reference is a path p(θ), v(θ), a(θ) by its own time θ, and θ passes at a speed ν_i >= 0 in each
-stage, which the problem chooses. Two states come behind those of the vehicle, θ and the speed of
-the stage before, and an input behind those of the vehicle:
+A reference is a path p(θ), v(θ), a(θ) of its own time θ, and θ advances at a speed ν_i >= 0 in
+each stage, which the problem chooses. After the vehicle's states come two states, θ and the speed
+of the previous stage, and after the vehicle's inputs an input:
 
     θ_{i+1} = θ_i + h ν_i,    s_{i+1} = ν_i
 
@@ -10,11 +10,11 @@ The tracked point is the path at the progress θ, with the speed s; the speed ha
 
     e_p = p_i - p(θ_i),   e_v = v_i - s_i v(θ_i),   J += sum_{i=0..N-1} w (ν_i - 1)^2
 
-so that the errors have slopes in progress, de_p/dθ = -v, de_v/dθ = -s a and de_v/ds = -v. That is
-model predictive contouring control (Lam, Manzie, Good, CDC 2010; of quadrotors Romero, Sun, Foehn,
-Scaramuzza, T-RO 2022) with one weight on distance from the path and lag along it: where progress
-is free, the lag is determined by its weight. Tracked attitudes and reference inputs are those of
-the progress at the start of a tick.
+so that the errors have derivatives with respect to progress, de_p/dθ = -v, de_v/dθ = -s a and
+de_v/ds = -v. This is model predictive contouring control (Lam, Manzie, Good, CDC 2010; for
+quadrotors Romero, Sun, Foehn, Scaramuzza, T-RO 2022) with one weight on distance from the path and
+on lag along the path: where progress is free, its weight determines the lag. Tracked attitudes and
+reference inputs follow from the progress at the start of a tick.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ _DAMPING_SPEED = 0.1 / 0.3**2
 
 
 class ProgressBuffers(NamedTuple):
-    """Speeds of progress in each stage, (N,) of the nominal plan and of the last one.
+    """Speeds of progress in each stage (N,), of the nominal plan and of the last plan.
 
-    ``path`` (N,) is the reference at the progress at the ends of the stages; ``shift`` (3,) is
-    the target's distance from it where the position error saturates. All are empty where time
-    passes as on a clock.
+    ``path`` (N,) is the reference at the progress at the ends of the stages; ``shift`` (3,) is the
+    target's distance from the path if the position error saturates. All fields are empty if the
+    reference is tracked in time.
     """
 
     nominal: Array
@@ -62,7 +62,7 @@ class ProgressBuffers(NamedTuple):
 
     @staticmethod
     def zeros(steps: int) -> ProgressBuffers:
-        """Return N stages at the speed of a clock."""
+        """Return N stages in real time."""
         return ProgressBuffers(
             np.ones(steps), np.ones(steps), PointRecord.zeros(steps), np.zeros(3 * min(steps, 1))
         )
@@ -87,9 +87,9 @@ def follow_path(
     progress: ProgressBuffers,
     target: RecordArray[TargetStage],
 ) -> None:
-    """Move positions and velocities of a target (N,) to where speeds (N,) lead on the reference.
+    """Move positions and velocities of a target (N,) along the reference with speeds (N,).
 
-    From ``elapsed_ns`` after the stamp of the window that the ``samples`` (n,) are of.
+    Start ``elapsed_ns`` after the stamp of the window with the ``samples`` (n,).
     """
     times_ns = np.empty(len(speeds) + 1, np.int64)
     path_times(speeds, step, elapsed_ns, times_ns)
@@ -103,7 +103,7 @@ def follow_path(
 
 @compiled
 def progress_cost(settings: ProblemSettings, speeds: Array) -> float:
-    """Return the cost of speeds (N,) other than 1."""
+    """Return the cost of speeds (N,) that differ from 1."""
     cost = 0.0
     for i in range(len(speeds)):
         cost += settings.progress_weight * (speeds[i] - 1.0) ** 2
@@ -112,7 +112,7 @@ def progress_cost(settings: ProblemSettings, speeds: Array) -> float:
 
 @compiled
 def regularise_progress(weight: float, scale: float, stages: HorizonStages) -> None:
-    """Add a cost to changes of the speed to its ``weight``, at the scale of the limits."""
+    """Add a cost on changes of the speed to its ``weight``, at the scale of the limits."""
     for i in range(len(stages.R)):
         stages.R[i, SPEED_INPUT] = weight + _DAMPING_SPEED * scale
 
@@ -123,7 +123,7 @@ def write_progress(
 ) -> None:
     """Write dynamics, cost and bounds of the nominal progress at errors (N, 9) of the vehicle.
 
-    The stages already have the cost of the vehicle's own state, with the same weights.
+    The stages already contain the cost of the vehicle's state, with these weights.
     """
     for i in range(len(errors)):
         H, g, speed, point = stages.H[i], stages.g[i], progress.nominal[i], progress.path[i]
@@ -148,5 +148,5 @@ def write_progress(
         stages.B[i, PATH_TIME, SPEED_INPUT], stages.B[i, SPEED, SPEED_INPUT] = settings.step, 1.0
         stages.R[i, SPEED_INPUT] = settings.progress_weight
         stages.r[i, SPEED_INPUT] = settings.progress_weight * (speed - 1.0)
-        stages.lower[i, SPEED_INPUT] = min(settings.speed_min - speed, 0.0)
-        stages.upper[i, SPEED_INPUT] = max(settings.speed_max - speed, 0.0)
+        stages.lower[i, SPEED_INPUT] = min(settings.progress_speed_min - speed, 0.0)
+        stages.upper[i, SPEED_INPUT] = max(settings.progress_speed_max - speed, 0.0)

@@ -1,4 +1,4 @@
-"""OSQP, set up once for a pattern: numbers updated in place, warm started, solutions judged."""
+"""OSQP, set up once for a pattern: updates in place, warm starts, checks of solutions."""
 
 from __future__ import annotations
 
@@ -28,38 +28,28 @@ OUT_OF_ITERATIONS = int(osqp.SolverStatus.OSQP_MAX_ITER_REACHED)
 class QpSolution(NamedTuple):
     """The solver's result, to be used only when ``solved``.
 
-    ``z`` are the variables as the solver has them, ``inputs`` (N, nu) and ``states`` 1 to N
-    (N, nx) the same in physical units. Residuals are of the scaled problem, ``solve_time`` is
-    OSQP's own in seconds.
+    ``z`` are the scaled variables of the solver, ``inputs`` (N, nu) and ``states`` 1 to N (N, nx)
+    are in physical units. Residuals refer to the scaled problem, ``solve_time`` is OSQP's solve
+    time in seconds.
     """
 
     solved: bool
     status: str
-    z: Array
-    inputs: Array
-    states: Array
-    iterations: int
-    primal_residual: float
-    dual_residual: float
-    solve_time: float
+    z: Array = np.zeros(0)
+    inputs: Array = np.zeros((0, 0))
+    states: Array = np.zeros((0, 0))
+    iterations: int = 0
+    primal_residual: float = 0.0
+    dual_residual: float = 0.0
+    solve_time: float = 0.0
 
 
 _LARGEST = 1e15  # OSQP takes larger numbers for infinite
-_REFUSED = QpSolution(
-    solved=False,
-    status="not finite or too large",
-    z=np.zeros(0),
-    inputs=np.zeros((0, 0)),
-    states=np.zeros((0, 0)),
-    iterations=0,
-    primal_residual=0.0,
-    dual_residual=0.0,
-    solve_time=0.0,
-)
+_REFUSED = QpSolution(solved=False, status="not finite or too large")
 
 
 class QpSolver:
-    """Solves a :class:`HorizonQP` again and again, each time from the previous solution."""
+    """Solves a :class:`HorizonQP` repeatedly, each time from the previous solution."""
 
     def __init__(
         self,
@@ -70,7 +60,7 @@ class QpSolver:
         progress: bool = False,
         half_spaces: bool = False,
     ) -> None:
-        """``time_limit`` [s] ends a solve that takes longer, unsolved.
+        """``time_limit`` [s] stops a solve that takes longer.
 
         ``progress`` along the reference is among the variables, or ``half_spaces`` are among the
         soft rows; not both.
@@ -89,10 +79,10 @@ class QpSolver:
         self._y = np.zeros(qp.A.shape[0])
 
     def solve(self, *, from_zero: bool = False, again: bool = False) -> QpSolution:
-        """Solve the problem as it stands in the QP, warm started in primal and dual.
+        """Solve the current problem of the QP, warm started in primal and dual.
 
         ``from_zero`` starts the primal at zero, for problems in deviations from a known plan.
-        ``again`` means that the problem is that of the last solve, linearised elsewhere.
+        ``again`` means that the last problem was linearised about another plan.
         """
         # Given NaN, OSQP keeps its old data or reports "solved", so refuse it here. The comparison
         # is false for NaN.
@@ -131,9 +121,9 @@ class QpSolver:
         self._y = np.zeros_like(self._y)
 
     def _solved_from(self, z: Array, y: Array) -> Any:
-        """Return OSQP's result, with arrays ``x`` and ``y`` of its own, from a start.
+        """Return OSQP's result, with new arrays ``x`` and ``y``, from a start.
 
-        OSQP handles SIGINT itself while it solves. The signal is raised again, so that Ctrl-C is
+        OSQP itself handles SIGINT during a solve. The signal is raised again, so that Ctrl-C is
         not lost.
         """
         qp = self._qp
@@ -153,8 +143,8 @@ class QpSolver:
 _SOFT_SETTINGS = {"scaling": 1, "rho": 0.7, "alpha": 1.6}
 # Their cost is divided by its steepest slope, so that the tolerance is a share of that.
 _SOFT_TOLERANCE = 2.0
-# With half-spaces, found on flights among pillars, where the way jumps. A step size that was
-# adapted earlier than OSQP does it went to and fro until a solve failed.
+# With half-spaces, found on flights among pillars, where the local path jumps. A step size
+# adapted earlier than by default oscillated until a solve failed.
 _HALF_SPACE_SETTINGS = {"alpha": 1.7, "scaling": 6, "rho": 0.5}
 
 # With progress, whose curvature is small and changes with the speed of the reference, the step
@@ -166,7 +156,7 @@ _PROGRESS_SETTINGS = {"adaptive_rho_tolerance": 1.7}
 
 
 def _settings(parameters: SolverParameters, time_limit: float, *, soft: bool) -> dict[str, float]:
-    """Return OSQP's settings, for problems with soft rows or without."""
+    """Return OSQP's settings, for problems with or without soft rows."""
     tolerance = parameters.tolerance * (_SOFT_TOLERANCE if soft else 1.0)
     settings: dict[str, float] = {
         "verbose": False,

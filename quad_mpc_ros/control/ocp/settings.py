@@ -1,4 +1,4 @@
-"""Weights and bounds of the optimal control problem, as compiled code takes them."""
+"""Weights and bounds of the optimal control problem, for compiled code."""
 
 from __future__ import annotations
 
@@ -25,18 +25,19 @@ class ProblemSettings(Record):
     u_min: Vector4
     u_max: Vector4
     rate_gain: Vector3  # of the rates over their commands
-    limits: Vector4  # soft ones: tilt, speed, throttle margin, slew of the rates; 0 for none
+    tilt_max: float  # rad, soft; 0 for none
+    speed_max: float  # m/s, soft; 0 for none
     max_position_error: float  # m, at which the position error of the target saturates
     full_damping_slope: float  # slope of the cost from which on changes are regularised fully
-    # Of how fast the reference's time passes: weight on its difference from 1, and bounds.
+    # Speed of the reference's time: weight on its difference from 1, and bounds.
     progress_weight: float
-    speed_min: float
-    speed_max: float
+    progress_speed_min: float
+    progress_speed_max: float
 
 
 @compiled
 def stage_weight(settings: ProblemSettings, stage: int, steps: int) -> float:
-    """Return the factor on Q at the end of a stage: the terminal cost is that of the last one."""
+    """Return the factor on Q at the end of a stage: the last stage has the terminal cost."""
     return settings.terminal_weight if stage == steps - 1 else 1.0
 
 
@@ -52,15 +53,14 @@ def settings_of(config: MpcConfig) -> RecordArray[ProblemSettings]:
     settings.step, settings.rate_gain[:] = config.horizon_step, gain
     settings.u_min[:] = config.throttle_min, *(-fastest)
     settings.u_max[:] = config.throttle_max, *fastest
-    # A slew of commands is one of what the rates follow, of the axis that follows least.
-    slew = min(gain) * limits.rate_slew
-    settings.limits[:] = limits.tilt_max, limits.speed_max, limits.throttle_margin, slew
+    settings.tilt_max, settings.speed_max = limits.tilt_max, limits.speed_max
     settings.progress_weight = contouring.progress_weight
-    settings.speed_min, settings.speed_max = contouring.speed_min, contouring.speed_max
-    settings.max_position_error = limits.pull_distance
+    settings.progress_speed_min = contouring.speed_min
+    settings.progress_speed_max = contouring.speed_max
+    settings.max_position_error = limits.position_error_max
     # The slope of the cost where the position is off by the distance at which its error
     # saturates, per 3 m/s.
     duration = config.horizon_steps * config.horizon_step
     heaviest = max(config.terminal_weight, 1.0) * max(*config.Q[POSITION], 1e-9)
-    settings.full_damping_slope = 3.0 * duration * heaviest * limits.pull_distance
+    settings.full_damping_slope = 3.0 * duration * heaviest * limits.position_error_max
     return result

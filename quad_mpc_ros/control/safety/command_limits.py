@@ -23,7 +23,7 @@ def rate_limited(u: Input, before: Input, limits: SlewParameters, *, duration: f
 
 
 def clamped(u: Input, config: MpcConfig) -> Input:
-    """Return the input clamped to the configured bounds; the same object if it is inside."""
+    """Return the input clamped to the configured bounds; the same object if within bounds."""
     x, y, z = u.w_WB_B.tolist()
     x_max, y_max, z_max = config.omega_max
     if (

@@ -5,44 +5,34 @@ level vehicle with heading x. The most likely mistake has the smallest sum of sq
 
     sum of |y - M x|^2 = tr(S_yy - 2 M S_yx' + M S_xx M'),
 
-relative to the total of the relation. Of mistakes with equal fit, the one that changes fewer
-relations is more likely.
+relative to the total of the relation. Among mistakes with equal fit, the mistake that changes
+fewer relations is more likely.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from quad_mpc_ros.control.lie import Array
-
-
-class Sums(NamedTuple):
-    """Weighted sums of products of a relation, each (3, 3): S_xx, S_yx, S_yy."""
-
-    xx: Array
-    yx: Array
-    yy: Array
-
-
-def _diagonal(x: float, y: float, z: float) -> Array:
-    return np.diag([x, y, z])
-
+from quad_mpc_ros.control.safety.comparison import ConsistencyState, Relation
+from quad_mpc_ros.control.safety.relations import trace
 
 _IDENTITY, _ZERO, _NEGATED = np.eye(3), np.zeros((3, 3)), -np.eye(3)
-_FLU_FRD = _diagonal(1.0, -1.0, -1.0)
+_FLU_FRD = np.diag([1.0, -1.0, -1.0])
 _ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _SWAP_XY = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 _TURN_LEFT = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 _WXYZ = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-_TURN_AROUND = _diagonal(-1.0, -1.0, 1.0)
+_TURN_AROUND = np.diag([-1.0, -1.0, 1.0])
 _FLIP_X, _FLIP_Y, _FLIP_Z = (
-    _diagonal(-1.0, 1.0, 1.0),
-    _diagonal(1.0, -1.0, 1.0),
-    _diagonal(1.0, 1.0, -1.0),
+    np.diag([-1.0, 1.0, 1.0]),
+    np.diag([1.0, -1.0, 1.0]),
+    np.diag([1.0, 1.0, -1.0]),
 )
+_AXES = (("roll", _FLIP_X), ("pitch", _FLIP_Y), ("yaw", _FLIP_Z))
 _IN_DEGREES, _IN_CENTIMETRES = np.degrees(1.0) * _IDENTITY, 100.0 * _IDENTITY
 _EXPECTED_FRAMES = "expected ENU world and FLU body"
 
@@ -53,7 +43,7 @@ class _Mistake(NamedTuple):
     cause: str
     gains: Mapping[str, Array]
     z_is_mirrored: bool = False
-    """Whether up is reported as down."""
+    """Whether the vertical axis is reversed."""
 
 
 _MISTAKES = (
@@ -101,7 +91,7 @@ _MISTAKES = (
     _Mistake(
         "attitude and body rates disagree: is the quaternion in the order w, x, y, z? expected "
         "x, y, z, w",
-        {"attitude": _WXYZ, "position": _FLU_FRD, "force": _diagonal(1.0, 0.0, -1.0)},
+        {"attitude": _WXYZ, "position": _FLU_FRD, "force": np.diag([1.0, 0.0, -1.0])},
     ),
     _Mistake(
         "attitude and body rates disagree: is the attitude inverted (world to body, conjugated)?",
@@ -112,7 +102,7 @@ _MISTAKES = (
         {"attitude": _IN_DEGREES, "rates": _IN_DEGREES},
     ),
     _Mistake(
-        "body rates are zero while the attitude turns: does the source leave them empty?",
+        "body rates are zero while the attitude turns: does the source not fill them in?",
         {"attitude": _ZERO, "rates": _ZERO},
     ),
     _Mistake(
@@ -124,7 +114,7 @@ _MISTAKES = (
             f"attitude and {name} rate disagree: is the sign of the {name} rate reversed?",
             {"attitude": flip, "rates": flip},
         )
-        for name, flip in (("roll", _FLIP_X), ("pitch", _FLIP_Y), ("yaw", _FLIP_Z))
+        for name, flip in _AXES
     ),
     _Mistake(
         "velocity and position disagree: is the sign of the velocity reversed?",
@@ -132,7 +122,7 @@ _MISTAKES = (
         z_is_mirrored=True,
     ),
     _Mistake(
-        "the velocity is zero while the position changes: does the source leave it empty?",
+        "the velocity is zero while the position changes: does the source not fill it in?",
         {"position": _ZERO, "force": _ZERO},
     ),
     _Mistake(
@@ -152,16 +142,16 @@ _MISTAKES = (
             "way to the motors?",
             {"rates": flip},
         )
-        for name, flip in (("roll", _FLIP_X), ("pitch", _FLIP_Y), ("yaw", _FLIP_Z))
+        for name, flip in _AXES
     ),
     _Mistake(
-        "the vehicle answers commands of roll with pitch: are the axes swapped on the way to the "
+        "the vehicle responds to roll commands with pitch: are the axes swapped on the way to the "
         "motors, or is a rotor blocked?",
         {"rates": _SWAP_XY},
     ),
     _Mistake(
-        "the vehicle does not follow the commanded body rates: are the commands taken, is a rotor "
-        "blocked, is the vehicle held?",
+        "the vehicle does not follow the commanded body rates: are the commands received, is a "
+        "rotor blocked, is the vehicle held?",
         {"rates": _ZERO},
     ),
     _Mistake(
@@ -172,40 +162,49 @@ _MISTAKES = (
 )
 
 
-def likely_cause(
-    contradicted: Collection[str],
-    sums: Mapping[str, tuple[Array, Array, Array]],
-    lift: tuple[float, float],
-) -> str:
-    """Return the most likely cause as text, and what to check.
-
-    Args:
-        contradicted: Names of contradicted relations; the cause explains at least one.
-        sums: S_xx, S_yx and S_yy of each relation, by name.
-        lift: Commanded and measured vertical force, as shares of the weight.
-    """
-    mistakes = [
-        mistake for mistake in _MISTAKES if not mistake.gains.keys().isdisjoint(contradicted)
-    ]
-    return min(mistakes, key=lambda mistake: _misfit(mistake, sums, lift)).cause
-
-
-def _misfit(
-    mistake: _Mistake, sums: Mapping[str, tuple[Array, Array, Array]], lift: tuple[float, float]
-) -> float:
-    """Return the share of the measured motion that a mistake does not explain."""
-    misfit = _COST_PER_RELATION * len(mistake.gains)
-    for name, each in sums.items():
-        xx, yx, yy = Sums(*each)
-        gain = mistake.gains.get(name, _IDENTITY)
-        left = np.trace(yy - 2.0 * gain @ yx.T + gain @ xx @ gain.T)
-        misfit += float(left / (np.trace(yy) + np.trace(gain @ xx @ gain.T) + _MIN_SQUARES[name]))
-    asked, measured = lift
-    gain_z = float(mistake.gains.get("force", _IDENTITY)[2, 2])
-    expected = 2.0 - asked if mistake.z_is_mirrored else gain_z * asked
-    return misfit + abs(measured - expected) / (abs(measured) + abs(expected) + _MIN_LIFT)
-
-
+_NO_LIFT = (
+    "z and thrust disagree: does z of the odometry point down (NED, expected ENU), or is a motor, "
+    "a propeller or the battery missing?"
+)
+_NO_DESCENT = (
+    "z and thrust disagree: the vehicle climbs without commanded thrust: is the throttle reversed "
+    "on the way to the motors, or is thrust_curve wrong?"
+)
 _COST_PER_RELATION = 0.18
 _MIN_LIFT = 0.1  # of the weight
 _MIN_SQUARES = {"attitude": 0.01, "position": 0.02, "rates": 0.02, "force": 0.1}
+
+
+def likely_cause(found: int, state: ConsistencyState) -> str:
+    """Return the most likely cause as text, and what to check.
+
+    Args:
+        found: Contradicted relations; the cause explains at least one.
+        state: State of the comparison.
+    """
+    if found == Relation.LIFT:
+        # A reversed velocity looks like a fall.
+        if trace(state.position.yx) >= -0.5 * trace(state.position.xx):
+            return _NO_LIFT
+        found |= Relation.POSITION
+    if found == Relation.CLIMB:
+        return _NO_DESCENT
+    mistakes = [
+        mistake
+        for mistake in _MISTAKES
+        if any(found & Relation[name.upper()] for name in mistake.gains)
+    ]
+    return min(mistakes, key=lambda mistake: _misfit(mistake, state)).cause
+
+
+def _misfit(mistake: _Mistake, state: ConsistencyState) -> float:
+    """Return the share of the measured motion that a mistake does not explain."""
+    misfit, gravity = _COST_PER_RELATION * len(mistake.gains), state.model.gravity
+    for name, least in _MIN_SQUARES.items():
+        pair, gain = getattr(state, name), mistake.gains.get(name, _IDENTITY)
+        left = np.trace(pair.yy - 2.0 * gain @ pair.yx.T + gain @ pair.xx @ gain.T)
+        misfit += float(left / (np.trace(pair.yy) + np.trace(gain @ pair.xx @ gain.T) + least))
+    asked, measured = float(state.force.x[2] / gravity), float(state.force.y[2] / gravity)
+    gain_z = float(mistake.gains.get("force", _IDENTITY)[2, 2])
+    expected = 2.0 - asked if mistake.z_is_mirrored else gain_z * asked
+    return misfit + abs(measured - expected) / (abs(measured) + abs(expected) + _MIN_LIFT)

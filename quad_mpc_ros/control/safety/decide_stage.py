@@ -33,8 +33,8 @@ class Decided(NamedTuple):
 
     Attributes:
         decision: The source of the command and its reason.
-        plan: The new plan, None if there is none to fly.
-        blind_ns: Duration of the dead reckoned flight [ns], None outside of it.
+        plan: The new plan, None without a plan to fly.
+        blind_ns: Duration of the dead reckoned flight [ns], else None.
     """
 
     decision: Decision
@@ -84,9 +84,9 @@ class DecideStage(Stage):
 
         Args:
             due: The control step.
-            planned: The plan, or why there is none.
+            planned: The plan, or the reason why no plan exists.
             flown: The window flown instead of the reference, None for the reference itself.
-            acting: The active command, None before the first.
+            acting: The active command, None before the first command.
         """
         fault = "" if planned.failure is None else planned.failure.reason
         if due.odometry is not None:
@@ -127,7 +127,7 @@ class DecideStage(Stage):
         *,
         now_ns: int,
     ) -> Breach | None:
-        """Return the gravest breach, None without a breach."""
+        """Return the most severe breach, None without a breach."""
         window = self._inputs.reference
         reference = None if window is None else window.pose_at(odometry.stamp_ns)
         followed = reference if flown is None else flown.pose_at(odometry.stamp_ns)
@@ -149,7 +149,7 @@ class DecideStage(Stage):
         return max(filter(None, breaches), key=lambda each: each.action, default=None)
 
     def predicted_breach(self, state: PredictedState) -> str:
-        """Return which limit the predicted vehicle breaches, empty if none."""
+        """Return the limit that the predicted vehicle breaches, else an empty string."""
         x = state.x
         ahead = OdometrySample(
             stamp_ns=state.stamp_ns,
@@ -158,5 +158,5 @@ class DecideStage(Stage):
             v_WB_B=x.v_WB_B,
             w_WB_B=state.w_WB_B,
         )
-        breach = self.limits.predicted_breach(ahead)
+        breach = self.limits.breach_at(ahead)
         return breach.reason if breach is not None and breach.action > Action.WARN else ""

@@ -1,19 +1,19 @@
 """Controllers that need no solver: hover in place, and level and descend without odometry.
 
 The hover law is geometric attitude control (Lee, Leok, McClamroch 2010) with body rates as the
-input: a PID law on the position gives a specific force, the thrust axis turns towards it, yaw is
-free. The estimated thrust scale and disturbance are compensated, and the gains follow the
+input: a PID law on the position gives a specific force, the thrust axis turns towards the force,
+yaw is free. The estimated thrust scale and disturbance are compensated, and the gains follow the
 estimated rate loop.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimation.delay_compensation import LearnedModel
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
@@ -41,34 +41,6 @@ _BLIND_DESCENT = 0.1  # reduction of the hover throttle at the end of the blind 
 _DESCENT_SPEED = 2.0  # m/s, as after a fall from 0.2 m, with a dead reckoned velocity
 
 
-class LearnedModel(NamedTuple):
-    """What the estimator knows, for the fallbacks.
-
-    ``thrust_scale`` is the true over the modelled thrust, ``a_W`` (3,) [m/s^2] the disturbance
-    acceleration. In hover only their combined effect is observable, so use both. ``rate_lag`` and
-    ``torque_lag`` are the time constants of the loop of roll and pitch rates [s], ``acceleration``
-    (3,) is the angular acceleration [rad/s^2].
-    """
-
-    thrust_scale: float = 1.0
-    a_W: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rate_lag: float = 0.0
-    torque_lag: float = 0.0
-    acceleration: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def tilt_gain(self) -> float:
-        """Return the gain from tilt to rates that the rate loop can follow [1/s]."""
-        period = math.sqrt(self.rate_lag * self.torque_lag)  # one over the natural frequency
-        return min(_TILT_GAIN, _GAIN_OVER_FREQUENCY / period) if period > 0.0 else _TILT_GAIN
-
-    def damping_rates(self) -> Array:
-        """Return the rates (3,) [rad/s] to command against a rate loop that rings."""
-        period = math.sqrt(self.rate_lag * self.torque_lag)
-        lacking = max(2.0 * _DAMPING * period - self.rate_lag, 0.0)
-        roll, pitch, _yaw = self.acceleration
-        return -lacking * np.array([roll, pitch, 0.0])
-
-
 class HoverFallback(Stage):
     """Brakes and holds a position."""
 
@@ -79,22 +51,22 @@ class HoverFallback(Stage):
         self._integral = np.zeros(3)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Apply changed bounds; the held position stays."""
+        """Apply changed bounds; the held position is kept."""
         self._config = config
 
     def release(self) -> None:
-        """Forget the held position; the next call holds where the vehicle is then."""
+        """Reset the held position; the next call holds the position at that time."""
         if self._p_hold is not None:
             self._p_hold, self._integral = None, np.zeros(3)
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Transform the held position and the integral by a step of the estimate."""
+        """Transform the held position and the integral by an odometry jump."""
         if self._p_hold is not None:
             self._p_hold = reset.points(self._p_hold)
         self._integral = reset.vectors(self._integral)
 
     def engage(self, engaged: bool) -> None:
-        """Forget the held position: another controller has moved the vehicle, or will."""
+        """Reset the held position: another controller moves the vehicle."""
         self.release()
 
     def command(
@@ -107,14 +79,14 @@ class HoverFallback(Stage):
     ) -> Input:
         """Return the command that brakes and holds the position of the first call.
 
-        If the first call after the release has ``p_hold`` (3,), that position is held. The error
+        ``p_hold`` (3,) of the first call after the release, if given, is held instead. The error
         is integrated over ``duration`` [s].
         """
         if self._p_hold is None:
             self._p_hold = (x.p_WB if p_hold is None else p_hold).copy()
         error, model = self._p_hold - x.p_WB, learned or LearnedModel()
         # Slower turns need a slower loop around them.
-        gain = model.tilt_gain()
+        gain, damping = _tilt_law(model)
         pace = gain / _TILT_GAIN
         wanted = pace**2 * _POSITION_GAIN * error - pace * VELOCITY_GAIN * x.v_WB_W
         self._integrate(error, wanted, pace**3 * duration)
@@ -127,9 +99,8 @@ class HoverFallback(Stage):
 
         thrust = self._vehicle.mass * float(x.R_WB[:, 2] @ force) / model.thrust_scale
         throttle = self._vehicle.nearest_throttle(thrust)
-        rates = gain * tilt_to(force, x.R_WB) + model.damping_rates()
-        u = Input(throttle=throttle, w_WB_B=rates)
-        return clamped(u, self._config)
+        rates = gain * tilt_to(force, x.R_WB) + damping
+        return clamped(Input(throttle=throttle, w_WB_B=rates), self._config)
 
     def _integrate(self, error: Array, wanted: Array, duration: float) -> None:
         """Integrate the error of axes whose commanded acceleration is within its limit."""
@@ -147,11 +118,11 @@ class BlindFallback(Stage):
         self._R_WB: Array | None = None
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Apply changed bounds; the attitude stays."""
+        """Apply changed bounds; the attitude is kept."""
         self._config = config
 
     def release(self) -> None:
-        """Forget the dead reckoned attitude, as there is odometry."""
+        """Reset the dead reckoned attitude, as odometry is available."""
         self._R_WB = None
 
     def dead_reckon(self, R_WB: Array, w_WB_B: Array, *, duration: float) -> None:
@@ -160,7 +131,7 @@ class BlindFallback(Stage):
         The first call after the release starts at ``R_WB`` (3, 3), the last measured attitude.
         """
         last = R_WB if self._R_WB is None else self._R_WB
-        self._R_WB = dead_reckoned(last, w_WB_B, duration=duration)
+        self._R_WB = np.asarray(last @ so3.exp(duration * w_WB_B))
 
     def command(
         self,
@@ -172,7 +143,7 @@ class BlindFallback(Stage):
     ) -> Input:
         """Return the command ``elapsed`` seconds after the loss of odometry.
 
-        ``R_WB`` (3, 3) is the last measured attitude, used if there is no dead reckoned one. With
+        ``R_WB`` (3, 3) is the last measured attitude, used without a dead reckoned attitude. With
         a dead reckoned velocity ``v_WB_W`` (3,) [m/s] the vehicle brakes first.
         """
         if self._R_WB is not None:
@@ -193,10 +164,22 @@ class BlindFallback(Stage):
         return clamped(Input(throttle=throttle, w_WB_B=turn), self._config)
 
 
+def _tilt_law(model: LearnedModel) -> tuple[float, Array]:
+    """Return the gain from tilt to rates [1/s] that the rate loop can follow.
+
+    Also return the rates (3,) [rad/s] to command against a ringing rate loop.
+    """
+    period = math.sqrt(model.rate_lag * model.torque_lag)  # one over the natural frequency
+    gain = min(_TILT_GAIN, _GAIN_OVER_FREQUENCY / period) if period > 0.0 else _TILT_GAIN
+    lacking = max(2.0 * _DAMPING * period - model.rate_lag, 0.0)
+    roll, pitch, _yaw = model.acceleration
+    return gain, -lacking * np.array([roll, pitch, 0.0])
+
+
 def stop_within(corridor: Corridor, p_W: Array, *, v_WB_W: Array) -> Array:
     """Return the position (3,) to hold so that a vehicle at ``p_W`` stops inside a corridor.
 
-    It is moved back from the planes of the first stage by the braking distance beyond them.
+    The braking distance beyond the planes of the first stage moves this position back.
     """
     held = p_W.copy()
     for n, b in zip(corridor.normals[0], corridor.offsets[0], strict=True):
@@ -209,7 +192,7 @@ def stop_within(corridor: Corridor, p_W: Array, *, v_WB_W: Array) -> Array:
 def tilt_to(direction_W: Array, R_WB: Array) -> Array:
     """Return the body rotation vector (3,) that turns the thrust axis to a world direction.
 
-    It is the shortest rotation between the two, so it has no yaw.
+    The rotation is the shortest, so it has no yaw.
     """
     return so3.shortest_turn_of_z(R_WB.T @ direction_W)
 
@@ -220,10 +203,5 @@ def idle(config: MpcConfig) -> Input:
 
 
 def levelling(R_WB: Array, *, gain: float = _TILT_GAIN) -> Array:
-    """Return the body rates (3,) [rad/s], without yaw, that level a vehicle by a gain [1/s]."""
+    """Return the body rates (3,) [rad/s], without yaw, that level a vehicle with a gain [1/s]."""
     return np.asarray(gain * tilt_to(np.array([0.0, 0.0, 1.0]), R_WB))
-
-
-def dead_reckoned(R_WB: Array, w_WB_B: Array, *, duration: float) -> Array:
-    """Return the attitude after turning at ``w_WB_B`` for ``duration`` seconds."""
-    return np.asarray(R_WB @ so3.exp(duration * w_WB_B))

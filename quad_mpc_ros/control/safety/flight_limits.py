@@ -1,8 +1,8 @@
-"""The fence and the envelope: limits on where and how the vehicle may fly.
+"""The fence and the envelope: limits on position, tilt, rates and speed.
 
-A fence with the action hover is breached as soon as the vehicle could no longer stop inside it. A
-breach lasts until the vehicle has kept all limits, with a margin, for a second and the reference
-is inside the fence again.
+A fence with the action hover is breached as soon as the vehicle can no longer stop inside. A
+breach lasts until the vehicle has satisfied all limits, with a margin, for a second and the
+reference is inside the fence again.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimation.kept_height import since
 from quad_mpc_ros.control.lie import Array, kernels, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.fallbacks import ACCELERATION_LIMIT, VELOCITY_GAIN
@@ -34,7 +35,7 @@ class FlightLimits(Stage):
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Apply changed limits; breaches have to be found again."""
+        """Apply changed limits; breaches are detected again."""
         self._fence, self._envelope = config.fence, config.envelope
         self._low, self._high = config.fence.walls
         self._fenced = config.fence.has_walls
@@ -43,8 +44,8 @@ class FlightLimits(Stage):
     def check(
         self, odometry: OdometrySample, *, p_reference: Array | None, now_ns: int
     ) -> Breach | None:
-        """Return the active breach, if any; ``p_reference`` (3,) is the present reference."""
-        found = self._found(odometry, share=1.0, distance=0.0)
+        """Return the active breach, if any; ``p_reference`` (3,) is the current reference."""
+        found = self.breach_at(odometry)
         if found is not None:
             self._kept_since_ns = None
             if self._breach is None or found.action >= self._breach.action:
@@ -53,10 +54,6 @@ class FlightLimits(Stage):
             self._breach = None
         return self._breach
 
-    def predicted_breach(self, odometry: OdometrySample) -> Breach | None:
-        """Return the breach at a predicted odometry, if any."""
-        return self._found(odometry, share=1.0, distance=0.0)
-
     def inside(self, p_WB: Array) -> Array:
         """Return the point (3,) nearest to a position inside the fence, with a margin."""
         low, high = np.array(self._low), np.array(self._high)
@@ -64,26 +61,29 @@ class FlightLimits(Stage):
         return np.clip(p_WB, low + inset, high - inset)
 
     def _is_over(self, odometry: OdometrySample, p_reference: Array | None, now_ns: int) -> bool:
-        kept = self._found(odometry, share=_RECOVERY_SHARE, distance=_RECOVERY_DISTANCE) is None
-        if not kept or p_reference is None or self._wall(p_reference, 0.0) is not None:
-            self._kept_since_ns = None
-            return False
-        if self._kept_since_ns is None:
-            self._kept_since_ns = now_ns
-        return now_ns - self._kept_since_ns >= _RECOVERY_NS
+        kept = (
+            p_reference is not None
+            and self._wall(p_reference, 0.0) is None
+            and self.breach_at(odometry, share=_RECOVERY_SHARE, distance=_RECOVERY_DISTANCE)
+            is None
+        )
+        since_ns = self._kept_since_ns = since(self._kept_since_ns, now_ns, lasts=kept)
+        return since_ns is not None and now_ns - since_ns >= _RECOVERY_NS
 
-    def _found(self, odometry: OdometrySample, *, share: float, distance: float) -> Breach | None:
-        """Return the gravest breach of limits times ``share`` and walls moved by ``distance``."""
-        gravest: Breach | None = None
-        for action, reason in (
+    def breach_at(
+        self, odometry: OdometrySample, *, share: float = 1.0, distance: float = 0.0
+    ) -> Breach | None:
+        """Return the worst breach of limits times ``share`` and walls moved by ``distance``."""
+        reasons = (
             (self._fence.action, self._outside(odometry, distance) if self._fenced else None),
             (self._envelope.action, self._excess(odometry, share)),
-        ):
-            if reason is not None:
-                breach = Breach(Action[action.upper()], reason)
-                if gravest is None or breach.action > gravest.action:
-                    gravest = breach
-        return gravest
+        )
+        breaches = [
+            Breach(Action[action.upper()], reason)
+            for action, reason in reasons
+            if reason is not None
+        ]
+        return max(breaches, key=lambda breach: breach.action, default=None)
 
     def _outside(self, odometry: OdometrySample, distance: float) -> str | None:
         outside = self._wall(odometry.p_WB, distance)
@@ -99,7 +99,7 @@ class FlightLimits(Stage):
         return None
 
     def _excess(self, odometry: OdometrySample, share: float) -> str | None:
-        """Return which limit of the envelope is exceeded, None if none is."""
+        """Return the exceeded limit of the envelope, else None."""
         limits = self._envelope
         if limits.tilt_max < math.pi:
             tilt = math.acos(min(max(odometry.up, -1.0), 1.0))

@@ -26,7 +26,7 @@ _MAX_IMU_LEAD_NS = 1_000_000_000
 class InputMonitor(Stage):
     """Keeps the last valid inputs, and logs why others are rejected.
 
-    ``odometry`` has its twist in the body frame, and jumps replaced (``jumps``). ``odometry_ns``
+    ``odometry`` has the twist in the body frame, and jumps replaced (``jumps``). ``odometry_ns``
     and ``reference_ns`` are the times of arrival.
     """
 
@@ -34,7 +34,7 @@ class InputMonitor(Stage):
         self._log = log or StageLog()
         self._parameters, self._gravity = config.odometry, config.gravity
         self.gate = OdometryGate(config)
-        self.jumps = OdometryJumps()
+        self.jumps = OdometryJumps(self._log)
         self._horizon_ns = round(config.horizon_steps * config.horizon_step * 1e9)
         self.reported: OdometrySample | None = None
         """The newest odometry with jumps, twist in the body frame."""
@@ -43,7 +43,7 @@ class InputMonitor(Stage):
         self.reference: ReferenceWindow | None = None
         self.reference_ns: int | None = None
         self.idle_wanted = False
-        """Whether the reference requests idle motors; in the air it is a rest."""
+        """Whether the reference requests idle motors; in the air this means hover."""
         self._lockstep = config.lockstep
         self._reported_slow = False
         self.imu_stamp_ns: int | None = None
@@ -62,7 +62,7 @@ class InputMonitor(Stage):
         self._reference_timeout_ns = timeouts_of(config).reference
 
     def accept_odometry(self, odometry: OdometrySample, *, now_ns: int) -> OdometrySample | None:
-        """Take an odometry; return it with the twist in the body frame, None if it is rejected."""
+        """Take an odometry; return it with the twist in the body frame, None if rejected."""
         refusal = self.gate.refusal(odometry, now_ns=now_ns)
         if refusal is not None:
             self._log.reject(refusal)
@@ -73,9 +73,6 @@ class InputMonitor(Stage):
         self.odometry, self.odometry_ns = self.jumps.checked(odometry), self.gate.changed_ns
         if self.jumps.fault:
             self._log.reject(self.jumps.fault)
-        notes = self.jumps.take_notes()
-        if notes:
-            self._log.warn(*notes)
         return self.odometry
 
     def accept_imu(self, sample: ImuSample) -> bool:
@@ -100,30 +97,30 @@ class InputMonitor(Stage):
         return True
 
     def _imu_fault(self, sample: ImuSample) -> str | None:
-        """Return why a sample is unusable, "" for a repeated one in lockstep, else None."""
+        """Return why a sample is unusable, "" for a sample repeated in lockstep, else None."""
         odometry, newest_ns, stamp_ns = self.odometry, self.imu_stamp_ns, sample.stamp_ns
         fault = imu_fault(sample, body=BODY if odometry is None else odometry.child_frame_id)
         if fault is not None:
             return fault
         # Beyond the timeout, a clock was set.
         if newest_ns is not None and 0 <= newest_ns - stamp_ns <= self._odometry_timeout_ns:
-            return "" if self._lockstep else "imu stamp does not run forwards"
+            return "" if self._lockstep else "imu stamps do not advance"
         if odometry is not None and not self._lockstep:
             ahead_ns = stamp_ns - odometry.stamp_ns
             if ahead_ns < -self._odometry_timeout_ns or ahead_ns > _MAX_IMU_LEAD_NS:
                 side = "ahead of" if ahead_ns > 0 else "behind"
-                return f"imu stamp is {1e-9 * abs(ahead_ns):.2f} s {side} that of the odometry"
+                return f"imu stamp is {1e-9 * abs(ahead_ns):.2f} s {side} the odometry's stamp"
         return None
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Transform odometry and reference by an announced step of the estimate."""
+        """Transform odometry and reference by an announced odometry jump."""
         if self.odometry is not None and self.odometry.stamp_ns < reset.stamp_ns:
             self.odometry = reset.odometry(self.odometry)
         if self.reference is not None:
             self.reference = reset.window(self.reference)
 
     def is_odometry_lost(self, *, now_ns: int) -> bool:
-        """Whether odometry has been missing for longer than its timeout, after a first one."""
+        """Whether odometry, received before, has been missing for longer than its timeout."""
         arrived_ns = self.odometry_ns
         return arrived_ns is not None and abs(now_ns - arrived_ns) > self._odometry_timeout_ns
 
@@ -133,9 +130,9 @@ class InputMonitor(Stage):
         return max(self._odometry_timeout_ns + 1 - age_ns, 0) * 1e-9 if age_ns >= 0 else 0.0
 
     def reference_at(self, stamp_ns: int, *, now_ns: int) -> ReferenceWindow | Failure:
-        """Return the reference at a stamp, or why there is none.
+        """Return the reference at a stamp, or the reason why no reference exists.
 
-        A reference older than its timeout is used while it covers the horizon.
+        A reference older than its timeout is still used while its window covers the horizon.
         """
         timeout_ns = self._reference_timeout_ns
         if self.reference is None:
@@ -147,7 +144,7 @@ class InputMonitor(Stage):
         return self.reference if fault is None else Failure("validate", fault)
 
     def reference_valid_ns(self, now_ns: int) -> int | None:
-        """Return the arrival of the reference; now, while it covers the horizon."""
+        """Return the arrival of the reference; now, while its window covers the horizon."""
         window, odometry = self.reference, self.odometry
         if (
             window is None
@@ -163,29 +160,21 @@ class InputMonitor(Stage):
     def ages_ns(self, now_ns: int) -> tuple[int, int]:
         """Return the age of the odometry by its stamp and of the reference since its arrival.
 
-        Without odometry the age is 0, without reference the time itself.
+        Without odometry its age is 0, without reference its age is the time itself.
         """
         odometry_ns = self.odometry.stamp_ns if self.odometry is not None else now_ns
         return now_ns - odometry_ns, now_ns - (self.reference_ns or 0)
 
     def report(self) -> None:
-        """Warn of a low rate of the odometry."""
-        warning = self.rate_warning()
-        if warning is not None:
-            self._log.warn(warning)
-
-    def rate_warning(self) -> str | None:
-        """Return a warning, once, if the rate of the odometry limits the control rate."""
-        period = self.gate.period
-        slow = period is not None and period > SLOW * self._control_period
-        if period is None or not slow or self._reported_slow:
-            self._reported_slow = slow
-            return None
-        self._reported_slow = True
+        """Warn, once, if the rate of the odometry limits the control rate."""
+        period, was_slow = self.gate.period, self._reported_slow
+        self._reported_slow = period is not None and period > SLOW * self._control_period
+        if period is None or not self._reported_slow or was_slow:
+            return
         timeout = 1e-9 * self._odometry_timeout_ns
-        failsafe = f"; odom_timeout is {timeout:g} s: the failsafe commands in between"
-        return (
-            f"odometry comes {1.0 / period:.1f} times a second, control_rate is "
-            f"{1.0 / self._control_period:g}: commands come no more often"
-            f"{failsafe if SLOW * period > timeout else ''}; raise the rate of its source"
+        failsafe = f"; odom_timeout is {timeout:g} s: the failsafe is active in between"
+        self._log.warn(
+            f"odometry arrives {1.0 / period:.1f} times a second, control_rate is "
+            f"{1.0 / self._control_period:g}: the rate of commands is limited to that of "
+            f"odometry{failsafe if SLOW * period > timeout else ''}; raise the odometry rate"
         )

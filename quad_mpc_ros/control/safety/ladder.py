@@ -1,7 +1,7 @@
-"""The safety ladder: which source commands the vehicle, and why (docs/explanation/safety.md).
+"""The safety ladder: the active source, and the reason (docs/explanation/safety.md).
 
-A pure state machine from inputs and state to a decision and the new state. It reads no clock; all
-times are in nanoseconds of one clock of the caller.
+A pure state machine from inputs and state to a decision and the new state. The ladder reads no
+clock; all times are in nanoseconds of one clock of the caller.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _PREDICTED = "odometry is late: predicted"
 
 
 class Source(enum.IntEnum):
-    """The source of the command. Higher is graver; the last two publish nothing."""
+    """The source of the command. Higher is more severe; the last two publish nothing."""
 
     MPC = 0
     PLAN = 1
@@ -28,7 +28,7 @@ class Source(enum.IntEnum):
 
 
 class Action(enum.IntEnum):
-    """The action on a breach of a limit; higher is graver."""
+    """The action on a breach of a limit; higher is more severe."""
 
     WARN = 0
     HOVER = 1
@@ -64,9 +64,9 @@ class LadderInputs(NamedTuple):
     """Inputs of a decision.
 
     ``odometry_ns`` and ``reference_ns`` are the arrivals of the last usable messages.
-    ``plan_fault`` is why there is no new plan, empty if there is one. ``on_ground`` includes a
-    crashed vehicle. ``is_predicted``: the plan starts at a state predicted without odometry.
-    ``jumped`` is why the position of the odometry was replaced, empty if it was not.
+    ``plan_fault`` is the reason for a missing plan, else empty. ``on_ground`` includes a crashed
+    vehicle. ``is_predicted``: the plan starts at a state predicted without odometry. ``jumped`` is
+    the reason for replacing the odometry's position, else empty.
     """
 
     now_ns: int
@@ -82,8 +82,8 @@ class LadderInputs(NamedTuple):
 class LadderState(NamedTuple):
     """State of the ladder.
 
-    ``planned_ns`` is the time of the last plan from an odometry, ``blind_since_ns`` since when the
-    vehicle flies by dead reckoning, ``stopped`` why it was stopped for good.
+    ``planned_ns`` is the time of the last plan from an odometry, ``blind_since_ns`` the start of
+    flight by dead reckoning, ``stopped`` the reason for a final stop.
     """
 
     planned_ns: int | None = None
@@ -106,7 +106,7 @@ def decide(
     inputs: LadderInputs, state: LadderState, timeouts: Timeouts
 ) -> tuple[Decision, LadderState]:
     """Return the decision and the next state."""
-    sighted = _is_within(inputs.odometry_ns, inputs.now_ns, timeouts.odometry)
+    has_odometry = _is_within(inputs.odometry_ns, inputs.now_ns, timeouts.odometry)
     fault = _input_fault(inputs, timeouts) or inputs.plan_fault
     # Plans from predicted states give the fallbacks no more time.
     planned_ns = state.planned_ns if fault or inputs.is_predicted else inputs.now_ns
@@ -115,14 +115,14 @@ def decide(
     holding = _is_within(planned_ns, inputs.now_ns, timeouts.plan_hold)
     # Without odometry, the last known position breaches nothing.
     descends = inputs.breach is not None and inputs.breach.action is Action.DESCEND
-    breach = inputs.breach if sighted or descends else None
-    seeing = (sighted or holding or not fault) and not descends
+    breach = inputs.breach if has_odometry or descends else None
+    # While the plan holds the vehicle is not blind.
+    is_blind = descends or not (has_odometry or holding or not fault)
     blind_since_ns = inputs.now_ns if state.blind_since_ns is None else state.blind_since_ns
     stopped = breach.reason if breach is not None and breach.action is Action.STOP else ""
     state = LadderState(
         planned_ns=planned_ns,
-        # As long as the plan holds it is not blind.
-        blind_since_ns=None if seeing else blind_since_ns,
+        blind_since_ns=blind_since_ns if is_blind else None,
         stopped=state.stopped or stopped,
     )
     return _level(inputs, state, timeouts, fault=fault, breach=breach, holding=holding), state
@@ -169,7 +169,7 @@ def _input_fault(inputs: LadderInputs, timeouts: Timeouts) -> str:
 
 
 def _is_within(since_ns: int | None, now_ns: int, duration_ns: int) -> bool:
-    """Whether a time is at most a duration away, in the future too: clocks may be set back."""
+    """Whether a time is at most a duration away, also in the future: clocks may be set back."""
     return since_ns is not None and -duration_ns <= now_ns - since_ns <= duration_ns
 
 

@@ -1,14 +1,12 @@
-"""The stage that limits: the command of the active source, within every limit."""
+"""The limit stage: the command of the active source, within all limits."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple
-
-import numpy as np
 
 from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimation.delay_compensation import LearnedModel
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import AllowedCommand, GroundState
 from quad_mpc_ros.control.model.corridor import Corridor
@@ -21,7 +19,6 @@ from quad_mpc_ros.control.safety.decide_stage import Decided
 from quad_mpc_ros.control.safety.fallbacks import (
     BlindFallback,
     HoverFallback,
-    LearnedModel,
     idle,
     levelling,
     stop_within,
@@ -42,16 +39,6 @@ _MAX_TAKEOFF_LIFT = 2.2
 _ESTIMATE_PERIOD_NS, _KEPT_ESTIMATES = 1_000_000_000, 3
 
 
-class _HeldPlan(NamedTuple):
-    plan: Plan
-    planned_ns: int
-
-
-class _SentCommand(NamedTuple):
-    command: Input
-    sent_ns: int
-
-
 class LimitStage(Stage):
     """Owns the held plan, the fallbacks, and the active command."""
 
@@ -63,18 +50,22 @@ class LimitStage(Stage):
         *,
         limits: FlightLimits,
         consistency: ConsistencyMonitor,
+        learned: Callable[[], LearnedModel],
         log: StageLog,
     ) -> None:
+        """``learned`` returns the estimate for the fallbacks."""
         self._config, self._inputs = config, inputs
         self._ground, self._log = ground, log
-        self._limits, self._consistency = limits, consistency
+        self._limits, self._consistency, self._learned = limits, consistency, learned
         vehicle = config.vehicle()
         weight = vehicle.mass * vehicle.gravity
         self._throttle_near_ground = vehicle.nearest_throttle(_MAX_TAKEOFF_LIFT * weight)
         self._hover = HoverFallback(config)
         self._blind = BlindFallback(config)
-        self._plan: _HeldPlan | None = None
-        self._sent: _SentCommand | None = None
+        self._plan: Plan | None = None
+        self._planned_ns = self._sent_ns = 0
+        self.acting: Input | None = None
+        """The active command, None before the first command."""
         # Only vertical parts are used, which no reset of the estimate changes.
         self._kept: deque[LearnedModel] = deque(maxlen=_KEPT_ESTIMATES)
         self._kept_ns: int | None = None
@@ -88,35 +79,22 @@ class LimitStage(Stage):
         """Apply changed limits."""
         self._config = config
 
-    @property
-    def acting(self) -> Input | None:
-        """The active command, None before the first."""
-        return None if self._sent is None else self._sent.command
-
     def replace(self, u: Input, *, now_ns: int) -> None:
         """Replace the active command."""
-        self._sent = _SentCommand(u, now_ns)
+        self.acting, self._sent_ns = u, now_ns
 
-    def step(
-        self,
-        due: Due,
-        decided: Decided,
-        *,
-        corridor: Corridor | None,
-        learned: Callable[[], LearnedModel],
-    ) -> Input | None:
+    def step(self, due: Due, decided: Decided, *, corridor: Corridor | None) -> Input | None:
         """Return the limited command, which becomes active; None to publish nothing.
 
         Args:
             due: The control step.
             decided: The active source, and the plan that can be flown.
             corridor: The free region, None for no constraint.
-            learned: Returns the estimate for the fallbacks.
         """
         self._dead_reckon(due)
         if decided.plan is not None:
-            self._plan = _HeldPlan(decided.plan, due.now_ns)
-        wanted = self._wanted(due, decided, corridor, learned)
+            self._plan, self._planned_ns = decided.plan, due.now_ns
+        wanted = self._wanted(due, decided, corridor)
         if wanted is None:
             return None
         source = decided.decision.source
@@ -124,7 +102,7 @@ class LimitStage(Stage):
         if self._ground.state is GroundState.UNKNOWN and source is not Source.MPC:
             allowed = AllowedCommand.ALL  # the vehicle may be in the air
         u = self._limited(self._allowed(wanted, allowed, source), due.now_ns)
-        self._sent = _SentCommand(u, due.now_ns)
+        self.replace(u, now_ns=due.now_ns)
         self._log.command(by_fallback=source is not Source.MPC)
         return u
 
@@ -133,36 +111,30 @@ class LimitStage(Stage):
         newest = self._inputs.odometry
         if due.odometry is not None:
             self._blind.release()
-        elif newest is not None and self._sent is not None:
+        elif newest is not None and self.acting is not None:
             self._blind.dead_reckon(
                 state_from_odometry(newest).R_WB,
-                self._sent.command.w_WB_B,
-                duration=(due.now_ns - self._sent.sent_ns) * 1e-9,
+                self.acting.w_WB_B,
+                duration=(due.now_ns - self._sent_ns) * 1e-9,
             )
 
-    def _wanted(
-        self,
-        due: Due,
-        decided: Decided,
-        corridor: Corridor | None,
-        learned: Callable[[], LearnedModel],
-    ) -> Input | None:
+    def _wanted(self, due: Due, decided: Decided, corridor: Corridor | None) -> Input | None:
         """Return the command of the active source, before any limit."""
         source, newest = decided.decision.source, self._inputs.odometry
         if source is not Source.HOVER:
             self._hover.release()
         match source:
             case Source.MPC | Source.PLAN if self._plan is not None:
-                self._keep(learned, due.now_ns)
-                elapsed = (due.now_ns - self._plan.planned_ns) * 1e-9
-                return self._plan.plan.command_over(elapsed, due.duration)
+                self._keep_estimate(due.now_ns)
+                elapsed = (due.now_ns - self._planned_ns) * 1e-9
+                return self._plan.command_over(elapsed, due.duration)
             case Source.HOVER if newest is not None:
                 x = state_from_odometry(newest)
                 p_hold = self._limits.inside(x.p_WB)
                 if corridor is not None:
                     p_hold = stop_within(corridor, p_hold, v_WB_W=x.v_WB_W)
                 return self._hover.command(
-                    x, p_hold=p_hold, learned=learned(), duration=due.duration
+                    x, p_hold=p_hold, learned=self._learned(), duration=due.duration
                 )
             case Source.IDLE:
                 return idle(self._config)
@@ -171,7 +143,7 @@ class LimitStage(Stage):
                 if self._consistency.breach is not None:
                     return self._descend(newest, elapsed=elapsed)
                 R_WB = state_from_odometry(newest).R_WB
-                return self._blind.command(R_WB, elapsed=elapsed, learned=learned())
+                return self._blind.command(R_WB, elapsed=elapsed, learned=self._learned())
             case _:
                 return None
 
@@ -181,20 +153,20 @@ class LimitStage(Stage):
         if at is None:
             return idle(self._config)
         return self._blind.command(
-            np.eye(3) if at.R_WB is None else at.R_WB,
+            at.R_WB,
             v_WB_W=at.v_WB_W,
             elapsed=elapsed,
             learned=self._kept[0] if self._kept else LearnedModel(),
         )
 
-    def _keep(self, learned: Callable[[], LearnedModel], now_ns: int) -> None:
+    def _keep_estimate(self, now_ns: int) -> None:
         """Keep the estimate for a descent, once a second."""
         if (
             self._kept_ns is None
             or not -_ESTIMATE_PERIOD_NS < now_ns - self._kept_ns < _ESTIMATE_PERIOD_NS
         ):
             self._kept_ns = now_ns
-            self._kept.append(learned())
+            self._kept.append(self._learned())
 
     def _allowed(self, wanted: Input, allowed: AllowedCommand, source: Source) -> Input:
         """Return the part of a source's command that may be sent to the motors."""
@@ -211,7 +183,7 @@ class LimitStage(Stage):
 
     def _limited(self, wanted: Input, now_ns: int) -> Input:
         """Return the command within its bounds and slew limits."""
-        if self._sent is not None:
-            elapsed = max(now_ns - self._sent.sent_ns, 0) * 1e-9
-            wanted = rate_limited(wanted, self._sent.command, self._config.slew, duration=elapsed)
+        if self.acting is not None:
+            elapsed = max(now_ns - self._sent_ns, 0) * 1e-9
+            wanted = rate_limited(wanted, self.acting, self._config.slew, duration=elapsed)
         return clamped(wanted, self._config)

@@ -1,9 +1,9 @@
 """Acceptance of odometry by its stamps.
 
-A valid odometry is refused if its stamp does not fit its arrival, if stamps run backwards, or if
+A valid odometry is rejected if its stamp does not fit its arrival, if stamps go backwards, or if
 the source repeats its values. After a clock was set or a source was restarted, odometry is
 accepted again once its offset has been constant for the odometry's timeout. The first odometries
-may have waited in a queue, so until then a faster one is accepted at once.
+may have waited in a queue, so until then a faster odometry is accepted at once.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from quad_mpc_ros.control.stage import Stage
 
 _SECOND = 1_000_000_000
 NOT_ADVANCING = "odometry stamps do not advance"
-_BACKWARDS = "odometry stamp runs backwards"
+_BACKWARDS = "odometry stamps go backwards"
 _MOVING_SPEED = 1e-3  # m/s, rad/s; at this speed successive odometries must differ
 _MIN_PERIODS = 5
 SLOW = 1.1
-"""Period of the odometry over the control period above which the odometry is too slow."""
+"""Ratio of odometry period to control period above which odometry is too slow."""
 
 
 class OdometryGate(Stage):
-    """Refuses odometry that does not fit the previous ones."""
+    """Rejects odometry that does not fit the previous odometries."""
 
     def __init__(self, config: MpcConfig) -> None:
         self._frame_id = config.odometry.frame_id
@@ -44,7 +44,7 @@ class OdometryGate(Stage):
         self._steps_ns: list[int] = []
         self._measured_ns = 0  # sum of the steps
         self.period: float | None = None
-        """Median time between stamps [s]; None until it is known."""
+        """Median time between stamps [s]; None while unknown."""
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
@@ -52,7 +52,7 @@ class OdometryGate(Stage):
         self._timeout_ns = round(config.odom_timeout * _SECOND)
 
     def refusal(self, odometry: OdometrySample, *, now_ns: int) -> str | None:
-        """Return why an odometry that arrives now is refused; None if it is accepted."""
+        """Return the reason to reject an odometry that arrives now, else None."""
         reason = odometry_fault(odometry, frame_id=self._frame_id)
         if reason is None and self._newest is not None and self.checks_stamps:
             misfit = self._misfit_in_lockstep if self._lockstep else self._misfit

@@ -5,24 +5,23 @@ accelerations, and the position by the mean velocity. A difference beyond
 
     s + 4 e + m + d t
 
-is a jump and is rejected. s is the largest jump that is tolerated, e the root mean square of the
-previous differences (the noise), m the motion possible between the two odometries, d the drift of
-an integrated velocity and t how long positions have been rejected. Only the quantity that jumped
-is replaced: the attitude by the integrated rates, the velocity by the velocity without its jump,
-the position by the integrated velocity.
+is a jump and is rejected. s is the largest tolerated jump, e the RMS of the previous differences
+(the noise), m the motion possible between the two odometries, d the drift of an integrated
+velocity and t the time for which positions have been rejected. Only the quantity that jumped is
+replaced: the attitude by the integrated rates, the velocity by the velocity without its jump, the
+position by the integrated velocity.
 
-A jump ends when the quantity is back. A jump of position or heading is accepted after three
+A jump ends when the quantity returns. A jump of position or heading is accepted after three
 seconds, as estimators correct themselves. For 30 s after that, a jump back is accepted at once,
 and another jump after nine seconds, so that an estimate that jumps back and forth is not tracked.
-A jump of velocity is accepted as soon as the positions agree with it. A jump of roll or pitch is
-never accepted, because a hovering vehicle cannot change its tilt.
+A velocity jump is accepted as soon as the positions agree with the new velocity. A jump of roll or
+pitch is never accepted, because a hovering vehicle cannot change its tilt.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -32,8 +31,9 @@ from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3, Vec
 from quad_mpc_ros.control.lie import Array, formulas, kernels
 from quad_mpc_ros.control.lie.kernels import Quaternion, Vector
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.model.samples import Measured, OdometrySample
 from quad_mpc_ros.control.stage import Stage
+from quad_mpc_ros.control.stage_log import StageLog
 
 _NOISE_FACTOR = 4.0
 _POSITION_ACCELERATION = 20.0  # m/s^2, largest expected between positions
@@ -102,37 +102,28 @@ class Tracking(Record):
     turn: float  # rad, last accepted jump of the heading
 
 
-class _Quantity(NamedTuple):
-    """Texts of a jump in log lines."""
-
-    name: str
-    text: Callable[[float], str]
-    contradicted: str
-
-
-_ATTITUDE = _Quantity(
-    "attitude",
-    lambda size: f"{math.degrees(size):.0f} degrees",
-    "which neither body rates nor odom_reset explain: flown on by the body rates",
-)
-_VELOCITY = _Quantity(
-    "velocity",
-    lambda size: f"{size:.1f} m/s",
-    "which the positions do not confirm: flown on without the jump",
-)
-_POSITION = _Quantity(
-    "position",
-    lambda size: f"{size:.1f} m",
-    "which neither velocity nor odom_reset explains: flown on by the velocity",
-)
-_QUANTITIES = (_POSITION, _ATTITUDE, _VELOCITY)  # the gravest first
+# Unit of a jump, and why the quantity is replaced; the gravest quantity first.
+_QUANTITIES = {
+    "position": (
+        "{:.1f} m",
+        "which neither velocity nor odom_reset explains: the velocity is integrated instead",
+    ),
+    "attitude": (
+        "{:.0f} degrees",
+        "which neither body rates nor odom_reset explain: body rates are integrated instead",
+    ),
+    "velocity": (
+        "{:.1f} m/s",
+        "which the positions do not confirm: the jump is subtracted",
+    ),
+}
 
 
 class OdometryJumps(Stage):
     """Replaces quantities that jumped, in odometries with the twist in the body frame."""
 
-    def __init__(self) -> None:
-        self._notes: list[str] = []
+    def __init__(self, log: StageLog) -> None:
+        self._log = log
         self._resets: list[EstimateReset] = []
         self._engaged = True
         self._begin()
@@ -144,28 +135,23 @@ class OdometryJumps(Stage):
         self._began_ns = 0
         self._faults = dict.fromkeys(_QUANTITIES, "")
         self.fault = ""
-        """Why the last odometry was changed, else empty."""
+        """The reason for changing the last odometry, else empty."""
 
     def engage(self, engaged: bool) -> None:
-        """Set whether commands act; otherwise every odometry is used unchanged."""
+        """Set whether the vehicle executes commands; if not, odometry is used unchanged."""
         self._engaged = engaged
-
-    def take_notes(self) -> list[str]:
-        """Return log lines of jumps accepted since the last call."""
-        notes, self._notes = self._notes, []
-        return notes
 
     def take_resets(self) -> list[EstimateReset]:
         """Return the jumps of the heading accepted since the last call.
 
-        The vehicle did not turn, so vectors in the world turn instead.
+        The vehicle did not turn, so vectors in the world are rotated instead.
         """
         resets, self._resets = self._resets, []
         return resets
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Transform the tracked odometry by an announced step of the estimate."""
-        quantities = [self._tracking[quantity.name] for quantity in _QUANTITIES]
+        """Transform the tracked odometry by an announced odometry jump."""
+        quantities = [self._tracking[name] for name in _QUANTITIES]
         rejects = any(jumps["rejected"] for jumps in quantities)
         if self._stamp_ns is None or not (rejects or self._stamp_ns < reset.stamp_ns):
             return  # the odometry in the new frame has already arrived
@@ -189,35 +175,34 @@ class OdometryJumps(Stage):
         self._stamp_ns, self._used, self.fault = stamp_ns, None, ""
         outcomes = _check_step(
             buffer=self._tracking,
-            p_WB=odometry.p_WB,
-            q_WB_xyzw=odometry.q_WB_xyzw,
-            v_WB_B=odometry.v_WB_B,
-            w_WB_B=odometry.w_WB_B,
+            measured=odometry.measured,
             stamps_ns=(before_ns, stamp_ns),
             learning=1e-9 * (stamp_ns - self._began_ns) < _LEARNING_TIME,
         )
         if outcomes == _ALL_USED:
             return odometry
         self._report(outcomes)
-        if outcomes[_QUANTITIES.index(_ATTITUDE)] in (_BACK, _LASTED):
+        _, attitude, _ = outcomes
+        if attitude in (_BACK, _LASTED):
             self._accept_heading(odometry)
         if self.fault:
             self._used = self._replaced(odometry)
         return self._used or odometry
 
     def _report(self, outcomes: tuple[int, int, int]) -> None:
-        """Set the faults, and add log lines of accepted jumps."""
-        for quantity, outcome in zip(_QUANTITIES, outcomes, strict=True):
-            jumps, name = self._tracking[quantity.name], quantity.name
-            text, lasted = quantity.text(float(jumps["size"])), float(jumps["lasted"])
+        """Set the faults, and log the accepted jumps."""
+        for name, outcome in zip(_QUANTITIES, outcomes, strict=True):
+            jumps, (unit, contradicted) = self._tracking[name], _QUANTITIES[name]
+            size, lasted = float(jumps["size"]), float(jumps["lasted"])
+            text = unit.format(math.degrees(size) if name == "attitude" else size)
             if outcome == _JUMPED:
-                self._faults[quantity] = f"{name} jumped by {text}, {quantity.contradicted}"
+                self._faults[name] = f"{name} jumped by {text}, {contradicted}"
             elif outcome != _REJECTED:
-                self._faults[quantity] = ""
+                self._faults[name] = ""
             if outcome == _BACK:
-                self._notes.append(f"{name} is back by {text}: accepted")
+                self._log.warn(f"{name} jumped back by {text}: accepted")
             elif outcome == _LASTED:
-                self._notes.append(f"{name} {text} aside has lasted for {lasted:.1f} s: accepted")
+                self._log.warn(f"{name} jump of {text} has lasted for {lasted:.1f} s: accepted")
         self.fault = next(filter(None, self._faults.values()), "")
 
     def _accept_heading(self, odometry: OdometrySample) -> None:
@@ -239,7 +224,7 @@ class OdometryJumps(Stage):
 
 
 class Step(NamedTuple):
-    """Step of ``duration`` [s] to the next odometry; while ``learning`` nothing is rejected."""
+    """Step of ``duration`` [s] to the next odometry; ``learning`` rejects nothing."""
 
     stamp_ns: int
     duration: float
@@ -249,18 +234,16 @@ class Step(NamedTuple):
 @compiled
 def _check_step(
     buffer: RecordArray[Tracking],
-    p_WB: Array,
-    q_WB_xyzw: Array,
-    v_WB_B: Array,
-    w_WB_B: Array,
+    measured: Measured,
     stamps_ns: tuple[int, int],
     learning: bool,
 ) -> tuple[int, int, int]:
-    """Follow an odometry, and return what becomes of its position, attitude and velocity.
+    """Track an odometry, and return the outcomes for position, attitude and velocity.
 
-    Where there is none before, both stamps are the same.
+    For the first odometry both stamps are equal.
     """
     tracking, (before_ns, stamp_ns) = buffer[()], stamps_ns
+    p_WB, q_WB_xyzw, v_WB_B, w_WB_B = measured
     tracking.before = tracking.now
     now = tracking.now
     kernels.store_vector(kernels.vector(p_WB), now.p_WB)
@@ -278,7 +261,7 @@ def _check_step(
 
 @compiled
 def _check_attitude(tracking: Tracking, v_WB_B: Vector, step: Step) -> int:
-    """Check the attitude, and replace it if it jumped."""
+    """Check the attitude, and replace a jumped value."""
     before, now, jumps = tracking.before, tracking.now, tracking.attitude
     w_before, w_now = kernels.vector(before.w_WB_B), kernels.vector(now.w_WB_B)
     # Rates without lag may change abruptly, at any time of the step.
@@ -322,7 +305,7 @@ def _check_attitude(tracking: Tracking, v_WB_B: Vector, step: Step) -> int:
 
 @compiled
 def _check_velocity(tracking: Tracking, step: Step) -> int:
-    """Check the velocity, and replace it if it jumped."""
+    """Check the velocity, and replace a jumped value."""
     now, jumps, errors = tracking.now, tracking.velocity, tracking.of_velocity
     v_WB_W, agrees = kernels.vector(now.v_WB_W), False
     if jumps.rejected:
@@ -349,7 +332,7 @@ def _check_velocity(tracking: Tracking, step: Step) -> int:
 
 @compiled
 def _check_position(tracking: Tracking, step: Step) -> int:
-    """Check the position, and replace it if it jumped."""
+    """Check the position, and replace a jumped value."""
     before, now, jumps = tracking.before, tracking.now, tracking.position
     v_WB_W, duration = kernels.vector(now.v_WB_W), step.duration
     twice_W = kernels.plus(kernels.vector(before.v_WB_W), v_WB_W)
@@ -447,7 +430,7 @@ def _turn(offset: Quaternion, other: Array) -> float:
 
 @compiled
 def _distances(offset: Vector, jumps: Jumps) -> Vector:
-    """Return the length of an offset, and its distances to the rejected one and the one back."""
+    """Return the length of an offset, and its distances to the rejected and the returning jump."""
     from_rejected = kernels.minus(offset, kernels.vector(jumps.offset))
     from_back = kernels.minus(offset, kernels.vector(jumps.back))
     return kernels.norm(offset), kernels.norm(from_rejected), kernels.norm(from_back)

@@ -1,7 +1,7 @@
 """Detection of a limit cycle, which occurs if lags or delay are longer than modelled.
 
-Every correction then comes too late, and the thrust axis swings to both sides of the reference's.
-The hover fallback, whose gains tolerate that delay, ends the oscillation.
+Every correction then comes too late, and the thrust axis swings to both sides of the reference's
+axis. The hover fallback, whose gains tolerate this delay, ends the oscillation.
 """
 
 from __future__ import annotations
@@ -52,17 +52,16 @@ class OscillationMonitor(Stage):
             self._reference = reset.points(p_WB), reset.attitudes(q_WB_xyzw)
 
     def engage(self, engaged: bool) -> None:
-        """Set whether commands act; a pilot may tilt the vehicle."""
-        if engaged is not self._engaged:
-            self._engaged, self._until_ns = engaged, None
-            self._forget()
+        """Set whether the vehicle executes commands; a pilot may tilt the vehicle."""
+        self._engaged, self._until_ns = engaged, None
+        self._forget()
 
     def check(
         self, odometry: OdometrySample, reference: _Pose | None, *, now_ns: int
     ) -> Breach | None:
         """Return the active breach, if any.
 
-        ``reference`` is the present reference, position (3,) and quaternion (4,).
+        ``reference`` is the current reference, position (3,) and quaternion (4,).
         """
         if not self._engaged:
             return None
@@ -70,7 +69,7 @@ class OscillationMonitor(Stage):
             if reference is None or not self._is_oscillation(odometry, reference, now_ns):
                 return None
             self._begin(now_ns)
-        return Breach(self._action, "it oscillates: lags or delay may be longer than the model's")
+        return Breach(self._action, "the vehicle oscillates: lags or delay may exceed the model's")
 
     def _is_oscillation(self, odometry: OdometrySample, reference: _Pose, now_ns: int) -> bool:
         """Count swings near the reference since its last jump."""
@@ -123,9 +122,9 @@ class _Reversals:
 
 @compiled
 def _leans(pose: _Pose, reference: _Pose, before: _Pose) -> tuple[float, float, bool]:
-    """Return the lean of a pose from its reference [rad]; whether that jumped or is far away.
+    """Return the tilt error of a pose [rad]; whether its reference jumped or is far away.
 
-    Local paths around obstacles may jump in the tilt alone.
+    Local paths around obstacles may jump in tilt only.
     """
     (p_WB, q_WB_xyzw), (p_before, q_before_xyzw) = pose, before
     p_reference, q_reference_xyzw = reference

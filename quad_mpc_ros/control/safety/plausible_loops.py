@@ -1,9 +1,9 @@
-"""Whether body rates follow their commands as a rate loop that rings or is slow would.
+"""Whether body rates follow their commands like a ringing or slow rate loop.
 
-Such a loop turns against its command for a while, as a reversed axis does for good. So the rates
-of each axis are compared with those of a few loops (:mod:`..model.rate_loop`). One explains an
-axis if it leaves less than half of the squares of the rates of the last seconds, without their
-mean, or no more than a slow motion.
+Such a loop turns against its command temporarily, a reversed axis permanently. So the rates of
+each axis are compared with the rates of a few loops (:mod:`..model.rate_loop`). A loop explains an
+axis if the residual is below half of the variance of the rates of the last seconds, or no more
+than a slow motion.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _OfLoops = Annotated[Array, (len(_LOOPS), 3)]
 
 
 class PlausibleRates(Record):
-    """Rates behind each loop, both sides low-passed, their means and sums of their squares."""
+    """Rates of each loop, both sides low-passed, with means and sums of squares."""
 
     rates: _OfLoops  # rad/s
     acceleration: _OfLoops  # rad/s^2
@@ -41,7 +41,7 @@ class PlausibleRates(Record):
 
 @compiled
 def start_loops(state: PlausibleRates, w: kernels.Vector) -> None:
-    """Start all loops at body rates, and forget what was compared."""
+    """Start all loops at body rates, and reset the comparison."""
     for axis in range(3):
         state.rates[:, axis] = w[axis]
         state.expected[:, axis] = state.mean_expected[:, axis] = w[axis]
@@ -53,7 +53,7 @@ def start_loops(state: PlausibleRates, w: kernels.Vector) -> None:
 def follow_loops(
     state: PlausibleRates, command: Array, w: kernels.Vector, duration: float
 ) -> None:
-    """Compare body rates with those of the loops after a command (3,) for a duration [s]."""
+    """Compare body rates with the loops' rates after a command (3,) for a duration [s]."""
     share, forgotten = -math.expm1(-duration / _LOWPASS), -math.expm1(-duration / _MEMORY)
     for axis in range(3):
         state.measured[axis] += share * (w[axis] - state.measured[axis])

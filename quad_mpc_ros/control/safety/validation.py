@@ -13,8 +13,7 @@ BODY = "base_link"
 QUATERNION_TOLERANCE = 1e-3
 LARGEST = 1e8  # above map coordinates in metres; squares do not overflow
 
-UNUSABLE = "holds a number that is not finite or beyond 1e8"
-NOT_UNIT = "quaternion is not of unit length"
+NOT_UNIT = "quaternion does not have unit length"
 
 
 def odometry_fault(odometry: OdometrySample, *, frame_id: str) -> str | None:
@@ -23,7 +22,13 @@ def odometry_fault(odometry: OdometrySample, *, frame_id: str) -> str | None:
     vectors = (*odometry.p_WB.tolist(), *odometry.v_WB_B.tolist(), *odometry.w_WB_B.tolist())
     for value in (*vectors, x, y, z, w):
         if not -LARGEST <= value <= LARGEST:  # also true for NaN
-            return f"odometry {_unusable_field(odometry)} is not finite or beyond 1e8"
+            fields = {
+                "pose.pose.position": odometry.p_WB,
+                "twist.twist.linear": odometry.v_WB_B,
+                "twist.twist.angular": odometry.w_WB_B,
+                "pose.pose.orientation": odometry.q_WB_xyzw,
+            }
+            return f"odometry {unusable_field(fields)}"
     if abs(math.sqrt(x * x + y * y + z * z + w * w) - 1.0) > QUATERNION_TOLERANCE:
         return f"odometry {NOT_UNIT}"
     if not is_frame(odometry.frame_id, frame_id):
@@ -31,29 +36,22 @@ def odometry_fault(odometry: OdometrySample, *, frame_id: str) -> str | None:
     return None
 
 
-def _unusable_field(odometry: OdometrySample) -> str:
-    """Return the name of the first unusable field."""
-    fields = {
-        "pose.pose.position": odometry.p_WB,
-        "twist.twist.linear": odometry.v_WB_B,
-        "twist.twist.angular": odometry.w_WB_B,
-        "pose.pose.orientation": odometry.q_WB_xyzw,
-    }
+def unusable_field(fields: dict[str, Array]) -> str:
+    """Return the first unusable number; names of arrays of vectors have ``{}`` for the index."""
     return next(
-        f"{name}.{axis}"
+        f"{name.format(*index)}.{'xyzw'[axis]} is not finite or beyond 1e8"
         for name, values in fields.items()
-        for axis, value in zip("xyzw", values.tolist(), strict=False)
-        if not abs(value) <= LARGEST
+        for *index, axis in np.argwhere(~(np.abs(values) <= LARGEST)).tolist()
     )
 
 
 def imu_fault(sample: ImuSample, *, body: str) -> str | None:
     """Return why an accelerometer sample is unusable.
 
-    Its frame must be ``body``, that of the odometry's twist, or ``base_link``.
+    The sample's frame must be ``body``, the frame of the odometry's twist, or ``base_link``.
     """
     if not all(abs(value) <= LARGEST for value in sample.f_B.tolist()):
-        return f"imu {UNUSABLE}"
+        return f"imu {unusable_field({'linear_acceleration': sample.f_B})}"
     if not (is_frame(sample.frame_id, body) or is_frame(sample.frame_id, BODY)):
         return f"imu is in frame '{sample.frame_id}', expected '{BODY}'"
     return None
@@ -67,14 +65,14 @@ def pose_fault(
         return f"it is in frame '{frame_id}', expected '{expected_frame_id}'"
     # Comparisons with NaN are false, so that NaN is refused.
     if not ((np.abs(p_WB) <= LARGEST).all() and (np.abs(q_WB_xyzw) <= LARGEST).all()):
-        return f"it holds a number that is not finite or beyond {LARGEST:g}"
+        return f"it contains a number that is not finite or beyond {LARGEST:g}"
     if (np.abs(np.linalg.norm(q_WB_xyzw, axis=1) - 1.0) > QUATERNION_TOLERANCE).any():
-        return "it holds a quaternion that is not of unit length"
+        return "it contains a quaternion that does not have unit length"
     return None
 
 
 def coverage_fault(window: ReferenceWindow, stamp_ns: int, *, tolerance_ns: int) -> str | None:
-    """Return why a reference does not cover a time: it has ended, or begins later."""
+    """Return why a reference does not cover a time: ended before, or begins later."""
     begins_ns = window.stamp_ns + int(window.offset_ns[0])
     ends_ns = window.stamp_ns + int(window.offset_ns[-1])
     if stamp_ns - ends_ns > tolerance_ns:

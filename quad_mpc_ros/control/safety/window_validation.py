@@ -8,32 +8,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration.compilation import compiled
-from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.safety.validation import (
     LARGEST,
     NOT_UNIT,
     QUATERNION_TOLERANCE,
-    UNUSABLE,
     is_frame,
+    unusable_field,
 )
 
 _FIT, _UNUSABLE, _NOT_UNIT, _BACKWARDS = 0, 1, 2, 3
-_FAULTS = {_UNUSABLE: UNUSABLE, _NOT_UNIT: NOT_UNIT, _BACKWARDS: "times run backwards"}
+_FIELDS = (
+    "points[{}].transforms[0].translation",
+    "points[{}].transforms[0].rotation",
+    "points[{}].velocities[0].linear",
+    "points[{}].accelerations[0].linear",
+    "points[{}].velocities[0].angular",
+)
+_FAULTS = {_NOT_UNIT: NOT_UNIT, _BACKWARDS: "times go backwards"}
 
 
 def reference_fault(window: ReferenceWindow, *, frame_id: str) -> str | None:
     """Return why a reference window is unusable, None if it is usable."""
     if window.offset_ns.size == 0:
         return "reference is empty"
-    fault = _reference_fault(
-        window.offset_ns,
-        window.p_WB,
-        window.q_WB_xyzw,
-        window.v_WB_W,
-        window.a_WB_W,
-        window.w_WB_W,
-    )
+    samples = (window.p_WB, window.q_WB_xyzw, window.v_WB_W, window.a_WB_W, window.w_WB_W)
+    fault = _reference_fault(window.offset_ns, *samples)
+    if fault == _UNUSABLE:
+        return f"reference {unusable_field(dict(zip(_FIELDS, samples, strict=True)))}"
     if fault != _FIT:
         return f"reference {_FAULTS[fault]}"
     if not is_frame(window.frame_id, frame_id):
@@ -74,8 +77,4 @@ def _reference_fault(
 @compiled
 def _are_usable(rows: Array) -> bool:
     """Whether all elements of an (n, m) array are finite and at most ``LARGEST``."""
-    usable = True
-    for i in range(rows.shape[0]):
-        for k in range(rows.shape[1]):
-            usable &= abs(rows[i, k]) <= LARGEST  # NaN compares with nothing
-    return usable
+    return kernels.infinity_norm(rows.ravel()) <= LARGEST  # also false for NaN

@@ -1,9 +1,9 @@
 """Aerostack2 (as2_msgs, geometry_msgs), ENU and FLU.
 
-The platform must be in offboard mode and in the control mode of body rates. Its commands are a
-twist and a thrust on two topics, of which it takes the newest of each.
+The platform must be in offboard mode and in the control mode for body rates. Commands are a twist
+and a thrust on two topics; the platform uses the newest message of each.
 
-Fields and constants after https://github.com/aerostack2/aerostack2 (as2_msgs).
+Fields and constants as in https://github.com/aerostack2/aerostack2 (as2_msgs).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from quad_mpc_ros.ros.bridges.bridge import (
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack
 
-# ACRO until August 2026, BODY_RATES since: the number stayed.
+# Named ACRO until August 2026, with the same number.
 CONTROL_MODE_BODY_RATES = 6
 YAW_MODE_YAW_SPEED = 2
 KILL_SWITCH = -1  # as2_msgs/AlertEvent
@@ -40,10 +40,10 @@ _SET_BOOL = "std_srvs/srv/SetBool"
 
 
 def odometry_from_self_localization(pose: Any, twist: Any) -> OdometrySample:
-    """Return the values of a ``PoseStamped`` and the ``TwistStamped`` of the same time.
+    """Return the odometry in a ``PoseStamped`` and a ``TwistStamped`` of equal stamps.
 
-    Frames may have the vehicle's namespace in front. Raises ``ValueError`` for a twist in neither
-    the body nor a world frame.
+    Frames may be prefixed with the vehicle's namespace. Raises ``ValueError`` for a twist in
+    neither the body nor a world frame.
     """
     odometry = conversions.odometry_from_pose_and_twist(pose, twist, child_frame_id=BODY_FRAME)
     frame = str(twist.header.frame_id).rsplit("/", 1)[-1]
@@ -60,7 +60,7 @@ def odometry_from_self_localization(pose: Any, twist: Any) -> OdometrySample:
 def fill_thrust(
     message: Any, *, thrust_newton: float, throttle: float, frame_id: str, now_ns: int
 ) -> None:
-    """Write a thrust [N] into an ``as2_msgs/Thrust``, and the throttle where it has a field."""
+    """Write a thrust [N] into an ``as2_msgs/Thrust``, and the throttle, if present."""
     conversions.fill_header(message.header, now_ns, frame_id)
     message.thrust = thrust_newton
     if hasattr(message, "thrust_normalized"):
@@ -137,11 +137,11 @@ class Aerostack2Bridge(Bridge):
         call = self._call(self._arm_service, receive=receive, data=wanted)
         if wanted or self._ground.landed:
             return Response(accepted=True, text=f"asked for {what}", calls=[call])
-        # In the air a platform may refuse to disarm, and does not refuse its kill switch.
+        # In the air a platform may refuse to disarm, but not its kill switch.
         alert = self._new(self._alert.type_name)
         alert.alert, alert.description = KILL_SWITCH, "disarming requested in the air"
         messages = [OutgoingMessage(topic=self._alert, message=alert)]
-        text = "asked for the kill switch and for disarming"
+        text = "requested the kill switch and disarming"
         return Response(accepted=True, text=text, messages=messages, calls=[call])
 
     def _on_arming(self, what: str, response: Any) -> None:
@@ -156,7 +156,7 @@ class Aerostack2Bridge(Bridge):
 
     def _switch_back(self, now_ns: int) -> Response:
         offboard = self._call(self._offboard, data=False)
-        return Response(accepted=True, text="asked to leave offboard mode", calls=[offboard])
+        return Response(accepted=True, text="requested leaving offboard mode", calls=[offboard])
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         thrust, rates = self._new(self._thrust.type_name), self._new(self._rates.type_name)
@@ -182,7 +182,7 @@ class Aerostack2Bridge(Bridge):
         return self._paired(now_ns)
 
     def _paired(self, now_ns: int) -> OdometrySample | None:
-        """Return the odometry once pose and twist of the same time are both there."""
+        """Return the odometry once pose and twist with equal stamps have arrived."""
         pose, twist = self._pose, self._twist
         if pose is None or twist is None:
             return None

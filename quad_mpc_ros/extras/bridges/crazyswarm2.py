@@ -1,12 +1,12 @@
 """Crazyswarm2 (geometry_msgs, nav_msgs).
 
-The firmware keeps the thrust locked until a setpoint of thrust 0 has come, levels after half a
-second without setpoints and cuts the motors after two, unless their end was announced. It takes
-rates only with ``flightmode.stabModeRoll`` and ``stabModePitch`` set to 0, by the user.
+The firmware keeps the thrust locked until it receives a setpoint with thrust 0. Without setpoints
+the firmware levels after half a second and cuts the motors after two seconds, unless their end was
+announced. Rates require ``flightmode.stabModeRoll`` and ``stabModePitch`` 0, set by the user.
 
-``cmd_vel_legacy`` carries the four numbers of the Crazyflie's oldest setpoint. The server negates
-linear.x to its pitch, which cflib negates once more, and the firmware counts pitch nose-up and, in
-this setpoint alone, yaw clockwise: https://imrclab.github.io/crazyswarm2 and
+``cmd_vel_legacy`` has the four numbers of the Crazyflie's legacy setpoint. The server negates
+linear.x for the pitch, and cflib negates the value again. In the firmware pitch is nose-up and,
+only in this setpoint, yaw clockwise: https://imrclab.github.io/crazyswarm2 and
 https://www.bitcraze.io/documentation/repository/crazyflie-firmware/master (commanders).
 """
 
@@ -36,20 +36,20 @@ from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack
 
 _LOCK_TIMEOUT_NS = 2_000_000_000
 _MAX_GAP_NS = 200_000_000  # between two odometries
-# The radio may lose one.
+# The radio may lose a packet.
 _UNLOCKING_SETPOINTS = 3
 _STATUS_TIMEOUT = 10.0  # s: the server logs it once a second or less
 _SETPOINT_TIMEOUT_MS = 100  # until the firmware's own commander takes over
 
 
 class RateDifferentiator:
-    """Body rates by differences of successive attitudes, half the time between two behind."""
+    """Body rates from differences of successive attitudes, delayed by half a period."""
 
     def __init__(self) -> None:
         self._before: OdometrySample | None = None
 
     def completed(self, odometry: OdometrySample) -> OdometrySample | None:
-        """Return an odometry with its body rates, or None for the first and after a gap.
+        """Return an odometry with body rates; None for the first odometry and after a gap.
 
         Raises ``ValueError`` for a quaternion without a rotation.
         """
@@ -65,7 +65,7 @@ class RateDifferentiator:
 
 
 def odometry_from_odom(message: Any) -> OdometrySample:
-    """Return the values of the server's ``odom``: linear velocity in the world, no body rates.
+    """Return the odometry in the server's ``odom``: world velocity, no body rates.
 
     Raises ``ValueError`` for a quaternion without a rotation.
     """
@@ -111,7 +111,7 @@ class Crazyswarm2Bridge(Bridge):
         )
         self._go_to = self._service("go_to", "crazyflie_interfaces/srv/GoTo")
         self.services = self._arm_service, self._stop, self._go_to
-        # A best-effort subscription matches whatever the server publishes.
+        # A best-effort subscription matches any publisher.
         odometry = self._topic("odom", "nav_msgs/msg/Odometry")
         status = self._topic("status", "crazyflie_interfaces/msg/Status")
         self.subscriptions = (
@@ -124,12 +124,12 @@ class Crazyswarm2Bridge(Bridge):
         self._sent_ns: int | None = None
 
     def landed(self, *, now_ns: int) -> bool | None:
-        """Return whether the supervisor reports that it does not fly."""
+        """Return whether the supervisor reports that the vehicle does not fly."""
         status = self._status.value(now_ns=now_ns)
         return None if status is None else not status.supervisor_info & crtp.IS_FLYING
 
     def _stack(self, now_ns: int) -> Stack:
-        """Return whether it can fly and, where its status arrives, is armed."""
+        """Return whether the vehicle can fly and, if its status arrives, is armed."""
         status = self._status.value(now_ns=now_ns)
         if status is None:
             return Stack(takes_setpoints=True, armed=self._unlocked)
@@ -147,27 +147,27 @@ class Crazyswarm2Bridge(Bridge):
     def _arm(self, wanted: bool) -> Response:
         call = self._call(self._arm_service, arm=wanted)
         if wanted:
-            return Response(accepted=True, text="asked for arming", calls=[call])
-        nothing = self._new(self._setpoint.type_name)  # stops firmware without arming
-        messages = [OutgoingMessage(topic=self._setpoint, message=nothing)]
-        return Response(accepted=True, text="asked for disarming", messages=messages, calls=[call])
+            return Response(accepted=True, text="requested arming", calls=[call])
+        zeros = self._new(self._setpoint.type_name)  # stops firmware without arming
+        messages = [OutgoingMessage(topic=self._setpoint, message=zeros)]
+        return Response(accepted=True, text="requested disarming", messages=messages, calls=[call])
 
     def _reports_armed(self, wanted: bool, now_ns: int) -> bool | None:
         status = self._status.value(now_ns=now_ns)
         return None if status is None else crtp.is_armed(status.supervisor_info, wanted=wanted)
 
     def _switch_back(self, now_ns: int) -> Response:
-        """Let the firmware's own commander hold it: silence alone would cut the motors."""
+        """Let the firmware hold the position: without setpoints it would cut the motors."""
         if self._sent_ns is None or now_ns - self._sent_ns >= _LOCK_TIMEOUT_NS:
             return Response(accepted=True, text="released")
         stop = self._call(self._stop, group_mask=0, remain_valid_millisecs=_SETPOINT_TIMEOUT_MS)
         stay = self._call(self._go_to, group_mask=0, relative=True, yaw=0.0)
         stay.request.duration.sec = 1
         calls = [stop] if self.landed(now_ns=now_ns) else [stop, stay]
-        return Response(accepted=True, text="asked to hold position by itself", calls=calls)
+        return Response(accepted=True, text="requested position hold", calls=calls)
 
     def _update_ground(self, odometry: OdometrySample, now_ns: int) -> None:
-        """The supervisor reports it."""
+        """The supervisor reports the state."""
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         if self._sent_ns is None or now_ns - self._sent_ns >= _LOCK_TIMEOUT_NS:
@@ -175,7 +175,7 @@ class Crazyswarm2Bridge(Bridge):
         self._sent_ns = now_ns
         message = self._new(self._setpoint.type_name)
         if self._unlocking > 0 or not self._stack(now_ns).armed:
-            self._unlocking = max(self._unlocking - 1, 0)  # by a setpoint of nothing
+            self._unlocking = max(self._unlocking - 1, 0)  # with a setpoint of zeros
         else:
             throttle = self.thrust.stack_throttle(command.throttle)
             fill_setpoint(message, command, throttle=throttle)

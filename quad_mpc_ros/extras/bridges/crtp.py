@@ -1,8 +1,8 @@
-"""Packets of the Crazy RealTime Protocol, which a Crazyflie speaks over radio, USB and UDP.
+"""Packets of the Crazy RealTime Protocol of the Crazyflie, over radio, USB and UDP.
 
-A packet is a byte with port and channel, and up to 30 bytes of data, little endian. Here positions
-and attitudes are in ENU and FLU and body rates in rad/s; only the setpoint of old counts degrees,
-pitch nose-up and yaw clockwise. In a stream of bytes each packet comes after its length.
+A packet is a byte with port and channel, and up to 30 bytes of data, little endian. Positions and
+attitudes are in ENU and FLU, body rates in rad/s. Only the legacy setpoint uses degrees, pitch
+nose-up and yaw clockwise. In a byte stream each packet follows its length.
 
 Numbers and layouts after the firmware, https://github.com/bitcraze/crazyflie-firmware
 (src/modules/src/crtp_*.c, log.c, param_task.c, platformservice.c, supervisor.c).
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from quad_mpc_ros.control.lie import Array
 
 PWM_FULL = 65535.0
-PWM_LARGEST = 60000  # what the setpoint of old is cut at
+PWM_LARGEST = 60000  # limit of the legacy setpoint
 
 # Bits of the log variable supervisor.info.
 IS_ARMED, ARMS_ITSELF = 2, 4
@@ -38,18 +38,19 @@ _START_BLOCK, _RESET, _CREATE_BLOCK = 3, 5, 6
 _EXTERNAL_POSE = 8
 _GO_TO, _LAND = 4, 8
 _ARM_COMMAND = 1
-_UINT8_TYPE = 8  # the type of a parameter of one byte
+_UINT8_TYPE = 8  # type of a parameter of one byte
 
 _MAX_DATA_SIZE = 30
-_RESERVED_BITS = 0x0C  # these two bits are set in what is sent
-# Format of a log variable by its type, from 1 on; the last is a half-precision float.
+_RESERVED_BITS = 0x0C  # set in all sent packets
+# Format of a log variable by its type, from 1 on; the last one is a half-precision float.
 _LOG_TYPE_FORMATS = ("B", "H", "I", "b", "h", "i", "f", "e")
 
 
 def is_armed(info: int, *, wanted: bool) -> bool:
-    """Return whether a vehicle with this supervisor.info did what was requested of arming.
+    """Return whether supervisor.info reports armed.
 
-    One that arms itself does so again at once: it counts as disarmed if it does not fly.
+    A vehicle with automatic arming arms again at once. So if disarming is requested, the flying
+    bit is used instead.
     """
     return bool(info & (IS_FLYING if info & ARMS_ITSELF and not wanted else IS_ARMED))
 
@@ -63,7 +64,7 @@ class Packet:
     data: bytes = b""
 
     def __post_init__(self) -> None:
-        """Refuse what does not fit."""
+        """Raise ``ValueError`` for too much data."""
         if len(self.data) > _MAX_DATA_SIZE:
             raise ValueError(f"a packet has {len(self.data)} bytes of data, expected 30 or less")
 
@@ -73,13 +74,13 @@ class Packet:
         return self.port << 4 | _RESERVED_BITS | self.channel
 
     def framed(self) -> bytes:
-        """Return it as in a stream: length, header, data."""
+        """Return the packet as in a stream: length, header, data."""
         return bytes((1 + len(self.data), self.header)) + self.data
 
 
 @dataclass(frozen=True, kw_only=True)
 class LogVariable:
-    """A variable that can be logged: its ``name`` is like ``pm.vbat``, ``kind`` its type."""
+    """A log variable with its type ``kind``, and a ``name`` like ``pm.vbat``."""
 
     number: int
     kind: int
@@ -87,13 +88,13 @@ class LogVariable:
 
 
 class PacketReader:
-    """Takes a stream apart into its packets."""
+    """Splits a stream into packets."""
 
     def __init__(self) -> None:
         self._held = b""
 
     def read(self, data: bytes) -> Iterator[Packet]:
-        """Take received bytes; yield every complete packet."""
+        """Receive bytes; yield all complete packets."""
         self._held += data
         while self._held and len(self._held) > self._held[0]:
             size = self._held[0]
@@ -103,10 +104,11 @@ class PacketReader:
 
 
 def rate_setpoint(*, roll: float, pitch: float, heading: float, throttle: float) -> Packet:
-    """Return the setpoint of old: rates about body x and y (FLU), of the heading, and throttle.
+    """Return the legacy setpoint: rates about body x and y (FLU), heading rate and throttle.
 
-    Rates are in rad/s, the heading's counter-clockwise, the throttle in [0, 1]. It is one of rates
-    only where ``flightmode.stabModeRoll`` and its likes are 0. One of nothing unlocks the thrust.
+    Rates are in rad/s, the heading rate counter-clockwise, the throttle in [0, 1]. The setpoint
+    contains rates only if ``flightmode.stabModeRoll``, ``Pitch`` and ``Yaw`` are 0. A setpoint of
+    zeros unlocks the thrust.
     """
     degrees = math.degrees(roll), -math.degrees(pitch), -math.degrees(heading)
     pwm = min(round(throttle * PWM_FULL), PWM_LARGEST)
@@ -114,31 +116,31 @@ def rate_setpoint(*, roll: float, pitch: float, heading: float, throttle: float)
 
 
 def external_pose(p_WB: Array, q_WB_xyzw: Array) -> Packet:
-    """Return a measured pose for the estimator on board: (3,) [m], (4,)."""
+    """Return a measured pose (3,) [m], (4,) for the onboard estimator."""
     data = struct.pack("<B7f", _EXTERNAL_POSE, *p_WB.tolist(), *q_WB_xyzw.tolist())
     return Packet(port=LOCALIZATION, channel=_LOCALIZATION_OTHER, data=data)
 
 
 def external_position(p_WB: Array) -> Packet:
-    """Return a measured position (3,) [m] for the estimator on board."""
+    """Return a measured position (3,) [m] for the onboard estimator."""
     data = struct.pack("<3f", *p_WB.tolist())
     return Packet(port=LOCALIZATION, channel=_LOCALIZATION_POSITION, data=data)
 
 
 def stop_setpoints(*, remain_valid: float) -> Packet:
-    """Return the end of setpoints: the last is valid for so long [s], or until another flies."""
+    """Return the end of setpoints; the last setpoint is valid for a time [s] or until replaced."""
     data = struct.pack("<BI", 0, round(1e3 * remain_valid))
     return Packet(port=SETPOINT_GENERIC, channel=_SETPOINT_META, data=data)
 
 
 def stay(*, duration: float) -> Packet:
-    """Return the request to the firmware to hold position and heading by itself, at once."""
+    """Return the request to the firmware to hold position and heading."""
     data = struct.pack("<BBB5f", _GO_TO, 0, True, 0.0, 0.0, 0.0, 0.0, duration)
     return Packet(port=HIGH_LEVEL, channel=0, data=data)
 
 
 def land(*, height: float, duration: float) -> Packet:
-    """Return the request to sink by itself to a height [m, world] within a duration [s]."""
+    """Return the request to the firmware to land at a height [m, world] within a duration [s]."""
     data = struct.pack("<BBff?f", _LAND, 0, height, 0.0, True, duration)
     return Packet(port=HIGH_LEVEL, channel=0, data=data)
 
@@ -155,7 +157,7 @@ def set_parameter(name: str, value: int) -> Packet:
 
 
 def parameter_answer(packet: Packet, name: str) -> int | None:
-    """Return the error number with which setting a parameter was answered, 0 for none."""
+    """Return the error number in the answer to setting a parameter, 0 for success."""
     if (packet.port, packet.channel) != (PARAMETERS, _PARAMETERS_OTHER):
         return None
     head = bytes((0, *_text(name)))
@@ -164,17 +166,17 @@ def parameter_answer(packet: Packet, name: str) -> int | None:
 
 
 def log_reset() -> Packet:
-    """Return the request to forget what is logged."""
+    """Return the request to remove all log blocks."""
     return Packet(port=LOG, channel=_LOG_CONTROL, data=bytes((_RESET,)))
 
 
 def log_count_request() -> Packet:
-    """Return the question of how many variables can be logged."""
+    """Return the request for the number of log variables."""
     return Packet(port=LOG, channel=_LOG_CONTENTS, data=bytes((_GET_INFO,)))
 
 
 def log_count(packet: Packet) -> int | None:
-    """Return how many variables can be logged, if the packet says so."""
+    """Return the number of log variables, if the packet contains it."""
     is_it = (packet.port, packet.channel, packet.data[:1]) == (
         *(LOG, _LOG_CONTENTS),
         bytes((_GET_INFO,)),
@@ -183,12 +185,12 @@ def log_count(packet: Packet) -> int | None:
 
 
 def log_variable_request(number: int) -> Packet:
-    """Return the question of what a variable is called."""
+    """Return the request for the name of a log variable."""
     return Packet(port=LOG, channel=_LOG_CONTENTS, data=struct.pack("<BH", _GET_ITEM, number))
 
 
 def log_variable(packet: Packet) -> LogVariable | None:
-    """Return the variable that a packet describes, if it does."""
+    """Return the log variable in a packet, if any."""
     data = packet.data
     if (packet.port, packet.channel) != (LOG, _LOG_CONTENTS) or data[:1] != bytes((_GET_ITEM,)):
         return None
@@ -201,13 +203,13 @@ def log_variable(packet: Packet) -> LogVariable | None:
 
 
 def log_block(block: int, variables: Sequence[LogVariable]) -> Packet:
-    """Return the request to make a block of variables."""
+    """Return the request to create a log block of variables."""
     asked = b"".join(struct.pack("<BH", each.kind, each.number) for each in variables)
     return Packet(port=LOG, channel=_LOG_CONTROL, data=bytes((_CREATE_BLOCK, block)) + asked)
 
 
 def log_start(block: int, *, period: float) -> Packet:
-    """Return the request to send a block at a period [s], in hundredths of a second."""
+    """Return the request to send a log block with a period [s], a multiple of 10 ms."""
     data = bytes((_START_BLOCK, block, round(1e2 * period)))
     return Packet(port=LOG, channel=_LOG_CONTROL, data=data)
 
@@ -215,7 +217,7 @@ def log_start(block: int, *, period: float) -> Packet:
 def logged(
     packet: Packet, block: int, variables: Sequence[LogVariable]
 ) -> dict[str, float] | None:
-    """Return the values of a block by name, if the packet has them."""
+    """Return the values of a log block by name, if the packet contains them."""
     data = packet.data
     if (packet.port, packet.channel) != (LOG, _LOG_DATA) or data[:1] != bytes((block,)):
         return None

@@ -1,12 +1,11 @@
 """ROSflight 2 (rosflight_msgs, roscopter_msgs), NED and FRD.
 
-The safety pilot arms and hands over by switches of the RC transmitter; no topic can. Once engaged,
-fresh commands are sent, and the firmware decides whether to act on them: it does so whenever a
-frame of the receiver comes, and only then; it falls back to RC when no command has arrived for
-100 ms, and takes them again when they return. ``offboard`` of its status means that commands
-arrive, not that it follows them: that is what ``rc_override`` says.
+The safety pilot arms and hands over with switches of the RC transmitter; ROS topics cannot. Once
+engaged, the bridge sends fresh commands. The firmware applies a command only when a frame of the
+receiver arrives. It falls back to RC after 100 ms without commands, until the next one.
+``offboard`` of the status means that commands arrive, ``rc_override`` that RC overrides them.
 
-Fields and constants after https://github.com/rosflight/rosflight_ros_pkgs (rosflight_msgs) and
+Fields and constants as in https://github.com/rosflight/rosflight_ros_pkgs (rosflight_msgs) and
 https://github.com/rosflight/roscopter (roscopter_msgs/msg/State).
 """
 
@@ -48,31 +47,31 @@ _THROTTLE, _RATES = 2, slice(3, 6)  # u = Fx, Fy, Fz, Qx, Qy, Qz, …; Fz is the
 _ESTIMATE, _STATUS, _RC = "/estimated_state", "/status", "/rc_raw"
 _STATUS_TIMEOUT = 2.0  # s
 _RC_TIMEOUT = 0.5  # s
-_RC_RATE_FRAMES = 20  # of which the rate is taken
+_RC_RATE_FRAMES = 20  # for the RC rate
 _MIN_RC_RATE = 100.0  # Hz
 _CAP_NS = 500_000_000
 
-# What is asked of the firmware when it is engaged.
+# Parameters of the firmware that are requested on engaging.
 _MAX_THROTTLE_NAME, _MIN_THROTTLE_NAME = "RC_MAX_THR", "TAKE_MIN_THR"
 _RATE_INTEGRAL_NAMES = ("PID_ROLL_RATE_I", "PID_PITCH_RATE_I")
 _QUERIED = (_MAX_THROTTLE_NAME, _MIN_THROTTLE_NAME, *_RATE_INTEGRAL_NAMES)
 _SCALE_TOLERANCE = 0.005
 
-# Bits of the status: who overrides, where the lowest throttle wins, and what prevents arming.
+# Bits of the status: RC overrides the throttle (the lowest one applies), and arming errors.
 OVERRIDE_T = 0x20
 ERRORS = {
     0x01: "no mixer (PRIMARY_MIXER)",
     0x02: "no IMU",
     0x04: "RC lost",
     0x08: "unhealthy estimator",
-    0x10: "time runs backwards",
+    0x10: "time goes backwards",
     0x20: "IMU not calibrated (calibrate_imu)",
-    0x80: "FAILSAFE_THR is not within 0 and 1",
+    0x80: "FAILSAFE_THR is not between 0 and 1",
 }
 
 
 def odometry_from_state(message: Any) -> OdometrySample:
-    """Return the values of a ``roscopter_msgs/State``: NED position, body velocity, FRD.
+    """Return the odometry in a ``roscopter_msgs/State``: NED position, body velocity, FRD.
 
     Raises ``ValueError`` for a quaternion without a rotation.
     """
@@ -110,14 +109,14 @@ class RosflightConfig(BridgeConfig):
 
     mpc_command_topic: str = parameter(
         "mpc/command",
-        doc="Topic of the MPC's commands, to be remapped for the mpc node as well: in the root "
-        "namespace /command is ROSflight's, of another type.",
+        doc="Topic of the MPC's commands. Remap it for the mpc node, too: in the root namespace, "
+        "ROSflight uses /command with another type.",
         advanced=True,
     )
     rc_max_throttle: float = parameter(
         0.7,
-        doc="RC_MAX_THR of the firmware, which scales our throttle, too: the thrust map is that "
-        "of its motor outputs.",
+        doc="RC_MAX_THR of the firmware, which also scales the commanded throttle. The thrust "
+        "map applies to the motor outputs.",
         above=0.0,
         maximum=1.0,
     )
@@ -160,59 +159,59 @@ class RosflightBridge(Bridge):
         self.publications = (self._command,)
 
     def engage(self, wanted: bool, *, now_ns: int) -> Response:
-        """Hand the vehicle to the MPC, unless the firmware would not follow, or take it back."""
+        """Engage the MPC unless the firmware would ignore it, or release."""
         blocker = self._rc_blocker(now_ns) if wanted else ""
         if blocker:
             return Response(accepted=False, text=blocker)
         if wanted:
-            self._scale_fault = ""  # it may be correct by now; the answer shows it
+            self._scale_fault = ""  # checked again with the answer
         response = super().engage(wanted, now_ns=now_ns)
         if not (wanted and response.accepted):
             return response
         return dataclasses.replace(response, calls=[self._question(name) for name in _QUERIED])
 
     def _question(self, name: str) -> ServiceCall:
-        """Return the call that asks for a parameter of the firmware."""
+        """Return the call that requests a parameter of the firmware."""
         receive = functools.partial(self._on_parameter, name)
         return self._call(self._parameters, receive=receive, optional=True, name=name)
 
     def _on_parameter(self, name: str, response: Any) -> None:
-        """Judge a parameter of the firmware."""
+        """Check a parameter of the firmware."""
         if not response.exists:
             return
         value, ours = float(response.value), self._config.rc_max_throttle
         if name == _MAX_THROTTLE_NAME and abs(value - ours) > _SCALE_TOLERANCE:
             self._scale_fault = (
                 f"RC_MAX_THR is {value:.3g} and rc_max_throttle {ours:.3g}: thrust would be "
-                f"{value / ours:.2f} of what is asked for; set them alike"
+                f"{value / ours:.2f} of the commanded thrust; set equal values"
             )
         if name in _RATE_INTEGRAL_NAMES and value == 0.0:
-            self._warnings.append(f"{name} is 0: the vehicle turns where its weight is off centre")
+            self._warnings.append(f"{name} is 0: an off-centre weight makes the vehicle turn")
         if name == _MIN_THROTTLE_NAME and value != 0.0:
             self._warnings.append(
-                "TAKE_MIN_THR is 1: the pilot's throttle caps ours, so raise it fully to fly"
+                "TAKE_MIN_THR is 1: the pilot's stick limits the throttle; raise it fully to fly"
             )
 
     def _rc_blocker(self, now_ns: int) -> str:
-        """Return why the firmware would not follow, or nothing."""
+        """Return the reason why the firmware would ignore commands, or an empty string."""
         status = self._status.value(now_ns=now_ns)
         if status is None or status.failsafe:
-            return ""  # the stack's fault says so
+            return ""  # reported by the stack's fault
         errors = [text for bit, text in ERRORS.items() if status.error_code & bit]
         if errors:
             return f"ROSflight does not arm: {', '.join(errors)}"
         newest_ns = self._rc_ns[-1] if self._rc_ns else None
         if newest_ns is None or is_old(newest_ns, now_ns, round(1e9 * _RC_TIMEOUT)):
             return (
-                f"no RC frame within {_RC_TIMEOUT:g} s on {_RC}: ROSflight "
-                "takes a command only when one comes"
+                f"no RC frame within {_RC_TIMEOUT:g} s on {_RC}: ROSflight applies a command "
+                "only when an RC frame arrives"
             )
         span_ns = newest_ns - self._rc_ns[0]
         rate = 1e9 * (len(self._rc_ns) - 1) / span_ns if span_ns > 0 else 0.0
         if 0.0 < rate < _MIN_RC_RATE:
             self._warnings.append(
-                f"RC comes at {rate:.0f} Hz, and ROSflight takes a command only then: add "
-                f"{500.0 / rate:.0f} ms to mpc.input_delay, or set the receiver to more"
+                f"RC frames arrive at {rate:.0f} Hz, and ROSflight applies commands only with a "
+                f"frame: add {500.0 / rate:.0f} ms to mpc.input_delay, or raise the rate"
             )
         return ""
 
@@ -256,7 +255,7 @@ class RosflightBridge(Bridge):
         elif now_ns - self._capped_ns > _CAP_NS and self._handover.state is HandoverState.ENGAGED:
             self._capped_ns = now_ns
             self._warnings.append(
-                "the pilot's throttle is lower than ours and is used (TAKE_MIN_THR): raise it"
+                "the pilot's lower throttle stick is used (TAKE_MIN_THR): raise it"
             )
 
     def _on_rc(self, message: Any, now_ns: int) -> None:

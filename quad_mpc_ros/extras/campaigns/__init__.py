@@ -1,4 +1,4 @@
-"""Many flights of the closed loop that differ: campaigns, tuning by them, rehearsal.
+"""Many simulated flights with varied parameters: campaigns, tuning and rehearsal.
 
-May import the libraries and ``control``. On with ``quad_mpc campaign``, ``tune``, ``rehearse``.
+May import the libraries and ``control``. Used by ``quad_mpc campaign``, ``tune``, ``rehearse``.
 """

@@ -1,9 +1,8 @@
-"""What a campaign flies: the parameters that all flights share, and those that vary.
+"""The flights of a campaign: parameters that all flights share, and parameters that vary.
 
-Flight NUMBER of a campaign is the same wherever and whenever it is flown. Each varied parameter
-has its own random numbers, from the seed, the flight's number and the parameter's name, so
-that varying one more changes nothing of the others: two campaigns with the same seed fly the same
-vehicles.
+Each varied parameter has its own random numbers, from the seed, the flight's number and the
+parameter's name. So campaigns with the same seed fly the same vehicles, even if one campaign
+varies more parameters.
 """
 
 from __future__ import annotations
@@ -17,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.configuration import Configuration, ConfigurationError, UserError
+from quad_mpc_ros.configuration import Configuration, UserError
 from quad_mpc_ros.configuration.fields import ParameterSpec
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.extras.campaigns.variation import SameAs, Variation, drawn_within, values_of
+from quad_mpc_ros.extras.campaigns.variation import SameAs, Variation
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
 from quad_mpc_ros.recordings.recording import flown_points
 from quad_mpc_ros.references.config import ReferenceConfig
@@ -41,20 +40,12 @@ Parameters = Mapping[str, Mapping[str, Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """A parameter that varies, or one element of it."""
+    """A varied parameter, or one element of a vector."""
 
     node: str
     parameter: str
     element: int | None
     spec: ParameterSpec
-
-    def allows(self, value: Any) -> bool:
-        """Whether the parameter can have a value."""
-        try:
-            self.validated(value)
-        except ConfigurationError:
-            return False
-        return True
 
     def validated(self, value: Any) -> Any:
         """Return the value in its canonical type, or raise :class:`ConfigurationError`."""
@@ -71,10 +62,10 @@ class FlightPlan:
     """One flight of a campaign.
 
     Attributes:
-        number: Its number.
-        drawn: The value of each varied parameter by its name.
-        config: What flies.
-        trajectory: What is flown.
+        number: Number of the flight.
+        drawn: Values of the varied parameters, by name.
+        config: Configuration of all nodes.
+        trajectory: The reference.
     """
 
     number: int
@@ -85,15 +76,14 @@ class FlightPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """Flights that share what is ``given`` and vary in what ``vary`` names.
+    """Flights with the same parameters, except for those in ``vary``.
 
     Attributes:
-        flights: How many; of a grid, all combinations of what can be listed.
-        seed: From which the varied values are drawn.
-        given: The parameters that are not at their defaults.
-        vary: How parameters vary, by their names ``node.parameter`` or ``node.parameter.element``.
-        grid: Whether combinations are flown in order instead of drawn.
-        settle_time: From when on "settled" figures count [s].
+        flights: Number of flights.
+        seed: Seed of the varied values.
+        given: Parameters that differ from the defaults, by node.
+        vary: Variations by the names ``node.parameter`` or ``node.parameter.element``.
+        settle_time: Start of the "settled" figures [s].
         start: ``auto``, ``ground`` or ``reference``, as ``--start`` of ``quad_mpc simulate``.
     """
 
@@ -101,40 +91,36 @@ class Campaign:
     seed: int
     given: Parameters
     vary: Mapping[str, Variation]
-    grid: bool
     settle_time: float
     start: str
 
     @functools.cached_property
     def base(self) -> dict[str, Configuration]:
-        """The configuration of every node with nothing varied."""
+        """The configuration of every node without variations."""
         return {node: kind.build(self.given[node]) for node, kind in SCHEMA.items()}
 
     @functools.cached_property
     def targets(self) -> dict[str, Target]:
-        """The parameter of each varied name."""
+        """The parameters of the varied names."""
         return {name: target_of(name, self.base) for name in self.vary}
 
     @functools.cached_property
     def columns(self) -> tuple[str, ...]:
-        """The names of the varied parameters in the table, those of vectors one by one."""
+        """The columns of the varied parameters in the table, one for each vector element."""
         first = self.drawn(0)
         return tuple(column for name in self.vary for column in _cells(name, first[name]))
 
     def drawn(self, number: int) -> dict[str, Any]:
-        """Return the values of a flight by the names of what varies.
-
-        Raises ``ValueError`` where a draw gives nothing that is allowed.
-        """
-        values = self._combination(number) if self.grid else {}
+        """Return the varied values of a flight, keyed by name."""
+        values = {}
         for name, variation in self.vary.items():
-            if name not in values and not isinstance(variation, SameAs):
+            if not isinstance(variation, SameAs):
                 random = np.random.default_rng([self.seed, number, *name.encode()])
-                values[name] = drawn_within(variation, random, self.targets[name].allows)
+                values[name] = variation.drawn(random)
         return self.completed(values)
 
     def completed(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return values of all that varies, given those of what follows no other."""
+        """Return the values of all variations, given the values of independent parameters."""
         return {name: self._followed(name, values) for name in self.vary}
 
     def cells(self, drawn: Mapping[str, Any]) -> dict[str, Any]:
@@ -147,8 +133,8 @@ class Campaign:
     def plan(self, number: int) -> FlightPlan:
         """Return a flight.
 
-        Raises :class:`UserError` where its parameters cannot be used together, and ``ValueError``
-        where the vehicle has no throttle to begin with.
+        Raises :class:`UserError` for parameters that cannot be used together, and ``ValueError``
+        if no initial throttle lifts the vehicle.
         """
         drawn = self.drawn(number)
         config = self.configured(drawn)
@@ -166,7 +152,7 @@ class Campaign:
         return FlightPlan(number=number, drawn=drawn, config=config, trajectory=trajectory)
 
     def configured(self, drawn: Mapping[str, Any]) -> FlightConfig:
-        """Return what flies with varied values. Raises :class:`ConfigurationError`."""
+        """Return the configuration with varied values. Raises :class:`ConfigurationError`."""
         changed: dict[str, dict[str, Any]] = {}
         for name, value in drawn.items():
             target = self.targets[name]
@@ -190,13 +176,8 @@ class Campaign:
         assert isinstance(reference, ReferenceConfig)
         return FlightConfig(mpc, simulator, reference)
 
-    def _combination(self, number: int) -> dict[str, Any]:
-        """Return the values of a flight of the grid, of what can be listed."""
-        listed = {name: each.listed() for name, each in self.vary.items() if each.listed()}
-        return dict(zip(listed, values_of([*listed.values()], number), strict=True))
-
     def _followed(self, name: str, values: Mapping[str, Any]) -> Any:
-        """Return the value of a name, through all that it follows."""
+        """Return the value of a name, which may follow other names."""
         variation = self.vary[name]
         if not isinstance(variation, SameAs):
             return values[name]
@@ -211,7 +192,7 @@ class Campaign:
 
 
 def target_of(name: str, base: Mapping[str, Configuration]) -> Target:
-    """Return the parameter that a name stands for. Raises :class:`UserError` for none."""
+    """Return the parameter with a name. Raises :class:`UserError` if the parameter is unknown."""
     node, dot, parameter = name.partition(".")
     if not dot or node not in base:
         expected = ", ".join(f"{each}.PARAMETER" for each in base)
@@ -227,25 +208,25 @@ def target_of(name: str, base: Mapping[str, Configuration]) -> Target:
         if int(element) < count:
             return Target(node=node, parameter=array, element=int(element), spec=spec)
         raise UserError(f"{name}: {node}.{array} has the elements 0 to {count - 1}")
-    type(base[node]).build({parameter: None})  # says which names there are
+    type(base[node]).build({parameter: None})  # raises with the known names
     raise AssertionError(name)
 
 
 def value_in(target: Target, base: Mapping[str, Configuration]) -> Any:
-    """Return the value of a parameter, or of an element, in a configuration."""
+    """Return the value of a parameter or element in a configuration."""
     value = base[target.node].flattened()[target.parameter]
     return value if target.element is None else value[target.element]
 
 
 def number_text(number: int, flights: int) -> str:
-    """Return a flight's number with as many digits as the largest one has, four at least."""
+    """Return a flight's number with the digits of the largest number, at least four."""
     digits = max(4, 1 + int(math.log10(max(flights - 1, 1))))
     return f"{number:0{digits}}"
 
 
 @functools.lru_cache(maxsize=64)
 def _trajectory(reference: ReferenceConfig) -> Trajectory:
-    """Return a trajectory; to prepare a smooth one takes longer than a second of flight."""
+    """Return a trajectory; preparing a smooth trajectory takes longer than a second of flight."""
     return configured_trajectory(reference, read_bag=flown_points)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,15 +28,15 @@ from quad_mpc_ros.simulation.config import SimulatorConfig
 _DEFAULT_DURATION = 10.0  # s
 _STARTS = ("auto", "ground", "reference")
 _MAX_FLIGHTS = 10_000_000
-# What a run without ROS is, and what the loop sets itself.
+# Runs without ROS are in lockstep.
 _LOCKSTEP_PARAMETERS = {node: {"lockstep": True} for node in SCHEMA}
-# A parameter file may speak of the recorder, which no campaign has.
+# Parameter files may also have a recorder.
 _FILE_SCHEMA: files.Schema = {**SCHEMA, "recorder": RecorderConfig}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Overrides:
-    """Options of a command line that override a campaign file; None for none."""
+    """Command line options that override a campaign file; None if not given."""
 
     config: Sequence[str] = ()
     assignments: Sequence[str] = ()
@@ -47,20 +45,17 @@ class Overrides:
 
 
 def located_campaign(given: Path) -> Path:
-    """Return the file at a path, or the shipped one of that name. Raises :class:`UserError`."""
+    """Return the file at a path or of a shipped campaign. Raises :class:`UserError`."""
     if files.is_file(given):
         return given
     shipped = files.shipped_campaigns()
     if str(given) in shipped:
         return shipped[str(given)]
-    raise UserError(f"{given}: no such file, nor one that is shipped ({', '.join(shipped)})")
+    raise UserError(f"{given}: no such file, and no shipped campaign ({', '.join(shipped)})")
 
 
 def read_campaign(path: Path, overrides: Overrides | None = None) -> Campaign:
-    """Return the campaign that a file describes.
-
-    Raises :class:`UserError` for a file that cannot be read or describes none.
-    """
+    """Return the campaign in a file. Raises :class:`UserError` for an unusable file."""
     content = read_content(path, "campaign")
     return campaign_from(content, overrides, where=str(path))
 
@@ -68,7 +63,7 @@ def read_campaign(path: Path, overrides: Overrides | None = None) -> Campaign:
 def campaign_from(
     content: Mapping[Any, Any], overrides: Overrides | None = None, *, where: str = "campaign"
 ) -> Campaign:
-    """Return the campaign that the content of a file describes; ``where`` begins its errors.
+    """Return the campaign in the content of a file; ``where`` is the prefix of errors.
 
     Raises :class:`UserError`.
     """
@@ -77,16 +72,16 @@ def campaign_from(
 
 
 def campaign_text(campaign: Campaign) -> str:
-    """Return a file that describes a campaign wholly: it names no other file."""
-    content: dict[str, Any] = {"grid": True} if campaign.grid else {"flights": campaign.flights}
-    content |= {
+    """Return a complete file of a campaign, which refers to no other file."""
+    content: dict[str, Any] = {
+        "flights": campaign.flights,
         "seed": campaign.seed,
         "config": [],
         "set": {
             f"{node}.{name}": list(value) if isinstance(value, tuple) else value
             for node, values in campaign.given.items()
             for name, value in values.items()
-            # A varied parameter is not set: a file with both is rejected.
+            # A file that sets a varied parameter is rejected.
             if name != "lockstep" and f"{node}.{name}" not in campaign.vary
         },
         "settle_time": campaign.settle_time,
@@ -96,15 +91,10 @@ def campaign_text(campaign: Campaign) -> str:
     return content_text(content)
 
 
-def identity_text(campaign: Campaign) -> str:
-    """Return what may not change during a campaign: all but the number of its flights."""
-    return campaign_text(campaign if campaign.grid else dataclasses.replace(campaign, flights=1))
-
-
 def read_variations(
     key: str, given: Mapping[Any, Any], base: Mapping[str, Configuration]
 ) -> dict[str, Variation]:
-    """Return what stands below a key: how parameters of ``base`` vary, by their names.
+    """Return the variations below a key of a file, by parameter names of ``base``.
 
     Raises :class:`UserError` for unknown names, a vector that varies as a whole and by
     elements, and values that a parameter does not allow.
@@ -114,7 +104,7 @@ def read_variations(
         target = target_of(name, base)
         whole = f"{target.node}.{target.parameter}"
         if target.element is not None and whole in vary:
-            raise UserError(f"{key}: {name}: {whole} varies, too: leave one out")
+            raise UserError(f"{key}: {name}: {whole} is also varied: remove one of the two")
         for value in variation.extremes():
             target.validated(value)
         if isinstance(variation, SameAs):
@@ -123,11 +113,11 @@ def read_variations(
 
 
 class _Reader:
-    """Makes a campaign of the keys of a file."""
+    """Reads the keys of a campaign file."""
 
     _KEYS = (
-        *("flights", "grid", "seed", "config", "set", "reference", "duration", "settle_time"),
-        *("start", "vary"),
+        *("flights", "seed", "config", "set", "reference", "duration", "settle_time", "start"),
+        "vary",
     )
 
     def __init__(self, content: Mapping[Any, Any], overrides: Overrides) -> None:
@@ -136,27 +126,25 @@ class _Reader:
         self._overrides = overrides
 
     def campaign(self) -> Campaign:
-        """Return the campaign, every value of it allowed."""
+        """Return the campaign, with all values validated."""
         given = self._given()
         base = {node: kind.build(given[node]) for node, kind in SCHEMA.items()}
         simulator = base["simulator"]
         assert isinstance(simulator, SimulatorConfig)
         vary = self._vary(base)
-        grid = self._one_of("grid", (True, False), False)
         campaign = Campaign(
-            flights=self._flights(vary, grid=grid),
+            flights=self._flights(),
             seed=self._seed(),
             given=given,
             vary=vary,
-            grid=grid,
             settle_time=self._settle_time(simulator.duration),
-            start=self._one_of("start", _STARTS, "auto"),
+            start=self._start(),
         )
-        campaign.configured(campaign.drawn(0))  # can they be used together?
+        campaign.configured(campaign.drawn(0))  # raises for incompatible parameters
         return campaign
 
     def _given(self) -> dict[str, dict[str, Any]]:
-        """Return the parameters that files and the keys ``set``, … say, later over earlier."""
+        """Return the parameters of files, ``set`` and the command line; later ones override."""
         given = files.collected(self._texts("config", ["default"]), [], schema=_FILE_SCHEMA)
         for node, values in self._set().items():
             given[node].update(values)
@@ -173,7 +161,7 @@ class _Reader:
         return {node: given[node] for node in SCHEMA}
 
     def _set(self) -> dict[str, dict[str, Any]]:
-        """Return what the file sets by itself, by node."""
+        """Return the parameters set in the campaign file, by node."""
         found: dict[str, dict[str, Any]] = {node: {} for node in SCHEMA}
         for name, value in self._mapping("set").items():
             node, dot, parameter = str(name).partition(".")
@@ -185,7 +173,7 @@ class _Reader:
             if key not in self._content:
                 continue
             if parameter in found[node]:
-                raise UserError(f"{key}: set: {node}.{parameter} says so too: leave one out")
+                raise UserError(f"{key}: also set as {node}.{parameter}: remove one of them")
             found[node][parameter] = self._content[key]
         return found
 
@@ -196,27 +184,19 @@ class _Reader:
         return read_variations("vary", given, base)
 
     def _refuse_set(self, name: str) -> None:
-        """Refuse what varies and is set, too."""
+        """Reject a varied parameter that is also set."""
         assigned = [each.partition("=")[0].strip() for each in self._overrides.assignments]
         if name in self._mapping("set") or name in assigned:
-            raise UserError(f"vary: {name}: it is set, too: leave one out")
+            raise UserError(f"vary: {name}: also set: remove one of them")
         for key, node, parameter in _SHORTHANDS:
             if key in self._content and name == f"{node}.{parameter}":
-                raise UserError(f"vary: {name}: {key} is given, too: leave one out")
+                raise UserError(f"vary: {name}: also set as {key}: remove one of them")
 
-    def _flights(self, vary: Mapping[str, Variation], *, grid: bool) -> int:
-        given = self._content.get("flights")
-        if not grid:
-            wanted, name = self._overrides.flights, "--flights"
-            if wanted is None:
-                wanted, name = given, "flights"
-            return integer(name, wanted, least=1, most=_MAX_FLIGHTS)
-        if given is not None or self._overrides.flights is not None:
-            raise UserError("flights: a grid has as many as there are combinations: leave one out")
-        counts = [len(each.listed()) for each in vary.values() if each.listed()]
-        if not counts:
-            raise UserError("grid: expected a choice or a linspace in vary")
-        return integer("grid: flights", math.prod(counts), least=1, most=_MAX_FLIGHTS)
+    def _flights(self) -> int:
+        wanted, name = self._overrides.flights, "--flights"
+        if wanted is None:
+            wanted, name = self._content.get("flights"), "flights"
+        return integer(name, wanted, least=1, most=_MAX_FLIGHTS)
 
     def _seed(self) -> int:
         wanted, name = self._overrides.seed, "--seed"
@@ -234,12 +214,11 @@ class _Reader:
             )
         return float(given)
 
-    def _one_of(self, key: str, choices: Sequence[Any], default: Any) -> Any:
-        given = self._content.get(key, default)
-        if not any(given is choice or given == choice for choice in choices):
-            listed = ", ".join(str(choice).lower() for choice in choices)
-            raise ConfigurationError(key, given, f"one of {listed}")
-        return given
+    def _start(self) -> str:
+        given = self._content.get("start", "auto")
+        if given not in _STARTS:
+            raise ConfigurationError("start", given, f"one of {', '.join(_STARTS)}")
+        return str(given)
 
     def _texts(self, key: str, default: list[str]) -> list[str]:
         given = self._content.get(key, default)
@@ -256,7 +235,7 @@ class _Reader:
 
 
 _SHORTHANDS = (("reference", "reference", "trajectory"), ("duration", "simulator", "duration"))
-"""Keys of the file that are short for one parameter each."""
+"""Keys of the file that abbreviate one parameter each."""
 
 
 def _check_followed(
@@ -267,13 +246,13 @@ def _check_followed(
     *,
     key: str,
 ) -> None:
-    """Refuse to follow an unknown name, a cycle, and values that are not allowed."""
+    """Reject unknown names, circular references, and values that are not allowed."""
     target, source = target_of(name, base), target_of(variation.name, base)
     followed: Variation | None = vary.get(variation.name)
     seen = {name, variation.name}
     while isinstance(followed, SameAs):
         if followed.name in seen:
-            raise UserError(f"{key}: {name}: it follows itself")
+            raise UserError(f"{key}: {name}: circular reference")
         seen.add(followed.name)
         followed = vary.get(followed.name)
     direct = vary.get(variation.name)

@@ -1,13 +1,12 @@
-"""The first picture of a campaign: the settled error, its distribution and its causes.
+"""The picture of a campaign: distribution of the error, and error over each varied parameter.
 
-The upper axes show the cumulative distribution of the settled error over the flights that did not
-crash. Each axes below shows the mean settled error over one varied parameter, with the crashed
-flights marked on its upper edge. The parameters with the strongest effect come first.
+The axes at the top show the cumulative distribution of the settled errors of completed flights.
+Below, each varied parameter has axes with the mean settled error of each flight, medians of ten
+bins, and a cross at the top edge for each crash.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,219 +17,121 @@ from numpy.typing import NDArray
 from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.configuration.atomic_file import placed
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.extras.campaigns.campaign import Campaign, Target
+from quad_mpc_ros.extras.campaigns.campaign import Campaign
 from quad_mpc_ros.extras.campaigns.flying import FIGURE_NAME
+from quad_mpc_ros.extras.campaigns.results import counts_text
 from quad_mpc_ros.extras.campaigns.table import Row
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, FigureBase
+    from matplotlib.figure import Figure
 
-ERROR = "settled_error_mean_m"
-_MAX_ERROR = "settled_error_max_m"
-
-_MAX_AXES = 9
-_COLUMNS = 3
-_BINS, _MIN_IN_BIN = 10, 5  # bins of equally many flights
-_MAX_VALUES = 12  # of a number, up to which each value is a bin
-_MAX_TICK_CHARACTERS = 40  # characters of all labels of an axis
-_DPI = 130
+_MEAN, _MAXIMUM = "settled_error_mean_m", "settled_error_max_m"
+_COLUMNS, _TOP_LINES = 4, 2
+_WIDTH, _LINE_HEIGHT = 12.0, 2.0  # inch
+_DPI = 110
+_BINS, _MIN_IN_BIN = 10, 5
+_MAX_TICK_CHARACTERS = 30  # of all names below one axis
 
 
-def write_figure(folder: Path, campaign: Campaign, rows: Sequence[Row]) -> Path:
-    """Draw a campaign into its folder and return the path of the PNG. Raises ``OSError``."""
+def write_figure(folder: Path, campaign: Campaign, rows: Sequence[Row]) -> None:
+    """Draw the flights of a campaign as PNG into its folder. Raises ``OSError``."""
     with placed(folder / FIGURE_NAME, overwrite=True) as draft:
         style.save(campaign_figure(campaign, rows), draft)
-    return folder / FIGURE_NAME
 
 
 def campaign_figure(campaign: Campaign, rows: Sequence[Row]) -> Figure:
-    """Return the figure of a campaign's flights."""
+    """Return the figure of the flights of a campaign."""
     flown = [row for row in rows if not row.get("error")]
-    crashed = np.array([bool(row["crashed"]) for row in flown], dtype=np.bool_)
-    error = _numbers(flown, ERROR)
-    columns = {
-        name: np.array([row[name] for row in flown])
-        for name in campaign.columns
-        if _target(campaign, name).parameter != "seed"
-    }
-    shown = strongest(columns, np.where(crashed, np.inf, error))[:_MAX_AXES]
-    lines = max(-(-len(shown) // _COLUMNS), 1)
-    figure = style.new_figure(10.0, 3.6 + 2.3 * lines, dpi=_DPI)
-    grid = figure.add_gridspec(2, 1, height_ratios=[3.6, 2.3 * lines])
-    upper, lower = figure.add_subfigure(grid[0]), figure.add_subfigure(grid[1])
-    _title(upper, _counts(rows, flown), size=12)
-    _draw_distribution(upper.add_subplot(), flown, crashed)
-    of = f"{len(shown)} of {len(columns)} varied parameters"
-    _title(lower, f"{of}, strongest effect first: flights, medians, and × where a flight crashed")
+    units = {column: _unit(campaign, column) for column in campaign.columns}
+    shown = [column for column in units if not column.endswith(".seed")]
+    lines = -(-len(shown) // _COLUMNS)
+    figure = style.new_figure(_WIDTH, _LINE_HEIGHT * (_TOP_LINES + lines), dpi=_DPI)
+    figure.suptitle(counts_text(rows), x=0.01, ha="left", fontsize=12, color=style.INK)
+    grid = figure.add_gridspec(_TOP_LINES + lines, _COLUMNS)
+    top = figure.add_subplot(grid[:_TOP_LINES, :])
+    _draw_distribution(top, [row for row in flown if not row["crashed"]])
     first: Axes | None = None
-    for number, name in enumerate(shown):
-        axes = lower.add_subplot(lines, _COLUMNS, number + 1, sharey=first)
+    for place, column in enumerate(shown):
+        axes = figure.add_subplot(
+            grid[_TOP_LINES + place // _COLUMNS, place % _COLUMNS], sharey=first
+        )
         first = first or axes
-        _draw_effect(axes, columns[name], error, crashed)
-        unit = _target(campaign, name).spec.unit
-        axes.set_xlabel(f"{name} [{unit}]" if unit else name, fontsize=8, color=style.INK)
-        if number % _COLUMNS == 0:
-            axes.set_ylabel("mean settled error [m]", fontsize=8, color=style.INK)
-        else:
-            axes.tick_params(labelleft=False)
-    if first is not None:
-        _set_error_axis(first, "y", error[~crashed])
+        _draw_parameter(axes, column, flown)
+        axes.set_xlabel(f"{column} {units[column]}", fontsize=8, color=style.INK)
+        if place % _COLUMNS == 0:
+            axes.set_ylabel("mean error [m]", fontsize=8, color=style.INK)
     return figure
 
 
-def strongest(columns: dict[str, NDArray[Any]], error: Array) -> list[str]:
-    """Return the names of the columns that vary, those with the strongest effect first.
-
-    The effect is the Kruskal-Wallis statistic of the errors (n,) in bins of the column, divided by
-    its degrees of freedom: about 1 for a column without effect. Crashed flights have an infinite
-    error, flights without a value NaN.
-    """
-    known = ~np.isnan(error)
-    ordered = np.sort(error[known])
-    first, after = (np.searchsorted(ordered, error[known], side) for side in ("left", "right"))
-    ranks = np.asarray(0.5 * (first + after), dtype=np.float64)  # of equal errors the mean
-    effects = {name: _effect(values[known], ranks) for name, values in columns.items()}
-    varied = [name for name, values in columns.items() if len(np.unique(values)) > 1]
-    return sorted(varied, key=lambda name: -effects[name])
-
-
-def _effect(values: NDArray[Any], ranks: Array) -> float:
-    bins = _bins(values)
-    groups = [ranks[bins == each] for each in np.unique(bins)]
-    variance = float(np.var(ranks, ddof=1)) if len(ranks) > 1 else 0.0
-    if len(groups) < 2 or variance == 0.0:
-        return 0.0
-    between = sum(len(each) * float(np.mean(each) - np.mean(ranks)) ** 2 for each in groups)
-    return between / variance / (len(groups) - 1)
-
-
-def _bins(values: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the bin of each value (n,): few values have a bin each, many share ten."""
-    if _is_listed(values):
-        return np.unique(values, return_inverse=True)[1].astype(np.int64)
-    count = min(_BINS, len(values) // _MIN_IN_BIN)
-    edges = np.quantile(values, np.arange(1, count) / count) if count > 1 else np.zeros(0)
-    return np.searchsorted(edges, values, side="right").astype(np.int64)
-
-
-def _is_listed(values: NDArray[Any]) -> bool:
-    """Whether values are names, or few numbers that recur: each has its own place on the axis."""
-    most = min(_MAX_VALUES, len(values) // 2)
-    return values.dtype.kind not in "fi" or len(np.unique(values)) <= most
-
-
-def _draw_distribution(axes: Axes, flown: Sequence[Row], crashed: NDArray[np.bool_]) -> None:
-    """Draw the cumulative distribution of mean and maximum, with p50 and p95."""
-    for name, label, colour in (
-        (ERROR, "mean of a flight", style.FLOWN),
-        (_MAX_ERROR, "maximum of a flight", style.REFERENCE),
-    ):
-        values = np.sort(_numbers(flown, name)[~crashed])
-        values = values[np.isfinite(values)]
-        if not len(values):
-            continue
-        shares = np.arange(1, len(values) + 1) / len(values)
-        axes.step(values, shares, where="post", color=colour, linewidth=1.8, label=label)
-        for key, value in percentiles(values, 50, 95).items():
-            if value is None or key == "max":
-                continue
-            share = int(key[1:]) / 100
-            axes.plot(value, share, "o", color=colour, markersize=5)
-            text = f"{key} {value:.3g} m"
-            axes.annotate(
-                text,
-                (value, share),
-                xytext=(7, -4),
-                textcoords="offset points",
-                va="top",
-                fontsize=8,
-                color=style.INK,
-            )
-    axes.set_ylim(0.0, 1.02)
+def _draw_distribution(axes: Axes, completed: Sequence[Row]) -> None:
+    """Draw the cumulative distributions of mean and maximum, with percentiles in the legend."""
     style.tidy(axes)
-    shown = np.concatenate([_numbers(flown, name)[~crashed] for name in (ERROR, _MAX_ERROR)])
-    _set_error_axis(axes, "x", shown)
-    axes.set_xlabel("distance to the reference after the settle time [m]", fontsize=8)
-    axes.set_ylabel("share of the flights that did not crash", fontsize=8)
+    positive = False
+    for name, label, colour in (
+        (_MEAN, "mean", style.FLOWN),
+        (_MAXIMUM, "maximum", style.REFERENCE),
+    ):
+        errors = _numbers(completed, name)
+        errors = np.sort(errors[np.isfinite(errors)])
+        positive |= bool((errors > 0.0).any())
+        shares = np.arange(1, len(errors) + 1) / len(errors)
+        known = percentiles(errors, 50, 95).items()
+        texts = [f"{key} {value:.3g} m" for key, value in known if value is not None]
+        label = ", ".join([f"{label} of a flight", *texts])
+        axes.step(errors, shares, where="post", color=colour, linewidth=1.8, label=label)
+    if positive:
+        style.use_log_scale(axes, "x")
+    axes.set_yticks([0.0, 0.5, 0.95], ["0", "p50", "p95"])
+    axes.set_ylim(0.0, 1.02)
+    axes.set_xlabel("error after the settle time [m]", fontsize=8, color=style.INK)
+    axes.set_ylabel("share of completed flights", fontsize=8, color=style.INK)
     style.legend(axes)
 
 
-def _draw_effect(
-    axes: Axes, values: NDArray[Any], error: Array, crashed: NDArray[np.bool_]
-) -> None:
-    """Draw errors (n,) over a varied parameter (n,), their medians, and the crashed flights."""
+def _draw_parameter(axes: Axes, column: str, flown: Sequence[Row]) -> None:
+    """Draw the mean errors over a varied parameter, their medians, and the crashes."""
     style.tidy(axes)
-    bins = _bins(values)
-    if _is_listed(values):
-        names = np.unique(values)
-        texts = [f"{name:g}" if values.dtype.kind in "fi" else str(name) for name in names]
-        width = _MAX_TICK_CHARACTERS // len(names)
-        ticks = [text[:width] for text in texts] if width > 2 else []
-        axes.set_xticks(range(len(ticks)), ticks)
-        # Flights of one value stand side by side.
-        x = bins + 0.6 * ((np.arange(len(bins)) * 0.6180339887) % 1.0) - 0.3
+    axes.margins(x=0.05, y=0.15)
+    # A vector has fewer elements in some flights than in others.
+    rows = [row for row in flown if row.get(column) is not None]
+    values: NDArray[Any] = np.array([row[column] for row in rows])
+    if values.dtype.kind in "Ub":  # names
+        names, bins = np.unique(values, return_inverse=True)
+        length = max(_MAX_TICK_CHARACTERS // len(names), 1)
+        axes.set_xticks(range(len(names)), [str(name)[:length] for name in names])
+        values = bins
     else:
-        axes.locator_params(axis="x", nbins=5)
-        x = values.astype(np.float64)
-    good = ~crashed & np.isfinite(error)
-    axes.plot(x[good], error[good], ".", color=style.FLOWN, markersize=3, alpha=0.5)
-    inside = [good & (bins == each) for each in np.unique(bins[good])]
-    axes.plot(
-        [np.median(x[each]) for each in inside],
-        [np.median(error[each]) for each in inside],
-        "o" if _is_listed(values) else "o-",
-        color=style.INK,
-        markersize=4,
-    )
-    if not crashed.any():
-        return  # empty, what is not clipped would break the layout
-    axes.plot(
-        x[crashed],
-        np.ones(int(crashed.sum())),
-        "x",
-        transform=axes.get_xaxis_transform(),
-        color=style.BOUND,
-        markersize=5,
-        alpha=0.8,
-        clip_on=False,
-    )
+        bins = _bins(values)
+    crashed = np.array([bool(row["crashed"]) for row in rows], dtype=np.bool_)
+    errors = _numbers(rows, _MEAN)
+    known = ~crashed & np.isfinite(errors)
+    axes.plot(values[known], errors[known], ".", color=style.FLOWN, markersize=3, alpha=0.5)
+    groups = [known & (bins == each) for each in np.unique(bins[known])]
+    medians = [(np.median(values[group]), np.median(errors[group])) for group in groups]
+    axes.plot(*np.reshape(medians, (-1, 2)).T, "o-", color=style.INK, markersize=3, linewidth=1.0)
+    style.use_log_scale(axes, "y")
+    edge = np.full(np.count_nonzero(crashed), 0.96)
+    across = axes.get_xaxis_transform()
+    axes.plot(values[crashed], edge, "x", transform=across, color=style.BOUND, markersize=5)
 
 
-def _set_error_axis(axes: Axes, name: str, error: Array) -> None:
-    """Make an axis logarithmic, with room for errors (n,) [m], and label it in plain numbers."""
-    from matplotlib.ticker import LogLocator, NullLocator
-
-    known = error[np.isfinite(error) & (error > 0.0)]
-    if not len(known):
-        return
-    limits = (0.8 * known.min(), 1.4 * known.max())
-    axes.set(**{f"{name}scale": "log", f"{name}lim": limits})
-    axis = axes.xaxis if name == "x" else axes.yaxis
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter("{x:g}")
+def _bins(values: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the bin of each value (n,): bins of about equal size, equal values in one bin."""
+    count = min(_BINS, max(len(values) // _MIN_IN_BIN, 1))
+    smaller = np.searchsorted(np.sort(values), values)
+    return np.asarray(count * smaller // max(len(values), 1), dtype=np.int64)
 
 
-def _title(figure: FigureBase, text: str, *, size: int = 10) -> None:
-    figure.suptitle(text, x=0.01, ha="left", fontsize=size, color=style.INK)
-
-
-def _counts(rows: Sequence[Row], flown: Sequence[Row]) -> str:
-    kinds = Counter(row["crash"] for row in flown if row["crashed"])
-    counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
-    share = f" ({100 * kinds.total() / len(flown):.3g} %: {counts})" if kinds else ""
-    errors = len(rows) - len(flown)
-    ended = f", {errors} ended with an error" if errors else ""
-    return f"{len(rows)} flights, × {kinds.total()} crashed{share}{ended}"
-
-
-def _target(campaign: Campaign, column: str) -> Target:
-    """Return the parameter of a column; the column of a vector's element has its number too."""
-    return campaign.targets.get(column) or campaign.targets[column.rpartition(".")[0]]
+def _unit(campaign: Campaign, column: str) -> str:
+    """Return the unit of a column in brackets; columns of a vector end with the element."""
+    name = column if column in campaign.targets else column.rpartition(".")[0]
+    unit = campaign.targets[name].spec.unit
+    return f"[{unit}]" if unit else ""
 
 
 def _numbers(rows: Sequence[Row], name: str) -> Array:
+    """Return the values of a column (n,), NaN for none."""
     values = [row.get(name) for row in rows]
     return np.array([np.nan if value is None else float(value) for value in values])

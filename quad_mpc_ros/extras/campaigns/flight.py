@@ -34,33 +34,33 @@ _SUMMARY_KEYS = (
     "clearance_min_m",
     "collided",
     "lap_time_s",
-    "behind_max_s",
+    "progress_delay_max_s",
 )
 _ITERATION_KEYS = ("p50", "p99", "max")
 
 
 @dataclass(frozen=True, kw_only=True)
 class FlownFlight:
-    """The result of a flight: its row, and the parameter file that makes it again."""
+    """The result of a flight: its row, and the parameter file that repeats the flight."""
 
     row: Row
     parameter_file: str
 
 
 def column_names(campaign: Campaign) -> list[str]:
-    """Return the columns of a campaign's table, in order."""
+    """Return the columns of a campaign's table."""
     iterations = [f"iterations.{name}" for name in _ITERATION_KEYS]
     figures = [*_SUMMARY_KEYS, *iterations, "waypoint_error_max_m", *FIGURES]
     return [NUMBER, *campaign.columns, *VERDICT, *figures]
 
 
 def fly_batch(campaign: Campaign, numbers: Sequence[int]) -> list[FlownFlight]:
-    """Fly some flights of a campaign, in a worker, one after the other."""
+    """Fly some flights of a campaign, in a worker."""
     return [fly_one(campaign, number) for number in numbers]
 
 
 def fly_one(campaign: Campaign, number: int) -> FlownFlight:
-    """Fly one flight of a campaign. Whatever it raises is in its row."""
+    """Fly one flight of a campaign; an exception is reported in its row."""
     row: dict[str, Any] = {NUMBER: number, "crashed": False}
     parameter_file = ""
     try:
@@ -70,20 +70,20 @@ def fly_one(campaign: Campaign, number: int) -> FlownFlight:
         plan = campaign.plan(number)
         parameter_file = _parameter_file(plan.config)
         row.update(_figures(plan, settle_time=campaign.settle_time))
-    except Exception as error:  # one flight is not the end of a campaign
+    except Exception as error:  # the campaign continues
         row["error"] = " ".join(f"{type(error).__name__}: {error}".split())
     return FlownFlight(row=row, parameter_file=parameter_file)
 
 
 def lost_flight(campaign: Campaign, number: int, reason: str) -> FlownFlight:
-    """Return the row of a flight that no worker survived."""
+    """Return the row of a flight that killed its workers."""
     drawn = campaign.drawn(number)
     row = {NUMBER: number, "crashed": False, "error": reason, **campaign.cells(drawn)}
     return FlownFlight(row=row, parameter_file="")
 
 
 def _figures(plan: FlightPlan, *, settle_time: float) -> dict[str, Any]:
-    """Fly, and return verdict and figures."""
+    """Fly, and return the columns of the crash and the figures."""
     mpc, simulator, reference = plan.config
     truth_log, flight_log = TruthLog(), FlightLog(mpc)
     for step in fly(mpc=mpc, simulator=simulator, reference=reference, trajectory=plan.trajectory):
@@ -102,7 +102,7 @@ def _figures(plan: FlightPlan, *, settle_time: float) -> dict[str, Any]:
 
 
 def _scalars(summary: Summary) -> dict[str, Any]:
-    """Return the scalars of a summary. Times by the clock on the wall are never the same twice."""
+    """Return the scalars of a summary, without wall-clock times, which are not repeatable."""
     return {
         **{name: summary[name] for name in _SUMMARY_KEYS},
         **{f"iterations.{name}": summary["iterations"][name] for name in _ITERATION_KEYS},
@@ -111,7 +111,7 @@ def _scalars(summary: Summary) -> dict[str, Any]:
 
 
 def _parameter_file(config: FlightConfig) -> str:
-    """Return all parameters as a ROS parameter file, a line each."""
+    """Return all parameters as a ROS parameter file."""
     lines: list[str] = []
     for node, each in zip(SCHEMA, config, strict=True):
         lines += [f"{node}:", "  ros__parameters:"]
@@ -123,5 +123,5 @@ def _parameter_file(config: FlightConfig) -> str:
     return "\n".join([*lines, ""])
 
 
-# The values are the same in each flight: writing them again would cost more than all else here.
+# Most values are the same in each flight. Formatting them again would dominate the cost.
 _value_text = functools.lru_cache(maxsize=4096, typed=True)(files.value_text)

@@ -1,6 +1,6 @@
-"""What a campaign has flown so far, on disk: a line a flight, in the order in which they came.
+"""The finished flights of a campaign on disk, one line each, in order of their completion.
 
-The first line says of which campaign. A kill may cut the last line; what is before it counts.
+The first line identifies the campaign. A kill may truncate the last line, which is then ignored.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ NAME = "journal.jsonl"
 
 
 class Journal:
-    """The rows of the flights flown, appended to the file and kept."""
+    """The rows of finished flights, in memory and in the file."""
 
     def __init__(self, folder: Path, *, campaign_text: str) -> None:
-        """Begin the journal of a folder, or continue it.
+        """Begin or continue the journal in a folder.
 
-        Raises :class:`UserError` where it is that of another campaign or of another version.
+        Raises :class:`UserError` for the journal of another campaign or version.
         """
         self._path = folder / NAME
         self._header = {
@@ -41,7 +41,7 @@ class Journal:
             self._write([self._header])
 
     def add(self, rows: Iterable[Row]) -> None:
-        """Add the rows of flights; when this returns, the disk has them."""
+        """Add the rows of flights; they are on disk when this returns."""
         new = {int(row[NUMBER]): row for row in rows}
         self._write(new.values())
         self.rows.update(new)
@@ -64,7 +64,7 @@ class Journal:
         os.fsync(self._file.fileno())
 
     def _read(self) -> int:
-        """Take the whole lines of the file and return where they end."""
+        """Read the complete lines of the file and return their end [bytes]."""
         end, header = 0, None
         with self._path.open("rb") as file:
             for line in file:
@@ -87,13 +87,13 @@ class Journal:
             )
         if header.get("version") != __version__:
             raise UserError(
-                f"{self._path.parent}: begun by quad_mpc_ros {header.get('version')}, this is "
-                f"{__version__}: flights of both do not mix; start again with another --out"
+                f"{self._path.parent}: started by quad_mpc_ros {header.get('version')}, this is "
+                f"{__version__}: their flights must not be mixed; use another --out"
             )
 
 
 def _parsed(line: bytes) -> dict[str, Any] | None:
-    """Return the value of a whole line, None of one that was cut."""
+    """Return the value of a line; None for a truncated line."""
     if not line.endswith(b"\n"):
         return None
     try:

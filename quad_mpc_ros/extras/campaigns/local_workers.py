@@ -1,4 +1,4 @@
-"""Worker processes of this machine."""
+"""Worker processes on this machine."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from quad_mpc_ros.extras.campaigns.flight import FlownFlight, fly_batch, lost_fl
 _MAX_BATCH_SIZE = 16
 _BATCHES_PER_WORKER = 8
 _MAX_CRASHES = 2
-# Libraries of linear algebra: more threads than one only wait for each other here.
+# Linear algebra libraries: one thread for each worker.
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -31,21 +31,20 @@ class _Task(NamedTuple):
 
 
 class _Worker(NamedTuple):
-    """A process, and this end of the pipe to it; it ends when the pipe is closed."""
+    """A process and this end of its pipe; the process ends when the pipe is closed."""
 
     process: BaseProcess
     line: Connection
 
 
 class LocalWorkers:
-    """Processes that each fly a batch at a time; leaving the context ends them.
+    """Processes that fly one batch at a time; leaving the context ends them.
 
-    Each has its own pipe and shares nothing with others, so that the batch of one that died is
-    known.
+    Each process has its own pipe, so that the batch of a process that died is known.
     """
 
     def __init__(self, workers: int | None = None) -> None:
-        """Take the number of processes, by default one for each processor we may use."""
+        """Set the number of processes; default: one for each available processor."""
         self.workers = workers or len(os.sched_getaffinity(0))
         self._idle: list[_Worker] = []
         self._flying: dict[Connection, tuple[_Task, _Worker]] = {}
@@ -53,10 +52,10 @@ class LocalWorkers:
     def fly(
         self, campaign: Campaign, batches: Sequence[Sequence[int]]
     ) -> Iterator[list[FlownFlight]]:
-        """Fly batches of numbers and yield each as it is done, in any order.
+        """Fly batches of flight numbers and yield finished batches, in any order.
 
-        A worker that dies is replaced, and what it flew is flown again. A flight that no worker
-        survives comes with an error. Closing the iterator gives up what is under way.
+        A worker that dies is replaced, and its batch is flown again. A flight that kills two
+        workers is returned with an error. Closing the iterator ends flights in progress.
         """
         waiting = deque(map(_Task, batches))
         try:
@@ -92,19 +91,21 @@ class LocalWorkers:
     def _hand_out(self, campaign: Campaign, task: _Task) -> None:
         worker = self._idle.pop() if self._idle else _new_worker()
         self._flying[worker.line] = task, worker
-        with contextlib.suppress(OSError):  # it died: so says the end of its line
+        with contextlib.suppress(OSError):  # the worker has died, see wait in fly
             worker.line.send((campaign, task.numbers))
 
     def _give_up(self) -> None:
-        """End the workers that still fly."""
+        """End the workers with flights in progress."""
         for _, worker in self._flying.values():
             _end(worker)
         self._flying.clear()
 
 
 def batched(numbers: Sequence[int], *, workers: int) -> list[Sequence[int]]:
-    """Return the numbers in batches: large enough to cost little to hand out, small enough that
-    all workers have some to the end and little is lost with one.
+    """Return the numbers in batches.
+
+    Large batches cost less communication. Small batches keep all workers busy to the end, and
+    less is lost if a worker dies.
     """
     size = len(numbers) // (_BATCHES_PER_WORKER * workers)
     size = min(max(size, 1), _MAX_BATCH_SIZE)
@@ -112,7 +113,7 @@ def batched(numbers: Sequence[int], *, workers: int) -> list[Sequence[int]]:
 
 
 def _again(task: _Task) -> list[_Task]:
-    """Return the tasks after a worker died: one flight each, to find the one that kills it."""
+    """Return the tasks after a worker died: single flights, to find the fatal flight."""
     if len(task.numbers) > 1:
         return [_Task([number]) for number in task.numbers]
     deaths = task.deaths + 1
@@ -120,7 +121,7 @@ def _again(task: _Task) -> list[_Task]:
 
 
 def _given_up(campaign: Campaign, task: _Task) -> list[FlownFlight]:
-    """Return the flight that no worker survived, once it is known."""
+    """Return the flight that killed its workers, once known."""
     if _again(task):
         return []
     reason = f"WorkerDied: the worker process died in this flight, {_MAX_CRASHES} times"
@@ -133,15 +134,15 @@ def _new_worker() -> _Worker:
     context = multiprocessing.get_context("spawn")
     line, its_end = context.Pipe()
     process = context.Process(target=_work, args=(its_end,), daemon=True)
-    # Else the first worker starts it, which unblocks SIGINT.
+    # Otherwise the first worker starts it, which unblocks SIGINT.
     resource_tracker.ensure_running()
-    # Ctrl-C is for the parent, with which the worker ends; blocked before its first line runs.
+    # Ctrl-C is for the parent, which ends the worker; blocked before the worker's first line.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         process.start()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    its_end.close()  # only the worker holds it now
+    its_end.close()  # now only the worker has it open
     return _Worker(process, line)
 
 
@@ -153,7 +154,7 @@ def _end(worker: _Worker) -> None:
 
 
 def _work(line: Connection) -> None:
-    """Fly, in a worker process, what comes through the pipe, until its other end is closed."""
+    """Fly the batches from the pipe, in a worker process, until its other end is closed."""
     tasks: SimpleQueue[tuple[Campaign, Sequence[int]]] = SimpleQueue()
 
     def listen() -> None:

@@ -1,4 +1,4 @@
-"""The outcome of a flight by its true states, not the measured ones: crashed, settled, tilted."""
+"""The outcome of a flight, from its true states: crash, settled error, tilt."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FIGURES = (
 
 @dataclass(kw_only=True)
 class TruthLog:
-    """The true states of a flight at its odometries, and the reference there."""
+    """The true states of a flight at each odometry, with the reference."""
 
     stamps_ns: list[int] = field(default_factory=list)
     rows: list[Array] = field(default_factory=list)
@@ -32,7 +32,7 @@ class TruthLog:
     collision: Collision | None = None
 
     def take(self, step: LoopStep) -> None:
-        """Take the next step."""
+        """Add a step."""
         truth, window = step.truth, step.window
         self.collision = step.collision
         self.stamps_ns.append(truth.stamp_ns)
@@ -42,7 +42,7 @@ class TruthLog:
         self.behind.append(before if step.tick is None else step.tick.behind)
 
     def truth(self) -> Truth:
-        """Return the states as arrays, from the first step on."""
+        """Return the states as arrays."""
         stamps_ns = np.array(self.stamps_ns, dtype=np.int64)
         rows = np.concatenate(self.rows).reshape(len(stamps_ns), -1)
         p, v, w, q, p_reference, q_reference = np.split(rows, [3, 6, 9, 13, 16], axis=1)
@@ -59,9 +59,9 @@ class TruthLog:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Truth:
-    """True states of n odometries: ``v_WB_B`` [m/s], ``w_WB_B`` [rad/s] (n, 3) with the motion.
+    """True states at n odometries: the motion, ``v_WB_B`` [m/s] and ``w_WB_B`` [rad/s] (n, 3).
 
-    ``collision`` is what ended the flight, if anything did.
+    ``collision`` is the collision that ended the flight, if any.
     """
 
     motion: TrackedMotion
@@ -77,7 +77,7 @@ class Truth:
         return min(filter(None, found), key=lambda crash: crash.time, default=None)
 
     def figures(self, *, settle_time: float) -> dict[str, float | None]:
-        """Return the values of :data:`FIGURES`; ``settled`` ones count from a time [s] on."""
+        """Return the values of :data:`FIGURES`; ``settled`` figures start at a time [s]."""
         motion = self.motion
         settled = motion.time >= settle_time
         error = np.linalg.norm(motion.p_WB_reference - motion.p_WB, axis=1)[settled]

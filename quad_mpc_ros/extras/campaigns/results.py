@@ -1,4 +1,4 @@
-"""How a campaign went, as text for a terminal."""
+"""The result of a campaign as text for a terminal."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.extras.campaigns.campaign import Campaign, number_text
+from quad_mpc_ros.extras.campaigns.flying import FIGURE_NAME
 from quad_mpc_ros.extras.campaigns.table import CSV_NAME, NUMBER, Row
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 
@@ -22,31 +23,35 @@ _LISTED_FIGURES = (
 )
 
 
-def results_text(folder: Path, campaign: Campaign, rows: Sequence[Row]) -> str:
-    """Return what became of the flights, the figures of those that did not crash, the files."""
+def counts_text(rows: Sequence[Row]) -> str:
+    """Return the numbers of flights that crashed, ended with an error, and completed."""
     kinds = Counter(row["crash"] for row in rows if row["crashed"])
+    counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
+    errors = sum(bool(row.get("error")) for row in rows)
+    return (
+        f"{len(rows)} flights: {kinds.total()} crashed{f' ({counts})' if counts else ''}, "
+        f"{errors} ended with an error, {len(rows) - errors - kinds.total()} completed"
+    )
+
+
+def results_text(folder: Path, campaign: Campaign, rows: Sequence[Row]) -> str:
+    """Return the numbers of crashes and errors, percentiles of the other flights, and files."""
     errors = [row for row in rows if row.get("error")]
     flown = [row for row in rows if not row["crashed"] and not row.get("error")]
-    counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
-    lines = [
-        f"{len(rows)} flights: {kinds.total()} crashed{f' ({counts})' if counts else ''}, "
-        f"{len(errors)} ended with an error, {len(flown)} flew",
-        "",
-        *_percentiles(flown),
-        "",
-    ]
+    lines = [counts_text(rows), "", *_percentiles(flown), ""]
     if errors:
         lines.append(f"error    flight {errors[0][NUMBER]}: {errors[0]['error']}")
     if rows and (worst := _worst(rows)) is not None:
         name = f"{number_text(int(worst[NUMBER]), campaign.flights)}.yaml"
         lines.append(f"worst    quad_mpc simulate --config {folder / 'flights' / name}")
     lines.append(f"table    {folder / CSV_NAME}")
+    lines.append(f"figure   {folder / FIGURE_NAME}")
     return "\n".join(lines)
 
 
 def _percentiles(flown: Sequence[Row]) -> list[str]:
-    """Return percentiles of some figures."""
-    table = [["of those that flew", "p50", "p95", "p99", "max"]]
+    """Return a table of percentiles."""
+    table = [["completed flights", "p50", "p95", "p99", "max"]]
     for name in _LISTED_FIGURES:
         values = [float(row[name]) for row in flown if row.get(name) is not None]
         if values:
@@ -56,7 +61,7 @@ def _percentiles(flown: Sequence[Row]) -> list[str]:
 
 
 def _worst(rows: Sequence[Row]) -> Row | None:
-    """Return the flight that crashed first, or else erred most."""
+    """Return the flight that crashed first; without a crash, the flight with the largest error."""
     crashed = [row for row in rows if row["crashed"]]
     if crashed:
         return min(crashed, key=lambda row: float(row["crash_time_s"]))

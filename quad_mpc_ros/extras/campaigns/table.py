@@ -1,7 +1,7 @@
-"""The table of a campaign: one row a flight, as ``flights.csv``.
+"""The table of a campaign, ``flights.csv``, with one row per flight.
 
-Columns in order: ``flight``, the number; every varied parameter by its name, vectors as ``name.0``
-and so on; :data:`VERDICT`; then the figures. A cell that has no value is empty.
+Columns in order: ``flight``, the number; the varied parameters, vectors as ``name.0`` and so on;
+:data:`VERDICT`; the figures. Cells without a value are empty.
 """
 
 from __future__ import annotations
@@ -17,19 +17,16 @@ from quad_mpc_ros.configuration.atomic_file import write_atomically
 
 NUMBER = "flight"
 VERDICT = ("error", "crashed", "crash", "crash_time_s")
-"""Why the flight raised, whether it crashed, how, and when."""
+"""Columns of the error, and of the crash with its kind and time."""
 
 CSV_NAME = "flights.csv"
 
 Row = Mapping[str, Any]
-"""A flight by the names of the columns: numbers, texts, None for no value."""
+"""Values of a flight by column: numbers, texts, None for no value."""
 
 
 def write_table(folder: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
-    """Write the rows, in order of their numbers, as CSV.
-
-    Equal rows give equal bytes. Raises ``OSError``.
-    """
+    """Write the rows as CSV, ordered by number. Raises ``OSError``."""
     ordered = sorted(rows, key=lambda row: int(row[NUMBER]))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

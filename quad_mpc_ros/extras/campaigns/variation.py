@@ -1,10 +1,10 @@
-"""How a parameter varies from flight to flight: what a campaign file says below ``vary``."""
+"""Variations of a parameter from flight to flight, as listed below ``vary`` in a campaign file."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -13,36 +13,29 @@ import numpy as np
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.control.lie import Array, so3
 
-_MAX_DRAWS = 1000
-_MAX_LISTED = 1_000_000
-
 
 class Variation(ABC):
-    """The values that one parameter takes: numbers, vectors, or whatever is chosen from."""
+    """The values of one parameter: numbers, vectors, or any listed values."""
 
     kind: ClassVar[str]
-    """The key in a file, below which stand the fields, in order."""
+    """Key in a file; the value has the fields in order."""
 
     @abstractmethod
     def drawn(self, random: np.random.Generator) -> Any:
         """Return a random value."""
 
     def described(self) -> dict[str, Any]:
-        """Return what a file says of it."""
+        """Return the entry of a file."""
         return {self.kind: list(vars(self).values())}
 
     def extremes(self) -> list[Any]:
-        """Return values that the parameter must allow for all others to be allowed."""
+        """Return extreme values: if the parameter allows these, it allows all values."""
         return list(vars(self).values())
-
-    def listed(self) -> list[Any]:
-        """Return all values, in order, where they can be counted; a grid goes through them."""
-        return []
 
 
 @dataclass(frozen=True)
 class Uniform(Variation):
-    """``uniform: [low, high]``, numbers or vectors whose elements vary independently."""
+    """``uniform: [low, high]``, numbers, or vectors with independent elements."""
 
     kind = "uniform"
     low: Any
@@ -55,7 +48,7 @@ class Uniform(Variation):
 
 @dataclass(frozen=True)
 class LogUniform(Variation):
-    """``log_uniform: [low, high]``, uniform in the logarithm; all above zero."""
+    """``log_uniform: [low, high]``, uniform in the logarithm; bounds above zero."""
 
     kind = "log_uniform"
     low: Any
@@ -63,31 +56,14 @@ class LogUniform(Variation):
 
     def drawn(self, random: np.random.Generator) -> Any:
         low, high = np.log(self.low), np.log(self.high)
-        # Rounding may not lead beyond what was allowed.
+        # Rounding must not exceed the range.
         drawn = np.exp(low + (high - low) * random.random(low.shape))
         return _plain(np.clip(drawn, self.low, self.high))
 
 
 @dataclass(frozen=True)
-class Normal(Variation):
-    """``normal: [mean, deviation]``; what the parameter does not allow is drawn again."""
-
-    kind = "normal"
-    mean: Any
-    deviation: Any
-
-    def drawn(self, random: np.random.Generator) -> Any:
-        mean = np.asarray(self.mean, dtype=float)
-        with np.errstate(over="ignore"):  # no parameter allows infinity
-            return _plain(mean + np.asarray(self.deviation) * random.standard_normal(mean.shape))
-
-    def extremes(self) -> list[Any]:
-        return [self.mean]
-
-
-@dataclass(frozen=True)
 class Integers(Variation):
-    """``integers: [low, high]``, integers, both ends among them."""
+    """``integers: [low, high]``, both ends included."""
 
     kind = "integers"
     low: int
@@ -99,7 +75,7 @@ class Integers(Variation):
 
 @dataclass(frozen=True)
 class Choice(Variation):
-    """``choice: [a, b, …]``, each as often, or ``linspace: [first, last, count]``."""
+    """``choice: [a, b, …]``, each with equal probability."""
 
     kind = "choice"
     values: tuple[Any, ...]
@@ -107,10 +83,8 @@ class Choice(Variation):
     def drawn(self, random: np.random.Generator) -> Any:
         return self.values[int(random.integers(len(self.values)))]
 
-    def listed(self) -> list[Any]:
+    def extremes(self) -> list[Any]:
         return list(self.values)
-
-    extremes = listed
 
     def described(self) -> dict[str, Any]:
         return {self.kind: [*self.values]}
@@ -118,8 +92,9 @@ class Choice(Variation):
 
 @dataclass(frozen=True)
 class Attitude(Variation):
-    """``attitude: [tilt, yaw]`` [rad]: a quaternion xyzw, tilted by up to ``tilt``, all directions
-    of the thrust within that cone alike, and turned by up to ``yaw`` either way.
+    """``attitude: [tilt, yaw]`` [rad]: a quaternion xyzw, tilted by up to ``tilt``, yaw ± ``yaw``.
+
+    Directions of the thrust axis are uniform in the cone.
     """
 
     kind = "attitude"
@@ -141,7 +116,7 @@ class Attitude(Variation):
 
 @dataclass(frozen=True)
 class SameAs(Variation):
-    """``same_as: NAME``, with ``times`` and ``plus`` if wanted: the value of another parameter."""
+    """``same_as: NAME``: the value of another parameter, with optional ``times`` and ``plus``."""
 
     kind = "same_as"
     name: str
@@ -149,10 +124,10 @@ class SameAs(Variation):
     plus: float = 0.0
 
     def drawn(self, random: np.random.Generator) -> Any:
-        raise NotImplementedError("it follows another one, which is drawn")
+        raise NotImplementedError("the value follows another parameter")
 
     def of(self, value: Any) -> Any:
-        """Return the value where the other one has ``value``."""
+        """Return the value if the other parameter has ``value``."""
         if self.times == 1.0 and self.plus == 0.0:
             return value
         return _plain(self.times * np.asarray(value, dtype=float) + self.plus)
@@ -165,9 +140,9 @@ class SameAs(Variation):
 
 
 def variation_of(name: str, given: Any) -> Variation:
-    """Return the variation that a file says of a parameter.
+    """Return the variation in a file's entry for a parameter.
 
-    Raises :class:`ConfigurationError` for one that is none.
+    Raises :class:`ConfigurationError` for an invalid entry.
     """
     if isinstance(given, Mapping) and "same_as" in given:
         return _same_as(name, given)
@@ -184,19 +159,8 @@ def variation_of(name: str, given: Any) -> Variation:
     raise ConfigurationError(f"{name}: {kind}", arguments, expected)
 
 
-def drawn_within(
-    variation: Variation, random: np.random.Generator, allowed: Callable[[Any], bool]
-) -> Any:
-    """Return a random value that is allowed; raises ``ValueError`` where none comes."""
-    for _ in range(_MAX_DRAWS):
-        value = variation.drawn(random)
-        if allowed(value):
-            return value
-    raise ValueError(f"{variation}: none of {_MAX_DRAWS} values drawn is allowed")
-
-
 def _range(arguments: list[Any]) -> tuple[Any, Any] | None:
-    """Return low and high, two numbers or two vectors of a length, in order."""
+    """Return low and high, two numbers or two vectors of equal length; None if invalid."""
     if len(arguments) != 2 or not all(map(_are_numbers, arguments)):
         return None
     low, high = (np.asarray(each, dtype=float) for each in arguments)
@@ -215,15 +179,6 @@ def _log_uniform(arguments: list[Any]) -> Variation | None:
     return LogUniform(*found) if found and np.all(np.asarray(found[0]) > 0.0) else None
 
 
-def _normal(arguments: list[Any]) -> Variation | None:
-    if len(arguments) != 2 or not all(map(_are_numbers, arguments)):
-        return None
-    mean, deviation = (np.asarray(each, dtype=float) for each in arguments)
-    if deviation.shape not in ((), mean.shape) or not np.all(deviation >= 0.0):
-        return None
-    return Normal(_plain(mean), _plain(deviation))
-
-
 def _integers(arguments: list[Any]) -> Variation | None:
     if len(arguments) != 2 or not all(type(each) is int for each in arguments):
         return None
@@ -234,17 +189,6 @@ def _choice(arguments: list[Any]) -> Variation | None:
     return Choice(tuple(arguments)) if arguments else None
 
 
-def _linspace(arguments: list[Any]) -> Variation | None:
-    if len(arguments) != 3 or type(arguments[2]) is not int:
-        return None
-    if not 1 <= arguments[2] <= _MAX_LISTED:
-        return None
-    first, last = arguments[:2]
-    if not (_are_numbers(first) and _are_numbers(last)) or np.shape(first) != np.shape(last):
-        return None
-    return Choice(tuple(_plain(each) for each in np.linspace(first, last, arguments[2])))
-
-
 def _attitude(arguments: list[Any]) -> Variation | None:
     if len(arguments) != 2 or not all(map(_is_number, arguments)):
         return None
@@ -252,14 +196,12 @@ def _attitude(arguments: list[Any]) -> Variation | None:
     return Attitude(tilt, yaw) if 0.0 <= tilt <= math.pi and 0.0 <= yaw <= math.pi else None
 
 
-_RANGE_FORM = "[low, high], two numbers or two lists of as many, low <= high"
+_RANGE_FORM = "[low, high], two numbers or two lists of equal length, low <= high"
 _KINDS: dict[str, tuple[Callable[[list[Any]], Variation | None], str]] = {
     "uniform": (_uniform, _RANGE_FORM),
     "log_uniform": (_log_uniform, f"{_RANGE_FORM}, all > 0"),
-    "normal": (_normal, "[mean, deviation], two numbers or two lists of as many, deviation >= 0"),
     "integers": (_integers, "[low, high], two whole numbers, low <= high"),
     "choice": (_choice, "a list of at least one value"),
-    "linspace": (_linspace, "[first, last, count], count from 1 to 1,000,000"),
     "attitude": (_attitude, "[tilt, yaw] in rad, each from 0 to pi"),
 }
 
@@ -287,10 +229,3 @@ def _is_number(given: Any) -> bool:
 def _plain(value: Array | np.float64) -> Any:
     """Return a float, or a list of floats."""
     return np.asarray(value).tolist()
-
-
-def values_of(listed: Sequence[Sequence[Any]], place: int) -> list[Any]:
-    """Return one combination of some lists of values, by its place; the last one goes fastest."""
-    shape = [len(values) for values in listed]
-    places = np.unravel_index(place, shape)
-    return [values[int(at)] for values, at in zip(listed, places, strict=True)]

@@ -1,4 +1,4 @@
-"""What the files of campaigns and of studies have in common: reading and writing their YAML."""
+"""Reading and writing the YAML files of campaigns and studies."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from quad_mpc_ros.configuration.spelling import did_you_mean
 
 
 def read_content(path: Path, what: str) -> dict[Any, Any]:
-    """Return the keys of a file; ``what`` it describes. Raises :class:`UserError`."""
+    """Return the content of a file of a campaign or study. Raises :class:`UserError`."""
     content = ros_yaml.read_file(path)
     if not isinstance(content, dict):
         raise UserError(f"{path}: expected the keys of a {what}, given {content!r:.60}")
@@ -21,13 +21,13 @@ def read_content(path: Path, what: str) -> dict[Any, Any]:
 
 
 def content_text(content: Mapping[str, Any]) -> str:
-    """Return the text of a file with these keys, numbers exactly."""
+    """Return the text of a file with these keys and exact numbers."""
     return ros_yaml.written(content, sort_keys=False, default_flow_style=None, width=math.inf)
 
 
 @contextlib.contextmanager
 def errors_of(where: str) -> Iterator[None]:
-    """Let errors begin with where the content is from."""
+    """Prefix errors with the source of the content."""
     try:
         yield
     except ConfigurationError as error:

@@ -11,10 +11,9 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.guide import Avoidance, Guide, Guided
@@ -41,10 +40,11 @@ from quad_mpc_ros.extras.obstacles.guide import (
     window_of,
 )
 from quad_mpc_ros.extras.obstacles.local_map import VOXEL_SIZE, LocalMap
-from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider, StaticPoints
+from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider
 from quad_mpc_ros.extras.obstacles.moving import Movers
 from quad_mpc_ros.extras.obstacles.search import SearchBuffers, search, shortened
-from quad_mpc_ros.extras.obstacles.sharing import Neighbours, Shared, shared_space
+from quad_mpc_ros.extras.obstacles.sharing import Shared, shared_space
+from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 
 _SAMPLE_SPACING = 0.1  # m, between checked points of a path
 _SEARCH_MARGIN = 0.05  # m, clearance of paths beyond that of the plan
@@ -65,48 +65,8 @@ _PLAN_DRIFT = 0.3  # m/s, position error of neighbours over the age of their pla
 _MIN_SPEED = 0.3  # m/s, of paths to a moving reference
 
 
-class MovingPoints(NamedTuple):
-    """Points on moving surfaces: ``p_W`` (n, 3) [m] at the requested time, ``v_W`` [m/s].
-
-    ``body`` (n,) is the number of the body, which is passed on one side; ``age`` (n,) [s] that of
-    the last message.
-    """
-
-    p_W: Array
-    v_W: Array
-    body: NDArray[np.int64]
-    age: Array
-
-    @staticmethod
-    def none() -> MovingPoints:
-        """Return no points."""
-        empty = np.zeros((0, 3))
-        return MovingPoints(empty, empty, np.zeros(0, np.int64), np.zeros(0))
-
-
-class Obstacles(StaticPoints, Protocol):
-    """The known obstacles, in the frame of the odometry; times are its clock's stamps [ns]."""
-
-    @property
-    def spacing(self) -> float:
-        """Greatest distance between points of a surface [m]; 0 if points are complete."""
-        ...
-
-    def moving(self, stamp_ns: int, *, near: Array, radius: float) -> MovingPoints:
-        """Return the moving points, predicted for a time."""
-        ...
-
-    def age(self, stamp_ns: int) -> float:
-        """Return the age of the newest data about static obstacles [s]; 0 for a map."""
-        ...
-
-    def reset_estimate(self, reset: EstimateReset) -> None:
-        """Apply a reset of the odometry's estimate: transform all positions."""
-        ...
-
-
 class _Perception(NamedTuple):
-    """The vehicle and its surroundings at the time at which the command acts."""
+    """The vehicle and its surroundings at the time when the command acts."""
 
     start_ns: int
     p_W: Array
@@ -136,14 +96,14 @@ class _LocalPath(NamedTuple):
 
 
 class _GuideState(NamedTuple):
-    """The motion of the guide from a time on."""
+    """The motion of the guide, starting at a time."""
 
     start_ns: int
     motion: GuideMotion
 
 
 class _Goal(NamedTuple):
-    """End of a path, and the bypassed part of the reference; None: leave it at once."""
+    """End of a path, and the bypassed part of the reference; None leaves the reference at once."""
 
     p_W: Array
     ahead: Preview
@@ -158,17 +118,9 @@ class _Goal(NamedTuple):
 class ObstacleAvoidance(Guide):
     """Guide around obstacles."""
 
-    def __init__(
-        self,
-        config: MpcConfig,
-        obstacles: Obstacles,
-        *,
-        radius: float,
-        neighbours: Neighbours | None = None,
-    ) -> None:
+    def __init__(self, config: MpcConfig, obstacles: ObstacleWorld, *, radius: float) -> None:
         """``radius`` [m] of the bounding sphere of the vehicle, and of each neighbour."""
         self._obstacles, self._radius = obstacles, radius
-        self._neighbours = neighbours
         self.surroundings = LocalMapProvider(obstacles)
         self._path: _LocalPath | None = None
         self._guide_state: _GuideState | None = None
@@ -205,10 +157,10 @@ class ObstacleAvoidance(Guide):
         path = self._path = self._select_path(view, goal)
         motion = self._motion(view, path, goal.ahead)
         corridor = self._corridor(view, self._along(path, motion), shared)
-        state, reason = "around", "the reference is not clear"
+        state, reason = "around", "the reference is blocked by obstacles"
         if not path.complete:
             away = _distance(path.points[-1], goal.p_W)
-            state, reason = "stopped", f"no way leads nearer to the reference than {away:.1f} m"
+            state, reason = "stopped", f"no path leads closer to the reference than {away:.1f} m"
         flown = window_of(motion, window, start_ns=view.start_ns, gravity=self._config.gravity)
         return Guided(flown, corridor, Avoidance(state, reason, clearance))
 
@@ -248,8 +200,8 @@ class ObstacleAvoidance(Guide):
     def _map_range(self, keep: float) -> float:
         """Return the greatest distance that the map must resolve [m].
 
-        It is the clearance of paths at the typical speed and the oldest data, or more, in steps,
-        so that a map is valid for many control steps.
+        The distance is the clearance of paths at the typical speed and the oldest data, rounded
+        up, so that a map is valid for many control steps.
         """
         most = self._own.margin_growth * _TYPICAL_SPEED + _POSITION_DRIFT * _MAX_AGE
         usual = self._radius + self._own.margin + most + _PREFERRED_CLEARANCE
@@ -297,7 +249,7 @@ class ObstacleAvoidance(Guide):
     # --- path
 
     def _goal(self, view: _Perception, window: ReferenceWindow) -> _Goal:
-        """Return the point at which to rejoin the reference, or one nearer to it."""
+        """Return the point at which to rejoin the reference, or a nearer point."""
         ahead = Preview.of(window, view.start_ns)
         near = np.linalg.norm(ahead.p_W - view.p_W, axis=1) < self._search_range
         around = find_bypass(
@@ -341,9 +293,9 @@ class ObstacleAvoidance(Guide):
         return found
 
     def _extended(self, view: _Perception, path: _LocalPath, goal: _Goal) -> _LocalPath | None:
-        """Return the rest of a path, extended straight to the present goal.
+        """Return the rest of a path, extended straight to the current goal.
 
-        None if it is not clear. None near moving obstacles, for which search considers the time.
+        None if the path is not clear, and near moving obstacles, which need a timed search.
         """
         if goal.find_bypass is None or goal.find_bypass.leave > 0 or len(view.movers.keep) > 0:
             return None
@@ -388,7 +340,7 @@ class ObstacleAvoidance(Guide):
         )
 
     def _reference_after(self, view: _Perception, ahead: Preview, rejoin: int) -> Preview:
-        """Return the reference after the point of rejoining, as far as known and clear."""
+        """Return the reference after the rejoin point, as far as known and clear."""
         onward = ahead.p_W[rejoin + 1 : ahead.known]
         clear = view.map.are_clear(onward, view.keep + _SEARCH_MARGIN)
         clear &= np.linalg.norm(onward - view.p_W, axis=1) < self._search_range
@@ -441,9 +393,9 @@ class ObstacleAvoidance(Guide):
         return motion
 
     def _guide_position(self, view: _Perception) -> tuple[Array, Array]:
-        """Return the present position and velocity of the guide.
+        """Return the current position and velocity of the guide.
 
-        If the vehicle is too far away from the guide, they are those of the vehicle.
+        If the vehicle is too far away from the guide, the vehicle's values are returned.
         """
         if self._guide_state is not None:
             since = (view.start_ns - self._guide_state.start_ns) * 1e-9
@@ -480,10 +432,10 @@ class ObstacleAvoidance(Guide):
 
     def _shared(self, view: _Perception, own_W: Array) -> Shared | None:
         """Return the half-spaces between this vehicle's plan and its neighbours' plans."""
-        if self._neighbours is None:
+        if not self._own.neighbours:
             return None
         stamps_ns = [view.start_ns + round(1e9 * time) for time in self._times[1:]]
-        plans = self._neighbours.plans(stamps_ns)
+        plans = self._obstacles.plans(stamps_ns)
         if len(plans.p_W) == 0:
             return None
         drift = _PLAN_DRIFT * np.minimum(plans.age, _MAX_AGE)
@@ -534,7 +486,7 @@ def _compile() -> None:
 
 
 def _is_worse(path: _LocalPath, kept: _LocalPath) -> bool:
-    """Return whether a path is incomplete, or on another side without being clearly shorter."""
+    """Return whether a path is incomplete, or on another side and not clearly shorter."""
     if not path.complete:
         return True
     if path.length < kept.length - _MIN_IMPROVEMENT:

@@ -1,8 +1,8 @@
 """Selection of the points where the reference is left and rejoined around an obstacle.
 
-A straight reference is left at once and rejoined at the end of the known part. At a bend, that
-would cut the corner: it is left where a nearly straight segment past the obstacle begins, and
-rejoined at the end of that segment, or later if the vehicle cannot be there in time.
+A straight reference is left at once and rejoined at the end of the known part. At a bend, this
+would cut the corner: the reference is left where a nearly straight segment past the obstacle
+begins, and rejoined at the end of that segment, or later if the vehicle cannot arrive in time.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _MIN_STRAIGHTNESS = 0.9
 
 
 class Preview(NamedTuple):
-    """The reference from now on, extrapolated straight beyond the end of its window.
+    """The reference from now on, extrapolated linearly beyond the end of its window.
 
     Positions ``p_W`` (n, 3) [m], velocities ``v_W`` (n, 3) [m/s] and ``times`` (n,) [s] from now;
     the first ``known`` are in the window. ``acceleration`` [m/s^2] is the largest.
@@ -38,7 +38,7 @@ class Preview(NamedTuple):
 
     @staticmethod
     def of(window: ReferenceWindow, start_ns: int) -> Preview:
-        """Return the preview of a window from a time on, extrapolated unless it ends at rest."""
+        """Return the preview of a window from a time on, extrapolated from a moving end."""
         times = np.asarray(1e-9 * (window.offset_ns + (window.stamp_ns - start_ns)), float)
         first = min(max(int(np.searchsorted(times, 0.0, side="right")) - 1, 0), len(times) - 1)
         p_W, v_W = window.p_WB[first:].copy(), window.v_WB_W[first:].copy()
@@ -90,12 +90,12 @@ def find_bypass(
     speed_max: float,
     astray: bool,
 ) -> Bypass | None:
-    """Return where to leave and rejoin the reference; None if it cannot be rejoined.
+    """Return where to leave and rejoin the reference; None if rejoining is impossible.
 
     Args:
         ahead: The reference.
-        clear: Which of its positions (n,) are free of obstacles.
-        near: Which of its positions (n,) are within range.
+        clear: Whether the reference's positions (n,) are free of obstacles.
+        near: Whether the reference's positions (n,) are within range.
         speed_max: Speed limit of paths [m/s], unless the reference is faster at their end.
         astray: Whether the vehicle has already left the reference.
     """

@@ -1,4 +1,4 @@
-"""Points of clouds: scans that expire after a time, or a map that stays."""
+"""Points of clouds: scans that expire, or a permanent map."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MAX_SCAN_AGE = 1.0  # s before the newest odometry
 
 
 class Placement(NamedTuple):
-    """The transform from the points of a cloud to those of the world.
+    """The transform of cloud points to the world frame.
 
     ``pose`` of the cloud's frame and position ``body`` (3,) [m] of the vehicle are relative to
     ``origin`` (3,) [m].
@@ -60,9 +60,9 @@ class Clouds:
         return self._config.clouds == "map"
 
     def placement(self, cloud: PointCloud) -> Placement:
-        """Return the placement of a cloud. Raises ``ValueError`` if it cannot be used.
+        """Return the placement of a cloud. Raises ``ValueError`` for an unusable cloud.
 
-        The stamp of a scan must be at most a second before the newest odometry; that of a map is
+        The stamp of a scan must be at most a second before the newest odometry; stamps of maps are
         ignored.
         """
         newest_ns = self._frames.newest_ns
@@ -94,7 +94,7 @@ class Clouds:
         self.revision += 1
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Apply a reset of the estimate to all points: a map may be published only once."""
+        """Transform all points by an odometry jump: a map may be published only once."""
         points = reset.points(self._voxels.points + self.origin)
         self.origin = local_origin(reset.points(self.origin))
         self._voxels.move((points - self.origin).astype(np.float32))

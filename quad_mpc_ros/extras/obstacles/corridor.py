@@ -7,12 +7,12 @@ point q to the segment, with its foot f on the segment, defines the plane
 
     n = (q - f) / |q - f|,   n' p <= n' q - r
 
-where r is the distance to keep. Points behind n' q need no further plane; the next nearest point
-follows. The segment is inside if its distance to every point is r or more. Otherwise the plane
-is beyond the segment and pushes the plan back.
+where r is the distance to keep. Points behind n' q need no further plane; the next nearest
+remaining point follows. The segment is inside if its distance to every point is r or more.
+Otherwise the plane is beyond the segment and pushes the plan back.
 
-A stage has the planes of its own segment and of the next one, so that the straight line between
-two stages is in one convex region.
+A stage has the planes of its own segment and of the next segment, so that the straight line
+between two stages is in one convex region.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def _about(
     offsets: Array,
     distances: Array,
 ) -> int:
-    """Write the planes around a segment, the nearest first; return their number."""
+    """Write the planes around a segment, nearest first; return their number."""
     for k in range(len(points)):
         q = kernels.vector(points[k])
         d = kernels.plus(q, kernels.scaled(-1.0, _foot(q, segment)))

@@ -19,79 +19,72 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.configuration import UserError, files, ros_yaml
-from quad_mpc_ros.configuration.box import FARTHEST
 from quad_mpc_ros.configuration.errors import text_of
-from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.obstacles.surfaces import area
+from quad_mpc_ros.extras.yaml_entries import Entries
 from quad_mpc_ros.simulation.scene import Scene, Volume
 from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
 
 _SHAPE_KEYS = {"box": ("size",), "cylinder": ("radius", "height"), "sphere": ("radius",)}
 _COMMON_KEYS = ("shape", "position", "yaw", "velocity", "appears_at")
 _MAX_TOTAL_AREA = 20_000.0  # m^2: two million points
-_FILE_KEYS = ("obstacles", "volume")
 
 
 def read_scene(path: Path | str) -> Scene:
     """Return the scene in a file. Raises :class:`UserError` with the entry and expected value."""
-    content = ros_yaml.read_file(Path(path))
-    return scene_of(content, str(path))
+    return scene_of(ros_yaml.read_file(Path(path)), str(path))
 
 
 def scene_of_file(file: str) -> Scene:
-    """Return the scene in the file of a parameter; an empty scene if it is not set."""
+    """Return the scene in the file of a parameter; an empty scene if the parameter is not set."""
     return read_scene(files.expanded(file)) if file else Scene()
 
 
-def scene_of(content: object, where: str) -> Scene:
-    """Return the scene in the content of a file; ``where`` is the prefix of errors."""
+def scene_of(content: object, source: str) -> Scene:
+    """Return the scene in the content of a file; ``source`` is the prefix of errors."""
     if not isinstance(content, Mapping):
-        raise UserError(f"{where}: given {text_of(content)}, expected 'obstacles:' with a list")
-    _refuse_unknown(content, _FILE_KEYS, where)
-    entries = content.get("obstacles", [])
-    if not isinstance(entries, list):
-        raise UserError(f"{where}: obstacles: given {text_of(entries)}, expected a list")
-    shapes = [
-        _shape(entry, f"{where}: obstacle {number}") for number, entry in enumerate(entries, 1)
-    ]
+        raise UserError(f"{source}: given {text_of(content)}, expected 'obstacles:' with a list")
+    entries = Entries(source)
+    entries.check_keys("", content, ("obstacles", "volume"))
+    rows = content.get("obstacles", [])
+    if not isinstance(rows, list):
+        raise entries.error("obstacles", rows, "a list")
+    shapes = [_shape(entries, f"obstacles[{number}]", row) for number, row in enumerate(rows, 1)]
     whole = sum(area(shape) for shape in shapes)
     if whole > _MAX_TOTAL_AREA:
         raise UserError(
-            f"{where}: obstacles: given surfaces of {whole:.0f} m^2 in all, expected "
-            f"{_MAX_TOTAL_AREA:.0f} m^2 at most; leave out the ground and what is far away"
+            f"{source}: obstacles: given surfaces of {whole:.0f} m^2 in all, expected "
+            f"{_MAX_TOTAL_AREA:.0f} m^2 at most; omit the ground and distant obstacles"
         )
-    given = content.get("volume")
-    return Scene(shapes, None if given is None else _volume(given, f"{where}: volume"))
+    return Scene(shapes, _volume(entries, content["volume"]) if "volume" in content else None)
 
 
-def _shape(entry: object, where: str) -> Shape:
-    if not isinstance(entry, Mapping):
-        raise UserError(f"{where}: given {text_of(entry)}, expected {{shape: box, position: …}}")
-    kind = entry.get("shape")
+def _shape(entries: Entries, entry: str, given: Any) -> Shape:
+    if not isinstance(given, Mapping):
+        raise entries.error(entry, given, "{shape: box, position: …}")
+    kind = given.get("shape")
     if not isinstance(kind, str) or kind not in _SHAPE_KEYS:
-        raise UserError(
-            f"{where}: shape: given {text_of(kind)}, expected one of {', '.join(_SHAPE_KEYS)}"
-            f"{did_you_mean(str(kind), _SHAPE_KEYS)}"
-        )
-    _refuse_unknown(entry, (*_COMMON_KEYS, *_SHAPE_KEYS[kind]), where)
+        raise entries.error(f"{entry}.shape", kind, f"one of {', '.join(_SHAPE_KEYS)}")
+    entries.check_keys(entry, given, (*_COMMON_KEYS, *_SHAPE_KEYS[kind]))
     common: dict[str, Any] = {
-        "p_WO": _vector(entry, "position", where),
-        "R_WO": rotation_about_z(_number(entry, "yaw", where, default=0.0)),
-        "v_WO_W": _vector(entry, "velocity", where, default=(0.0, 0.0, 0.0)),
-        "appears_at": _number(entry, "appears_at", where, default=0.0, minimum=0.0),
+        "p_WO": entries.vector(f"{entry}.position", given.get("position")),
+        "R_WO": rotation_about_z(entries.number(f"{entry}.yaw", given.get("yaw", 0.0))),
+        "v_WO_W": entries.vector(f"{entry}.velocity", given.get("velocity", [0.0, 0.0, 0.0])),
+        "appears_at": entries.number(
+            f"{entry}.appears_at", given.get("appears_at", 0.0), least=0.0
+        ),
     }
     if kind == "box":
-        size = _vector(entry, "size", where)
+        size = entries.vector(f"{entry}.size", given.get("size"))
         if not (size > 0.0).all():
-            raise UserError(
-                f"{where}: size: given {text_of(entry['size'])}, expected 3 numbers > 0"
-            )
+            raise entries.error(f"{entry}.size", given["size"], "3 numbers > 0")
         return Box(size=size, **common)
-    radius = _number(entry, "radius", where, above=0.0)
+    radius = entries.number(f"{entry}.radius", given.get("radius"), above=0.0)
     if kind == "sphere":
         return Sphere(radius=radius, **common)
-    return Cylinder(radius=radius, height=_number(entry, "height", where, above=0.0), **common)
+    height = entries.number(f"{entry}.height", given.get("height"), above=0.0)
+    return Cylinder(radius=radius, height=height, **common)
 
 
 def rotation_about_z(yaw: float) -> Array:
@@ -100,60 +93,12 @@ def rotation_about_z(yaw: float) -> Array:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _volume(given: object, where: str) -> Volume:
-    if not isinstance(given, Mapping):
-        raise UserError(f"{where}: given {text_of(given)}, expected {{minimum: …, maximum: …}}")
-    _refuse_unknown(given, ("minimum", "maximum"), where)
-    minimum, maximum = (_vector(given, name, where) for name in ("minimum", "maximum"))
+def _volume(entries: Entries, given: Any) -> Volume:
+    entries.check_keys("volume", given, ("minimum", "maximum"))
+    minimum, maximum = (
+        entries.vector(f"volume.{name}", given.get(name)) for name in ("minimum", "maximum")
+    )
     if not (minimum < maximum).all():
-        raise UserError(
-            f"{where}: minimum: given {text_of(given['minimum'])}, expected 3 numbers below "
-            f"maximum {text_of(given['maximum'])}"
-        )
+        expected = f"3 numbers below maximum {text_of(given['maximum'])}"
+        raise entries.error("volume.minimum", given["minimum"], expected)
     return Volume(minimum=minimum, maximum=maximum)
-
-
-def _refuse_unknown(given: Mapping[Any, Any], known: tuple[str, ...], where: str) -> None:
-    for name in given:
-        if name not in known:
-            raise UserError(
-                f"{where}: given {text_of(name)}, expected {', '.join(known)}"
-                f"{did_you_mean(str(name), known)}"
-            )
-
-
-def _vector(
-    given: Mapping[Any, Any], name: str, where: str, *, default: tuple[float, ...] | None = None
-) -> Array:
-    value = given.get(name, default)
-    usable = isinstance(value, list | tuple) and len(value) == 3 and all(map(_usable, value))
-    if not usable:
-        raise UserError(f"{where}: {name}: {_given(given, name)}, expected 3 numbers")
-    return np.array(value, dtype=np.float64)
-
-
-def _number(
-    given: Mapping[Any, Any],
-    name: str,
-    where: str,
-    *,
-    default: float | None = None,
-    above: float = -math.inf,
-    minimum: float = -math.inf,
-) -> float:
-    value = given.get(name, default)
-    if not (_usable(value) and value > above and value >= minimum):
-        bound = f" > {above:g}" if above > -math.inf else ""
-        bound += f" >= {minimum:g}" if minimum > -math.inf else ""
-        raise UserError(f"{where}: {name}: {_given(given, name)}, expected a number{bound}")
-    return float(value)
-
-
-def _given(given: Mapping[Any, Any], name: str) -> str:
-    return f"given {text_of(given[name])}" if name in given else "given none"
-
-
-def _usable(value: object) -> bool:
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        return False
-    return abs(value) <= FARTHEST  # NaN compares with nothing

@@ -64,7 +64,7 @@ class Frames:
         self._body = ""
 
     def receive_odometry(self, odometry: OdometrySample) -> None:
-        """Receive an odometry; ignore an invalid one; restart if the clock was set back."""
+        """Receive an odometry; ignore invalid odometry; restart if the clock was set back."""
         if odometry_fault(odometry, frame_id=self._frame_id) is not None:
             return
         stamp_ns, poses = odometry.stamp_ns, self._poses
@@ -78,7 +78,7 @@ class Frames:
         self._body = odometry.child_frame_id.lstrip("/")
 
     def receive_transform(self, transform: Transform) -> None:
-        """Receive a transform. Raises ``ValueError`` if it is invalid.
+        """Receive a transform. Raises ``ValueError`` for an invalid transform.
 
         The newest transform of each frame is used, because sensor mounts are static.
         """
@@ -99,11 +99,11 @@ class Frames:
         return _body_pose(self._poses, stamp_ns)
 
     def forget_poses(self) -> None:
-        """Discard all poses of the body: the odometry's frame has moved."""
+        """Discard all poses of the body: the odometry frame has jumped."""
         self._poses.clear()
 
     def pose(self, frame_id: str, stamp_ns: int) -> Pose:
-        """Return the pose of a frame in the odometry's at a stamp.
+        """Return the pose of a frame in the odometry frame at a stamp.
 
         Raises:
             ValueError: The frame, or the body's pose at that time, is unknown.
@@ -123,7 +123,7 @@ class Frames:
 def _chain(name: str, links: dict[str, Transform], *, until: str) -> Iterator[tuple[str, Pose]]:
     """Yield a frame and its ancestors, each with the pose of the first frame in it.
 
-    The chain ends at the body, whose pose is that of the odometry.
+    The chain ends at the body, whose pose is the odometry's.
     """
     pose = _IDENTITY
     for _ in range(_MAX_CHAIN_LENGTH):

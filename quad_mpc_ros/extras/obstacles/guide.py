@@ -1,9 +1,9 @@
 """The guide: a point mass that follows a path in time, and the resulting window.
 
 The point mass starts with the vehicle's state and steers towards a point ahead on the path (pure
-pursuit: Coulter, "Implementation of the pure pursuit path tracking algorithm", 1992). Its
-acceleration is bounded, and its speed is slow enough for bends and for the end of the path. So the
-vehicle can fly the window from its present state.
+pursuit: Coulter, "Implementation of the pure pursuit path tracking algorithm", 1992). The
+acceleration is bounded, and the speed is low enough for bends and for the end of the path. So the
+vehicle can fly the window from its current state.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ def _steer(
 class GuideMotion(NamedTuple):
     """Motion of the guide: positions and velocities (m, 3), and index on the path (m,).
 
-    The first ``before`` samples precede the path, and have an index each.
+    The first ``before`` samples precede the path and have separate indices.
     """
 
     p_W: Array

@@ -3,31 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.obstacles.local_map import LocalMap
+from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 
 _MAX_REUSE_DISTANCE = 1.0  # m, to the centre of a map
 _STALE_DISTANCE = 2.0  # m, to the centre of a map while another one is built
-
-
-class StaticPoints(Protocol):
-    """Points of static obstacles, in the frame of the odometry."""
-
-    @property
-    def revision(self) -> int:
-        """A number that changes with the result of :meth:`points`."""
-        ...
-
-    def points(self, stamp_ns: int, *, near: Array, radius: float) -> Array:
-        """Return the points (n, 3) [m] within a ``radius`` of a position ``near``.
-
-        It may also return points further away; they are thinned out later.
-        """
-        ...
 
 
 class _MapRequest(NamedTuple):
@@ -42,16 +27,16 @@ class _MapRequest(NamedTuple):
 class LocalMapProvider:
     """Provides a :class:`.local_map.LocalMap` of static obstacles around the vehicle.
 
-    A map is valid until the obstacles or the requested range change, or the vehicle has moved by
-    a metre. Then :meth:`at` builds the next one. With a ``wake``, :meth:`at` calls it and returns
+    A map is valid until the obstacles or the requested range change, or the vehicle has moved by a
+    metre. Then :meth:`at` builds the next map. With a ``wake``, :meth:`at` calls it and returns
     the previous map, up to two metres away, until another thread has called :meth:`update_map`.
     That thread also computes the grid if paths are searched.
     """
 
-    def __init__(self, static: StaticPoints) -> None:
-        self._static = static
+    def __init__(self, obstacles: ObstacleWorld) -> None:
+        self._obstacles = obstacles
         self._map: LocalMap | None = None
-        self._oldest_revision = static.revision  # older maps are in other coordinates
+        self._oldest_revision = obstacles.revision  # older maps are in other coordinates
         self._request: _MapRequest | None = None
         self.wake: Callable[[], None] | None = None
         """Called in the control step if a new map is required."""
@@ -79,19 +64,19 @@ class LocalMapProvider:
 
         A map that another thread is building from an earlier revision is not used.
         """
-        self._map, self._oldest_revision = None, self._static.revision
+        self._map, self._oldest_revision = None, self._obstacles.revision
 
     def _is_valid_for(self, local: LocalMap, request: _MapRequest) -> bool:
         return (
-            local.revision == self._static.revision
+            local.revision == self._obstacles.revision
             and local.radius == request.radius
             and local.far >= request.far
             and _moved(local, request.p_W) < _MAX_REUSE_DISTANCE
         )
 
     def _build(self, request: _MapRequest, *, with_grid: bool = False) -> LocalMap:
-        revision = self._static.revision
-        points = self._static.points(request.stamp_ns, near=request.p_W, radius=request.radius)
+        revision = self._obstacles.revision
+        points = self._obstacles.points(request.stamp_ns, near=request.p_W, radius=request.radius)
         built = LocalMap(
             points, centre=request.p_W, radius=request.radius, far=request.far, revision=revision
         )

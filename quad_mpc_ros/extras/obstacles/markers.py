@@ -74,10 +74,10 @@ class _TrackedMarker(NamedTuple):
 
 
 class Markers:
-    """The present markers, by namespace and number.
+    """The current markers, by namespace and number.
 
-    A marker that is received at another position moves: it is predicted for a second with its
-    speed between two messages, and then stays there until the next message or its expiry.
+    A marker that is received at another position moves: its position is predicted for a second
+    with the speed between two messages, and then held until the next message or the expiry.
     """
 
     def __init__(self, frames: Frames, *, spacing: float) -> None:
@@ -91,7 +91,7 @@ class Markers:
     def receive(self, markers: Sequence[Marker]) -> None:
         """Receive an array of markers.
 
-        Unusable markers are skipped; then it raises ``ValueError`` with the first reason.
+        Unusable markers are skipped, then ``ValueError`` is raised with the first reason.
         """
         refused = None
         for marker in markers:
@@ -108,7 +108,7 @@ class Markers:
         self.revision += 1
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Apply a reset of the estimate to all markers."""
+        """Transform all markers by an odometry jump."""
         for name, known in self._tracked.items():
             shape = known.shape
             if shape is not None:
@@ -128,18 +128,13 @@ class Markers:
             del self._tracked[name]
         self.revision += len(ended)
 
-    def shapes(self, stamp_ns: int) -> list[Shape]:
-        """Return the shapes at their predicted positions at a time."""
-        bodies = (known.body_at(stamp_ns) for known in self._tracked.values())
-        return [body for body in bodies if body is not None]
-
     @property
     def static_points(self) -> list[Array]:
         """Points (n, 3) [m] on the surfaces of static markers."""
         return [known.points for known in self._tracked.values() if len(known.points)]
 
     def moving(self, stamp_ns: int) -> list[MovingShape]:
-        """Return what moves, where it is predicted to be at a time."""
+        """Return the moving shapes at their predicted positions at a time."""
         return [
             MovingShape(body, known.stamp_ns, known.number)
             for known in self._tracked.values()
@@ -196,13 +191,13 @@ class Markers:
         if count > _MAX_POINTS:
             raise ValueError(
                 f"{_named(marker)} with {len(centres)} elements and {count} points on their "
-                f"surfaces, expected {_MAX_POINTS} at most: publish those near the vehicle, or "
-                "their centres as a cloud"
+                f"surfaces, expected {_MAX_POINTS} at most: publish only elements near the "
+                "vehicle, or the centres as a cloud"
             )
         return (centres[:, None] + surface).reshape(-1, 3)
 
     def _with_speed(self, shape: Shape, marker: Marker, stamp_ns: int) -> Shape:
-        """Return the shape with its speed since the last message, if it is the same object."""
+        """Return the shape with its speed since the last message, for an unchanged object."""
         before = self._tracked.get(marker.name)
         if before is None or before.shape is None or type(before.shape) is not type(shape):
             return shape
@@ -256,13 +251,13 @@ def _check(marker: Marker) -> None:
             f"scale beyond {_MAX_SCALE:g} m"
         )
     if not (marker.scale > 0.0).all():
-        raise ValueError(f"{_named(marker)} of scale {marker.scale.tolist()}, expected 3 above 0")
+        raise ValueError(f"{_named(marker)} scale {marker.scale.tolist()}, expected 3 above 0")
     if not abs(float(np.linalg.norm(marker.q_xyzw)) - 1.0) < _UNIT_TOLERANCE:
-        raise ValueError(f"{_named(marker)} whose orientation is no unit quaternion")
+        raise ValueError(f"{_named(marker)} whose orientation is not a unit quaternion")
 
 
 def _shape(marker: Marker, placed: Pose) -> Shape:
-    """Return the shape of a marker; for flattened spheres and cylinders a round bound."""
+    """Return the shape of a marker; round bounds of flattened spheres and cylinders."""
     kind = _ELEMENT_TYPES.get(marker.kind, marker.kind)
     x, y, z = marker.scale.tolist()
     if kind == CUBE:

@@ -10,6 +10,25 @@ from numpy.typing import NDArray
 from quad_mpc_ros.control.lie import Array
 
 
+class MovingPoints(NamedTuple):
+    """Points on moving surfaces: ``p_W`` (n, 3) [m] at the requested time, ``v_W`` [m/s].
+
+    ``body`` (n,) is the number of the body, which is passed on one side; ``age`` (n,) [s] is the
+    age of the last message.
+    """
+
+    p_W: Array
+    v_W: Array
+    body: NDArray[np.int64]
+    age: Array
+
+    @staticmethod
+    def none() -> MovingPoints:
+        """Return no points."""
+        empty = np.zeros((0, 3))
+        return MovingPoints(empty, empty, np.zeros(0, np.int64), np.zeros(0))
+
+
 class Movers(NamedTuple):
     """Moving balls: ``p_W`` (m, 3) now, ``v_W`` (m, 3), and the distance to keep from each.
 
@@ -50,9 +69,9 @@ class Movers(NamedTuple):
     def write_half_spaces(
         self, times: Array, places: Array, *, normals: Array, offsets: Array
     ) -> int:
-        """Write a half-space for each body, the nearest first, and return their number.
+        """Write a half-space for each body, nearest first, and return their number.
 
-        At each time (n,) the plane is before the body's ball nearest to the guide's place (n, 3):
+        At each time (n,) the plane touches the body's ball nearest to the guide's position (n, 3):
         ``normals`` (n, K, 3), ``offsets`` (n, K). At most half of the K rows are written.
         """
         if len(self.keep) == 0:

@@ -41,7 +41,7 @@ class _State(NamedTuple):
 class Neighbour:
     """Another vehicle, with its odometry and plan.
 
-    It follows its plan; beyond the plan, or without a plan, it keeps its velocity.
+    The vehicle follows its plan; beyond the plan, or without a plan, its velocity is constant.
     """
 
     def __init__(self, frame_id: str) -> None:
@@ -50,14 +50,14 @@ class Neighbour:
         self._state: _State | None = None
 
     def receive_odometry(self, odometry: OdometrySample) -> None:
-        """Receive its odometry. Raises ``ValueError`` if invalid or in another frame."""
+        """Receive the vehicle's odometry. Raises ``ValueError`` if invalid or in another frame."""
         if fault := odometry_fault(odometry, frame_id=self._frame_id):
             raise ValueError(fault)
         velocity = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw) @ odometry.v_WB_B
         self._state = _State(odometry.stamp_ns, odometry.p_WB, velocity)
 
     def receive_plan(self, path: TimedPath) -> None:
-        """Receive its plan. Raises ``ValueError`` if invalid or in another frame."""
+        """Receive the vehicle's plan. Raises ``ValueError`` if invalid or in another frame."""
         times_ns, p = path.times_ns, path.p
         if path.frame_id.lstrip("/") != self._frame_id:
             raise ValueError(f"a plan in '{path.frame_id}', expected '{self._frame_id}'")
@@ -69,7 +69,7 @@ class Neighbour:
         self._plan = _Plan(times_ns, p, path.stamp_ns)
 
     def at(self, stamps_ns: Sequence[int], *, now_ns: int) -> NeighbourPositions | None:
-        """Return its predicted positions at times; None without a recent message."""
+        """Return the vehicle's predicted positions at times; None without a recent message."""
         plan, state = self._plan, self._state
         stamps = [each.stamp_ns for each in (plan, state) if each is not None]
         received_ns = max(stamps, default=None)

@@ -25,7 +25,7 @@ _CLIMB_COST_FACTOR = 1.5
 class Grid(NamedTuple):
     """Distances (nx, ny, nz) [m] from cell centres to the nearest point, at most ``far``.
 
-    They have single precision. ``origin`` (3,) is the centre of the first cell, ``cell`` the
+    Distances have single precision. ``origin`` (3,) is the centre of the first cell, ``cell`` the
     width of a cell [m].
     """
 
@@ -46,7 +46,7 @@ class Grid(NamedTuple):
 class SearchBuffers(NamedTuple):
     """Buffers of a search for each cell, reused because allocation takes longer.
 
-    Cost and length of the path to the cell, the preceding cell, and whether these are final.
+    Cost and length of the path to the cell, the preceding cell, and whether they are final.
     """
 
     cost: Array
@@ -158,9 +158,9 @@ def search(
 ) -> tuple[NDArray[np.float64], bool]:
     """Return a path (n, 3) of cells, and whether it reaches the goal.
 
-    The path keeps the distance ``keep`` from points and from balls that move while it is flown
-    at ``speed``, and stays above ``floor``. From a start with less distance it first leads away.
-    If the goal is unreachable, it ends near the goal, rather in front than behind.
+    The path keeps the distance ``keep`` from points and from balls that move while it is flown at
+    ``speed``, and stays above ``floor``. From a closer start the path first leads away from
+    obstacles. If the goal is unreachable, the path ends near the goal, preferably in front.
     """
     nx, ny, nz = grid.distances.shape
     start_cell, goal_cell = _cell_of(grid, start), _cell_of(grid, goal)

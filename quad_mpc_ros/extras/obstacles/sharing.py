@@ -1,11 +1,11 @@
 """Separation of vehicles that share their plans, by a plane at each stage.
 
 At each stage the plane is half way between the two plans, perpendicular to the line between them
-but turned about the vertical. Both vehicles have the same plans and turn the plane alike, so each
+but turned about the vertical. Both vehicles know both plans and turn the plane equally, so each
 evades to its right, and a symmetric encounter does not block. Heights have a lower weight in
-distances because of downwash: ellipsoids longer in z
-(Luis, Vukosavljev, Schoellig, "Online trajectory generation with distributed model predictive
-control for multi-robot motion planning", RA-L 2020). With n of unit length in scaled space,
+distances because of downwash: ellipsoids longer in z (Luis, Vukosavljev, Schoellig, "Online
+trajectory generation with distributed model predictive control for multi-robot motion planning",
+RA-L 2020). With n of unit length in scaled space,
 
     n' p_i <= n' (p_i + q_i) / 2 - d / 2      n' q_i >= n' (p_i + q_i) / 2 + d / 2
 
@@ -15,8 +15,7 @@ so that the scaled distance is at least d if both vehicles stay on their side.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,16 +32,8 @@ class Plans(NamedTuple):
     age: Array
 
 
-class Neighbours(Protocol):
-    """Other vehicles, in the frame of the odometry."""
-
-    def plans(self, stamps_ns: Sequence[int]) -> Plans:
-        """Return the planned positions of neighbours with a recent message at times [ns]."""
-        ...
-
-
 class Shared(NamedTuple):
-    """Half-spaces (n, m, 3) and (n, m) of m neighbours, the nearest first."""
+    """Half-spaces (n, m, 3) and (n, m) of m neighbours, nearest first."""
 
     normals: Array
     offsets: Array

@@ -110,9 +110,7 @@ def scan(
     if not ends.any():
         return None
     points = (_RAYS[ends] * lengths[ends, None]).astype(np.float32)
-    return PointCloud(
-        stamp_ns=truth.stamp_ns, frame_id=truth.child_frame_id, p_SQ=points, given=len(_RAYS)
-    )
+    return PointCloud(stamp_ns=truth.stamp_ns, frame_id=truth.child_frame_id, p_SQ=points)
 
 
 def _towards(shape: Shape, p_WC: Array, rays_W: Array) -> NDArray[np.intp]:

@@ -27,7 +27,7 @@ def area(shape: Shape) -> float:
 def surface_points(shape: Shape, spacing: float) -> Array:
     """Return about :func:`area` / ``spacing``^2 points (n, 3) [m] on a surface at time 0.
 
-    Every point of the surface is within ``spacing`` / sqrt(2) [m] of one of them.
+    Every point of the surface is within ``spacing`` / sqrt(2) [m] of a sample.
     """
     if isinstance(shape, Box):
         points = _on_box(shape, spacing)
@@ -42,7 +42,7 @@ def surface_points(shape: Shape, spacing: float) -> Array:
 def wall_points(volume: Volume, spacing: float, *, near: Array, radius: float) -> Array:
     """Return points (n, 3) [m] on walls and ceiling within a cube around a position (3,).
 
-    Also on the floor if it is above 0; a vehicle may stand on ground at height 0 or below.
+    Also on a floor above 0; a vehicle may stand on ground at height 0 or below.
     """
     low = np.maximum(volume.minimum, near - radius)
     high = np.minimum(volume.maximum, near + radius)
@@ -94,7 +94,7 @@ def _grid(x: Array, y: Array, z: Array) -> Array:
 
 
 def _circle(radius: float, spacing: float) -> Array:
-    """Return points (n, 2) on a circle, one for a radius of 0."""
+    """Return points (n, 2) on a circle, one point for a radius of 0."""
     count = math.ceil(2.0 * math.pi * radius / spacing)
     if count < 2:
         return np.zeros((1, 2))

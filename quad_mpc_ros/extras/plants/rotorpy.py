@@ -1,8 +1,8 @@
 """The multirotor of rotorpy as a plant: independent motors, aerodynamics and rate loop.
 
 S. Folk, J. Paulos, V. Kumar, "RotorPy: A Python-based Multirotor Simulator with Aerodynamics for
-Education and Research", 2023, https://github.com/spencerfolk/rotorpy. Its frames are ours: world
-z up, body FLU, quaternions x, y, z, w of body to world.
+Education and Research", 2023, https://github.com/spencerfolk/rotorpy. rotorpy has the frames of
+this package: world z up, body FLU, quaternions x, y, z, w of body to world.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from quad_mpc_ros.control.model.state import Input, State, odometry_from_state
 from quad_mpc_ros.simulation.optional_plants import RotorpyParameters
 from quad_mpc_ros.simulation.plant import DelayedPlant
 
-# The rate loop of rotorpy runs once a step; below 500 Hz it is not that of a real vehicle.
+# The rate loop of rotorpy runs once per step; below 500 Hz it would be unrealistic.
 _MAX_STEP = 0.002
 _INTEGRATOR = {"method": "RK45", "rtol": 1e-6, "atol": 1e-9}
 
@@ -28,9 +28,8 @@ _INTEGRATOR = {"method": "RK45", "rtol": 1e-6, "atol": 1e-9}
 class RotorpyPlant(DelayedPlant):
     """AscTec Hummingbird of rotorpy, commanded by collective thrust and body rates (``cmd_ctbr``).
 
-    Its inertia, rotors, motor lag and aerodynamics are rotorpy's; mass and gravity are the
-    parameters'. The throttle becomes the thrust to command by the parameters' thrust curve, as
-    in an autopilot's mixer. Wind, gusts and command delay are those of every plant.
+    Inertia, rotors, motor lag and aerodynamics are rotorpy's; mass and gravity are configured. The
+    configured thrust curve converts the throttle to a thrust, like the mixer of an autopilot.
     """
 
     def __init__(self, config: RotorpyParameters) -> None:
@@ -93,7 +92,7 @@ class RotorpyPlant(DelayedPlant):
 
 
 def _multirotor(config: RotorpyParameters, *, mass: float) -> Any:
-    """Return rotorpy's vehicle; raises :class:`UserError` when rotorpy is not installed."""
+    """Return rotorpy's vehicle; raises :class:`UserError` if rotorpy is not installed."""
     try:
         multirotor = importlib.import_module("rotorpy.vehicles.multirotor")
         hummingbird = importlib.import_module("rotorpy.vehicles.hummingbird_params")

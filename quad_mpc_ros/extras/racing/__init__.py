@@ -1,4 +1,4 @@
-"""Races through gates: courses, gate passages, time-optimal plans, moving gates.
+"""Races through gates: courses, gate passages, time-optimal plans.
 
 May import the libraries and ``control``. Enabled with ``--gates``, ``*.gates``, ``quad_mpc plan``.
 """

@@ -1,9 +1,9 @@
 """Times and misses of the gate passages of a flown path.
 
-A planar gate is passed where the path crosses its plane in the gate's direction, a ball where the
-path is nearest to its centre. A course may have a gate several times and a path may cross a plane
-elsewhere, so the passages of all gates are chosen together, in the order of the course: as many
-as possible through the openings, then as early as possible.
+A planar gate is passed where the path crosses its plane in the gate's direction, a ball at the
+point of the path nearest to its centre. A course may contain a gate several times and a path may
+cross a plane elsewhere, so the passages of all gates are chosen together, in the order of the
+course: as many as possible through the openings, then as early as possible.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Passage:
     """Passage of a gate.
 
     Attributes:
-        time: Time [s]; None if the path never passes.
+        time: Time of the passage [s]; None if the path never passes.
         miss: Distance from the centre, in the plane of a planar gate [m].
         passed: Whether the vehicle's centre went through the opening.
         clipped: Whether the edge was nearer than the vehicle's radius, on either side; false for a
@@ -68,7 +68,7 @@ class MovedGates:
     def offsets(self, number: int, p_WB: Array) -> tuple[Array, Array]:
         """Return the offsets of a path (n, 3) from a gate before and after each step.
 
-        (n - 1, 3) [m] each, in the axes of the gate, or of the world for a ball, held per step.
+        (n - 1, 3) [m] each, in gate axes, or in world axes for a ball, constant per step.
         """
         gates = [course.gates[number] for course in self.courses]
         held = self.held[:-1]
@@ -160,7 +160,7 @@ def _nearest(
 
 
 def _least_of_each_visit(miss: Array, tolerance: float) -> NDArray[np.int64]:
-    """Return local minima of a distance (n,), inside the tolerance one for each visit."""
+    """Return local minima of a distance (n,), one per visit inside the tolerance."""
     around = np.pad(miss, 1, constant_values=np.inf)
     least = np.flatnonzero((miss <= around[:-2]) & (miss < around[2:]))
     left = np.cumsum(miss > tolerance)  # constant during a visit
@@ -174,7 +174,7 @@ def _least_of_each_visit(miss: Array, tolerance: float) -> NDArray[np.int64]:
 
 
 def _in_order(found: list[list[Passage]]) -> tuple[Passage, ...]:
-    """Return one passage of each gate with increasing times at the least total cost.
+    """Return one passage of each gate with increasing times at the lowest total cost.
 
     Dynamic programming over the gates; dominated chains are dropped.
     """

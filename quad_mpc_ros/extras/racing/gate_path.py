@@ -13,7 +13,7 @@ from quad_mpc_ros.extras.racing.gate_passages import Lap, passages
 from quad_mpc_ros.extras.racing.gates import read_course
 from quad_mpc_ros.references.course import Course
 from quad_mpc_ros.references.gate_parameters import GateParameters
-from quad_mpc_ros.references.minimum_snap import End, minimum_snap_onward, minimum_snap_path
+from quad_mpc_ros.references.minimum_snap import minimum_snap_path
 from quad_mpc_ros.references.motion_table import PlannedMotion
 from quad_mpc_ros.references.path import Path, SplinePath
 from quad_mpc_ros.references.point_table import csv_path
@@ -28,12 +28,12 @@ _MAX_INTERMEDIATE_POINTS = 3  # points on the line between two gates
 def gates_path(config: GateParameters) -> Path | PlannedMotion:
     """Return the plan in ``file``, or the smooth path through the gates.
 
-    Raises :class:`UserError` for an invalid course, or a plan that does not pass it.
+    Raises :class:`UserError` for an invalid course, or a plan that does not pass the course.
     """
     course = configured_course(config)
     if course is None:
         raise ConfigurationError(
-            f"{config.owner}.gates", config.gates, "the file of a course of gates to fly"
+            f"{config.owner}.gates", config.gates, "a file of gates to fly through"
         )
     if config.file:
         plan = csv_path(dataclasses.replace(config, origin=(0.0, 0.0)))  # in the course's frame
@@ -49,24 +49,18 @@ def configured_course(config: GateParameters) -> Course | None:
     return read_course(config.gates) if config.gates else None
 
 
-def smooth_path(
-    course: Course, *, max_speed: float, max_acceleration: float, start: End | None = None
-) -> SplinePath:
-    """Return a minimum-snap path through the centres of all gates, which ends at rest.
-
-    It starts at rest, or with the motion ``start``, at the start of the course.
+def smooth_path(course: Course, *, max_speed: float, max_acceleration: float) -> SplinePath:
+    """Return a minimum-snap path through the centres of all gates, from rest to rest.
 
     A gate that would be passed in the wrong direction gets waypoints before and behind it. A leg
-    that is too low gets waypoints on the line between its gates. Raises :class:`UserError` if a
-    gate is still missed.
+    that is too low gets waypoints on the line between its gates. Raises :class:`UserError` if the
+    path still misses a gate.
     """
     waypoints = _Waypoints(course)
-    limits = {"max_speed": max_speed, "max_acceleration": max_acceleration}
     while True:
-        if start is None:
-            path = minimum_snap_path(waypoints.points(), **limits)
-        else:
-            path = minimum_snap_onward(waypoints.points(), start, **limits)
+        path = minimum_snap_path(
+            waypoints.points(), max_speed=max_speed, max_acceleration=max_acceleration
+        )
         seconds = np.linspace(0.0, path.duration, 2 + round(path.duration / _SAMPLE_PERIOD))
         p_WB = path.at(seconds).p_WB
         lap = passages(course, seconds=seconds, p_WB=p_WB)
@@ -75,14 +69,14 @@ def smooth_path(
     for number, passage in zip(course.numbers, lap.passages, strict=True):
         if not passage.passed:
             raise UserError(
-                f"{course.source}: gates[{number}]: no smooth path passes it in its direction; "
-                "turn it, or plan the course: quad_mpc plan"
+                f"{course.source}: gates[{number}]: no smooth path passes this gate in its "
+                "direction; turn the gate, or plan the race: quad_mpc plan"
             )
     return path
 
 
 class _Waypoints:
-    """The waypoints of a smooth path through a course, increased as needed."""
+    """The waypoints of a smooth path through a course, with more waypoints as needed."""
 
     def __init__(self, course: Course) -> None:
         self._course = course
@@ -91,7 +85,7 @@ class _Waypoints:
         self._lowest = min(_MIN_HEIGHT, *(_HEIGHT_RATIO * place[2] for place in course.places()))
 
     def improve(self, lap: Lap, *, seconds: Array, height: Array) -> bool:
-        """Add waypoints where a path misses a gate or is too low; return whether it did so."""
+        """Add waypoints where a path misses a gate or is too low; return whether any was added."""
         before = [*self._straight], [*self._between]
         for i, passage in enumerate(lap.passages):
             if not passage.passed and self._course.gates[i].R_WG is not None:
@@ -144,5 +138,5 @@ def _check_passes(plan: Path | PlannedMotion, course: Course, config: GateParame
             raise ConfigurationError(
                 f"{config.owner}.file",
                 config.file,
-                f"a plan through {course.source}: it does not pass gates[{number}]; plan it again",
+                f"a plan through {course.source}; it misses gates[{number}]: plan again",
             )

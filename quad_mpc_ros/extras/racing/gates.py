@@ -12,13 +12,13 @@ A course is YAML, in the world (ENU, m, rad)::
       - {position: [9.2, -4.0, 1.2], quaternion: [x, y, z, w], tolerance: 1.0}
 
 ``yaw`` is the heading of the passage. A ``quaternion`` rotates the gate's axes to the world: x
-through the gate, y across, z up. A gate with either is an opening in a plane: a rectangle, or with
-``tolerance`` a circle. A gate without is a ball that the vehicle's centre must touch.
+through the gate, y across, z up. With yaw or quaternion a gate is a planar opening: a rectangle,
+or with ``tolerance`` a circle. Without orientation it is a ball that the vehicle's centre must
+touch.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -27,10 +27,9 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.configuration import UserError, files, ros_yaml
-from quad_mpc_ros.configuration.box import FARTHEST
 from quad_mpc_ros.configuration.errors import text_of
-from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.extras.yaml_entries import Entries
 from quad_mpc_ros.references.course import OFF_UNIT, Course, Finish, Gate
 
 _MIN_GATES, _MAX_GATES = 2, 100  # passages of gates
@@ -55,7 +54,7 @@ def read_course(given: str | Path) -> Course:
 
 
 def course_text(given: str | Path) -> str:
-    """Return a course as one line of text, for a parameter. Raises as :func:`read_course`."""
+    """Return a course as one line of text, for a parameter. Raises like :func:`read_course`."""
     content, source = _content(str(given))
     course_from(content, source=source)
     text = ros_yaml.written(dict(content), default_flow_style=True, width=math.inf)
@@ -91,13 +90,13 @@ def _content(given: str) -> tuple[Mapping[Any, Any], str]:
 
 def course_from(content: Mapping[Any, Any], *, source: str = "gates") -> Course:
     """Return the course in a file's content; ``source`` is the prefix of errors."""
-    entries = _Entries(source)
+    entries = Entries(source)
     entries.check_keys("", content, _COURSE_KEYS)
     rows = content.get("gates")
     if not isinstance(rows, Sequence) or isinstance(rows, str) or not rows:
         raise entries.error("gates", rows, "a list of gates")
     gates = [_gate(entries, f"gates[{number}]", row) for number, row in enumerate(rows, start=1)]
-    laps = entries.whole("laps", content.get("laps", 1), least=1)
+    laps = entries.whole("laps", content.get("laps", 1), least=1, most=_MAX_GATES)
     order = content.get("order", list(range(1, len(gates) + 1)))
     if not isinstance(order, Sequence) or isinstance(order, str) or not order:
         raise entries.error("order", order, f"numbers of gates from 1 to {len(gates)}")
@@ -115,85 +114,38 @@ def course_from(content: Mapping[Any, Any], *, source: str = "gates") -> Course:
         numbers=tuple(numbers),
         end=_end(entries, content["end"]) if content.get("end") is not None else None,
     )
-    _check_apart(entries, gates)
     _check_headings(entries, course)
     return course
 
 
-class _Entries:
-    """Reads and validates the entries of a file."""
-
-    def __init__(self, source: str) -> None:
-        self._source = source
-
-    def error(self, entry: str, given: object, expected: str) -> UserError:
-        """Return the error for an entry."""
-        return UserError(f"{self._source}: {entry}: given {text_of(given)}, expected {expected}")
-
-    def check_keys(self, entry: str, given: Any, known: Sequence[str]) -> None:
-        """Reject other types than a mapping, and unknown keys."""
-        if not isinstance(given, Mapping):
-            raise self.error(entry, given, f"{', '.join(known)}")
-        for key in given:
-            if key not in known:
-                name = f"{entry}.{key}" if entry else str(key)
-                raise UserError(
-                    f"{self._source}: {name}: unknown{did_you_mean(str(key), known)}, "
-                    f"expected {', '.join(known)}"
-                )
-
-    def number(self, entry: str, given: Any, *, above: float, most: float) -> float:
-        """Return a number > ``above`` and <= ``most``."""
-        fits = isinstance(given, int | float) and not isinstance(given, bool)
-        if not (fits and above < given <= most):  # false for NaN
-            raise self.error(entry, given, f"a number > {above:g} and <= {most:g}")
-        return float(given)
-
-    def whole(self, entry: str, given: Any, *, least: int, most: int = _MAX_GATES) -> int:
-        """Return an integer within limits."""
-        if not isinstance(given, int) or isinstance(given, bool) or not least <= given <= most:
-            raise self.error(entry, given, f"a whole number from {least} to {most}")
-        return given
-
-    def vector(self, entry: str, given: Any, *, size: int) -> Array:
-        """Return finite numbers (size,)."""
-        numbers = given if isinstance(given, list | tuple) else ()
-        fits = len(numbers) == size and all(
-            isinstance(each, int | float) and not isinstance(each, bool) and abs(each) <= FARTHEST
-            for each in numbers
-        )
-        if not fits:
-            raise self.error(entry, given, f"{size} numbers from -{FARTHEST:g} to {FARTHEST:g}")
-        return np.array(numbers, dtype=np.float64)
-
-    def place(self, entry: str, given: Any) -> Array:
-        """Return a position (3,) [m] that is not below the ground."""
-        found = self.vector(entry, given, size=3)
-        if found[2] < 0.0:
-            raise self.error(entry, given, "a position above the ground, z >= 0")
-        return found
+def _place(entries: Entries, entry: str, given: Any) -> Array:
+    """Return a position (3,) [m] not below the ground."""
+    found = entries.vector(entry, given)
+    if found[2] < 0.0:
+        raise entries.error(entry, given, "a position above the ground, z >= 0")
+    return found
 
 
-def _start(entries: _Entries, given: Any) -> tuple[Array, float]:
+def _start(entries: Entries, given: Any) -> tuple[Array, float]:
     if isinstance(given, Mapping):
         entries.check_keys("start", given, ("position", "yaw"))
-        yaw = entries.number("start.yaw", given.get("yaw", 0.0), above=-FARTHEST, most=FARTHEST)
-        return entries.place("start.position", given.get("position")), yaw
+        yaw = entries.number("start.yaw", given.get("yaw", 0.0))
+        return _place(entries, "start.position", given.get("position")), yaw
     if given is None:
         raise entries.error("start", given, "[x, y, z], where the vehicle starts at rest")
-    return entries.place("start", given), 0.0
+    return _place(entries, "start", given), 0.0
 
 
-def _end(entries: _Entries, given: Any) -> Finish:
+def _end(entries: Entries, given: Any) -> Finish:
     if not isinstance(given, Mapping):
-        place = entries.place("end", given)
+        place = _place(entries, "end", given)
         return Finish(p_WB=place, tolerance=_END_TOLERANCE, at_rest=True)
     entries.check_keys("end", given, ("position", "tolerance", "at_rest"))
     at_rest = given.get("at_rest", True)
     if not isinstance(at_rest, bool):
         raise entries.error("end.at_rest", at_rest, "true, or false for an end passed in flight")
     return Finish(
-        p_WB=entries.place("end.position", given.get("position")),
+        p_WB=_place(entries, "end.position", given.get("position")),
         tolerance=entries.number(
             "end.tolerance", given.get("tolerance", _END_TOLERANCE), above=0.0, most=_MAX_OPENING
         ),
@@ -201,14 +153,14 @@ def _end(entries: _Entries, given: Any) -> Finish:
     )
 
 
-def _gate(entries: _Entries, entry: str, given: Any) -> Gate:
+def _gate(entries: Entries, entry: str, given: Any) -> Gate:
     entries.check_keys(entry, given, _GATE_KEYS)
     R_WG = _axes(entries, entry, given)
     is_round = "tolerance" in given
     if is_round == ("width" in given or "height" in given):
         raise entries.error(entry, dict(given), "either width and height, or tolerance")
     if not is_round and R_WG is None:
-        raise entries.error(entry, dict(given), "yaw or quaternion beside width and height")
+        raise entries.error(entry, dict(given), "yaw or quaternion with width and height")
     names = ("tolerance", "tolerance") if is_round else ("width", "height")
     sizes = [
         entries.number(f"{entry}.{name}", given.get(name), above=0.0, most=_MAX_OPENING)
@@ -218,7 +170,7 @@ def _gate(entries: _Entries, entry: str, given: Any) -> Gate:
     if direction not in _DIRECTIONS or (R_WG is None and direction == "forward"):
         expected = " or ".join(_DIRECTIONS) + "; forward needs yaw or quaternion"
         raise entries.error(f"{entry}.direction", direction, expected)
-    place = entries.vector(f"{entry}.position", given.get("position"), size=3)
+    place = entries.vector(f"{entry}.position", given.get("position"))
     if place[2] <= 0.0:
         raise entries.error(
             f"{entry}.position", given["position"], "a centre above the ground, z > 0"
@@ -234,11 +186,11 @@ def _gate(entries: _Entries, entry: str, given: Any) -> Gate:
     )
 
 
-def _axes(entries: _Entries, entry: str, given: Mapping[Any, Any]) -> Array | None:
+def _axes(entries: Entries, entry: str, given: Mapping[Any, Any]) -> Array | None:
     if "yaw" in given and "quaternion" in given:
         raise entries.error(entry, dict(given), "yaw or quaternion, not both")
     if "yaw" in given:
-        yaw = entries.number(f"{entry}.yaw", given["yaw"], above=-FARTHEST, most=FARTHEST)
+        yaw = entries.number(f"{entry}.yaw", given["yaw"])
         return so3.exp(np.array([0.0, 0.0, yaw]))
     if "quaternion" in given:
         q_xyzw = entries.vector(f"{entry}.quaternion", given["quaternion"], size=4)
@@ -251,51 +203,14 @@ def _axes(entries: _Entries, entry: str, given: Mapping[Any, Any]) -> Array | No
     return None
 
 
-def _check_apart(entries: _Entries, gates: Sequence[Gate]) -> None:
-    for (i, one), (j, other) in itertools.combinations(enumerate(gates, start=1), 2):
-        if _overlap(one, other):
-            raise entries.error(
-                f"gates[{j}].position",
-                other.p_WG.tolist(),
-                f"a gate that does not overlap gates[{i}] at {one.p_WG.tolist()}",
-            )
-
-
-def _overlap(one: Gate, other: Gate) -> bool:
-    """Return whether openings overlap: balls touch, or an edge of one crosses the other."""
-    if one.R_WG is None and other.R_WG is None:
-        distance = float(np.linalg.norm(one.p_WG - other.p_WG))
-        return distance < one.half_width + other.half_width - _SAME_PLACE
-    return _reaches_into(one, other) or _reaches_into(other, one)
-
-
-def _reaches_into(one: Gate, other: Gate) -> bool:
-    """Return whether the edge or the centre of a gate is inside another gate."""
-    edge = np.vstack((one.corners(), one.p_WG))
-    if other.R_WG is None:
-        steps = np.linspace(0.0, 1.0, 21)[:, None, None]
-        points = (edge[:-1] + steps * (edge[1:] - edge[:-1])).reshape(-1, 3)
-        return bool((other.room(points - other.p_WG) > _SAME_PLACE).any())
-    if one.R_WG is None:
-        return False  # the reverse order is checked by points
-    inside = (edge - other.p_WG) @ other.R_WG
-    if (other.room(inside)[np.abs(inside[:, 0]) < _SAME_PLACE] > _SAME_PLACE).any():
-        return True
-    before, after = inside[:-1], inside[1:]
-    crosses = before[:, 0] * after[:, 0] < 0.0
-    before, after = before[crosses], after[crosses]
-    share = before[:, :1] / (before[:, :1] - after[:, :1])
-    return bool((other.room(before + share * (after - before)) > _SAME_PLACE).any())
-
-
-def _check_headings(entries: _Entries, course: Course) -> None:
+def _check_headings(entries: Entries, course: Course) -> None:
     """Reject successive gates at one position, and gates with a reversed heading."""
     places = course.places()
     names = ["start", *(f"gates[{number}]" for number in course.numbers), "end"]
     for i, step in enumerate(np.diff(places, axis=0)):
         if np.linalg.norm(step) < _SAME_PLACE:
             raise entries.error(
-                names[i + 1], places[i + 1].tolist(), f"another place than that of {names[i]}"
+                names[i + 1], places[i + 1].tolist(), f"a position other than that of {names[i]}"
             )
     steps = np.diff(places, axis=0)
     for i, gate in enumerate(course.gates):
@@ -308,6 +223,6 @@ def _check_headings(entries: _Entries, course: Course) -> None:
             raise entries.error(
                 names[i + 1],
                 f"the heading {heading:.3g} rad",
-                f"one along the way from {names[i]}{after}: it is turned round; add or subtract "
-                "pi, or set direction: both",
+                f"a direction along the path from {names[i]}{after}: the gate faces backwards; "
+                "add or subtract pi, or set direction: both",
             )

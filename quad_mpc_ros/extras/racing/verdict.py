@@ -58,7 +58,7 @@ def race_figures(flight: Flight) -> dict[str, Any]:
 def drawn_course(flight: Flight) -> Course | None:
     """Return the course with the gate of each passage at its last published pose.
 
-    A missed gate is at its last published pose of the flight.
+    A missed gate has its last published pose of the flight.
     """
     course = flown_course(flight)
     if course is None or not flight.gates:

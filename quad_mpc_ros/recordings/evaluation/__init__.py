@@ -1,1 +1,1 @@
-"""Flights evaluated: figures of merit, waypoints, the summary on a terminal."""
+"""Evaluation of flights: figures of merit, waypoints, the summary on a terminal."""

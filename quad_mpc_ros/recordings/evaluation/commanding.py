@@ -24,7 +24,7 @@ _SETTLED_RATIO = 0.5  # of the MPC's ticks: the estimates are those of the rest
 
 
 def commanding(flight: Flight) -> dict[str, Any]:
-    """Return the number of ticks of each source, and the first that a failsafe commanded."""
+    """Return the number of ticks of each source, and the first failsafe tick."""
     sources = flight.stats["source"]
     without = np.flatnonzero(np.isin(sources, WITHOUT_MPC))
     first = None
@@ -39,9 +39,9 @@ def commanding(flight: Flight) -> dict[str, Any]:
 
 
 def margins(flight: Flight) -> dict[str, Any]:
-    """Return how close the flight came to limits: times [ms], tilt [rad], the fence [m].
+    """Return the distances of a flight from its limits: times [ms], tilt [rad], the fence [m].
 
-    Tilt and fence are those of the odometry; what has no limit is None.
+    Tilt and position are from the odometry; None without a limit.
     """
     flying = flight.stats["source"] == Source.MPC.name.lower()
     mpc = flight.mpc
@@ -59,24 +59,24 @@ def margins(flight: Flight) -> dict[str, Any]:
 
 
 def estimated(flight: Flight) -> dict[str, Any]:
-    """Return what the flying MPC estimated, by the names that ``mpc/stats`` has for it.
+    """Return the estimates of the flying MPC, with their names in ``mpc/stats``.
 
-    Each has the median of the later half of the MPC's ticks, the range of the middle 90 % of
-    them, and what was given. Empty where nothing is estimated, or nothing was recorded.
+    An estimate has the median of the later half of the MPC's ticks, their middle 90 % range, and
+    the configured value. Empty without estimator, or without recorded statistics.
     """
     flying = np.flatnonzero(flight.stats["source"] == Source.MPC.name.lower())
     settled = flying[int(_SETTLED_RATIO * len(flying)) :]
     estimates = flight.mpc.on_manifold and flight.mpc.estimate_disturbance
     found = {}
-    for name, given in _given(flight.mpc).items() if estimates and len(settled) else ():
+    for name, configured in _configured(flight.mpc).items() if estimates and len(settled) else ():
         spread = percentiles(flight.stats[name][settled], 5, 50, 95)
         low, value, high = (spread[each] for each in ("p5", "p50", "p95"))
-        found[name] = {"value": value, "low": low, "high": high, "given": given}
+        found[name] = {"value": value, "low": low, "high": high, "given": configured}
     return found
 
 
-def _given(mpc: MpcConfig) -> dict[str, float]:
-    """Return what is estimated by its name in ``mpc/stats``, as it was given."""
+def _configured(mpc: MpcConfig) -> dict[str, float]:
+    """Return the configured values of the estimates, by names in ``mpc/stats``."""
     roll, pitch, yaw = per_axis(mpc.rate_time_constant)
     return {
         "thrust_scale": 1.0,
@@ -100,6 +100,6 @@ def _fence_margin(flight: Flight) -> float | None:
 
 
 def last_count(flight: Flight, name: str) -> int:
-    """Return a counter of ``mpc/stats`` at the end of the flight, 0 where none was recorded."""
+    """Return a counter of ``mpc/stats`` at the end of the flight, 0 if not recorded."""
     values = flight.stats[name]
     return int(values[-1]) if len(values) else 0

@@ -1,4 +1,4 @@
-"""When a flight counts as crashed: one judgement for simulated, recorded and many flights."""
+"""Crash detection for simulated and recorded flights."""
 
 from __future__ import annotations
 
@@ -24,29 +24,24 @@ _BRIEF_JUMP_SPEED = 8.0  # m/s: and one that does so from one odometry to the ne
 _EXCESS_TILT = math.radians(60.0)  # of tilt; a flip lags behind its reference
 
 _CAUSE_TEXTS = {
-    "obstacle": "it flew into an obstacle",
-    "ground": "it touched the ground, where the reference did not ask for it or too fast",
-    "upside_down": "it turned over, beyond 90° and by 60° more than the reference",
-    "away": f"it was more than {_MAX_DISTANCE:g} m away from the reference and the start",
+    "obstacle": "collision with an obstacle",
+    "ground": "ground contact without a landing in the reference, or too fast",
+    "upside_down": "tilt beyond 90° and 60° more than the reference",
+    "away": f"more than {_MAX_DISTANCE:g} m away from the reference and the start",
 }
 
 
 @dataclass(frozen=True, kw_only=True)
 class Crash:
-    """How a flight was lost, and when [s]: ``ground``, ``upside_down``, ``away``, ``obstacle``."""
+    """Kind and time [s] of a crash: ``ground``, ``upside_down``, ``away`` or ``obstacle``."""
 
     kind: str
     time: float
 
-    @property
-    def text(self) -> str:
-        """The crash in words."""
-        return crash_text(self.kind, self.time)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrackedMotion:
-    """Where n odometries and the reference were, and how they were tilted.
+    """Positions and tilts at n odometries, with the reference.
 
     Shapes: ``time`` [s], ``tilt``, ``tilt_reference`` [rad], of the thrust axis from the vertical,
     (n,); ``p_WB``, ``p_WB_reference`` [m] (n, 3). The ground is at height 0.
@@ -59,7 +54,7 @@ class TrackedMotion:
     tilt_reference: Array
 
     def late(self, behind: Array) -> TrackedMotion:
-        """Return it with the reference as it was some time (n,) [s] before each moment."""
+        """Return the motion with the reference delayed by times (n,) [s]."""
         if not behind.any():
             return self
         at = self.time - behind
@@ -84,17 +79,17 @@ class TrackedMotion:
         return min(found, key=lambda crash: crash.time, default=None)
 
     def was_airborne(self) -> NDArray[np.bool_]:
-        """Return at which odometries it had already been in the air."""
+        """Return at which odometries the vehicle had already been in the air."""
         return np.asarray(np.logical_or.accumulate(self.p_WB[:, 2] > _AIRBORNE_HEIGHT))
 
     def _hits_ground(self) -> NDArray[np.bool_]:
-        """Return where it is on the ground after it flew, unasked or too fast."""
+        """Return where the vehicle is on the ground after flight, unintended or too fast."""
         down = (self.p_WB[:, 2] <= 0.0) & self.was_airborne()
         asked = self.p_WB_reference[:, 2] <= _AIRBORNE_HEIGHT
         return np.asarray(down & ((self._descent() > _MAX_LANDING_SPEED) | ~asked))
 
     def _descent(self) -> Array:
-        """Return how fast it has come down lately [m/s]."""
+        """Return the recent descent speed [m/s]."""
         places = np.arange(len(self.time))
         before = np.searchsorted(self.time, self.time - _DESCENT_TIME + 1e-6, side="right") - 1
         before = np.clip(before, 0, np.maximum(places - 1, 0))
@@ -102,9 +97,9 @@ class TrackedMotion:
         return np.asarray((self.p_WB[before, 2] - self.p_WB[:, 2]) / duration)
 
     def _turned_over(self) -> NDArray[np.bool_]:
-        """Return where it is upside down unasked; one that starts so may turn up first.
+        """Return where the vehicle is unintentionally upside down, except at an inverted start.
 
-        Towards a reference that has just jumped it may swing beyond the vertical and back.
+        After a jump of the reference the vehicle may briefly tilt beyond 90 degrees.
         """
         upright = np.logical_or.accumulate(self.tilt <= _TURNED_OVER_TILT)
         beyond = self.tilt > self.tilt_reference + _EXCESS_TILT
@@ -114,7 +109,7 @@ class TrackedMotion:
         return np.asarray(turned & ~swings)
 
     def _just_jumped(self) -> NDArray[np.bool_]:
-        """Return where the reference jumped, or the flight began, shortly before."""
+        """Return where the reference has recently jumped or the flight has just begun."""
         steps = np.linalg.norm(np.diff(self.p_WB_reference, axis=0), axis=1)
         speeds = steps / np.maximum(np.diff(self.time), 1e-9)
         beside = np.concatenate(([0.0], speeds, [0.0]))
@@ -125,7 +120,7 @@ class TrackedMotion:
         return np.asarray(self.time - last <= _JUMP_MEMORY)
 
     def _time_ahead(self, when: NDArray[np.bool_]) -> Array:
-        """Return how much (n,) [s] of what lies shortly ahead something lasts."""
+        """Return for how long (n,) [s] of the time shortly ahead a condition is true."""
         until = np.append(self.time[1:], self.time[-1])
         spent = np.concatenate(([0.0], np.cumsum(np.where(when, until - self.time, 0.0))))
         ahead = np.searchsorted(self.time, self.time + _JUMP_MEMORY)
@@ -138,7 +133,7 @@ class TrackedMotion:
 
 
 def crash_of(flight: Flight) -> Crash | None:
-    """Return the crash of a flight by its odometry, if any; it needs a reference."""
+    """Return the crash of a flight from its odometry, if any; requires a reference."""
     followed = flight.followed
     if followed is None:
         return None
@@ -155,9 +150,9 @@ def crash_of(flight: Flight) -> Crash | None:
 
 
 def collision_of(flight: Flight) -> int | None:
-    """Return the number of the first odometry at which it touches an obstacle, if any.
+    """Return the number of the first odometry in contact with an obstacle, if any.
 
-    The last one of a flight that ended there counts, whose place may be a moment later.
+    If the flight ended there, the last odometry counts, even if slightly later.
     """
     clearance = flight.clearance
     if clearance is None or not (clearance <= 0.0).any():
@@ -166,7 +161,7 @@ def collision_of(flight: Flight) -> int | None:
 
 
 def crash_figures(crash: Crash | None) -> dict[str, Any]:
-    """Return a crash, or none, as figures of a summary and cells of a table."""
+    """Return a crash, if any, as figures of a summary and cells of a table."""
     if crash is None:
         return {"crashed": False, "crash": None, "crash_time_s": None}
     return {"crashed": True, "crash": crash.kind, "crash_time_s": crash.time}
@@ -174,7 +169,7 @@ def crash_figures(crash: Crash | None) -> dict[str, Any]:
 
 def crash_text(kind: str, time: float) -> str:
     """Return a crash in words; ``time`` [s]."""
-    return f"it crashed at {time:.2f} s: {_CAUSE_TEXTS[kind]}"
+    return f"crashed at {time:.2f} s: {_CAUSE_TEXTS[kind]}"
 
 
 def tilts(q_WB_xyzw: Array) -> Array:

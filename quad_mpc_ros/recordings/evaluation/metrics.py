@@ -1,4 +1,4 @@
-"""The figures of merit of a flight: what ``summary.json`` holds."""
+"""The figures of merit of a flight: the content of ``summary.json``."""
 
 from __future__ import annotations
 
@@ -32,29 +32,29 @@ Summary = dict[str, Any]
 
 
 def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
-    """Return the figures of merit of a flight, those of ``summary.json``.
+    """Return the figures of merit of a flight, as in ``summary.json``.
 
-    Among them ``position_rmse_m``, the root of the mean of |p_r - p|^2 over all odometries, of
-    which there are none in ``odometry_gaps_s``, begins and ends of times without odometry;
-    ``waypoint_error_m``, just before each switch of a reference that jumps; ``attitude_rmse_rad``,
-    of the angle |Log(R' R_r)|; ``step_time_us`` and ``iterations`` as percentiles; ``fallbacks``,
-    the commands that were not the MPC's; ``crashed``, with ``crash`` and ``crash_time_s``, as a
-    campaign judges it but by the odometry, None without a reference; ``clearance_min_m``, from the
-    vehicle's surface to the nearest obstacle's, ``collided``, and in ``collision`` when, where and
-    how fast it did, None where obstacles are not known; ``gates`` and ``lap_time_s`` of a course,
-    see :mod:`quad_mpc_ros.recordings.evaluation.race`; ``missed``, what was asked and not flown,
-    and ``beyond_limits``, what the reference needs beyond a limit of the MPC; ``behind_max_s``,
-    the most time that was given up with formulation contouring, None with others.
+    Among them ``position_rmse_m``, the root mean square of |p_r - p| over all odometries;
+    ``odometry_gaps_s``, starts and ends of gaps in the odometry; ``waypoint_error_m``, just before
+    each jump of the reference; ``attitude_rmse_rad``, of the angle |Log(R' R_r)|; ``step_time_us``
+    and ``iterations`` as percentiles; ``fallbacks``, the commands of other sources than the MPC;
+    ``crashed``, with ``crash`` and ``crash_time_s``, as in a campaign but from the odometry, None
+    without a reference; ``clearance_min_m``, from the vehicle's surface to the nearest obstacle's,
+    ``collided``, and ``collision`` with its time, place and speed, None if obstacles are unknown;
+    ``gates`` and ``lap_time_s`` of a course, see :mod:`quad_mpc_ros.recordings.evaluation.race`;
+    ``missed``, tasks that were not completed, and ``beyond_limits``, excesses of the reference
+    over limits of the MPC; ``progress_delay_max_s``, the largest delay behind the reference's
+    clock with formulation contouring, None with other formulations.
 
     Args:
         flight: A recorded or simulated flight.
-        wall_seconds: How long it took by the clock on the wall [s], where that is known.
+        wall_seconds: Wall-clock duration of the flight [s], if known.
 
     Raises:
         ArgumentError: An argument is of another type.
 
     Returns:
-        Every value can be written as strict JSON: what there is no data for is None, never NaN.
+        Values for strict JSON: missing data are None, never NaN.
 
     Example:
         >>> summarise(simulate(duration=1.0))["fallbacks"]
@@ -94,7 +94,7 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
         **_obstacles(flight),
         **race,
         **task_figures(flight, race),
-        "behind_max_s": _behind(flight),
+        "progress_delay_max_s": _behind(flight),
         "estimate_resets": last_count(flight, "estimate_resets"),
         "rejected_inputs": last_count(flight, "rejected_inputs"),
         "stage_errors": last_count(flight, "stage_errors"),
@@ -107,7 +107,7 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
 
 
 def with_neighbours(summary: Summary, flight: Flight, others: Sequence[Flight]) -> Summary:
-    """Return a summary in which other vehicles, flown by the same clock, are obstacles too."""
+    """Return a summary in which other vehicles, with synchronised clocks, are also obstacles."""
     nearest = math.inf
     for other in others:
         low, high = max(flight.stamp_ns[0], other.stamp_ns[0]), other.stamp_ns[-1]
@@ -124,7 +124,7 @@ def with_neighbours(summary: Summary, flight: Flight, others: Sequence[Flight]) 
 
 
 def position_errors(flight: Flight) -> Array:
-    """Return |p_r - p| at each odometry (n,) [m], of the reference that was to be followed then.
+    """Return |p_r - p| at each odometry (n,) [m], relative to the active reference.
 
     Empty without a reference.
     """
@@ -135,7 +135,7 @@ def position_errors(flight: Flight) -> Array:
 
 
 def attitude_errors(flight: Flight) -> Array:
-    """Return the angle from attitude to reference at each odometry (n,) [rad]; see above."""
+    """Return the angle from attitude to reference at each odometry (n,) [rad]."""
     followed = flight.followed
     if followed is None:
         return np.zeros(0)
@@ -144,20 +144,20 @@ def attitude_errors(flight: Flight) -> Array:
 
 
 def _behind(flight: Flight) -> float | None:
-    """Return the most that the vehicle was behind its reference's clock [s]."""
-    behind = flight.stats["behind_s"]
+    """Return the largest delay of the vehicle behind its reference [s]."""
+    behind = flight.stats["progress_delay_s"]
     gives_way = flight.mpc.formulation == "contouring" and len(behind) > 0
     return float(behind.max()) if gives_way else None
 
 
 def _crash(flight: Flight) -> dict[str, Any]:
-    """Return whether and how it crashed, None for not known."""
+    """Return whether and how the vehicle crashed, None if unknown."""
     figures = crash_figures(crash_of(flight))
     return figures if flight.reference is not None else dict.fromkeys(figures)
 
 
 def _obstacles(flight: Flight) -> dict[str, Any]:
-    """Return how near it came to obstacles, None for not known, and where it flew into one."""
+    """Return the clearance to obstacles, None if unknown, and the collision, if any."""
     clearance, into = flight.clearance, collision_of(flight)
     collision = None
     if into is not None:
@@ -174,7 +174,7 @@ def _obstacles(flight: Flight) -> dict[str, Any]:
 
 
 def _latencies_ms(flight: Flight) -> Array:
-    """Return the time from each odometry to the command that answers it, by publish times."""
+    """Return the time from each odometry to its command, by publish times."""
     _, odometry, command = np.intersect1d(
         flight.stamp_ns, flight.commands.stamp_ns, assume_unique=True, return_indices=True
     )
@@ -183,10 +183,10 @@ def _latencies_ms(flight: Flight) -> Array:
 
 
 def _unanswered(flight: Flight) -> int:
-    """Count the odometries without a command although one was due, from the first command on.
+    """Count the odometries without a due command, from the first command on.
 
-    Between two answers, or from the last one to the end, there is room for as many more as there
-    are further control periods, give or take half an odometry period, and odometries to answer.
+    Between two commands, or after the last, one more command is due per further control period
+    (within half an odometry period), but at most one per odometry.
     """
     answered = np.flatnonzero(np.isin(flight.stamp_ns, flight.commands.stamp_ns))
     if len(answered) == 0:
@@ -202,7 +202,7 @@ def _unanswered(flight: Flight) -> int:
 
 
 def _saturation(flight: Flight) -> float | None:
-    """Return the fraction of the commands that have any rate at its bound."""
+    """Return the fraction of commands with a body rate at its bound."""
     if len(flight.commands.w_WB_B) == 0:
         return None
     bound = np.array(flight.mpc.omega_max) - _SATURATION_TOLERANCE
@@ -218,7 +218,7 @@ def _number(value: float) -> float | None:
 
 
 def _plain(value: Any) -> Any:
-    """Return a recorded parameter as JSON knows it: an infinite or undefined number as None."""
+    """Return a recorded parameter for JSON, with None for infinite or undefined numbers."""
     if isinstance(value, dict):
         return {str(name): _plain(inner) for name, inner in value.items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""Percentiles as every table, page and file of this package has them."""
+"""Percentiles for all tables, pages and files of this package."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 
 def percentiles(values: NDArray[Any] | Sequence[float], *percents: int) -> dict[str, float | None]:
-    """Return percentiles and maximum of the finite values, None where there is none.
+    """Return percentiles and maximum of the finite values, None without finite values.
 
-    The percentile P of n values is the least of them that P % of them do not exceed: the one of
-    rank ceil(P n / 100), so that it is one that was measured and nothing is interpolated.
+    The percentile P of n values is the smallest value that P % of the values do not exceed: rank
+    ceil(P n / 100), a measured value without interpolation.
     """
     given = np.asarray(values)
     ordered = np.sort(given[np.isfinite(given)])

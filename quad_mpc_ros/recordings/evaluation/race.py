@@ -1,4 +1,4 @@
-"""How a flight passed the gates of the course in its parameters; optional racing judges it."""
+"""The gate passages of a flight, evaluated by the optional racing package."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _GATES_PARAMETER = f"{ReferenceConfig.owner}.gates"
 def race_figures(flight: Flight) -> dict[str, Any]:
     """Return ``gates``, each passage with its time, and ``lap_time_s``; None without a course.
 
-    A gate that moved is judged at its reported pose at the time of its passage. Raises
-    :class:`UserError` for a flight with a course where racing is not installed.
+    A moved gate is evaluated at its reported pose at the time of the passage. Raises
+    :class:`UserError` for a flight with a course if racing is not installed.
     """
     if not _has_course(flight):
         return {"gates": None, "lap_time_s": None}
@@ -28,7 +28,7 @@ def race_figures(flight: Flight) -> dict[str, Any]:
 def drawn_course(flight: Flight) -> Course | None:
     """Return the course with each gate at its reported pose at the time of its passage.
 
-    A gate that was not passed is at its last reported pose. None without a course; raises as
+    A gate that was not passed has its last reported pose. None without a course; raises like
     :func:`race_figures`.
     """
     if not _has_course(flight):

@@ -1,4 +1,4 @@
-"""A simulated flight as arrays, as a recorded one is: the closed loop without ROS and files."""
+"""A simulated flight as arrays, like a recorded flight: the closed loop without ROS and files."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _METHODS = {
 
 
 class FlightConfig(NamedTuple):
-    """The configuration of a simulated flight; its order is that of :func:`simulate`."""
+    """The configuration of a simulated flight, in the argument order of :func:`simulate`."""
 
     mpc: MpcConfig
     simulator: SimulatorConfig
@@ -44,20 +44,20 @@ class FlightConfig(NamedTuple):
 
 
 def load_config(*sources: str, assignments: Sequence[str] = ()) -> FlightConfig:
-    """Return the parameters in ROS parameter files and shipped presets, later over earlier ones.
+    """Return the parameters of ROS parameter files and shipped presets; later sources win.
 
     Args:
         sources: Paths of files, or names of presets: ``default``, ``paper``,
             ``paper_rigid_body``, ``agile``, ``rotorpy``, ``vehicles/racer`` and so on.
-        assignments: Single parameters, like ``mpc.horizon_steps=20``; they win.
+        assignments: Single parameters, like ``mpc.horizon_steps=20``, with precedence.
 
     Returns:
         The parameters of MPC, simulator and reference: ``simulate(*load_config("paper"))``.
 
     Raises:
         UserError: A file cannot be read.
-        ArgumentError: A source or an assignment is no text.
-        ConfigurationError: A value is not allowed; the error names it and what is.
+        ArgumentError: A source or an assignment is not a text.
+        ConfigurationError: A value is not allowed; the error names the allowed values.
 
     Example:
         >>> load_config("paper").mpc.formulation
@@ -91,30 +91,30 @@ def simulate(
     scene: Scene | None = None,
     on_reference: bool = False,
 ) -> Flight:
-    """Fly the closed loop in simulated time, as ``quad_mpc simulate`` does.
+    """Fly the closed loop in simulated time, like ``quad_mpc simulate``.
 
-    The commands are those of a lockstep flight over DDS with these parameters, bit for bit.
+    The commands equal those of a lockstep flight over DDS with these parameters, bit for bit.
 
     Args:
         mpc: The MPC; the paper's vehicle by default.
         simulator: Plant and sensors; by default the true rigid body, at rest on the ground, and
             odometry without errors.
-        reference: What to fly; by default the paper's square.
-        duration: How long [s]; ``simulator.duration`` wins where it is not 0.
-        plant: What flies in place of the simulator's own plant.
-        trajectory: What to fly in place of what ``reference`` names: a path (position and its
-            derivatives over time; attitude follows by flatness), or a trajectory.
-        controller: Controller in place of the MPC.
-        scene: Obstacles in place of the simulator's file; the flight ends where it touches one.
-        on_reference: Begin in motion on the reference, not where ``simulator`` says.
+        reference: The reference; by default the paper's square.
+        duration: Duration [s]; a nonzero ``simulator.duration`` has precedence.
+        plant: A plant that replaces the simulator's plant.
+        trajectory: Replaces the trajectory of ``reference``: a path (position and its derivatives
+            over time; attitude follows from flatness), or a trajectory.
+        controller: Controller that replaces the MPC.
+        scene: Obstacles that replace the simulator's file; the flight ends at a collision.
+        on_reference: Start in motion on the reference, not at the initial state of ``simulator``.
 
     Returns:
         The flight as arrays; :func:`summarise` has its figures of merit.
 
     Raises:
-        UserError: The vehicle cannot fly the reference, or what the plant needs is not there.
-        ArgumentError: An argument is of another type, or the duration is not positive.
-        ValueError: With ``on_reference``, the vehicle has no throttle to begin with.
+        UserError: The vehicle cannot fly the reference, or a requirement of the plant is missing.
+        ArgumentError: An argument has another type, or the duration is not positive.
+        ValueError: With ``on_reference``, no initial throttle is feasible.
 
     Example:
         >>> flight = simulate(reference=ReferenceConfig(trajectory="hover"), duration=0.5)
@@ -152,7 +152,7 @@ def simulate(
 
 
 def _check_parts(**given: object) -> None:
-    """Refuse parts of a flight that lack what is used of them."""
+    """Reject parts of a flight that lack required methods."""
     for name, part in given.items():
         if part is None or isinstance(part, Controller):
             continue
@@ -163,10 +163,10 @@ def _check_parts(**given: object) -> None:
 
 
 class FlightLog:
-    """Collects the steps of a closed loop and makes a flight of them."""
+    """Collects the steps of a closed loop into a flight."""
 
     def __init__(self, mpc: MpcConfig, scene: Scene | None = None) -> None:
-        """Take who controls, and what is flown among, if not what the simulator's file says."""
+        """Take the controller, and obstacles that replace the simulator's file."""
         self._vehicle, self._scene = mpc.vehicle(), scene
         self._odometry, self._commands, self._stats = OdometryLog(), CommandLog(), StatsLog()
         self._windows: list[ReferenceWindow] = []
@@ -182,7 +182,7 @@ class FlightLog:
             self._stats.add(step.tick.stats)
 
     def flight(self, config: FlightConfig) -> Flight:
-        """Return the flight of the steps taken, at least one, and of how it was configured."""
+        """Return the flight of the collected steps, at least one, with its configuration."""
         arrays = flown_arrays(self._odometry, self._commands, self._stats)
         sampler = ReferenceSampler(arrays["stamp_ns"], self._vehicle)
         for window in self._windows:

@@ -1,4 +1,4 @@
-"""What a flight was asked to do and did not do, and which limits its reference exceeds."""
+"""Uncompleted tasks of a flight, and limits that its reference exceeds."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _AXES = ("roll", "pitch", "yaw")
 
 
 def task_figures(flight: Flight, race: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Return what was ``missed``, and what of the reference is ``beyond_limits``, in sentences.
+    """Return the ``missed`` tasks and the excesses ``beyond_limits`` as sentences.
 
-    Gates of a course have to be passed and its end reached, ``race`` says whether they were;
-    waypoints and goals, positions that the reference holds, have to be reached by their end.
+    Gates of a course must be passed and its end reached (``race`` has the result); waypoints and
+    goals, positions that the reference holds, must be reached before the reference leaves.
     """
     missed = [*_missed_gates(race["gates"] or [], race["lap_time_s"]), *_missed_waypoints(flight)]
     return {"missed": missed, "beyond_limits": list(_beyond_limits(flight))}
@@ -46,7 +46,7 @@ def _missed_waypoints(flight: Flight) -> Iterator[str]:
 
 
 def _avoidance(flight: Flight, odometry: int) -> str:
-    """Return why the avoidance of obstacles had left the reference, empty if it had not."""
+    """Return why obstacle avoidance had left the reference, else an empty string."""
     ticks = flight.stats["stamp_ns"] <= flight.stamp_ns[odometry]
     if not ticks.any():
         return ""

@@ -20,9 +20,9 @@ _POSITION_TOLERANCE = 1e-6  # m
 class Waypoint:
     """A position ``p_WB`` (3,) [m] that the reference held up to the odometry ``last``.
 
-    ``duration`` [s] is how long it was held.
-    ``complete``: it was left by a jump, or the flight ended after it had been held as long as the
-    longest of those that were.
+    ``duration`` [s] is the time for which it was held.
+    ``complete``: the waypoint was left by a jump, or the flight ended after it had been held as
+    long as the longest waypoint.
     """
 
     p_WB: Array
@@ -32,7 +32,7 @@ class Waypoint:
 
 
 def waypoints(flight: Flight) -> list[Waypoint]:
-    """Return the waypoints of a flight in order; none when its reference keeps moving."""
+    """Return the waypoints of a flight in order; none if the reference keeps moving."""
     if flight.reference is None:
         return []
     p_WB = flight.reference.p_WB
@@ -54,13 +54,13 @@ def waypoints(flight: Flight) -> list[Waypoint]:
 
 
 def waypoint_positions(flight: Flight) -> Array:
-    """Return the positions (n, 3) [m] of the waypoints, each once."""
+    """Return the distinct positions (n, 3) [m] of the waypoints."""
     places = dict.fromkeys(tuple(waypoint.p_WB.tolist()) for waypoint in waypoints(flight))
     return np.reshape(list(places), (-1, 3))
 
 
 def _holds(flight: Flight, steps: Array) -> list[tuple[int, float]]:
-    """Return the last odometry and the duration [s] of each hold, from the steps between."""
+    """Return the last odometry and the duration [s] of each hold, from odometry steps."""
     lasts = [*np.flatnonzero(steps > _POSITION_TOLERANCE).tolist(), len(steps)]
     # The last odometry of a hold stands for the time up to the next one.
     ends = np.append(flight.time[1:], flight.time[-1] + flight.odometry_period)[lasts]

@@ -1,1 +1,1 @@
-"""Recordings once more: played in time, or solved again by another controller."""
+"""Replay of recordings: played in real time, or as input of a controller."""

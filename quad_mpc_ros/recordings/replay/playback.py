@@ -1,7 +1,7 @@
-"""When the messages of a bag are due: rate, pause and clock. Nothing here waits.
+"""Due times of the messages of a bag: rate, pause and clock. No function of this module waits.
 
-All times are integers in nanoseconds. *Steady* times are those of the clock that drives the
-playback; *recorded* times are log times of the bag.
+All times are integers in nanoseconds. *Steady* times are from the clock that drives the playback;
+*recorded* times are log times of the bag.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ _S = 1_000_000_000
 
 
 class PlaybackTimeline:
-    """The recorded time that belongs to a steady time.
+    """The recorded time at a steady time.
 
-    It is a straight line through the point of the last start or pause: what is published late
-    does not delay what follows.
+    The relation is linear from the last start or pause: a late message does not delay later
+    messages.
     """
 
     def __init__(self, *, recorded_ns: int, steady_ns: int, rate: float, paused: bool) -> None:
@@ -27,7 +27,7 @@ class PlaybackTimeline:
         self.paused = paused
 
     def recorded_ns(self, steady_ns: int) -> int:
-        """Return the recorded time at a steady time; before the start it stands still."""
+        """Return the recorded time at a steady time; before the start it is constant."""
         if self.paused:
             return self._recorded_ns
         elapsed = max(0, steady_ns - self._steady_ns)
@@ -42,7 +42,7 @@ class PlaybackTimeline:
         return not self.paused and self.steady_ns(recorded_ns) <= steady_ns
 
     def set_paused(self, paused: bool, steady_ns: int) -> None:
-        """Stop or go on from a steady time."""
+        """Pause or resume at a steady time."""
         self._recorded_ns = self.recorded_ns(steady_ns)
         # A pause before the start does not bring the start forward.
         self._steady_ns = max(steady_ns, self._steady_ns)
@@ -50,7 +50,7 @@ class PlaybackTimeline:
 
 
 class Playback:
-    """Passes messages on when they are due, and the recorded time in regular intervals."""
+    """Publishes messages when due, and the recorded time at regular intervals."""
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ class Playback:
         publish_clock: Callable[[int], None],
         clock_rate: float,
     ) -> None:
-        """``publish_clock`` gets the recorded time at ``clock_rate`` [Hz]; 0 is never."""
+        """``publish_clock`` gets the recorded time at ``clock_rate`` [Hz]; 0 disables it."""
         self._messages = messages
         self._next = next(messages, None)
         self._timeline = timeline
@@ -70,17 +70,17 @@ class Playback:
         self._clock_period_ns = round(_S / clock_rate) if clock_rate else 0
         self._clock_at_ns = 0
         self.count = 0
-        """The messages passed on so far."""
+        """The number of published messages."""
 
     @property
     def finished(self) -> bool:
-        """Whether the last message has been passed on."""
+        """Whether the last message has been published."""
         return self._next is None
 
     def step(self, steady_ns: int) -> int | None:
-        """Do what is due at a steady time; return when there is something to do again.
+        """Publish messages due at a steady time; return the time of the next action.
 
-        That is None when nothing will be until the timeline goes on, or at the end.
+        None means no action until the timeline resumes, or the end.
         """
         if self._clock_period_ns and steady_ns >= self._clock_at_ns:
             self._tick(steady_ns)

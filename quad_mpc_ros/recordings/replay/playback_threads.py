@@ -1,22 +1,22 @@
-"""The threads of a playback: one reads ahead, one sleeps until something is due.
+"""The threads of a playback: one reads ahead, one sleeps until a message is due.
 
-Opening a chunk of a bag therefore does not delay what is due meanwhile.
+Opening a chunk of a bag therefore does not delay messages.
 """
 
 from __future__ import annotations
 
-import queue
+import itertools
 import threading
 import time
-from collections.abc import Callable, Iterator
-from typing import Generic, TypeVar
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline
 
 T = TypeVar("T")
 
 _NS = 1e-9
-_POLL_PERIOD_S = 0.1
 
 
 class PlaybackThread:
@@ -45,7 +45,7 @@ class PlaybackThread:
         self._thread.start()
 
     def set_paused(self, paused: bool) -> bool:
-        """Pause or go on; return whether that changed anything."""
+        """Pause or resume; return whether the state changed."""
         with self._changed:
             if self._timeline.paused == paused:
                 return False
@@ -59,7 +59,7 @@ class PlaybackThread:
             return self._timeline.recorded_ns(time.monotonic_ns())
 
     def stop(self) -> None:
-        """End the thread and wait for it."""
+        """Stop the thread and wait for its end."""
         # Before the lock, which a thread that is late rarely releases.
         self._stopped = True
         with self._changed:
@@ -87,48 +87,25 @@ class PlaybackThread:
             self._changed.wait(wait_s)
 
 
-class ReadAhead(Generic[T]):
-    """An iterator over ``items`` that holds up to ``depth`` of them ready.
+def read_ahead(items: Iterator[T], *, depth: int) -> Generator[T, None, None]:
+    """Yield items, while another thread reads the next ``depth`` of them.
 
-    An exception of their iteration is raised here when its turn comes.
+    An exception of the iteration is raised in order.
     """
 
-    def __init__(self, items: Iterator[T], *, depth: int) -> None:
-        self._ready: queue.Queue[T | Exception] = queue.Queue(depth)  # the last is an exception
-        self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._read, args=(items,), daemon=True)
-        self._thread.start()
-
-    def __iter__(self) -> Iterator[T]:
-        return self
-
-    def __next__(self) -> T:
-        item = self._ready.get()
-        if isinstance(item, Exception):
-            self._ready.put(item)
-            raise item
-        return item
-
-    def close(self) -> None:
-        """End the reading."""
-        self._closed.set()
-        self._thread.join()
-
-    def _read(self, items: Iterator[T]) -> None:
-        end: Exception = StopIteration()
+    def read() -> tuple[list[T], Exception | None]:
+        ready: list[T] = []
         try:
-            for item in items:
-                if not self._put(item):
-                    return
+            ready.extend(itertools.islice(items, depth))
         except Exception as error:
-            end = error
-        self._put(end)
+            return ready, error
+        return ready, None
 
-    def _put(self, item: T | Exception) -> bool:
-        while not self._closed.is_set():
-            try:
-                self._ready.put(item, timeout=_POLL_PERIOD_S)
-                return True
-            except queue.Full:
-                continue
-        return False
+    with ThreadPoolExecutor(max_workers=1) as reader:
+        ready, error = read()
+        while ready or error is not None:
+            following = reader.submit(read)
+            yield from ready
+            if error is not None:
+                raise error
+            ready, error = following.result()

@@ -1,8 +1,8 @@
-"""Feed a recorded flight to a controller: what would it have commanded?
+"""Feed a recorded flight to a controller and compute its commands.
 
-Whatever the controller answers, the next odometry is the recorded one, and so is the command on
-its way to the vehicle. With the configuration of the flight the answers are those of the flight,
-bit for bit, where the recording has what the controller knew and when.
+The controller always receives the recorded odometry, and the recorded commands count as sent. With
+the flight's configuration the commands equal those of the flight, bit for bit, if the controller's
+inputs and their times were recorded.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import dataclasses
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
@@ -30,14 +30,14 @@ from quad_mpc_ros.recordings.run import RecordedRun
 S = TypeVar("S", CommandSample, ReferenceWindow)
 
 WindowSource = Callable[[int], ReferenceWindow]
-"""Returns the reference window of a stamp [ns], in place of the recorded ones."""
+"""Returns the reference window of a stamp [ns], instead of the recorded window."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Resolved:
-    """What the controller answered; ``odometry`` is None where the watchdog acted.
+    """The result of the controller; ``odometry`` is None if the watchdog acted.
 
-    ``now_ns`` is the controller's time. ``window`` is the newest that it had.
+    ``now_ns`` is the controller's time. ``window`` is the newest received window.
     """
 
     now_ns: int
@@ -47,7 +47,7 @@ class Resolved:
 
     @property
     def log_time_ns(self) -> int:
-        """When the odometry was recorded [ns]; the controller's time where there is none."""
+        """Record time of the odometry [ns]; without an odometry the controller's time."""
         return self.now_ns if self.odometry is None else self.odometry.log_time_ns
 
 
@@ -58,22 +58,22 @@ def resolve(
     windows: WindowSource | None = None,
     warn: Callable[[str], None] = lambda text: None,
 ) -> Iterator[Resolved]:
-    """Yield every odometry of a recorded flight with what a controller answers to it.
+    """Yield every odometry of a recorded flight with the controller's result.
 
-    Live parameters that were set in flight are set again, except those that differ in ``config``
-    from the values at the start of the flight. ``windows`` replaces the recorded reference.
-    ``warn`` gets what the controller would have logged.
+    Live parameters set in flight are set again, except parameters of ``config`` that differ from
+    the values at the start of the flight. ``windows`` replaces the recorded reference. ``warn``
+    receives the log lines of the controller.
     """
     if config.uses_accelerometer and config.lockstep and not run.imu:
-        warn("no imu in the recording: without accelerometer_noise")
+        warn("no imu in the recording: accelerometer_noise is ignored")
         config = dataclasses.replace(config, accelerometer_noise=0.0)
     controller = Controller(config)
     sent = _first_by_stamp(run.commands)
     window: ReferenceWindow | None = None
     engagements, landings = deque(run.engagements), deque(run.landings)
     resets = deque(run.resets)
-    imu_samples = _ImuSamples(run)
-    changes = _Changes(run, config)
+    imu_until, command_time = _imu_until(run), _command_times(run)
+    live_configs = _live_configs(run, config)
 
     def reset_estimate_until(now_ns: int) -> None:
         while resets and resets[0].publish_time_ns <= now_ns:
@@ -90,15 +90,13 @@ def resolve(
             reset_estimate_until(event.window_ns)  # a later reset moved this window as well
             controller.receive_reference(window, now_ns=event.window_ns)
         reset_estimate_until(event.now_ns)
-        changed = changes.before(event)
-        if changed is not None:
-            controller.reconfigure(changed)
-        if event.odometry is not None:
-            for sample in imu_samples.until(event.odometry.value.stamp_ns):
-                controller.receive_imu(sample)
+        while live_configs and live_configs[0].publish_time_ns <= command_time(event):
+            controller.reconfigure(live_configs.popleft().value)
         if event.odometry is None:
             tick = controller.watch(now_ns=event.now_ns)
         else:
+            for sample in imu_until(event.odometry.value.stamp_ns):
+                controller.receive_imu(sample)
             controller.check_stamps(not event.answered)
             tick = controller.receive_odometry(event.odometry.value, now_ns=event.now_ns)
         for warning in controller.take_warnings():
@@ -110,9 +108,9 @@ def resolve(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Event:
-    """An odometry, or the watchdog, with the window in force and when that was received.
+    """An odometry, or the watchdog, with the active window and its reception time.
 
-    An odometry that was ``answered`` had not been refused.
+    An odometry that was ``answered`` had not been rejected.
     """
 
     now_ns: int
@@ -122,63 +120,61 @@ class _Event:
     answered: bool = False
 
 
-class _ImuSamples:
-    """What an accelerometer measured, and what of it the controller had at an odometry.
+def _imu_until(run: RecordedRun) -> Callable[[int], Iterator[ImuSample]]:
+    """Return a function of a stamp [ns] that yields the samples since the previous call.
 
-    The figures of its tick say so. Where they do not it is what was measured by its stamp.
+    Samples end at the newest sample of the controller's tick according to its figures, or else at
+    the stamp.
     """
+    due = deque(received.value for received in run.imu)
+    had_ns = {stats.stamp_ns: stats.imu_stamp_ns for stats in run.stats if stats.imu_stamp_ns}
 
-    def __init__(self, run: RecordedRun) -> None:
-        self._due = deque(received.value for received in run.imu)
-        self._had_ns = {
-            stats.stamp_ns: stats.imu_stamp_ns for stats in run.stats if stats.imu_stamp_ns
-        }
+    def until(stamp_ns: int) -> Iterator[ImuSample]:
+        while due and due[0].stamp_ns <= had_ns.get(stamp_ns, stamp_ns):
+            yield due.popleft()
 
-    def until(self, stamp_ns: int) -> Iterator[ImuSample]:
-        """Yield what came since the odometry before."""
-        had_ns = self._had_ns.get(stamp_ns, stamp_ns)
-        while self._due and self._due[0].stamp_ns <= had_ns:
-            yield self._due.popleft()
+    return until
 
 
-class _Changes:
-    """The parameters that were set in flight, one after the other.
+def _live_configs(run: RecordedRun, config: MpcConfig) -> deque[Received[MpcConfig]]:
+    """Return the active configurations after each change in flight.
+
+    Parameters of ``config`` that differ from the values at the start of the flight are kept.
+    """
+    began = recorded_parameters(run.parameters, MpcConfig)
+    given = config.flattened()
+    flown = MpcConfig.build(began).flattened() if began else given
+    adopted = {s.name for s in config.specs() if s.live and given[s.name] == flown.get(s.name)}
+    found: deque[Received[MpcConfig]] = deque()
+    for change in run.changes:
+        values = {name: value for name, value in change.value.items() if name in adopted}
+        if values:
+            config = config.updated(values)
+            found.append(
+                Received(
+                    value=config,
+                    log_time_ns=change.log_time_ns,
+                    publish_time_ns=change.publish_time_ns,
+                )
+            )
+    return found
+
+
+def _command_times(run: RecordedRun) -> Callable[[_Event], int]:
+    """Return a function of an event: publish time of its command, or else of its odometry [ns].
 
     One thread sets parameters and sends commands, so a change published before a command applied
-    to it. Stamps do not order them: in simulated time they are equal.
+    to it. Stamps do not define the order: in simulated time they are equal.
     """
+    published_ns = {sent.value.stamp_ns: sent.publish_time_ns for sent in reversed(run.commands)}
 
-    def __init__(self, run: RecordedRun, config: MpcConfig) -> None:
-        self._config = config
-        began = recorded_parameters(run.parameters, MpcConfig)
-        flown = MpcConfig.build(began).flattened() if began else config.flattened()
-        self._adopted = {
-            spec.name
-            for spec in config.specs()
-            if spec.live and config.flattened()[spec.name] == flown.get(spec.name)
-        }
-        self._due = deque(run.changes)
-        self._published_ns = {
-            sent.value.stamp_ns: sent.publish_time_ns for sent in reversed(run.commands)
-        }
-
-    def before(self, event: _Event) -> MpcConfig | None:
-        """Return the configuration in force at an event, if it is new then."""
-        if not self._due:
-            return None
+    def of_event(event: _Event) -> int:
         odometry = event.odometry
-        published_ns = self._published_ns.get(
-            event.now_ns if odometry is None else odometry.value.stamp_ns,
-            event.now_ns if odometry is None else odometry.publish_time_ns,
-        )
-        changes: dict[str, Any] = {}
-        while self._due and self._due[0].publish_time_ns <= published_ns:
-            changes |= self._due.popleft().value
-        adopted = {name: changes[name] for name in changes.keys() & self._adopted}
-        if not adopted:
-            return None
-        self._config = self._config.updated(adopted)
-        return self._config
+        if odometry is None:
+            return published_ns.get(event.now_ns, event.now_ns)
+        return published_ns.get(odometry.value.stamp_ns, odometry.publish_time_ns)
+
+    return of_event
 
 
 def _events(run: RecordedRun, config: MpcConfig, windows: WindowSource | None) -> Iterator[_Event]:
@@ -192,9 +188,9 @@ def _events(run: RecordedRun, config: MpcConfig, windows: WindowSource | None) -
 def _at_stamps(
     run: RecordedRun, window_of: Callable[[int], ReferenceWindow | None], *, again: bool
 ) -> Iterator[_Event]:
-    """Give each odometry the window of its stamp, at that time.
+    """Assign the window of its stamp to each odometry, at that time.
 
-    In lockstep the controller waits for it, and ignores what is sent ``again``.
+    In lockstep the controller waits for this window, and ignores messages sent ``again``.
     """
     answered: set[int] = set()
     for odometry in run.odometries:
@@ -206,12 +202,12 @@ def _at_stamps(
 
 
 def _in_real_time(run: RecordedRun, config: MpcConfig) -> Iterator[_Event]:
-    """Give each odometry the window that the controller had, when it had it.
+    """Assign the controller's window to each odometry, with its reception time.
 
-    The recorder receives messages at other times than the controller, and some that it missed.
-    But the figures of each tick say when it began, which window it had and when that had arrived.
-    At the recorded control rate only answered odometries are given. Without a tick the time is the
-    odometry's stamp and the window the last recorded before.
+    The recorder receives messages at other times than the controller, and possibly more messages.
+    But the figures of each tick contain its start time, its window and the window's arrival time.
+    At the recorded control rate only answered odometries are used. Without a tick the time is the
+    odometry's stamp, and the window is the last recorded before.
     """
     ticks = {stats.stamp_ns: stats for stats in run.stats}
     stamps = {odometry.value.stamp_ns for odometry in run.odometries}
@@ -256,7 +252,7 @@ def _recorded_rate(run: RecordedRun) -> float:
 
 
 class _Windows:
-    """The recorded windows, by when the controller received them."""
+    """The recorded windows, by reception time of the controller."""
 
     def __init__(self, windows: Sequence[Received[ReferenceWindow]]) -> None:
         self._windows = windows
@@ -279,7 +275,7 @@ class _Windows:
 
 
 def _first_by_stamp(recorded: Sequence[Received[S]]) -> dict[int, S]:
-    """Return values by stamp; of what was sent again, the first."""
+    """Return values by stamp; of resent values, the first."""
     first: dict[int, S] = {}
     for received in recorded:
         first.setdefault(received.value.stamp_ns, received.value)

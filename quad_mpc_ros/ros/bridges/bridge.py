@@ -1,26 +1,26 @@
 """The interface of all bridges: the rules and messages of a flight stack.
 
 A bridge converts the stack's state into odometry and the MPC's commands into the stack's messages.
-It uses neither ROS nor a clock: the caller passes the time and a function that makes empty
-messages. So the same object runs in a node, in a test and in a simulation. The file of a bridge
-has the codec, functions with frame and unit in their names, and the rules, a subclass of
+The bridge uses neither ROS nor a clock: the caller passes the time and a function that creates
+empty messages. So the same object runs in a node, in a test and in a simulation. The file of a
+bridge has the codec, functions with frame and unit in their names, and the rules, a subclass of
 :class:`Bridge`.
 
 Every bridge obeys these rules:
 
-- It sends only in response to a fresh command and has no timer. If the MPC stops, the stack
-  receives nothing, not even a heartbeat, and its own failsafe acts. (Betaflight holds the last
-  sticks, so its bridge has a ``line`` over which it brings the vehicle down.)
-- It rejects values that are not finite or not in a known frame, with a reason.
-- It passes on a reset of the estimator: same frame, next stamp, another position.
-- It arms and switches modes only on request, and sends nothing before a request to engage.
-  (It requests ArduPilot's landing mode after a landing, because ArduPilot does not disarm else.)
-- It refuses to engage and to arm if the vehicle would jump. It releases the vehicle for good if
-  another source takes over or commands have stopped (:mod:`.handover`).
+- The bridge sends only in response to a fresh command and has no timer. If the MPC stops, the
+  stack receives nothing, not even a heartbeat, and the stack's failsafe acts. (Betaflight holds
+  the last sticks, so its bridge has a ``line`` for a controlled descent.)
+- The bridge rejects values that are not finite or not in a known frame, with a reason.
+- The bridge passes on a reset of the estimator: same frame, next stamp, another position.
+- The bridge arms and switches modes only on request, and sends nothing before a request to engage.
+  (ArduPilot is set to its landing mode after a landing, because it does not disarm otherwise.)
+- The bridge refuses to engage and to arm if the vehicle would jump. The release is permanent if
+another source takes over or commands have stopped (:mod:`.handover`).
 - Disarming is forced: the motors stop also in the air. The bridge releases the vehicle at once. A
   bridge that cannot disarm its stack refuses and names the tool that can.
-- It reports whether the vehicle acts on commands. Until it does, the reference waits at the
-  vehicle and the MPC does not estimate. It reports whether the vehicle has landed, if known.
+- The bridge reports whether the vehicle executes commands. Until then, the reference waits at the
+vehicle and the MPC does not estimate. The bridge reports whether the vehicle has landed, if known.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ _REFUSAL_REASON_NS = 500_000_000  # for texts with the reason of a refusal
 class Subscription:
     """A topic of the stack and the function that receives its messages.
 
-    ``receive`` is called with a message and its time of arrival [ns]. It returns an odometry to
-    publish, or None.
+    ``receive`` is called with a message and its time of arrival [ns]. It may return the received
+    odometry, which :meth:`Bridge.take_odometries` returns as well.
     """
 
     topic: Topic
@@ -153,20 +153,19 @@ class Bridge(ABC):
 
         Args:
             config: An instance of ``Config``.
-            new: Makes empty messages and service requests by type name.
+            new: Creates empty messages and service requests by type name.
             namespace: Namespace of the stack's topics and services.
         """
         self.thrust = ThrustMap(config)
         self.silence = "waiting for a command"
         self.commands = self.passed = self.refused = self.jumps = 0
-        self.announced_reset: EstimateReset | None = None
-        """The reset that the stack announced with the newest odometry, if any."""
         self._new = new
         self._config = config
         self._namespace = namespace
         self._stamps = OdometryStamps()
         self._newest: OdometrySample | None = None  # published odometry, and its arrival
         self._newest_ns: int | None = None
+        self._odometries: list[tuple[OdometrySample, EstimateReset | None]] = []
         self._warnings: list[str] = []
         self._handover = Handover(config.handover, by_pilot=self.pilot_switches_mode)
         self._handover_conditions = HandoverConditions(config.handover)
@@ -189,7 +188,7 @@ class Bridge(ABC):
         return Response(accepted=True, text="released")
 
     def _arm(self, wanted: bool) -> Response:
-        """Return the response that arms or disarms (also in the air), or a refusal."""
+        """Return the response that arms or disarms (also in the air), or an error."""
         return Response(accepted=False, text="arm the vehicle with the tools of its own stack")
 
     @abstractmethod
@@ -199,16 +198,17 @@ class Bridge(ABC):
     def exchange(self, received: bytes, *, now_ns: int) -> bytes:
         """Process bytes from the line and return bytes to send; called every few milliseconds.
 
-        It is called only if the bridge has a ``line``.
+        This is called only if the bridge has a ``line``.
         """
         return b""
 
     def take_odometries(self) -> list[tuple[OdometrySample, EstimateReset | None]]:
-        """Return the odometries received over the line since the last call.
+        """Return the odometries to publish since the last call.
 
-        Each has the reset of the estimate that was announced with it, or None.
+        An odometry has the announced reset of the stack's estimate, or None.
         """
-        return []
+        odometries, self._odometries = self._odometries, []
+        return odometries
 
     def engage(self, wanted: bool, *, now_ns: int) -> Response:
         """Hand the vehicle to the MPC on request, or take it back.
@@ -300,7 +300,7 @@ class Bridge(ABC):
         return messages if stack.takes_setpoints else messages + self._switch_requests(now_ns)
 
     def engaged(self, *, now_ns: int) -> bool:
-        """Return whether the vehicle acts on commands: armed, in the mode for setpoints."""
+        """Return whether the vehicle executes commands: armed, in the setpoint mode."""
         self._advance(now_ns)
         return self._handover.state is HandoverState.ENGAGED
 
@@ -319,7 +319,7 @@ class Bridge(ABC):
         return warnings
 
     def _advance(self, now_ns: int) -> None:
-        """Advance or end the handover according to the present state."""
+        """Advance or end the handover according to the current state."""
         before = self._handover.state
         if before is HandoverState.RELEASED:
             return
@@ -338,11 +338,11 @@ class Bridge(ABC):
         match self._handover.state:
             case HandoverState.RELEASED if stack.takes_setpoints:
                 return (
-                    "engage it first: the stack is in the mode for setpoints and would execute "
-                    "any setpoint"
+                    "engage it first: the stack is in its setpoint mode and would execute any "
+                    "setpoint"
                 )
             case HandoverState.OFFERED:
-                return "it is being engaged: try again"
+                return "engaging is in progress: try again"
             case HandoverState.STANDBY:
                 return stack.fault or self._engage_blocker(now_ns)
             case _:
@@ -353,12 +353,12 @@ class Bridge(ABC):
         return self._stack(now_ns).armed
 
     def _refuse_arming(self, reason: str) -> None:
-        """Note that the stack refused the request to arm or disarm."""
+        """Record that the stack refused the request to arm or disarm."""
         self._warnings.append(reason)
         self._refusal = [reason]
 
     def _switch_requests(self, now_ns: int) -> list[Outgoing]:
-        """Return the request for the mode for setpoints, if they were sent for long enough."""
+        """Return the request for the setpoint mode, if setpoints were sent for long enough."""
         if self._handover.offered_for(now_ns=now_ns) < round(self.warm_up * 1e9):
             return []
         if self._requested_ns is not None and now_ns - self._requested_ns < _SWITCH_RETRY_NS:
@@ -425,7 +425,7 @@ class Bridge(ABC):
         """Return the odometry to publish, with the MPC's clock and frames.
 
         ``cause`` is the announced cause of a reset of the stack's estimate. Returns None, with a
-        warning, for an odometry that is not valid or not newer than the last one.
+        warning, for an odometry that is invalid or not newer than the last.
         """
         if odometry is None:
             return None
@@ -444,12 +444,13 @@ class Bridge(ABC):
             return None
         odometry = dataclasses.replace(odometry, stamp_ns=stamp_ns)
         before, self._newest, self._newest_ns = self._newest, odometry, now_ns
-        self.announced_reset = None
+        reset = None
         if before is not None and cause is not None:
             self.jumps += 1
-            self.announced_reset = reset = EstimateReset.between(before, odometry)
+            reset = EstimateReset.between(before, odometry)
             step = math.hypot(*reset.step_W)
-            self._warnings.append(f"the estimate steps by {step:.2f} m ({cause})")
+            self._warnings.append(f"the odometry jumps by {step:.2f} m ({cause})")
+        self._odometries.append((odometry, reset))
         self._handover_conditions.odometry.receive(odometry, now_ns)
         self._update_ground(odometry, now_ns)
         return odometry
@@ -501,7 +502,7 @@ def command_result(number: int) -> str:
 
 
 class SwitchedBridge(Bridge):
-    """A bridge to a stack without modes, which acts on every setpoint, armed or not."""
+    """A bridge to a stack without modes, which executes every setpoint, armed or not."""
 
     def _stack(self, now_ns: int) -> Stack:
         return Stack(takes_setpoints=True, armed=True)

@@ -21,8 +21,8 @@ class ThrustParameters(Configuration):
 
     kind: str = parameter(
         "model",
-        doc="Thrust at the stack's throttle u: as thrust_curve of the MPC's model says, linear "
-        "full_thrust u, quadratic per motor, or a table.",
+        doc="Thrust at the stack's throttle u: model uses thrust_curve of the MPC, linear is "
+        "full_thrust u, quadratic is motor_curve for each motor, table interpolates.",
         choices=("model", "linear", "quadratic", "table"),
     )
     full_thrust: float = parameter(
@@ -35,21 +35,21 @@ class ThrustParameters(Configuration):
         length=3,
     )
     table_throttle: tuple[float, ...] = parameter(
-        (0.0, 1.0), doc="table: throttles u, rising.", minimum=0.0, maximum=1.0
+        (0.0, 1.0), doc="table: increasing throttles u.", minimum=0.0, maximum=1.0
     )
     table_thrust: tuple[float, ...] = parameter(
-        (0.0, 20.0), doc="table: thrust of all motors together at each, rising.", unit="N"
+        (0.0, 20.0), doc="table: thrust of all motors together at each throttle.", unit="N"
     )
     battery_voltage: float = parameter(
         0.0,
-        doc="Voltage at which the map was measured; thrust is scaled by the measured voltage "
-        "over it. 0 leaves the voltage out.",
+        doc="Battery voltage at which the map was measured; thrust scales with the ratio of "
+        "measured voltage to this voltage. 0 ignores the voltage.",
         unit="V",
         minimum=0.0,
     )
     battery_exponent: float = parameter(
         2.0,
-        doc="Power of the voltage that the thrust at one throttle goes with.",
+        doc="Exponent of the voltage ratio in the thrust.",
         minimum=0.0,
         maximum=4.0,
     )
@@ -64,7 +64,7 @@ class ThrustParameters(Configuration):
         throttles, thrusts = self.table_throttle, self.table_thrust
         if len(throttles) < 2 or not _rises(throttles):
             raise ConfigurationError(
-                f"{self.owner}.table_throttle", throttles, "two or more rising numbers"
+                f"{self.owner}.table_throttle", throttles, "two or more increasing numbers"
             )
         if len(thrusts) != len(throttles) or not _rises(thrusts):
             raise ConfigurationError(
@@ -79,24 +79,24 @@ class HandoverParameters(Configuration):
     owner = "bridge.handover"
 
     engage_tilt_max: float = _advanced(
-        0.35, doc="Engaging and arming are refused with more tilt.", unit="rad", above=0.0
+        0.35, doc="Largest tilt for engaging and arming.", unit="rad", above=0.0
     )
     engage_distance_max: float = _advanced(
         1.0,
-        doc="Engaging and arming are refused with a reference further away; on the ground it may "
-        "be any way below.",
+        doc="Largest distance of the reference for engaging and arming; on the ground, a "
+        "reference below the vehicle is ignored.",
         unit="m",
         above=0.0,
     )
     engage_rate_max: float = _advanced(
         2.0,
-        doc="Engaging and arming are refused while the MPC commands faster turns.",
+        doc="Largest commanded body rate for engaging and arming.",
         unit="rad/s",
         above=0.0,
     )
     release_after: float = _advanced(
         0.5,
-        doc="Without a fresh command for this long the bridge releases the vehicle, until it is "
+        doc="The bridge releases the vehicle after this time without a fresh command, until it is "
         "engaged again.",
         unit="s",
         minimum=0.1,
@@ -106,15 +106,15 @@ class HandoverParameters(Configuration):
 
 @dataclass(frozen=True, kw_only=True)
 class BridgeConfig(LiftParameters):
-    """Parameters of every bridge; the vehicle is that of the MPC's model."""
+    """Parameters of every bridge; the vehicle is the MPC's."""
 
     owner = "bridge"
 
-    frame_id: str = parameter("odom", doc="World frame of the odometry that the MPC gets.")
-    child_frame_id: str = parameter("base_link", doc="Body frame of that odometry.")
+    frame_id: str = parameter("odom", doc="World frame of the published odometry.")
+    child_frame_id: str = parameter("base_link", doc="Body frame of the published odometry.")
     mpc_command_topic: str = _advanced(
         "command",
-        doc="Topic of the MPC's commands; another one is to be remapped for the mpc node as well.",
+        doc="Topic of the MPC's commands; remap command of the mpc node to the same topic.",
     )
     thrust_map: ThrustParameters = dataclasses.field(default_factory=ThrustParameters)
     handover: HandoverParameters = dataclasses.field(default_factory=HandoverParameters)
@@ -128,7 +128,7 @@ class EstimatorConfig(BridgeConfig):
         "stack_odom", doc="Topic of the estimator's nav_msgs/Odometry, in ENU."
     )
     twist_frame: str = parameter(
-        "child", doc="Frame of its twist: child (body) or world.", choices=("child", "world")
+        "child", doc="Frame of the twist: child (body) or world.", choices=("child", "world")
     )
 
 

@@ -32,12 +32,12 @@ def flu_from_frd(v_frd: Any) -> Array:
 def q_enu_flu_xyzw_from_ned_frd_wxyz(q_ned_frd_wxyz: Any) -> Array:
     """Return the quaternion (x, y, z, w) of FLU in ENU, given (w, x, y, z) of FRD in NED.
 
-    It is q(pi, 0, pi/2) q q(pi, 0, 0), in roll, pitch and yaw, multiplied out and normalised.
-    Raises ``ValueError`` if the quaternion is not a rotation.
+    The result is q(pi, 0, pi/2) q q(pi, 0, 0), in roll, pitch and yaw, multiplied out and
+    normalised. Raises ``ValueError`` if the quaternion is not a rotation.
     """
     w, x, y, z = (float(value) for value in q_ned_frd_wxyz)
     length = math.hypot(w, x, y, z)
     if not 0.5 < length < 2.0:  # false also for NaN
-        raise ValueError(f"no rotation in the quaternion {[w, x, y, z]}")
+        raise ValueError(f"quaternion: given {[w, x, y, z]}, expected a unit quaternion")
     s = _SQRT_HALF / length
     return np.array((s * (x + y), s * (x - y), s * (w - z), s * (w + z)))

@@ -1,10 +1,10 @@
 """The active source and the conditions of a handover: one state machine for all stacks.
 
-It uses neither messages nor a clock. docs/howto/stacks/README.md has the diagram.
+The state machine uses neither messages nor a clock. docs/howto/stacks/README.md has the diagram.
 
 Only a request leads out of ``RELEASED``. Every end of an engagement (request, gap in the commands,
-pilot, failsafe of the stack, disarming) leads back there, and nothing resumes by itself: an
-autopilot left in the mode for setpoints would execute any setpoint.
+pilot, failsafe of the stack, disarming) leads back to RELEASED, and a flight never resumes
+automatically: an autopilot left in the mode for setpoints would execute any setpoint.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class HandoverState(enum.Enum):
 class Stack:
     """State of a stack; ``fault`` is the reason why nothing must be sent to it, or empty.
 
-    ``armed`` is None while unknown. ``exit_reason`` is logged when it leaves the setpoint mode.
+    ``armed`` is None while unknown. ``exit_reason`` is logged at the end of the setpoint mode.
     """
 
     fault: str = ""
@@ -85,7 +85,7 @@ class Handover:
         self.state, self.reason = HandoverState.RELEASED, f"{reason}: call the service engage"
 
     def commanded(self, *, now_ns: int) -> None:
-        """Note a fresh command."""
+        """Record a fresh command."""
         self._command_ns = now_ns
 
     def offered_for(self, *, now_ns: int) -> int:
@@ -102,7 +102,7 @@ class Handover:
         elif stack.fault:
             self.release(f"released because {stack.fault}")
         elif self.state is not HandoverState.OFFERED and not stack.takes_setpoints:
-            gap = f"no fresh command came for {gap_ns / _SECOND:.2f} s, and "
+            gap = f"no fresh command was received for {gap_ns / _SECOND:.2f} s, and "
             reason = stack.exit_reason if gap_ns <= _COMMAND_GAP_NS else gap + stack.exit_reason
             self.release(f"released because {reason}")
         elif self.state is HandoverState.ENGAGED and not stack.armed:
@@ -128,7 +128,7 @@ class Ground:
     """Landing state of a stack that reports only whether it is armed.
 
     A disarmed vehicle is on the ground. While the MPC is engaged, the MPC's ground state applies
-    if it is known. Otherwise the vehicle is on the ground until it has left that height.
+    if it is known. Otherwise the vehicle is on the ground until its height changes.
     """
 
     def __init__(self) -> None:
@@ -183,7 +183,7 @@ class HandoverConditions:
         self._limits = parameters
         self.odometry = LatestStatus(timeout=_MAX_AGE)
         self.command = LatestStatus(timeout=_MAX_AGE)
-        """The newest command and its thrust over the weight."""
+        """The newest command and its thrust-to-weight ratio."""
         self.reference = LatestStatus(timeout=_MAX_REFERENCE_AGE)
 
     def blocker(self, *, landed: bool | None, now_ns: int) -> str:
@@ -214,12 +214,12 @@ class HandoverConditions:
             return ""  # commands may come without a reference
         window = self.reference.value(now_ns=now_ns)
         if window is None:
-            return "the reference is old"
+            return "the reference is too old"
         away = window.pose_at(odometry.stamp_ns)[0] - odometry.p_WB
         if landed:  # ignore a reference below the ground
             rises = float(window.p_WB[:, 2].max() - odometry.p_WB[2])
             if rises > LEFT_GROUND_UNPOWERED:
-                return f"the reference leads {rises:.2f} m up: the vehicle would take off at once"
+                return f"the reference climbs {rises:.2f} m: the vehicle would take off at once"
             away[2] = max(away[2], 0.0)
         distance, most = float(np.linalg.norm(away)), self._limits.engage_distance_max
         if distance <= most:
@@ -238,14 +238,14 @@ class HandoverConditions:
             most = NO_LIFT
         if not least <= share <= most:
             return (
-                f"the MPC would begin with {share:.2f} of the weight as thrust, expected "
+                f"the MPC would start with {share:.2f} of the weight as thrust, expected "
                 f"{least:g} to {most:g} {'on the ground' if landed else 'in the air'}"
             )
         fastest = max(map(abs, command.w_WB_B.tolist()))
         if fastest > self._limits.engage_rate_max:
             return (
-                f"the MPC would begin with a turn of {fastest:.1f} rad/s, engage_rate_max is "
-                f"{self._limits.engage_rate_max:g} rad/s"
+                f"the MPC would start with a body rate of {fastest:.1f} rad/s, engage_rate_max "
+                f"is {self._limits.engage_rate_max:g} rad/s"
             )
         return ""
 

@@ -1,7 +1,7 @@
 """Lines to a stack without topics: a serial port (pyserial), UDP or TCP.
 
-``udpin:HOST:PORT`` is a server and answers its caller; ``udpout:HOST:PORT`` and
-``tcp:HOST:PORT`` are clients. A line that fails is opened again.
+``udpin:HOST:PORT`` is a server and answers its caller; ``udpout:HOST:PORT`` and ``tcp:HOST:PORT``
+are clients. A line that fails is reopened.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Line:
 
 
 class LineFactory(Protocol):
-    """Description of a line: a :class:`Line`, or one of another kind."""
+    """Description of a line: a :class:`Line` or another kind of line."""
 
     @property
     def period(self) -> float:
@@ -148,7 +148,7 @@ class NetworkLine(ReconnectingLine):
     def __init__(self, line: Line) -> None:
         address = address_of(line.device)
         if address is None:
-            raise ValueError(f"{line.device}: expected a kind, a host and a port")
+            raise ValueError(f"{line.device}: expected a protocol, a host and a port")
         super().__init__(line.device)
         self._address = address
         self._is_server, self._is_stream = line.device.startswith("udpin:"), line.device[0] == "t"
@@ -211,7 +211,7 @@ class NetworkLine(ReconnectingLine):
         self._socket.setblocking(False)
 
     def _accepts(self, caller: tuple[str, int]) -> bool:
-        """Return whether to accept a datagram: of one caller, until it is silent."""
+        """Return whether to accept a datagram: only one caller, until this caller is silent."""
         now = time.monotonic()
         if self._caller is not None and caller != self._caller[0]:
             if now - self._caller[1] < _CALLER_TIMEOUT:

@@ -1,16 +1,13 @@
-"""Bridge to PX4 or ArduPilot with MAVROS (mavros_msgs); MAVROS converts from ENU and FLU.
+"""Bridge to PX4 with MAVROS (mavros_msgs); MAVROS converts from ENU and FLU.
 
-For PX4 the setpoints are the heartbeat: they must be sent before the switch to OFFBOARD, and PX4
-returns to OFFBOARD by itself when they return. ArduPilot needs no setpoints before the switch to
-GUIDED and receives none in other modes. The bridge requests ArduPilot's parameters from the node
-``param`` of MAVROS, for the interpretation of thrust (:mod:`.ardupilot`).
+The setpoints are the heartbeat: they must be sent before the switch to OFFBOARD, and PX4
+automatically returns to OFFBOARD when setpoints return.
 
 Fields and constants: https://github.com/mavlink/mavros (mavros_msgs/msg/AttitudeTarget).
 """
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +16,6 @@ from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage
-from quad_mpc_ros.ros.bridges.ardupilot import cosine_of_tilt, thrust_fault, without_boost
 from quad_mpc_ros.ros.bridges.bridge import (
     FORCED,
     Bridge,
@@ -36,9 +32,7 @@ IGNORE_ATTITUDE = 128  # and no bit of a rate or of the thrust
 COMPONENT_ARM_DISARM = 400  # MAV_CMD
 
 _STATE_TIMEOUT = 3.0  # s: MAVROS publishes it with each heartbeat of the autopilot, once a second
-_ENGAGED = {"px4": ("OFFBOARD",), "ardupilot": ("GUIDED", "GUIDED_NOGPS")}
-_RELEASED = {"px4": "AUTO.LOITER", "ardupilot": "LOITER"}
-_OPTIONS, _BOOST = "GUID_OPTIONS", "ATC_ANGLE_BOOST"
+_SETPOINT_MODE, _RELEASE_MODE = "OFFBOARD", "AUTO.LOITER"
 
 
 def fill_attitude_target(
@@ -57,9 +51,6 @@ class MavrosConfig(BridgeConfig):
 
     owner = "mavros_bridge"
 
-    autopilot: str = parameter(
-        "px4", doc="What flies behind MAVROS.", choices=("px4", "ardupilot")
-    )
     mavros: str = parameter("/mavros", doc="Namespace of MAVROS.")
 
 
@@ -70,15 +61,12 @@ class MavrosBridge(Bridge):
     packages = ("mavros_msgs",)
     how_to_get = "sudo apt install ros-jazzy-mavros-msgs"
     Config = MavrosConfig
+    warm_up = 1.1  # for more than a second
+    streams = True
 
     def __init__(self, config: MavrosConfig, new: NewMessage) -> None:
         super().__init__(config, new, namespace=config.mavros)
-        self._modes = _ENGAGED[config.autopilot]
         self._state = LatestStatus(timeout=_STATE_TIMEOUT)
-        self._thrust_fault = ""
-        self._is_boosted = False
-        if config.autopilot == "px4":
-            self.warm_up, self.streams = 1.1, True
         state = self._topic("state", "mavros_msgs/msg/State", reliable=True, depth=10)
         battery = self._topic("battery", "sensor_msgs/msg/BatteryState")
         self.subscriptions = [
@@ -97,36 +85,7 @@ class MavrosBridge(Bridge):
         self._set_mode = self._service("set_mode", "mavros_msgs/srv/SetMode")
         self._arm_service = self._service("cmd/arming", "mavros_msgs/srv/CommandBool")
         self._command = self._service("cmd/command", "mavros_msgs/srv/CommandLong")
-        self._parameters = self._service(
-            "param/get_parameters", "rcl_interfaces/srv/GetParameters"
-        )
-        self.services = self._set_mode, self._arm_service, self._command, self._parameters
-
-    def engage(self, wanted: bool, *, now_ns: int) -> Response:
-        """Hand the vehicle to the MPC, or take it back; request ArduPilot's thrust parameters."""
-        if wanted:
-            self._thrust_fault = ""  # until the response arrives
-        response = super().engage(wanted, now_ns=now_ns)
-        if not (wanted and response.accepted) or self._config.autopilot != "ardupilot":
-            return response
-        question = self._call(
-            self._parameters, receive=self._on_parameters, optional=True, names=[_OPTIONS, _BOOST]
-        )
-        return dataclasses.replace(response, calls=[*response.calls, question])
-
-    def _on_parameters(self, response: Any) -> None:
-        """Check how ArduPilot interprets thrust."""
-        values = map(conversions.parameter_value, response.values)
-        reported = dict(zip((_OPTIONS, _BOOST), values, strict=False))
-        if missing := [name for name in (_OPTIONS, _BOOST) if reported.get(name) is None]:
-            self._warnings.append(
-                f"MAVROS does not report ArduPilot's {' and '.join(missing)} yet: engage again "
-                "when it has pulled the parameters, or see docs/howto/stacks/mavros.md"
-            )
-        if _OPTIONS not in missing:
-            self._thrust_fault = thrust_fault(int(reported[_OPTIONS]))
-        if _BOOST not in missing:
-            self._is_boosted = reported[_BOOST] != 0
+        self.services = self._set_mode, self._arm_service, self._command
 
     def _stack(self, now_ns: int) -> Stack:
         state = self._state.value(now_ns=now_ns)
@@ -134,13 +93,11 @@ class MavrosBridge(Bridge):
             fault = f"no state within {_STATE_TIMEOUT:g} s on {self._config.mavros}/state"
             return Stack(fault=fault)
         if not state.connected:
-            return Stack(fault="MAVROS is not connected to the autopilot")
-        if self._thrust_fault:
-            return Stack(fault=self._thrust_fault)
+            return Stack(fault="MAVROS is not connected to PX4")
         return Stack(
-            takes_setpoints=state.mode in self._modes,
+            takes_setpoints=state.mode == _SETPOINT_MODE,
             armed=bool(state.armed),
-            exit_reason=f"the autopilot's mode is {state.mode}",
+            exit_reason=f"PX4's mode is {state.mode}",
         )
 
     def _arm(self, wanted: bool) -> Response:
@@ -161,21 +118,17 @@ class MavrosBridge(Bridge):
     def _on_arming(self, what: str, response: Any) -> None:
         if not response.success:
             result = command_result(int(response.result))
-            self._refuse_arming(f"the autopilot refuses {what}: {result}")
+            self._refuse_arming(f"PX4 refuses {what}: {result}")
 
     def _switch(self) -> list[Outgoing]:
-        return [self._call(self._set_mode, custom_mode=self._modes[0])]
+        return [self._call(self._set_mode, custom_mode=_SETPOINT_MODE)]
 
     def _switch_back(self, now_ns: int) -> Response:
-        mode = _RELEASED[self._config.autopilot]
-        call = self._call(self._set_mode, custom_mode=mode)
-        return Response(accepted=True, text=f"asked for mode {mode}", calls=[call])
+        call = self._call(self._set_mode, custom_mode=_RELEASE_MODE)
+        return Response(accepted=True, text=f"requested mode {_RELEASE_MODE}", calls=[call])
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         message = self._new(self._target.type_name)
         throttle = self.thrust.stack_throttle(command.throttle)
-        if self._is_boosted:
-            up = cosine_of_tilt(self._newest, now_ns=now_ns)
-            throttle = without_boost(throttle, up=up)
         fill_attitude_target(message, command, throttle=throttle, now_ns=now_ns)
         return [OutgoingMessage(topic=self._target, message=message)]

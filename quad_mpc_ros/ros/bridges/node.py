@@ -137,11 +137,9 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             except AttributeError:
                 package = type_name.partition("/")[0]
                 raise UserError(
-                    f"{bridge.name}: the installed {package} has no {type_name}, it belongs to "
-                    f"another release: {bridge.how_to_get}"
+                    f"{bridge.name}: the installed {package} has no {type_name}, the package is "
+                    f"of another release: {bridge.how_to_get}"
                 ) from None
-            except ModuleNotFoundError:
-                pass  # reported by :func:`_require`
 
     def _on_command(self, message: Any) -> None:
         self._command_ns = now_ns = self._time.now_ns()
@@ -152,7 +150,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         if self._bridge.silence != self._silence:
             self._silence = self._bridge.silence
             self.get_logger().info(
-                self._silence or "commands pass", throttle_duration_sec=_LOG_PERIOD
+                self._silence or "commands are sent", throttle_duration_sec=_LOG_PERIOD
             )
 
     def _on_reference(self, message: Any) -> None:
@@ -167,22 +165,23 @@ class BridgeNode(ReportingNode[BridgeConfig]):
 
     def _on_stack(self, subscription: Subscription, message: Any) -> None:
         now_ns = self._time.now_ns()
-        odometry = subscription.receive(message, now_ns)
-        self._follow_engagement(now_ns)
-        if odometry is not None:
-            self._publish_odometry(odometry, self._bridge.announced_reset)
-        for warning in self._bridge.take_warnings():
-            self._warnings.warn(warning)
+        subscription.receive(message, now_ns)
+        self._publish_state(now_ns)
 
     def _on_line(self) -> None:
         assert self._line is not None
         now_ns = self._time.now_ns()
         self._line.write(self._bridge.exchange(self._line.read(), now_ns=now_ns))
+        self._publish_state(now_ns)
+        if self._line.fault:
+            self._warnings.warn(self._line.fault)
+
+    def _publish_state(self, now_ns: int) -> None:
+        """Publish what the bridge has received of the stack; log its warnings."""
         self._follow_engagement(now_ns)
         for odometry, reset in self._bridge.take_odometries():
             self._publish_odometry(odometry, reset)
-        warnings = self._bridge.take_warnings()
-        for warning in [*warnings, *filter(None, [self._line.fault])]:
+        for warning in self._bridge.take_warnings():
             self._warnings.warn(warning)
 
     def _publish_odometry(self, odometry: OdometrySample, reset: EstimateReset | None) -> None:
@@ -290,7 +289,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         future.add_done_callback(functools.partial(self._on_answered, call))
 
     def report(self) -> Health:
-        """Return whether commands are sent to the stack, or the reason why not."""
+        """Return whether commands are sent to the stack, or the reason for silence."""
         bridge, now_ns = self._bridge, self._time.now_ns()
         quiet = now_ns - self._command_ns > _COMMAND_TIMEOUT_NS
         fault = bridge.stack_fault(now_ns=now_ns)
@@ -299,7 +298,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         landed = self._published_landed
         return Health(
             level=WARN if text else OK,
-            text=text or "commands pass",
+            text=text or "commands are sent",
             values=[
                 ("odometries", str(self._odometries)),
                 ("refused_odometries", str(bridge.refused)),

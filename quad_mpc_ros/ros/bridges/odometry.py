@@ -47,7 +47,7 @@ class OdometryStamps:
         return stamp_ns
 
     def _set(self, stack_ns: int, now_ns: int, *, age_ns: int) -> None:
-        """Set the offset from a state of an age; 0 if it is within the tolerance."""
+        """Set the offset from a state of an age; 0 if the age is within the tolerance."""
         apart_ns = now_ns - stack_ns
         behind_ns = 0 if abs(apart_ns) <= _CLOCK_TOLERANCE_NS else apart_ns - age_ns
         self._offset.set(behind_ns, stamp_ns=stack_ns, now_ns=now_ns)
@@ -61,7 +61,7 @@ class OdometryStamps:
         return min(stack_ns - before_ns, now_ns - arrived_ns) < -_CLOCK_TOLERANCE_NS
 
     def _has_been_late(self, age_ns: int, now_ns: int) -> bool:
-        """Return whether states were late for a second: a clock was set, the link is not slow."""
+        """Return whether states were late for a second, as after a clock was set."""
         if age_ns <= _CLOCK_TOLERANCE_NS:
             self._late.clear()
             return False

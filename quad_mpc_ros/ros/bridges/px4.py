@@ -3,7 +3,7 @@
 The heartbeat ``offboard_control_mode`` must be sent for a second before PX4 switches to offboard.
 PX4 has no failsafe for setpoints that stop while the heartbeat continues, so a heartbeat is sent
 only with a fresh command. PX4 stays ready for offboard mode after a failsafe or disarming: a
-single heartbeat would resume it. So no heartbeat is sent before a request to engage.
+single heartbeat would resume offboard flight. So no heartbeat is sent before a request to engage.
 
 Fields and constants: https://github.com/PX4/px4_msgs.
 """
@@ -52,7 +52,6 @@ _POSE_FRAMES = {POSE_FRAME_NED: "NED", POSE_FRAME_FRD: "FRD"}
 _STATUS_TIMEOUT = 1.5  # s: published at 2 Hz and on change; DDS forwards 5 Hz at most
 _MODE_TIMEOUT = 0.5  # s: published at 50 Hz
 _LAND_TIMEOUT = 2.5  # s: published at 1 Hz and on change
-_INSTALLED_VERSION = -1
 _ACCEPTED, _IN_PROGRESS = 0, 5
 
 
@@ -106,12 +105,6 @@ def fill_command(
     message.from_external = True
 
 
-def _version(kind: str) -> Any:
-    return parameter(
-        _INSTALLED_VERSION, doc=f"The same of {kind}.", minimum=_INSTALLED_VERSION, advanced=True
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
 class Px4Config(BridgeConfig):
     """Parameters of the PX4 bridge."""
@@ -119,25 +112,11 @@ class Px4Config(BridgeConfig):
     owner = "px4_bridge"
 
     fmu: str = parameter(
-        "/fmu", doc="Prefix of PX4's topics; /px4_1/fmu for the client key px4_1."
+        "/fmu", doc="Prefix of PX4's topics, such as /px4_1/fmu for the client key px4_1."
     )
     target_system: int = parameter(
-        1, doc="MAV_SYS_ID of the vehicle that is armed and switched.", minimum=1, maximum=255
+        1, doc="MAV_SYS_ID of the vehicle to arm and to switch.", minimum=1, maximum=255
     )
-    odometry_version: int = parameter(
-        _INSTALLED_VERSION,
-        doc="Version N of VehicleOdometry on the vehicle, whose topic then ends in _vN; 0 is no "
-        "suffix and -1 that of the installed px4_msgs.",
-        minimum=_INSTALLED_VERSION,
-        advanced=True,
-    )
-    status_version: int = _version("VehicleStatus")
-    rates_version: int = _version("VehicleRatesSetpoint")
-    mode_version: int = _version("VehicleControlMode")
-    land_version: int = _version("VehicleLandDetected")
-    command_version: int = _version("VehicleCommand")
-    ack_version: int = _version("VehicleCommandAck")
-    battery_version: int = _version("BatteryStatus")
 
 
 class Px4Bridge(Bridge):
@@ -159,13 +138,13 @@ class Px4Bridge(Bridge):
         self._mode = LatestStatus(timeout=_MODE_TIMEOUT)
         self._land = LatestStatus(timeout=_LAND_TIMEOUT)
         self._resets: tuple[int, int] | None = None
-        odometry = self._versioned("out/vehicle_odometry", "VehicleOdometry", "odometry")
-        status = self._versioned("out/vehicle_status", "VehicleStatus", "status")
+        odometry = self._versioned("out/vehicle_odometry", "VehicleOdometry")
+        status = self._versioned("out/vehicle_status", "VehicleStatus")
         self._status_name = status.name
-        mode = self._versioned("out/vehicle_control_mode", "VehicleControlMode", "mode")
-        land = self._versioned("out/vehicle_land_detected", "VehicleLandDetected", "land")
-        ack = self._versioned("out/vehicle_command_ack", "VehicleCommandAck", "ack")
-        battery = self._versioned("out/battery_status", "BatteryStatus", "battery")
+        mode = self._versioned("out/vehicle_control_mode", "VehicleControlMode")
+        land = self._versioned("out/vehicle_land_detected", "VehicleLandDetected")
+        ack = self._versioned("out/vehicle_command_ack", "VehicleCommandAck")
+        battery = self._versioned("out/battery_status", "BatteryStatus")
         self.subscriptions = [
             Subscription(topic=odometry, receive=self._on_odometry),
             Subscription(topic=status, receive=self._status.receive),
@@ -175,12 +154,12 @@ class Px4Bridge(Bridge):
             *self._battery_subscription(battery, field="voltage_v"),
         ]
         self._heartbeat = self._versioned("in/offboard_control_mode", "OffboardControlMode")
-        self._rates = self._versioned("in/vehicle_rates_setpoint", "VehicleRatesSetpoint", "rates")
-        self._command = self._versioned("in/vehicle_command", "VehicleCommand", "command")
+        self._rates = self._versioned("in/vehicle_rates_setpoint", "VehicleRatesSetpoint")
+        self._command = self._versioned("in/vehicle_command", "VehicleCommand")
         self.publications = self._heartbeat, self._rates, self._command
 
     def landed(self, *, now_ns: int) -> bool | None:
-        """Return the state of PX4's land detector, or, without it, one derived from arming."""
+        """Return the state of PX4's land detector, or else a state derived from arming."""
         land = self._land.value(now_ns=now_ns)
         return super().landed(now_ns=now_ns) if land is None else bool(land.landed)
 
@@ -213,7 +192,7 @@ class Px4Bridge(Bridge):
 
     def _switch_back(self, now_ns: int) -> Response:
         command = self._vehicle_command(VEHICLE_CMD_DO_SET_MODE, HOLD)
-        return Response(accepted=True, text="asked for hold mode", messages=[command])
+        return Response(accepted=True, text="requested hold mode", messages=[command])
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         heartbeat = self._new(self._heartbeat.type_name)
@@ -250,7 +229,7 @@ class Px4Bridge(Bridge):
             return
         result = command_result(int(message.result))
         if message.command == VEHICLE_CMD_COMPONENT_ARM_DISARM:
-            reason = f"PX4 refuses to arm or disarm ({result}): the ground station has its reason"
+            reason = f"PX4 refuses to arm or disarm ({result}): see the ground station"
             self._refuse_arming(reason)
         else:
             self._warnings.append(f"PX4 refuses command {message.command}: {result}")
@@ -262,13 +241,10 @@ class Px4Bridge(Bridge):
         fill_command(message, command, parameters, target_system=self._config.target_system)
         return OutgoingMessage(topic=self._command, message=message)
 
-    def _versioned(self, path: str, kind: str, version_parameter: str | None = None) -> Topic:
+    def _versioned(self, path: str, kind: str) -> Topic:
+        """Return a topic; its name ends in the version of the installed message, if not 0."""
         type_name = f"px4_msgs/msg/{kind}"
-        version = 0
-        if version_parameter is not None:
-            version = getattr(self._config, f"{version_parameter}_version")
-        if version == _INSTALLED_VERSION:
-            version = int(getattr(type(self._new(type_name)), "MESSAGE_VERSION", 0))
+        version = int(getattr(type(self._new(type_name)), "MESSAGE_VERSION", 0))
         suffix = f"_v{version}" if version > 0 else ""
         # Not latched: an agent that starts later would receive old requests.
         return self._topic(f"{path}{suffix}", type_name)

@@ -15,6 +15,9 @@ from quad_mpc_ros.ros.bridges.bridge import OutgoingMessage, SwitchedBridge
 from quad_mpc_ros.ros.bridges.config import EstimatorConfig
 from quad_mpc_ros.ros.bridges.frames import flu_from_frd
 
+_SETPOINT = Topic(name="rates_setpoint", type_name="geometry_msgs/msg/TwistStamped", reliable=True)
+_BATTERY = Topic(name="battery", type_name="sensor_msgs/msg/BatteryState")
+
 
 def fill_rates(
     message: Any,
@@ -59,11 +62,7 @@ class RatesConfig(EstimatorConfig):
     angle_unit: str = parameter(
         "rad", doc="Unit of the body rates, per second.", choices=("rad", "deg")
     )
-    setpoint_topic: str = parameter("rates_setpoint", doc="Topic of the TwistStamped.")
-    setpoint_frame_id: str = parameter("base_link", doc="Frame that its header names.")
-    battery_topic: str = parameter(
-        "battery", doc="Topic of a sensor_msgs/BatteryState, with thrust_map.battery_voltage."
-    )
+    setpoint_frame_id: str = parameter("base_link", doc="Frame in the header of the setpoints.")
 
 
 class RatesBridge(SwitchedBridge):
@@ -76,18 +75,14 @@ class RatesBridge(SwitchedBridge):
 
     def __init__(self, config: RatesConfig, new: NewMessage) -> None:
         super().__init__(config, new)
-        self._setpoint = Topic(
-            name=config.setpoint_topic, type_name="geometry_msgs/msg/TwistStamped", reliable=True
-        )
-        self.publications = (self._setpoint,)
-        battery = Topic(name=config.battery_topic, type_name="sensor_msgs/msg/BatteryState")
+        self.publications = (_SETPOINT,)
         self.subscriptions = [
             self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame),
-            *self._battery_subscription(battery),
+            *self._battery_subscription(_BATTERY),
         ]
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
-        message = self._new(self._setpoint.type_name)
+        message = self._new(_SETPOINT.type_name)
         fill_rates(
             message,
             command,
@@ -97,7 +92,7 @@ class RatesBridge(SwitchedBridge):
             frame_id=self._config.setpoint_frame_id,
             now_ns=now_ns,
         )
-        return [OutgoingMessage(topic=self._setpoint, message=message)]
+        return [OutgoingMessage(topic=_SETPOINT, message=message)]
 
     def _thrust(self, throttle: float) -> float:
         match self._config.thrust_unit:

@@ -16,7 +16,7 @@ from quad_mpc_ros.configuration.spelling import did_you_mean
 
 
 def bridge_packages() -> dict[str, str]:
-    """Return the ROS package of each registered bridge by name, without loading any."""
+    """Return the ROS package of each registered bridge by name, without loading bridges."""
     return {
         entry.name: entry.dist.name.replace("-", "_")
         for entry in _entries()

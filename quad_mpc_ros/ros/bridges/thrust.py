@@ -12,7 +12,7 @@ _BATTERY_SCALE_LIMITS = (0.5, 1.5)
 
 
 class ThrustMap:
-    """Thrust over the MPC's throttle and over the stack's throttle."""
+    """Thrust as a function of the MPC's throttle and of the stack's throttle."""
 
     def __init__(self, config: BridgeConfig) -> None:
         self._model = config.vehicle()
@@ -53,7 +53,7 @@ class ThrustMap:
 
     @property
     def battery_scale(self) -> float:
-        """Thrust at the present voltage over thrust of the map; 1 until a voltage is known."""
+        """Ratio of current thrust to thrust of the map; 1 until a voltage is known."""
         if self._voltage.value is None:
             return 1.0
         ratio = self._voltage.value / self._parameters.battery_voltage

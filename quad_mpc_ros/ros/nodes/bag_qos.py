@@ -13,25 +13,33 @@ from rclpy.qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 
-from quad_mpc_ros.recordings.qos_profile import INFINITE_NS, QosProfile
+from quad_mpc_ros.recordings.qos import INFINITE_NS, nanoseconds, qos_time
 from quad_mpc_ros.ros.messages import qos_profile
 
 _RECORDING_DEPTH = 1000  # room for a stall of several seconds
 _MIN_DEPTH = 10
 
 
-def recorded_profile(profile: QoSProfile) -> QosProfile:
+def recorded_profile(profile: QoSProfile) -> Qos:
     """Return the profile for a bag, given rclpy's profile."""
-    return QosProfile(
-        history=profile.history.name.lower(),
+    return Qos(
+        history=QosHistory[profile.history.name],
         depth=profile.depth,
-        reliability=profile.reliability.name.lower(),
-        durability=profile.durability.name.lower(),
-        deadline=profile.deadline.nanoseconds,
-        lifespan=profile.lifespan.nanoseconds,
-        liveliness=profile.liveliness.name.lower(),
-        liveliness_lease_duration=profile.liveliness_lease_duration.nanoseconds,
+        reliability=QosReliability[profile.reliability.name],
+        durability=QosDurability[profile.durability.name],
+        deadline=qos_time(profile.deadline.nanoseconds),
+        lifespan=qos_time(profile.lifespan.nanoseconds),
+        liveliness=QosLiveliness[profile.liveliness.name],
+        liveliness_lease_duration=qos_time(profile.liveliness_lease_duration.nanoseconds),
         avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
     )
 
@@ -46,28 +54,29 @@ def strictest_common_profile(publishers: Sequence[QoSProfile]) -> QoSProfile:
     return profile
 
 
-def playback_profile(recorded: Sequence[QosProfile]) -> QoSProfile:
+def playback_profile(recorded: Sequence[Qos]) -> QoSProfile:
     """Return the profile to play messages that publishers with these profiles sent.
 
-    It must match subscribers of any of these publishers: it is reliable or latched if one of them
-    was. Deadline, lifespan and liveliness are kept if all are equal.
+    The profile must match subscribers of any of these publishers: it is reliable or latched if any
+    of them was. Deadline, lifespan and liveliness are kept if all are equal.
     """
     if not recorded:
         return QoSProfile(depth=_MIN_DEPTH)
-    reliable = any(profile.reliability == "reliable" for profile in recorded)
-    latched = any(profile.durability == "transient_local" for profile in recorded)
+    reliable = any(profile.reliability == QosReliability.RELIABLE for profile in recorded)
+    latched = any(profile.durability == QosDurability.TRANSIENT_LOCAL for profile in recorded)
     common: dict[str, Any] = {
         name: _duration(getattr(recorded[0], name))
         for name in ("deadline", "lifespan", "liveliness_lease_duration")
         if len({getattr(profile, name) for profile in recorded}) == 1
     }
-    if all(profile.liveliness == "manual_by_topic" for profile in recorded):
+    if all(profile.liveliness == QosLiveliness.MANUAL_BY_TOPIC for profile in recorded):
         common["liveliness"] = LivelinessPolicy.MANUAL_BY_TOPIC
     # DDS often does not report the depth of a publisher; then it is recorded as 0.
     depth = max(_MIN_DEPTH, *(profile.depth for profile in recorded))
     return qos_profile(depth=depth, reliable=reliable, latched=latched, **common)
 
 
-def _duration(nanoseconds: int) -> Duration:
+def _duration(recorded: QosTime) -> Duration:
     """Return a duration; infinity becomes zero, which is rmw's value for "unspecified"."""
-    return Duration(nanoseconds=0 if nanoseconds == INFINITE_NS else nanoseconds)
+    duration_ns = nanoseconds(recorded)
+    return Duration(nanoseconds=0 if duration_ns == INFINITE_NS else duration_ns)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import sys
-from collections import deque
 from typing import TYPE_CHECKING, Any
 
 from rclpy.publisher import Publisher
@@ -22,16 +21,15 @@ from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
 from quad_mpc_ros.messages.corridor import written_corridor
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
-from quad_mpc_ros.ros import realtime
 from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.command_ownership import CommandOwnership
 from quad_mpc_ros.ros.compiling import log_compilation
+from quad_mpc_ros.ros.garbage_collection import GarbageCollection
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import imu_in, new_message, odometry_in, reference_in
 from quad_mpc_ros.ros.nodes.obstacle_inputs import ObstacleInputs
 from quad_mpc_ros.ros.rate_loop_monitor import RateLoopMonitor
-from quad_mpc_ros.ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
 
@@ -42,7 +40,7 @@ if TYPE_CHECKING:  # imported only with a guide
 _ESTIMATE_WARNINGS = {"at bounds": "is at its bounds", "reset": "was reset"}
 _IMU_WARNINGS = {
     "missing": "is silent",
-    "refused": "measures what the odometry contradicts",
+    "refused": "contradicts the odometry",
 }
 # Between published plans: every plan at 50 Hz in lockstep; fewer in real time, where publishing
 # takes as long as solving.
@@ -50,6 +48,7 @@ _PATH_PERIOD_NS, _LOCKSTEP_PERIOD_NS = 95_000_000, 15_000_000
 
 # s: at most, between checks for missing odometry, because the timeout is a live parameter.
 _MAX_PAUSE = 0.1
+_CHECK_PERIOD = 1.0  # s: between checks for other command publishers and of the rate loop
 
 
 class MpcNode(ManagedNode[MpcConfig]):
@@ -62,11 +61,8 @@ class MpcNode(ManagedNode[MpcConfig]):
     _controller: Controller
     _standby: Standby
 
-    def __init__(self, *, subscribes_reference: bool = True) -> None:
-        """Initialise; without the subscription, windows come from :meth:`take_reference` only."""
+    def __init__(self) -> None:
         super().__init__("mpc", MpcConfig)
-        self._subscribes_reference, self._in_lockstep = subscribes_reference, False
-        self._handed: deque[tuple[ReferenceWindow, int]] = deque(maxlen=1)
         self._tick: Tick | None = None
         self._time = SteadyTime(self.get_clock())
         self._ownership = CommandOwnership(self)
@@ -75,20 +71,16 @@ class MpcNode(ManagedNode[MpcConfig]):
 
     def configure(self, config: MpcConfig) -> None:
         """Create the controller, publishers and subscriptions."""
-        refused = realtime.apply(config.realtime)
-        for refusal in refused:
-            self.get_logger().warning(refusal)
-        self._refused = "; ".join(refused)
-        between_ticks = config.realtime.garbage_collection == "between_ticks"
-        self._garbage = GarbageCollection(between_ticks=between_ticks)
+        self._garbage = GarbageCollection()
         guidance = _guidance(config)
         guide = None if guidance is None else guidance.guide
         self._gates: HeldGates | None = None if guidance is None else guidance.gates
         with log_compilation(self):
             self._controller = warmed_up(config, deadline=config.deadline_seconds, guide=guide)
         self._rate_loop = RateLoopMonitor()
+        self._rate_loop_fault: str | None = None
         self._standby = Standby(config)
-        self._in_lockstep = self.health.lockstep = config.lockstep
+        self.health.lockstep = config.lockstep
         self._engaged: bool | None = None  # commands act unless a bridge reports otherwise
         self._landed: bool | None = None
         self._command = self.health.publisher(topics.COMMAND)
@@ -102,10 +94,9 @@ class MpcNode(ManagedNode[MpcConfig]):
 
         # Raw bytes: conversion by rclpy takes longer than the control step.
         self.managed_subscription(topics.ODOMETRY, self._on_odometry, decode=odometry_in, raw=True)
-        if self._subscribes_reference:
-            self.managed_subscription(
-                topics.REFERENCE, self._on_reference, decode=reference_in, raw=True
-            )
+        self.managed_subscription(
+            topics.REFERENCE, self._on_reference, decode=reference_in, raw=True
+        )
         if config.uses_accelerometer:
             self.managed_subscription(
                 topics.IMU, self._on_imu, decode=imu_in, raw=True, expected=False
@@ -133,6 +124,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._obstacle_inputs = ObstacleInputs(
                 self, guidance.world, guidance.surroundings, lockstep=config.lockstep
             )
+        self.managed_timer(_CHECK_PERIOD, self._check_faults)
         if not config.lockstep:
             self.managed_timer(1.0 / config.control_rate, self._on_watchdog)
 
@@ -145,8 +137,6 @@ class MpcNode(ManagedNode[MpcConfig]):
         missing = self._standby.missing
         if missing not in ("odometry", "reference"):
             return blocker
-        if missing == "reference" and not self._subscribes_reference:
-            return f"{blocker}: from the reference node of this process"
         topic = topics.ODOMETRY if missing == "odometry" else topics.REFERENCE
         return f"{blocker}: {self.health.publishers_of(topic)}"
 
@@ -165,16 +155,17 @@ class MpcNode(ManagedNode[MpcConfig]):
         """Discard the flight state; no commands until the next activation."""
         self._ownership.end()
         self._controller, self._tick = self._controller.fresh_copy(), None
+        self._rate_loop = RateLoopMonitor()
         if self._engaged is not None:
             self._controller.engage(self._engaged)
         self._controller.landed(self._landed)
         self._publish_ground()
 
     def loss_in_flight(self) -> str | None:
-        """Return that commands stop; None if commands do not act or the vehicle has landed."""
+        """Return that commands stop; None if not engaged or landed."""
         if self._engaged is False or self._controller.ground_state.is_on_ground:
             return None
-        return "no more commands, the autopilot's failsafe takes over"
+        return "stopped publishing commands; the autopilot's failsafe takes over"
 
     def cleanup(self) -> None:
         """Release the controller."""
@@ -188,23 +179,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._controller.reconfigure(config)
         self._standby.reconfigure(config)
 
-    def take_reference(self, window: ReferenceWindow) -> None:
-        """Receive a window from another node of this process, in any thread.
-
-        It is used with the next odometry, in lockstep at once, because the odometry waits for it.
-        """
-        self._handed.append((window, self._time.now_ns()))
-        if self._in_lockstep and self.executor is not None:
-            self.executor.create_task(self._receive_handed)
-
-    def _receive_handed(self) -> None:
-        """Receive the newest window from another thread, if any."""
-        if self._handed and self._configured:
-            window, now_ns = self._handed.pop()
-            self._receive_reference(window, now_ns=now_ns)
-
     def _on_odometry(self, odometry: OdometrySample) -> None:
-        self._receive_handed()
         now_ns = self._time.now_ns()
         self._standby.receive_odometry(odometry, now_ns=now_ns)
         self._ownership.note_message()
@@ -226,9 +201,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._log_warnings()
 
     def _on_reference(self, window: ReferenceWindow) -> None:
-        self._receive_reference(window, now_ns=self._time.now_ns())
-
-    def _receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
+        now_ns = self._time.now_ns()
         self._standby.receive_reference(window, now_ns=now_ns)
         if self.active:
             self._finish(self._controller.receive_reference(window, now_ns=now_ns))
@@ -236,13 +209,13 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.activate_when_ready()
 
     def _on_engaged(self, message: Any) -> None:
-        """Receive whether the vehicle acts on commands, and log changes."""
+        """Receive whether the vehicle executes commands, and log changes."""
         engaged = bool(message.data)
         self._controller.engage(engaged)
         if engaged is not self._engaged:
             self._engaged = engaged
             self.get_logger().info(
-                "commands act" if engaged else "commands do not act: estimation is paused"
+                "commands act" if engaged else "commands are not executed: estimation is paused"
             )
 
     def _on_landed(self, message: Any) -> None:
@@ -281,7 +254,6 @@ class MpcNode(ManagedNode[MpcConfig]):
 
     def _on_watchdog(self) -> float:
         """React to missing odometry; return the time until the next check [s]."""
-        self._receive_handed()
         now_ns = self._time.now_ns()
         if self.active:
             self._finish(self._controller.watch(now_ns=now_ns))
@@ -296,7 +268,7 @@ class MpcNode(ManagedNode[MpcConfig]):
     def _finish(self, tick: Tick | None) -> None:
         """Publish the command, then everything else.
 
-        Only the ground state is published before, so that it arrives before the next odometry.
+        Only the ground state is published earlier, to arrive before the next odometry.
         """
         if tick is not None:
             self._publish_ground()
@@ -310,6 +282,18 @@ class MpcNode(ManagedNode[MpcConfig]):
         if self._obstacle_inputs is not None:
             for refusal in self._obstacle_inputs.take_warnings():
                 self.warnings.warn(refusal)
+
+    def _check_faults(self) -> None:
+        """Detect and log other command publishers and a ringing or slow rate loop."""
+        duplicates = self._ownership.fault() if self.active else ""
+        if duplicates and duplicates != self._duplicates:
+            self.get_logger().warning(f"{duplicates}; this node flies on")
+        self._duplicates = duplicates
+        # Once a second: the figures of a tick are computed when they are first read.
+        fault = None if self._tick is None else self._rate_loop.check(self._tick.stats)
+        if fault is not None:
+            self.warnings.warn(fault)
+        self._rate_loop_fault = fault
 
     def _log_warnings(self) -> None:
         for warning in self._controller.take_warnings():
@@ -360,13 +344,10 @@ class MpcNode(ManagedNode[MpcConfig]):
 
     def report(self) -> Health:
         """Return the health: the active source, warnings and duplicate publishers."""
-        health, duplicates = self._health_of_flight(), self._ownership.fault()
-        if duplicates and duplicates != self._duplicates:
-            self.get_logger().warning(f"{duplicates}; this node flies on")
-        self._duplicates = duplicates
-        if not duplicates:
+        health = self._health_of_flight()
+        if not self._duplicates:
             return health
-        text = f"{duplicates}; {health.text}"
+        text = f"{self._duplicates}; {health.text}"
         return Health(level=max(health.level, WARN), text=text, values=health.values)
 
     def values(self) -> list[tuple[str, str]]:
@@ -387,10 +368,9 @@ class MpcNode(ManagedNode[MpcConfig]):
         if tick.stats.accelerometer in _IMU_WARNINGS:
             level = max(level, WARN)
             text += f", the accelerometer {_IMU_WARNINGS[tick.stats.accelerometer]}"
-        if fault := self._rate_loop.check(tick.stats):
+        if self._rate_loop_fault is not None:
             level = max(level, WARN)
-            text += f", {fault}"
-            self.warnings.warn(fault)
+            text += f", {self._rate_loop_fault}"
         if tick.stats.avoidance == FAILED:
             level = max(level, WARN)
             text += ", the guide failed: obstacles are not avoided"
@@ -402,12 +382,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         return Health(
             level=level,
             text=text,
-            values=[
-                *tick.stats.items(),
-                *obstacle_values,
-                ("engaged", engaged),
-                ("realtime_refused", self._refused),
-            ],
+            values=[*tick.stats.items(), *obstacle_values, ("engaged", engaged)],
         )
 
 

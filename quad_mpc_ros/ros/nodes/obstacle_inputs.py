@@ -115,8 +115,7 @@ class ObstacleInputs:
                 message_class(topic.type_name)
             except ImportError:
                 node.get_logger().info(
-                    "tf2_msgs is not installed: clouds and markers must be in the frames of the "
-                    "odometry"
+                    "tf2_msgs is not installed: clouds and markers must use the odometry's frames"
                 )
                 break
             subscribe(topic, self._counted(None, self._on_transforms))
@@ -130,7 +129,7 @@ class ObstacleInputs:
     def _counted(
         self, counted: str | None, receive: Callable[[bytes], None]
     ) -> Callable[[bytes], None]:
-        """Return a callback that counts messages and notes rejections."""
+        """Return a callback that counts messages and records rejections."""
 
         def guarded(data: bytes) -> None:
             result = counted

@@ -7,8 +7,9 @@ from collections.abc import Collection
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.messages.schemas import schema_for
 from quad_mpc_ros.messages.topics import CLOCK
-from quad_mpc_ros.recordings.config import PlayerConfig, TopicSelection
-from quad_mpc_ros.recordings.reader import BagReader, TopicInfo
+from quad_mpc_ros.recordings.config import PlayerConfig
+from quad_mpc_ros.recordings.mcap_file import TopicInfo
+from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.ros.messages import message_class
 
 _MAX_LISTED = 10
@@ -27,12 +28,11 @@ def played_topics(
     )
     for name in names:
         if name not in reader.topics:
-            raise BagError(f"{config.bag}: topic {name} is not in it: {_listed(reader.topics)}")
-    selection = TopicSelection(names=names, everything=not names)
+            raise BagError(f"{config.bag}: no topic {name} in the bag: {_listed(reader.topics)}")
     playable: dict[str, TopicInfo] = {}
     refused: dict[str, str] = {}
     for topic, info in reader.topics.items():
-        if not selection.includes(topic) or (config.clock_rate and topic == CLOCK.name):
+        if (names and topic not in names) or (config.clock_rate and topic == CLOCK.name):
             continue
         if why := _playback_error(info):
             refused[topic] = why
@@ -41,8 +41,8 @@ def played_topics(
     if not any(info.message_count for info in playable.values()):
         why = "".join(f"; {topic}: {reason}" for topic, reason in refused.items())
         raise BagError(
-            f"{config.bag}: there is no message in it that can be played on the selected topics; "
-            f"it has {_listed(reader.topics)}{why}"
+            f"{config.bag}: contains no playable message on the selected topics; its topics: "
+            f"{_listed(reader.topics)}{why}"
         )
     return playable, refused
 

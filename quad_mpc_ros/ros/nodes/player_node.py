@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,10 @@ from quad_mpc_ros.messages.conversions import fill_time
 from quad_mpc_ros.messages.diagnostics import OK
 from quad_mpc_ros.messages.topics import CLOCK
 from quad_mpc_ros.recordings.config import PlayerConfig
-from quad_mpc_ros.recordings.qos_profile import QosProfile, parse_qos_profiles
-from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage, TopicInfo
+from quad_mpc_ros.recordings.qos import parse_qos_text
+from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
 from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline
-from quad_mpc_ros.recordings.replay.playback_threads import PlaybackThread, ReadAhead
+from quad_mpc_ros.recordings.replay.playback_threads import PlaybackThread, read_ahead
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
 from quad_mpc_ros.ros.nodes.bag_qos import playback_profile
@@ -43,7 +43,7 @@ class PlayerNode(ReportingNode[PlayerConfig]):
 
     def __init__(self) -> None:
         self._thread: PlaybackThread | None = None
-        self._read_ahead: ReadAhead | None = None
+        self._read_ahead: Generator[RecordedMessage, None, None] | None = None
         super().__init__("player", PlayerConfig)
         try:
             self._prepare()
@@ -62,13 +62,15 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         self._start_ns, self._end_ns = _played_span(reader, config)
         self._outputs = {
             topic: self.create_publisher(
-                message_class(info.type_name), topic, playback_profile(_recorded_qos(info))
+                message_class(info.type_name),
+                topic,
+                playback_profile(parse_qos_text(info.qos_profiles)),
             )
             for topic, info in topics.items()
         }
         self._clock_output = self._clock_publisher()
         self._clock_message = new_message(CLOCK.type_name)
-        self._read_ahead = ReadAhead(
+        self._read_ahead = read_ahead(
             reader.messages(topics, from_ns=self._start_ns), depth=_READ_AHEAD_MESSAGES
         )
         timeline = PlaybackTimeline(
@@ -93,8 +95,6 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         if config.progress:
             self.create_timer(_PROGRESS_PERIOD, self._show_progress)
         sys.setswitchinterval(_SWITCH_INTERVAL_S)
-        if reader.warning:
-            self.get_logger().warning(reader.warning)
 
     def begin(self) -> None:
         """Start to play."""
@@ -186,8 +186,7 @@ class PlayerNode(ReportingNode[PlayerConfig]):
 
 def _played_span(reader: BagReader, config: PlayerConfig) -> tuple[int, int]:
     """Return the first and last log time to play, both included."""
-    if reader.has_wrong_log_times:
-        raise BagError(reader.warning)
+    reader.check_times()
     span = reader.span
     assert span is not None  # there is a message to play
     start_ns = span.start_ns + round(config.start * _NS_PER_S)
@@ -196,13 +195,6 @@ def _played_span(reader: BagReader, config: PlayerConfig) -> tuple[int, int]:
         expected = f"at most the {duration:.3f} s of the bag"
         raise ConfigurationError("player.start", config.start, expected)
     return start_ns, span.end_ns
-
-
-def _recorded_qos(info: TopicInfo) -> Sequence[QosProfile]:
-    try:
-        return parse_qos_profiles(info.qos_profiles)
-    except BagError:  # of another writer: use the default profile
-        return ()
 
 
 main = functools.partial(run, PlayerNode)

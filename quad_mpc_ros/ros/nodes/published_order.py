@@ -37,7 +37,7 @@ class PublishedOrder:
     def write_older(self) -> None:
         """Write the messages published before those added since the last call.
 
-        Call it periodically: messages late by more than a period stay out of order.
+        Call this periodically: messages late by more than a period stay out of order.
         """
         newest_ns = max((held.published_ns for held in self._older), default=0)
         held = self._older + self._newer

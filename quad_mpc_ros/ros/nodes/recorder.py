@@ -14,9 +14,9 @@ from rclpy.qos import QoSProfile
 
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.messages.topics import OPTIONAL, RECORDED
-from quad_mpc_ros.recordings.config import RecorderConfig, TopicSelection
+from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.recordings.parameters import write_parameters
-from quad_mpc_ros.recordings.writer import BagExistsError, BagWriter, Split
+from quad_mpc_ros.recordings.writer import BagExistsError, BagWriter
 from quad_mpc_ros.ros.messages import message_class, qos_of
 from quad_mpc_ros.ros.nodes.bag_qos import recorded_profile, strictest_common_profile
 from quad_mpc_ros.ros.nodes.parameter_query import ParameterQuery
@@ -34,18 +34,13 @@ class Recorder:
     def __init__(
         self, node: Node, config: RecorderConfig, *, on_fault: Callable[[str], None]
     ) -> None:
-        """Initialise. Raises :class:`BagError` if the folder of the bag exists already."""
+        """Initialise. Raises :class:`BagError` if the folder of the bag already exists."""
         if config.directory and Path(config.directory).exists():
             raise BagExistsError(Path(config.directory))
         self._node = node
         self._config = config
         self._on_fault = on_fault
-        self._selection = TopicSelection(
-            names=tuple(node.resolve_topic_name(name) for name in config.topics),
-            pattern=config.topics_regex,
-            exclude=config.topics_exclude_regex,
-            everything=config.all,
-        )
+        self._topics = [node.resolve_topic_name(name) for name in config.topics]
         self._writer: BagWriter | None = None
         self._type_names: dict[str, str] = {}
         self._recorded: dict[str, TopicRecorder] = {}
@@ -56,16 +51,18 @@ class Recorder:
         self._parameter_queries = {name: ParameterQuery(node, name) for name in config.nodes}
         self._parameter_queries.pop(node.get_name(), None)
         self.message_count = 0
+        self.newest_ns = 0
+        """When the last message was published [ns]."""
         self._lost_before = 0  # before the last pause
         self.fault: str | None = None
 
     @property
     def missing(self) -> list[str]:
-        """The required topics without a publisher, of those given by name."""
+        """The required topics without a publisher."""
         optional = {self._node.resolve_topic_name(each.name) for each in OPTIONAL}
         return [
             topic
-            for topic in self._selection.names
+            for topic in self._topics
             if topic not in self._recorded and topic not in optional
         ]
 
@@ -117,15 +114,15 @@ class Recorder:
         self._guarded(lambda writer: writer.close())
 
     def poll(self) -> bool:
-        """Flush if due, subscribe to new selected topics, query parameters.
+        """Flush if due, subscribe to further topics, query parameters.
 
-        Call it several times a second while recording. Returns whether topics or parameters were
+        Call this several times a second while recording. Returns whether topics or parameters were
         added.
         """
         self._ordered.write_older()
         self._guarded(lambda writer: writer.flush_if_due(time.monotonic()))
         more = False
-        for topic in self._new_topics():
+        for topic in sorted({*self._topics} - self._recorded.keys() - self._refused):
             more |= self._subscribe(topic)
         for recording in self._recorded.values():
             recording.follow_publishers(time.monotonic())
@@ -133,23 +130,15 @@ class Recorder:
             more |= self._take_parameters(query)
         return more
 
-    def _new_topics(self) -> list[str]:
-        known = self._recorded.keys() | self._refused
-        if self._selection.by_name_only:
-            candidates = set(self._selection.names) - known
-        else:
-            candidates = {name for name, _ in self._node.get_topic_names_and_types()} - known
-        return sorted(topic for topic in candidates if self._selection.includes(topic))
-
     def _subscribe_early(self) -> None:
         """Subscribe to topics of known types before they have a publisher.
 
-        A publisher matches an existing subscription in milliseconds, a later one after 0.1 s or
-        even seconds.
+        A publisher matches an existing subscription in milliseconds, a later subscription after
+        0.1 s or even seconds.
         """
         for topic in RECORDED:
             name = self._node.resolve_topic_name(topic.name)
-            if name in self._selection.names and self._selection.includes(name):
+            if name in self._topics:
                 self._expected[name] = self._recorder_of(
                     name, topic.type_name, strictest_common_profile([qos_of(topic)])
                 )
@@ -200,13 +189,14 @@ class Recorder:
             )
             self._type_names[topic] = type_name
         elif before != type_name:
-            raise BagError(f"it is recorded as {before}")
+            raise BagError(f"the topic is recorded as {before}")
 
     def _on_message(self, topic: str, data: bytes, info: dict[str, int]) -> None:
         if topic in self._expected and not self._subscribe(topic):
             return  # its publisher has already ended
         write = partial(self._write, topic, data, info["source_timestamp"])
         self.message_count += 1
+        self.newest_ns = info["source_timestamp"]
         clock = self._node.get_clock()
         if not clock.ros_time_is_active:
             write(info["received_timestamp"])
@@ -266,9 +256,5 @@ def _bag_in(directory: Path, config: RecorderConfig) -> BagWriter:
     return BagWriter(
         directory,
         compression=config.compression,  # type: ignore[arg-type]
-        split=Split(
-            max_size=config.max_bag_size,
-            max_duration_ns=round(config.max_bag_duration * 1e9),
-        ),
         durable=config.sync,
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 import sys
+import time
+from collections.abc import Callable
 
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, PEERS_KEY, WARN
 from quad_mpc_ros.recordings.config import RecorderConfig
@@ -14,13 +16,17 @@ from quad_mpc_ros.ros.preflight.own import bag_place, free_bytes
 from quad_mpc_ros.ros.spin import run, stop
 
 _POLL_PERIOD = 0.1
+# Time for messages that wait at the end: of publishers that go on, and of others [s].
+_LIVE_DRAIN_TIME, _DRAIN_TIME = 0.5, 5.0
+# No message waits after so many callbacks and so long [s] without a message.
+_CALLBACKS, _QUIET_TIME = 5, 0.3
 _LOST_TEXT = "were lost in transit: this machine is too busy, record fewer topics"
 
 
 class RecorderNode(ManagedNode[RecorderConfig]):
-    """Subscribes to selected topics as they appear, and writes their messages.
+    """Subscribes to the configured topics and writes their messages.
 
-    While active it records; while inactive it keeps the bag open for the next activation. The
+    The active node records; the inactive node keeps the bag open for the next activation. The
     cleanup ends the bag. Nothing is written before the first activation.
     """
 
@@ -52,6 +58,19 @@ class RecorderNode(ManagedNode[RecorderConfig]):
         self._recorder.close()
         self._log_lost()
         del self._recorder
+
+    def drain(self, spin_once: Callable[[], None]) -> None:
+        """Record the messages that have arrived, also those of publishers that have ended."""
+        begin, begin_ns = time.monotonic(), time.time_ns()
+        count, last, idle = self._recorder.message_count, begin, 0
+        while self.active and (idle < _CALLBACKS or time.monotonic() - last < _QUIET_TIME):
+            is_live = self._recorder.newest_ns > begin_ns
+            if time.monotonic() - begin > (_LIVE_DRAIN_TIME if is_live else _DRAIN_TIME):
+                break
+            spin_once()
+            idle += 1
+            if count != self._recorder.message_count:
+                count, last, idle = self._recorder.message_count, time.monotonic(), 0
 
     def report(self) -> Health:
         """Return the health: missing topics, lost messages, faults."""

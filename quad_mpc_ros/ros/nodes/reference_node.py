@@ -9,13 +9,11 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from std_srvs.srv import Trigger
 
-from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import cdr, conversions, topics
 from quad_mpc_ros.messages.diagnostics import OK, WARN
@@ -33,15 +31,11 @@ from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import odometry_in
 from quad_mpc_ros.ros.spin import run
 
-if TYPE_CHECKING:  # imported only for a race
-    from quad_mpc_ros.extras.racing.replanning import GateReplanner
-
 _BODY_FRAME = "base_link"
 # A requested motion starts after a lead time for planning. If planning takes longer, it is
 # repeated with a lead time that is longer by 1.5 times the planning time.
 _PLANNING_LEAD_NS = 100_000_000
 _VELOCITY_LEAD_NS = 20_000_000  # for a velocity, which is planned in a millisecond
-_REPLAN_CHECK_PERIOD = 0.05  # s: between checks for moved gates
 _LEAD_FACTOR = 1.5
 _MAX_ATTEMPTS = 3
 _INACTIVE = Reply(accepted=False, text="the reference node is inactive: activate it first")
@@ -59,24 +53,21 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     """Connects the reference of a live flight to its topics and services.
 
     The trajectory starts with the first odometry; before, its first sample is published. In the
-    mode ``on_request`` nothing is published before, and the vehicle stays on the ground. While
-    commands do not act, the reference waits at the vehicle. While the node is inactive, the time
-    of the flight is stopped.
+    mode ``on_request`` nothing is published before a request, and the vehicle stays on the ground.
+    Until the vehicle executes commands, the reference waits at the vehicle. While the node is
+    inactive, the time of the flight is stopped.
 
     The flight uses a steady clock. A separate thread publishes windows while the executor plans:
-    when the reference changes, and otherwise every twentieth of a window's length. That thread
-    accesses the reference only by :attr:`.LiveReference.published`. A thread that publishes or
-    stops the time holds the lock ``_publishing``.
+    when the reference changes, and otherwise every twentieth of a window's length. This thread
+    accesses the reference only through :attr:`.LiveReference.published`. A thread that publishes
+    or stops the time holds the lock ``_publishing``.
     """
 
     _config: ReferenceConfig
     _live: LiveReference
-    _replanner: GateReplanner | None
 
-    def __init__(self, *, hand_over: Callable[[ReferenceWindow], None] | None = None) -> None:
-        """Initialise; ``hand_over`` passes windows to another node of the process."""
+    def __init__(self) -> None:
         super().__init__("reference", ReferenceConfig)
-        self._hand_over = hand_over
         self._newest_ns = 0
         self._steady = SteadyTime(self.get_clock())
         self._publishing = threading.Lock()
@@ -85,7 +76,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     def configure(self, config: ReferenceConfig) -> None:
         """Prepare the trajectory, publishers, subscriptions and services."""
         self._config = config
-        self._live, self._replanner = self._prepared(), None
+        self._live = self._prepared()
         self._live.too_late = lambda start_ns: self._flight_ns() > start_ns
         self._time, self._stamps = FlightTime(), StampClock()
         self._request = ""
@@ -107,8 +98,6 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self.managed_subscription(topics.GOAL_POSE, self._on_goal)
         self.managed_subscription(topics.TRAJECTORY, self._on_trajectory)
         self.managed_subscription(topics.VELOCITY, self._on_velocity, expected=False)
-        if config.trajectory == "gates":
-            self._set_up_replanning()
         for name, request in (
             ("takeoff", self._live.take_off),
             ("start", self._live.start),
@@ -121,7 +110,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             self.managed_beat(1.0 / config.publish_rate, self._on_beat)
 
     def activate(self) -> None:
-        """Start, or continue at the time at which it stopped."""
+        """Start, or continue at the time of the last stop."""
         self._time.resume(self._now_ns())
         self._sent = None
         self._publish_path(self._live.planned_samples(self._flight_ns()))
@@ -135,12 +124,10 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         """Return that windows stop; None while no trajectory is flown."""
         if not self._live.started or self._live.mode(self._flight_ns()) == GROUND:
             return None
-        return "no more reference, the MPC's failsafe takes over"
+        return "stopped publishing the reference; the MPC's failsafe takes over"
 
     def cleanup(self) -> None:
         """Release the trajectory."""
-        if self._replanner is not None:
-            self._replanner.close()
         del self._live
 
     def _prepared(self) -> LiveReference:
@@ -153,15 +140,6 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         return LiveReference(
             self._config, trajectory, joined=(lambda: trajectory) if trajectory.smooth else joined
         )
-
-    def _set_up_replanning(self) -> None:
-        from quad_mpc_ros.extras.racing.replanning import GateReplanner
-
-        waits = self._config.lockstep
-        self._replanner = GateReplanner(self._config, self._live, waits=waits)
-        self.managed_subscription(topics.GATES, self._on_gates, expected=False)
-        if not waits:
-            self.managed_timer(_REPLAN_CHECK_PERIOD, self._replan)
 
     def _on_odometry(self, data: bytes) -> None:
         if not self.active:
@@ -183,8 +161,6 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             self._report_request("touchdown" if reply.accepted else "odometry", reply)
         if starting or self._config.lockstep:
             self._newest_ns = odometry.stamp_ns
-            if self._config.lockstep:
-                self._replan()
             with self._publishing:
                 self._publish(now_ns)
 
@@ -245,27 +221,8 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             return
         self._handle("trajectory", lambda now_ns: self._live.follow(now_ns, window))
 
-    def _on_gates(self, message: Any) -> None:
-        """Receive the current poses of the gates."""
-        assert self._replanner is not None
-        try:
-            poses = conversions.poses_from_message(message, frame_id=self._config.frame_id)
-            self._replanner.move(*poses)
-        except UserError as error:
-            self._report_request("race", Reply(accepted=False, text=str(error)))
-
-    def _replan(self) -> None:
-        """Replan the race if gates have moved, and report the result."""
-        if self._replanner is None or not self.active:
-            return
-        reply = self._replanner.poll(self._flight_ns())
-        if reply is not None:
-            self._report_request("race", reply)
-            if reply.accepted:
-                self._publish_path(self._live.planned_samples(self._flight_ns()))
-
     def _on_velocity(self, message: Any) -> None:
-        """Follow a velocity; log its start and refusals."""
+        """Follow a velocity; log its start and rejections."""
         if not self.active:
             return
         try:
@@ -279,7 +236,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             self._report_request("velocity", reply)
 
     def _velocity_in(self, message: Any) -> VelocityCommand:
-        """Return a received velocity. Raises ``ValueError`` if it cannot be used."""
+        """Return a received velocity. Raises ``ValueError`` if unusable."""
         frame_id, velocity, turn = conversions.twist_from_message(message)
         if frame_id not in ("", _BODY_FRAME, self._config.frame_id):
             raise ValueError(
@@ -315,7 +272,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         return reply
 
     def _report_request(self, name: str, reply: Reply) -> None:
-        """Log and report the result of a request; log a repeated refusal once."""
+        """Log and report the result of a request; log a repeated rejection once."""
         before = self._request
         self._request = f"{name} {'accepted' if reply.accepted else 'refused'}: {reply.text}"
         if reply.accepted:
@@ -333,10 +290,6 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         ahead_ns = self._stamps.ahead_ns
         window = replace(published.window(self._time.at(now_ns)), stamp_ns=now_ns + ahead_ns)
         self._sent = _PublishedWindow(published.version, ahead_ns, now_ns)
-        if self._hand_over is not None:
-            self._hand_over(window)
-            if self._reference.get_subscription_count() == 0:
-                return
         self._reference.publish(cdr.written_reference(window, child_frame_id=_BODY_FRAME))
 
     def _publish_path(self, samples: TrajectorySamples) -> None:
@@ -363,9 +316,9 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         if self._live.started:
             text, level = "flying", OK
         elif self._live.waits:
-            text, level = "waiting at the vehicle until commands act", OK
+            text, level = "waiting at the vehicle until it executes commands", OK
         elif self._config.mode == "at_once":
-            text, level = "waiting for odometry, holding the start", OK
+            text, level = "waiting for odometry; holding the start of the trajectory", OK
         else:
             text, level = "waiting for odometry", WARN
         return Health(

@@ -50,13 +50,13 @@ _POLL_PERIOD = 1e-3
 
 
 class RealTime:
-    """The plant follows the steady clock, whatever the controller does."""
+    """The plant follows the steady clock, regardless of the controller."""
 
     def __init__(self, node: SimulatorNode, plant: Plant) -> None:
         self._node, self._plant = node, plant
 
     def start(self) -> None:
-        """Start the flight; stamps are those of the node's clock."""
+        """Start the flight; stamps are from the node's clock."""
         config = self._node.config
         start_stamp_ns = int(self._node.get_clock().now().nanoseconds)
         self._started_ns = time.monotonic_ns()
@@ -238,8 +238,8 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
     def await_subscribers(self) -> bool:
         """Wait until all reliable subscribers, also the recorder, have every odometry.
 
-        Then they also have the earlier messages of other nodes: shared memory has one queue of 512
-        messages per process, and drops further ones. Returns false if the flight ends.
+        The earlier messages of other nodes have then also arrived: shared memory has one queue of
+        512 messages per process, and drops further messages. Returns false if the flight ends.
         """
         timeout, started = self.config.lockstep_timeout, time.monotonic()
         period = Duration(seconds=min(_CONFIRMATION_PERIOD, timeout))

@@ -24,11 +24,11 @@ class TopicRecorder:
     """A subscription with the strictest quality of service that matches every publisher.
 
     If the publishers change, a new subscription with the new common quality takes over. Both
-    receive for a while, so that nothing is lost; duplicates are dropped.
+    subscriptions receive for a while, so that no message is lost; duplicates are dropped.
 
-    Publishers number their messages. Missing numbers are messages lost in transit, for example
-    on a busy processor. They are counted while there is one publisher, because rclpy does not
-    report the publisher of a message.
+    Publishers number their messages. Missing numbers are messages lost in transit, for example on
+    a busy processor. Lost messages are counted while there is one publisher, because rclpy does
+    not report the publisher of a message.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class TopicRecorder:
         self._leaving = None
 
     def follow_publishers(self, now_s: float) -> None:
-        """Adapt to the present publishers; ``now_s``: monotonic time [s]."""
+        """Adapt to the current publishers; ``now_s``: monotonic time [s]."""
         if self._leaving is not None:
             if now_s < self._leaves_at_s:
                 return
@@ -107,7 +107,7 @@ class TopicRecorder:
         if type_name not in self._reported:
             self._reported.add(type_name)
             self._node.get_logger().error(
-                f"cannot record {self._topic} of type {type_name}: it is recorded as "
+                f"cannot record {self._topic} of type {type_name}: the topic is recorded as "
                 f"{self.type_name}"
             )
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from rclpy.publisher import Publisher
 
-from quad_mpc_ros.configuration import files, optional_part
+from quad_mpc_ros.configuration import optional_part
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import conversions, markers
@@ -30,7 +30,6 @@ from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.spin import run
-from quad_mpc_ros.simulation.scene import Scene
 
 
 class VisualisationNode(ReportingNode[VisualisationConfig]):
@@ -46,7 +45,6 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         self._plan: Any = None
         self._has_new_odometry = False
         self._corridor: HalfSpaces | None = None
-        self._scene = _scene(self.config)
         course = _course(self.config)
         self._gates = [] if course is None else [gate.corners() for gate in course.once().values()]
 
@@ -119,8 +117,6 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
             if self._corridor is not None and len(p_WB):
                 found = corridor_edges(self._corridor, p_WB).reshape(-1, 3)
                 drawn.append(markers.line_marker(markers.CORRIDOR, odometry, found, new=new))
-        if self._scene is not None:
-            drawn += _scene_markers(self._scene, odometry)
         # Each is published once: viewers drop expired markers.
         self._command = self._plan = self._corridor = None
         return drawn
@@ -132,15 +128,6 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         return Health(level=OK, text="showing")
 
 
-def _scene(config: VisualisationConfig) -> Scene | None:
-    """Return the obstacles in the configured file, or None."""
-    if not config.obstacles_file:
-        return None
-    read = optional_part("read_scene", needed_by=f"{config.owner}.obstacles_file")
-    scene: Scene = read(files.expanded(config.obstacles_file))
-    return scene
-
-
 def _course(config: VisualisationConfig) -> Course | None:
     """Return the course in the configured file, or None."""
     if not config.gates:
@@ -148,18 +135,6 @@ def _course(config: VisualisationConfig) -> Course | None:
     read = optional_part("read_course", needed_by=f"{config.owner}.gates")
     course: Course = read(config.gates)
     return course
-
-
-def _scene_markers(scene: Scene, odometry: OdometrySample) -> list[Any]:
-    from quad_mpc_ros.extras.obstacles.markers import shape_marker  # for obstacles only
-
-    stamp_ns, frame_id = odometry.stamp_ns, odometry.frame_id
-    return [
-        markers.filled_marker(
-            shape_marker(shape, number, stamp_ns=stamp_ns, frame_id=frame_id), new=new_message
-        )
-        for number, shape in enumerate(scene.shapes)
-    ]
 
 
 main = functools.partial(run, VisualisationNode)

@@ -13,7 +13,6 @@ from quad_mpc_ros.messages.diagnostics import ERROR, OK
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE
 from quad_mpc_ros.ros.preflight.facts import (
     MPC_NODE,
-    RECORDER_NODE,
     REFERENCE_NODE,
     SIMULATOR_NODE,
     Facts,
@@ -30,7 +29,7 @@ from quad_mpc_ros.ros.preflight.own import (
     lag_findings,
     throttle_findings,
 )
-from quad_mpc_ros.ros.preflight.reference import fence_findings, limits_findings, rates_findings
+from quad_mpc_ros.ros.preflight.reference import fence_findings, limits_findings
 from quad_mpc_ros.ros.preflight.thrust_map import thrust_map_findings
 from quad_mpc_ros.ros.preflight.vehicles import vehicle_findings
 
@@ -52,7 +51,7 @@ def nodes(facts: Facts) -> list[Finding]:
     found += [
         error(
             f"{name}: {node.fault}",
-            "read its log: it may be compiling, or be of another release",
+            "read the log of the node: it might be compiling, or be of another release",
         )
         for name, node in facts.nodes.items()
         if node.fault
@@ -60,7 +59,7 @@ def nodes(facts: Facts) -> list[Finding]:
     found += [*_missing(facts), *_inactive(facts)]
     found += [
         (error if node.level >= ERROR else warning)(
-            f"{name}: {node.health}", "look it up in docs/reference/diagnostics.md"
+            f"{name}: {node.health}", "look up the message in docs/reference/diagnostics.md"
         )
         for name, node in facts.nodes.items()
         if name in (MPC_NODE, REFERENCE_NODE, SIMULATOR_NODE)
@@ -121,7 +120,7 @@ def vehicles(facts: Facts) -> list[Finding]:
     }
     if not given:
         return [unknown("the parameters of no node are known")]
-    return vehicle_findings(given) or [ok(f"{', '.join(given)} have the same")]
+    return vehicle_findings(given) or [ok(f"{', '.join(given)} have the same vehicle")]
 
 
 def file(facts: Facts) -> list[Finding]:
@@ -149,7 +148,7 @@ def file(facts: Facts) -> list[Finding]:
             )
     if not compared:
         return [unknown("no running node has parameters of the file")]
-    return found or [ok(f"{', '.join(compared)} as the file states")]
+    return found or [ok(f"{', '.join(compared)} match the file")]
 
 
 def throttle(facts: Facts) -> list[Finding]:
@@ -183,7 +182,7 @@ def topics(facts: Facts) -> list[Finding]:
         if count == 0
     ]
     found += [
-        error(f"{count} publishers on {topic} of {name}, expected one", "end the others")
+        error(f"{count} publishers on {topic} of {name}, expected one", "stop the others")
         for (name, topic), count in peers.items()
         if count > 1 and (name, topic) != (MPC_NODE, COMMAND.name)
     ]
@@ -191,7 +190,7 @@ def topics(facts: Facts) -> list[Finding]:
 
 
 def stack(facts: Facts) -> list[Finding]:
-    """Does the flight stack report, and does the vehicle stand on the ground?"""
+    """Check that the flight stack reports its state and the vehicle is on the ground."""
     reported = {name: node for name, node in facts.bridges.items() if node.values}
     if not reported:
         return [unknown(f"{name} has not reported its health") for name in facts.bridges]
@@ -210,18 +209,6 @@ def stack(facts: Facts) -> list[Finding]:
     return found or [ok(f"{', '.join(reported)}: the stack reports its state")]
 
 
-def recorder(facts: Facts) -> list[Finding]:
-    """Check that a recorder is active."""
-    node = facts.nodes.get(RECORDER_NODE)
-    if node is None:
-        return [
-            warning("no recorder runs", "ros2 run quad_mpc_ros recorder_node, to learn from it")
-        ]
-    if node.state not in ("", "active"):
-        return [warning(f"the recorder is {node.health or node.state}", "activate it")]
-    return [ok(node.health or "recording")]
-
-
 def lags(facts: Facts) -> list[Finding]:
     """Check that the lags of the vehicle are modelled."""
     if facts.mpc is None or not facts.bridges:
@@ -238,14 +225,12 @@ CHECKS: dict[str, Check] = {
     "throttle": throttle,
     "lags": lags,
     "limits": limits_findings,
-    "rates": rates_findings,
     "fence": fence_findings,
     "topics": topics,
     "rate": rate_findings,
     "clock": clock_findings,
     "motion": motion_findings,
     "stack": stack,
-    "recorder": recorder,
 }
 """The checks by name; docs/howto/preflight.md explains them."""
 

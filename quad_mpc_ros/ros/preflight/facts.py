@@ -12,13 +12,12 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.messages.diagnostics import OK, PEERS_KEY
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.feasibility import Feasibility
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 
 C = TypeVar("C", bound=Configuration)
 
 MPC_NODE, REFERENCE_NODE = "mpc", "reference"
-SIMULATOR_NODE, RECORDER_NODE = "simulator", "recorder"
+SIMULATOR_NODE = "simulator"
 BRIDGE_SUFFIX = "_bridge"
 """Suffix of the name of a bridge's node."""
 
@@ -28,8 +27,8 @@ class NodeFacts:
     """A node of the vehicle.
 
     ``config`` is None if its parameters are missing or invalid; ``fault`` has the reason.
-    ``state`` is the lifecycle state, or empty. ``level``, ``health`` and ``values`` are those of
-    its newest diagnostics. ``count`` is the number of nodes with this name.
+    ``state`` is the lifecycle state, or empty. ``level``, ``health`` and ``values`` are from the
+    newest diagnostics. ``count`` is the number of nodes with this name.
     """
 
     config: Configuration | None = None
@@ -50,12 +49,8 @@ class Arrival:
     at_ns: int
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ReferenceSamples:
-    """Samples along the reference, as odometry, and the verdict of the reference check."""
-
-    samples: tuple[OdometrySample, ...]
-    verdict: Feasibility
+ReferenceSamples = tuple[OdometrySample, ...]
+"""Samples along the reference, as odometry."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,12 +58,12 @@ class Facts:
     """The collected facts.
 
     Attributes:
-        nodes: By their names in the namespace.
+        nodes: Nodes by name in the namespace.
         bridge: The requested bridge: the name of its node, ``none``, or empty for any.
         has_clock: Whether a node publishes ``/clock``.
         arrivals: Odometries in order.
-        reference_samples: None if they cannot be computed from the reference's parameters; then
-        ``reference_samples_error`` has the reason.
+        reference_samples: Samples along the reference. None if they cannot be computed from the
+            parameters; then ``reference_samples_error`` has the reason.
         stated: Values in the files on the command line, by node and parameter.
     """
 
@@ -115,5 +110,5 @@ class Facts:
         return node.config if node is not None and isinstance(node.config, kind) else None
 
     def changed(self, **fields: Any) -> Facts:
-        """Return these facts with some of them changed."""
+        """Return a copy of the facts with changes."""
         return dataclasses.replace(self, **fields)

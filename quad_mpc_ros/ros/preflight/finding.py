@@ -20,7 +20,7 @@ class Level(enum.IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """A finding and its remedy, which is empty if none is needed."""
+    """A finding and its remedy, empty if unnecessary."""
 
     level: Level
     sentence: str

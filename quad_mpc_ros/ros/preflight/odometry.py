@@ -25,7 +25,7 @@ _MAX_JITTER_RATIO = 0.3  # of a period
 _MAX_CLOCK_OFFSET = 0.1  # s: bridges reject older commands
 # At rest: positions within [m]; then speed [m/s], body rate [rad/s] and tilt [rad] at most.
 _REST_RADIUS, _REST_SPEED, _REST_RATE, _REST_TILT = 0.05, 0.3, 0.2, 0.35
-_NO_ODOMETRY = unknown("no odometry came")
+_NO_ODOMETRY = unknown("no odometry received")
 
 
 def rate_findings(facts: Facts) -> list[Finding]:
@@ -34,7 +34,7 @@ def rate_findings(facts: Facts) -> list[Finding]:
     if len(arrivals) < 2:
         return [
             error(
-                "no odometry came" if not arrivals else "one odometry came, and no more",
+                "no odometry received" if not arrivals else "only one odometry received",
                 "start its source; the checks nodes and topics show what is missing",
             )
         ]
@@ -43,13 +43,13 @@ def rate_findings(facts: Facts) -> list[Finding]:
     if duration <= 0.0:
         return [error(NOT_ADVANCING, "set header.stamp to the time of each measurement")]
     if mpc is None or (len(arrivals) < _MIN_ODOMETRIES and duration < _MIN_DURATION):
-        return [unknown(f"{len(arrivals)} odometries came, too few to judge their rate")]
+        return [unknown(f"{len(arrivals)} odometries received, too few to measure the rate")]
     rate, found = len(steps) / duration, []
     if rate < _MIN_RATE_RATIO * mpc.control_rate:
         found.append(
             warning(
-                f"odometry arrives at {rate:.1f} Hz, mpc.control_rate is {mpc.control_rate:g} Hz: "
-                "commands have the lower rate",
+                f"odometry arrives at {rate:.1f} Hz, mpc.control_rate is {mpc.control_rate:g} "
+                "Hz: commands are sent at the lower rate",
                 "increase the rate of the source, or reduce control_rate",
             )
         )
@@ -108,7 +108,7 @@ def _simulated_time(facts: Facts) -> list[Finding]:
             )
         ]
     if on and not facts.has_clock:
-        return [error("use_sim_time is on, but no node publishes /clock", "switch it off")]
+        return [error("use_sim_time is on, but no node publishes /clock", "disable it")]
     return []
 
 
@@ -116,7 +116,7 @@ def motion_findings(facts: Facts) -> list[Finding]:
     """Check that the MPC accepts the odometry, and that its values are consistent."""
     mpc, arrivals = facts.mpc, facts.arrivals
     if mpc is None or len(arrivals) < _MIN_ODOMETRIES:
-        return [unknown("too few odometries came")]
+        return [unknown("too few odometries received")]
     found = _refused(mpc, arrivals)
     if found:
         return found
@@ -179,7 +179,7 @@ def _at_rest(mpc: MpcConfig, arrivals: Sequence[Arrival]) -> list[Finding]:
         found.append(
             warning(
                 f"the vehicle rests with a tilt of {tilt:.2f} rad, expected <= {_REST_TILT:g}",
-                "place it level; if it is level, the frames are not ENU and FLU",
+                "place the vehicle level; if it is level, the frames are not ENU and FLU",
             )
         )
     return found

@@ -13,7 +13,6 @@ from quad_mpc_ros.control.safety.flight_limits import FlightLimits
 from quad_mpc_ros.control.safety.ladder import Action, Breach
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import judged_trajectory
-from quad_mpc_ros.references.feasibility import rates_beyond
 from quad_mpc_ros.references.point_table import BagReader
 from quad_mpc_ros.ros.preflight.facts import Facts, ReferenceSamples
 from quad_mpc_ros.ros.preflight.finding import Finding, error, ok, unknown, warning
@@ -24,9 +23,9 @@ _UNKNOWN = unknown("the parameters of mpc or reference are unknown")
 
 
 def sample_reference(config: ReferenceConfig, *, read_bag: BagReader) -> ReferenceSamples:
-    """Return samples of a configured reference and its feasibility verdict.
+    """Return samples along a configured reference, as odometry.
 
-    Raises :class:`UserError` if it cannot be computed here, as for a file on another computer.
+    Raises :class:`UserError` if this is impossible, as for a file on another computer.
     """
     trajectory, verdict = judged_trajectory(config, read_bag=read_bag)
     seconds = verdict.over_time.seconds
@@ -35,24 +34,21 @@ def sample_reference(config: ReferenceConfig, *, read_bag: BagReader) -> Referen
     R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
     v_WB_B = np.einsum("nji,nj->ni", R_WB, samples.v_WB_W)
     w_WB_B = np.einsum("nji,nj->ni", R_WB, samples.w_WB_W)
-    return ReferenceSamples(
-        samples=tuple(
-            OdometrySample(
-                stamp_ns=0,
-                frame_id=config.frame_id,
-                p_WB=samples.p_WB[i],
-                q_WB_xyzw=samples.q_WB_xyzw[i],
-                v_WB_B=v_WB_B[i],
-                w_WB_B=w_WB_B[i],
-            )
-            for i in range(len(chosen))
-        ),
-        verdict=verdict,
+    return tuple(
+        OdometrySample(
+            stamp_ns=0,
+            frame_id=config.frame_id,
+            p_WB=samples.p_WB[i],
+            q_WB_xyzw=samples.q_WB_xyzw[i],
+            v_WB_B=v_WB_B[i],
+            w_WB_B=w_WB_B[i],
+        )
+        for i in range(len(chosen))
     )
 
 
 def limits_findings(facts: Facts) -> list[Finding]:
-    """Check that the reference's limits are within the plan's, these within the envelope's."""
+    """Check that the reference's limits are inside the plan's and the envelope's."""
     mpc, reference = facts.mpc, facts.reference
     if mpc is None:
         return [_UNKNOWN]
@@ -76,25 +72,7 @@ def limits_findings(facts: Facts) -> list[Finding]:
                     "reduce max_speed, or increase limits.speed_max",
                 )
             )
-    return found or [ok("of reference, plan and envelope nest")]
-
-
-def rates_findings(facts: Facts) -> list[Finding]:
-    """Check that the body rates of the reference are within mpc.omega_max."""
-    mpc = facts.mpc
-    if mpc is None:
-        return [_UNKNOWN]
-    found = []
-    if facts.reference_samples is not None:
-        found += [
-            warning(
-                f"the reference needs a {need.name} of {need.worst:.3g} rad/s, mpc.omega_max is "
-                f"{bound:.3g}",
-                "slow it down: reference.time_scaling: auto",
-            )
-            for need, bound in rates_beyond(facts.reference_samples.verdict, mpc.omega_max)
-        ]
-    return found or [ok(f"omega_max {[round(rate, 2) for rate in mpc.omega_max]} rad/s")]
+    return found or [ok("of reference, plan and envelope are consistent")]
 
 
 def fence_findings(facts: Facts) -> list[Finding]:
@@ -126,7 +104,7 @@ def _checked_samples(facts: Facts) -> list[tuple[str, Sequence[OdometrySample], 
         odometry = facts.arrivals[-1].odometry
         here = odometry.p_WB
         places.append(
-            ("the vehicle", [_resting(here)], "carry it inside, or move the fence's walls")
+            ("the vehicle", [_resting(here)], "move the vehicle inside, or change the fence")
         )
     if facts.reference is not None:
         height = facts.reference.takeoff_height
@@ -141,8 +119,8 @@ def _checked_samples(facts: Facts) -> list[tuple[str, Sequence[OdometrySample], 
         places.append(
             (
                 "the reference",
-                facts.reference_samples.samples,
-                "change it, or widen fence.* or envelope.*",
+                facts.reference_samples,
+                "change the path, or widen fence.* or envelope.*",
             )
         )
     return places
@@ -153,5 +131,5 @@ def _resting(p_WB: Array) -> OdometrySample:
 
 
 def _worst_breach(limits: FlightLimits, samples: Sequence[OdometrySample]) -> Breach | None:
-    found = [each for sample in samples if (each := limits.predicted_breach(sample)) is not None]
+    found = [each for sample in samples if (each := limits.breach_at(sample)) is not None]
     return max(found, key=lambda breach: breach.action, default=None)

@@ -1,5 +1,5 @@
 """The plant ``rotors``: rotors, body, battery and rate loop of a real vehicle.
 
-Its inputs are throttle and body rates, as an autopilot takes them. The rate loop asks for a
-torque, the mixer allocates thrust and torque to the rotors, which follow with their lag.
+The inputs are throttle and body rates, like those of an autopilot. The rate loop demands a torque,
+and the mixer allocates thrust and torque to the rotors, which follow with a lag.
 """

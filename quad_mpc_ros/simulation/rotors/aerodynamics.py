@@ -1,4 +1,4 @@
-"""The forces of the air on rotors and body, compiled."""
+"""The aerodynamic forces on rotors and body, compiled."""
 
 from __future__ import annotations
 
@@ -8,35 +8,33 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import kernels
 from quad_mpc_ros.simulation.rotors.craft import Craft
 
+_GROUND_EFFECT_MAX = 1.5  # of the thrust
+
 
 @compiled
 def rotor_force(
     speed: float,
-    axis: kernels.Vector,
     v_air_B: kernels.Vector,
     gain: float,
     craft: Craft,
 ) -> kernels.Vector:
     """Return the force of a rotor in the body [N].
 
-    ``speed`` [rad/s]; ``v_air_B`` is the velocity of its hub through the air [m/s], of which u is
-    the part along the axis and w the part across it:
+    With speed s [rad/s] and airspeed of the hub [m/s], u along z and w across z, the force is
 
-        (gain c_t s^2 + k_h |w|^2 - k_z s u) axis - k_d s w
+        (gain c_t s^2 + k_h |w|^2 - k_z s u) e_z - k_d s w:
 
-    with thrust, of which ``gain`` is what ground effect multiplies it by, induced lift, inflow
-    loss and rotor drag.
+    thrust, multiplied by the ``gain`` of the ground effect, translational lift, inflow loss and
+    rotor drag.
     """
-    along = kernels.dot(axis, v_air_B)
-    across = kernels.plus(v_air_B, kernels.scaled(-along, axis))
+    x, y, along = v_air_B
     thrust = (
         gain * craft.thrust_coefficient * speed * speed
-        + craft.translational_lift * kernels.dot(across, across)
+        + craft.translational_lift * (x * x + y * y)
         - craft.inflow_loss * speed * along
     )
-    return kernels.plus(
-        kernels.scaled(thrust, axis), kernels.scaled(-craft.rotor_drag * speed, across)
-    )
+    drag = -craft.rotor_drag * speed
+    return drag * x, drag * y, thrust
 
 
 @compiled
@@ -54,15 +52,15 @@ def body_drag(v_air_B: kernels.Vector, craft: Craft) -> kernels.Vector:
 
 @compiled
 def ground_gain(height: float, upright: float, craft: Craft) -> float:
-    """Return what the ground multiplies the thrust of a rotor by.
+    """Return the factor of a rotor's thrust in ground effect.
 
-    1 / (1 - k (r / 4 z)^2) at a height z of the rotor above the ground [m] (I. C. Cheeseman,
-    W. E. Bennett, "The effect of the ground on a helicopter rotor in forward flight", 1955), but
-    at most a bound. ``upright``, the cosine of the tilt, fades it; upside down there is none.
+    The factor is 1 / (1 - k (r / 4 z)^2) at a height z of the rotor above the ground [m] (I. C.
+    Cheeseman, W. E. Bennett, "The effect of the ground on a helicopter rotor in forward flight",
+    1955), but at most 1.5. ``upright``, the cosine of the tilt, reduces it; 1 upside down.
     """
     if craft.ground_effect == 0.0 or upright <= 0.0:
         return 1.0
-    most = 1.0 - 1.0 / craft.ground_effect_max
+    most = 1.0 - 1.0 / _GROUND_EFFECT_MAX
     if height <= 0.0:
         return 1.0 / (1.0 - most)
     ratio = 0.25 * craft.radius / height

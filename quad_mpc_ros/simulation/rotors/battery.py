@@ -1,4 +1,4 @@
-"""The battery under the power that the rotors take, compiled."""
+"""Voltage and current of the battery at the power of the rotors, compiled."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from quad_mpc_ros.simulation.rotors.craft import Craft
 
 @compiled
 def battery(power: float, used: float, craft: Craft) -> tuple[float, float]:
-    """Return the voltage over that of a full battery, and the current [A].
+    """Return the voltage relative to a full battery, and the current [A].
 
-    ``power`` [W] is the rotors', ``used`` [A s] the charge taken so far. The voltage without
-    current U falls linearly with the charge; under current I it is V = U - R I, and V I is the
-    power over the efficiency: V^2 - U V + R P = 0, of which the greater root is the one that
-    motors work at. More power than the battery can give is cut where it gives most, V = U / 2.
+    ``power`` [W] is drawn by the rotors, ``used`` [A s] is the charge used so far. The voltage
+    without current U falls linearly with the charge. With the current I the voltage is V = U - R
+    I, and V I is the power over the efficiency: V^2 - U V + R P = 0. The larger root is the
+    operating point. The power saturates at the battery's maximum, where V = U / 2.
     """
     if craft.capacity == 0.0:
         return 1.0, 0.0

@@ -1,19 +1,23 @@
-"""The numbers of a vehicle as compiled code takes them: of the whole, and of each rotor."""
+"""The numbers of a vehicle for compiled code: body, and each rotor."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vector3
-from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.vehicle import Vehicle
-from quad_mpc_ros.simulation.rotors.parameters import RotorParameters, RotorsPlantParameters
+from quad_mpc_ros.simulation.rotors.parameters import (
+    RotorParameters,
+    RotorsPlantParameters,
+    inertia_tensor,
+)
 
 
 class Craft(Record):
     """The numbers of the equations in :mod:`quad_mpc_ros.simulation.rotors.equations`.
 
-    Units are those of the parameters of the same names.
+    Units follow the parameters with equal names.
     """
 
     mass: float
@@ -34,9 +38,8 @@ class Craft(Record):
     translational_lift: float  # of one rotor
     radius: float
     ground_effect: float
-    ground_effect_max: float
     clearance: float
-    capacity: float  # A s; 0 for a battery that never sags
+    capacity: float  # A s; 0 for a battery with constant voltage
     voltage_full: float
     voltage_empty: float
     resistance: float
@@ -46,15 +49,14 @@ class Craft(Record):
 
 
 class Rotor(Record):
-    """Where a rotor is and how it turns."""
+    """Position and spin direction of a rotor."""
 
     place: Vector3  # from the centre of mass, in the body [m]
-    axis: Vector3  # direction of thrust, in the body
-    spin: float  # 1 anticlockwise about the axis, or -1
+    spin: float  # 1 anticlockwise from above, or -1
 
 
 def craft_of(config: RotorsPlantParameters, vehicle: Vehicle) -> RecordArray[Craft]:
-    """Return a configured vehicle; ``vehicle`` has its true mass."""
+    """Return a configured vehicle; ``vehicle`` has the true mass."""
     rotors, airframe, battery = config.rotors, config.airframe, config.battery
     craft = Craft.zeros()
     own = craft[()]
@@ -71,7 +73,6 @@ def craft_of(config: RotorsPlantParameters, vehicle: Vehicle) -> RecordArray[Cra
     own.translational_lift = airframe.translational_lift / len(rotors.x)
     own.radius, own.clearance = rotors.radius, airframe.clearance
     own.ground_effect = airframe.ground_effect
-    own.ground_effect_max = airframe.ground_effect_max
     own.capacity = 3600.0 * battery.capacity
     own.voltage_full, own.voltage_empty = battery.voltage_full, battery.voltage_empty
     own.resistance, own.efficiency = battery.resistance, battery.efficiency
@@ -81,16 +82,8 @@ def craft_of(config: RotorsPlantParameters, vehicle: Vehicle) -> RecordArray[Cra
 
 
 def rotors_of(rotors: RotorParameters, *, center_B: Array) -> RecordArray[Rotor]:
-    """Return the rotors (n,), their places from a centre of mass (3,) [m]."""
+    """Return the rotors (n,), with positions relative to a centre of mass (3,) [m]."""
     records = Rotor.zeros(len(rotors.x))
     records["place"] = np.column_stack((rotors.x, rotors.y, rotors.z)) - center_B
-    for axis, tilt_x, tilt_y in zip(records["axis"], rotors.tilt_x, rotors.tilt_y, strict=True):
-        axis[:] = so3.exp(np.array([tilt_x, tilt_y, 0.0]))[:, 2]
     records["spin"] = rotors.spin
     return records
-
-
-def inertia_tensor(entries: tuple[float, ...]) -> Array:
-    """Return the tensor (3, 3) of its entries xx, yy, zz, xy, xz, yz [kg m^2]."""
-    xx, yy, zz, xy, xz, yz = entries
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -1,15 +1,14 @@
 """The equations of motion of the plant ``rotors``, compiled.
 
-World ENU, body FLU. C is the centre of mass, J the inertia about it, a_i and r_i axis and place
-of rotor i from C, o_i its sense, s_i its speed, f_i its force, h its share of the angular
-momentum I_r o_i s_i a_i:
+World ENU, body FLU. C is the centre of mass, J the inertia about C. Rotor i has the position r_i
+from C, spin direction o_i, speed s_i and force f_i; e is the body's z axis:
 
     m dv/dt = R (sum f_i + drag) - m g e_z + push
-    J dw/dt = sum (r_i x f_i - o_i c_q s_i^2 a_i - o_i I_r ds_i/dt a_i) - w x (J w + sum h_i)
+    J dw/dt = sum (r_i x f_i - o_i (c_q s_i^2 + I_r ds_i/dt) e) - w x (J w + sum I_r o_i s_i e)
     ds/dt = (s_wanted - s) / tau
 
-Of the reaction torques the first is that of the air on the rotor, which the motor hands on to
-the body, the second that of its acceleration; the last term is gyroscopic.
+The motors transfer the drag torque of the rotors and the torque of their acceleration to the body;
+the last term is gyroscopic.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from quad_mpc_ros.simulation.rotors.craft import Craft, Rotor
 from quad_mpc_ros.simulation.rotors.state import BodyState, rotation_of
 
 Outside = tuple[kernels.Vector, kernels.Vector]
-"""Velocity of the air [m/s] and a force that pushes at C [N], both in the world."""
+"""Velocity of the air [m/s] and an external force at C [N], both in the world."""
 
 
 @compiled
@@ -40,7 +39,7 @@ def derivative(
 ) -> None:
     """Write the time derivative of body and speeds (n,) into ``rate`` and ``accelerations`` (n,).
 
-    ``wanted`` (n,) are the speeds that the autopilot asks for [rad/s], at a full battery.
+    ``wanted`` (n,) are the speeds commanded by the autopilot [rad/s], at a full battery.
     """
     wind_W, external_force_W = outside
     voltage, current = battery(_power(speeds, craft), used=body.charge_used, craft=craft)
@@ -49,7 +48,7 @@ def derivative(
     R_WB, v_W, w = rotation_of(body), kernels.vector(body.v_WC_W), kernels.vector(body.w_WB_B)
     through_W = kernels.plus(v_W, kernels.scaled(-1.0, wind_W))
     v_air_B = kernels.apply_transposed(R_WB, through_W)
-    force, torque, momentum = _wrench(
+    force, torque, rotor_momentum = _wrench(
         body,
         speeds=speeds,
         v_air_B=v_air_B,
@@ -59,7 +58,8 @@ def derivative(
     )
     total_W = kernels.plus(kernels.apply(R_WB, force), external_force_W)
     a_W = kernels.scaled(1.0 / craft.mass, total_W)
-    momentum = kernels.plus(momentum, kernels.apply(kernels.matrix(craft.inertia), w))
+    momentum = kernels.apply(kernels.matrix(craft.inertia), w)
+    momentum = momentum[0], momentum[1], rotor_momentum + momentum[2]
     torque = kernels.plus(torque, kernels.cross(momentum, w))
     kernels.store_vector(v_W, rate.p_WC)
     kernels.store_vector((a_W[0], a_W[1], a_W[2] - craft.gravity), rate.v_WC_W)
@@ -70,14 +70,14 @@ def derivative(
 
 @compiled
 def charge(body: RecordArray[BodyState], speeds: Array, craft: RecordArray[Craft]) -> float:
-    """Return the voltage of a state over that of a full battery."""
+    """Return the voltage of a state relative to a full battery."""
     numbers = craft[()]
     return battery(_power(speeds, numbers), used=body[()].charge_used, craft=numbers)[0]
 
 
 @compiled
 def _power(speeds: Array, craft: Craft) -> float:
-    """Return the power that the air takes from the rotors [W]."""
+    """Return the aerodynamic power of the rotors [W]."""
     power = 0.0
     for speed in speeds:
         power += craft.torque_coefficient * speed * speed * speed
@@ -88,7 +88,7 @@ def _power(speeds: Array, craft: Craft) -> float:
 def _follow(
     speeds: Array, wanted: Array, charge: float, craft: Craft, accelerations: Array
 ) -> None:
-    """Write the accelerations of the rotors; speeds go with the voltage, ``charge`` its share."""
+    """Write the accelerations of the rotors; ``charge`` is the relative battery voltage."""
     highest = max(charge * craft.speed_max, craft.speed_min)
     gain = 1.0 if craft.compensated != 0 else charge
     for rotor in range(wanted.shape[0]):
@@ -104,29 +104,27 @@ def _wrench(
     craft: Craft,
     rotors: RecordArray[Rotor],
     accelerations: Array,
-) -> tuple[kernels.Vector, kernels.Vector, kernels.Vector]:
-    """Return force and torque about C and the rotors' angular momentum, all in the body."""
+) -> tuple[kernels.Vector, kernels.Vector, float]:
+    """Return force and torque about C in the body, and the rotors' angular momentum along z."""
     R_WB, w = rotation_of(body), kernels.vector(body.w_WB_B)
     upright = kernels.column(R_WB, 2)[2]
-    force, torque, momentum = body_drag(v_air_B, craft), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    force, torque, momentum = body_drag(v_air_B, craft), (0.0, 0.0, 0.0), 0.0
     for k in range(rotors.shape[0]):
         rotor, speed = rotors[k], speeds[k]
-        place, axis = kernels.vector(rotor.place), kernels.vector(rotor.axis)
+        place = kernels.vector(rotor.place)
         height = body.p_WC[2] + kernels.apply(R_WB, place)[2] + craft.clearance
-        pushed = rotor_force(
+        rotor_B = rotor_force(
             speed,
-            axis=axis,
             v_air_B=kernels.plus(v_air_B, kernels.cross(w, place)),
             gain=ground_gain(height, upright=upright, craft=craft),
             craft=craft,
         )
-        handed_on = craft.torque_coefficient * speed * speed
-        handed_on += craft.rotor_inertia * accelerations[k]
-        force = kernels.plus(force, pushed)
-        torque = kernels.plus(torque, kernels.cross(place, pushed))
-        torque = kernels.plus(torque, kernels.scaled(-rotor.spin * handed_on, axis))
-        own_momentum = kernels.scaled(rotor.spin * craft.rotor_inertia * speed, axis)
-        momentum = kernels.plus(momentum, own_momentum)
+        motor_torque = craft.torque_coefficient * speed * speed
+        motor_torque += craft.rotor_inertia * accelerations[k]
+        force = kernels.plus(force, rotor_B)
+        torque = kernels.plus(torque, kernels.cross(place, rotor_B))
+        torque = kernels.plus(torque, (0.0, 0.0, -rotor.spin * motor_torque))
+        momentum += rotor.spin * craft.rotor_inertia * speed
     return force, torque, momentum
 
 

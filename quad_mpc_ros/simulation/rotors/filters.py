@@ -20,9 +20,9 @@ class FilterSection(Record):
 
 
 def butterworth(cutoff: float, rate: float) -> RecordArray[FilterSection]:
-    """Return a low-pass of second order, ``cutoff`` and ``rate`` in Hz; 0 lets everything pass.
+    """Return a low-pass of second order, ``cutoff`` and ``rate`` in Hz; 0 disables the filter.
 
-    The bilinear transform of 1 / (s^2 + sqrt(2) s + 1), bent so that the cut-off stays.
+    The bilinear transform of 1 / (s^2 + sqrt(2) s + 1), prewarped so that the cut-off is kept.
     """
     section = FilterSection.zeros()
     own = section[()]
@@ -39,7 +39,7 @@ def butterworth(cutoff: float, rate: float) -> RecordArray[FilterSection]:
 
 
 def smoothing(cutoff: float, rate: float) -> float:
-    """Return the weight of a new value in a low-pass of first order; Hz, 1 if the cutoff is 0."""
+    """Return the weight of a new value in a first-order low-pass; Hz, 1 if the cutoff is 0."""
     return 1.0 - math.exp(-2.0 * math.pi * cutoff / rate) if cutoff > 0.0 else 1.0
 
 

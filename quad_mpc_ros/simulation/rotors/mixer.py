@@ -1,8 +1,9 @@
-"""The mixer: which thrust of each rotor gives a total thrust and a torque.
+"""The mixer: allocates a total thrust and a torque to the rotors.
 
 Thrust and torque are linear in the rotors' thrusts; the pseudo-inverse allocates them to any
-number of rotors. Where a rotor saturates, airmode gives up thrust before torque, else torque goes
-before thrust; in either case yaw, of which rotors have the least, before roll and pitch.
+number of rotors. If a rotor saturates, airmode reduces the thrust before the torque. Without
+airmode, as on the ground, the torque is reduced first. Yaw torque, for which rotors have the least
+authority, is reduced before roll and pitch.
 """
 
 from __future__ import annotations
@@ -11,74 +12,59 @@ import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.configuration.compilation import compiled
-from quad_mpc_ros.configuration.records import Record, RecordArray
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.simulation.rotors.craft import rotors_of
 from quad_mpc_ros.simulation.rotors.parameters import RotorParameters
 
 Limits = tuple[float, float]
-"""Least and greatest thrust of a rotor [N]."""
-
-
-class Share(Record):
-    """Thrust of a rotor [N] over what all are to make together."""
-
-    thrust: float  # over thrust [N]
-    roll: float  # over the torque about each axis [N m]
-    pitch: float
-    yaw: float
+"""Minimum and maximum thrust of a rotor [N]."""
 
 
 def allocation(rotors: RotorParameters) -> Array:
-    """Return what thrusts (n,) [N] of the rotors give together (4, n): thrust [N], torque [N m].
+    """Return thrust [N] and torque [N m] of the rotors' thrusts (n,) [N], a matrix (4, n).
 
-    As the autopilot knows it, about the origin of the body.
+    The torque is about the origin of the body, where the autopilot assumes the centre of mass.
     """
-    records = rotors_of(rotors, center_B=np.zeros(3))
-    axis, spin = records["axis"], records["spin"][:, None]
-    drag = rotors.torque_coefficient / rotors.thrust_coefficient * spin * axis
-    return np.vstack((axis[:, 2], (np.cross(records["place"], axis) - drag).T))
+    x, y, spin = np.array(rotors.x), np.array(rotors.y), np.array(rotors.spin)
+    drag = rotors.torque_coefficient / rotors.thrust_coefficient * spin
+    return np.vstack((np.ones(len(x)), y, -x, -drag))
 
 
-def mixing(rotors: RotorParameters) -> RecordArray[Share]:
-    """Return the shares of the rotors (n,).
+def mixing(rotors: RotorParameters) -> Array:
+    """Return the rotors' thrusts [N] for each unit of thrust [N] and torque [N m], (n, 4).
 
-    Raises :class:`ConfigurationError` for rotors that cannot make them.
+    Raises :class:`ConfigurationError` for rotors that cannot produce torque about every axis.
     """
-    given = allocation(rotors)
-    mix = np.linalg.pinv(given)
-    if not np.allclose(given @ mix, np.eye(4), atol=1e-6) or (mix[:, 0] <= 0.0).any():
+    effect = allocation(rotors)
+    mix = np.linalg.pinv(effect)
+    if not np.allclose(effect @ mix, np.eye(4), atol=1e-6) or (mix[:, 0] <= 0.0).any():
         raise ConfigurationError(
             "simulator.rotors.x",
             rotors.x,
-            "rotors that all lift, and together make thrust and every torque",
+            "rotors that together produce thrust and torque about every axis",
         )
-    shares = Share.zeros(len(mix))
-    shares["thrust"], shares["roll"], shares["pitch"], shares["yaw"] = mix.T
-    return shares
+    return np.ascontiguousarray(mix)
 
 
 @compiled
 def mixed(
     thrust: float,
     torque: kernels.Vector,
-    mix: RecordArray[Share],
+    mix: Array,
     limits: Limits,
     airmode: bool,
     out: Array,
 ) -> tuple[float, float]:
-    """Write the rotors' thrusts (n,) [N]; return the shares of the torques that are left.
+    """Write the rotors' thrusts (n,) [N]; return the shares of the torques that remain.
 
-    First that about roll and pitch, then that about yaw, each in [0, 1].
+    The first share applies to roll and pitch, the second to yaw, each in [0, 1].
     """
     least, greatest = limits
     rotor_count = mix.shape[0]
     demand = np.empty((3, rotor_count))
     for rotor in range(rotor_count):
-        share = mix[rotor]
-        demand[0, rotor] = share.thrust
-        demand[1, rotor] = share.roll * torque[0] + share.pitch * torque[1]
-        demand[2, rotor] = share.yaw * torque[2]
+        demand[0, rotor] = mix[rotor, 0]
+        demand[1, rotor] = mix[rotor, 1] * torque[0] + mix[rotor, 2] * torque[1]
+        demand[2, rotor] = mix[rotor, 3] * torque[2]
     out[:] = 0.0
     low, high = _thrusts_between(out, lift=demand[0], limits=limits)
     total = kernels.clamp(thrust, low, high)
@@ -102,7 +88,7 @@ def mixed(
 
 @compiled
 def _thrusts_between(given: Array, lift: Array, limits: Limits) -> tuple[float, float]:
-    """Return the least and the greatest total thrust with which no rotor saturates."""
+    """Return the minimum and maximum total thrust for which no rotor saturates."""
     low, high = -np.inf, np.inf
     for rotor in range(given.shape[0]):
         low = max(low, (limits[0] - given[rotor]) / lift[rotor])
@@ -112,7 +98,7 @@ def _thrusts_between(given: Array, lift: Array, limits: Limits) -> tuple[float, 
 
 @compiled
 def _share(given: Array, turn: Array, limits: Limits) -> float:
-    """Return the greatest share of a torque with which no rotor saturates."""
+    """Return the largest share of a torque for which no rotor saturates."""
     share = 1.0
     for rotor in range(given.shape[0]):
         if turn[rotor] > 0.0:
@@ -124,9 +110,10 @@ def _share(given: Array, turn: Array, limits: Limits) -> float:
 
 @compiled
 def _share_with_any_thrust(given: Array, turn: Array, lift: Array, limits: Limits) -> float:
-    """Return the greatest share of a torque for which there is a thrust that saturates no rotor.
+    """Return the largest share of a torque for which some total thrust saturates no rotor.
 
-    Of every two rotors, what the one needs at least must not be above what the other bears.
+    For every pair of rotors, the minimum total thrust of one must not exceed the maximum of the
+    other.
     """
     share = 1.0
     for i in range(given.shape[0]):

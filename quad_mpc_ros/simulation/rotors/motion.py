@@ -1,7 +1,7 @@
 """The motion of the plant ``rotors`` at constant command and wind, compiled.
 
-The rate loop runs at regular times; between them Runge-Kutta steps of order 4 integrate the
-equations. The ground is at height 0.
+Runge-Kutta steps of order 4 integrate the equations between two runs of the rate loop. The ground
+is at height 0.
 """
 
 from __future__ import annotations
@@ -14,10 +14,8 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import RecordArray, Vector3
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.simulation import records
-from quad_mpc_ros.simulation.rotors import rate_loop
 from quad_mpc_ros.simulation.rotors.craft import Craft, Rotor
 from quad_mpc_ros.simulation.rotors.equations import Outside, derivative
-from quad_mpc_ros.simulation.rotors.mixer import Share
 from quad_mpc_ros.simulation.rotors.state import (
     BodyState,
     add,
@@ -37,47 +35,9 @@ class RotorInputs(records.PlantInputs):
 
 
 @compiled
-def advance(
-    body: RecordArray[BodyState],
-    speeds: Array,
-    memory: RecordArray[rate_loop.Memory],
-    wanted: Array,
-    inputs: RecordArray[RotorInputs],
-    craft: RecordArray[Craft],
-    rotors: RecordArray[Rotor],
-    loop: RecordArray[rate_loop.Loop],
-    mix: RecordArray[Share],
-    duration_ns: int,
-) -> None:
-    """Advance body, speeds (n,), the loop's memory and the wanted speeds (n,) over a time."""
-    command, held = inputs[()], memory[()]
-    center_B = kernels.vector(craft[()].center_B)
-    left = duration_ns
-    while left > 0:
-        if held.until_run_ns == 0:
-            rate_loop.run(
-                held,
-                w_WB_B=body[()].w_WB_B,
-                throttle=command.throttle,
-                rates=command.w_WB_B,
-                on_ground=on_ground(body[()], center_B),
-                loop=loop[()],
-                mix=mix,
-                out=wanted,
-            )
-            held.until_run_ns = loop[()].period_ns
-        until = min(left, held.until_run_ns)
-        coast(
-            body,
-            speeds=speeds,
-            wanted=wanted,
-            inputs=inputs,
-            craft=craft,
-            rotors=rotors,
-            duration_ns=until,
-        )
-        left -= until
-        held.until_run_ns -= until
+def is_on_ground(body: RecordArray[BodyState], craft: RecordArray[Craft]) -> bool:
+    """Whether the body is at rest on the ground."""
+    return on_ground(body[()], kernels.vector(craft[()].center_B))
 
 
 @compiled

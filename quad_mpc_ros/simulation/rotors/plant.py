@@ -24,11 +24,11 @@ from quad_mpc_ros.simulation.wind import NEVER_NS
 class RotorsPlant(DelayedPlant):
     """A vehicle of rotors, body, battery and rate loop, commanded by throttle and body rates.
 
-    The throttle asks for the thrust of the parameters' curve. Wind, gusts and command delay are
-    those of every plant.
+    The throttle commands the thrust of the configured curve.
     """
 
-    def __init__(self, config: RotorsPlantParameters) -> None:
+    def __init__(self, config: RotorsPlantParameters, *, period_ns: int | None = None) -> None:
+        """Set the initial state; ``period_ns`` replaces the period of the rate loop."""
         super().__init__(config)
         if config.motor_count != len(config.rotors.x):
             raise ConfigurationError(
@@ -49,6 +49,8 @@ class RotorsPlant(DelayedPlant):
         self._wanted, self._speeds = np.zeros((2, config.motor_count))
         self._body = BodyState.zeros()
         self._memory = rate_loop.begun(np.array(config.initial_body_rates), self._loop)
+        self._period_ns = period_ns or round(1e9 / config.rate_loop.rate)
+        self._until_loop_ns = 0
         self._start()
 
     @property
@@ -75,7 +77,7 @@ class RotorsPlant(DelayedPlant):
 
     @property
     def battery_voltage(self) -> float | None:
-        """Voltage of the battery [V]; None of one that never sags."""
+        """Voltage of the battery [V]; None for a battery with constant voltage."""
         battery = self._config.battery
         if battery.capacity == 0.0:
             return None
@@ -103,21 +105,46 @@ class RotorsPlant(DelayedPlant):
             self._move(duration_ns=to_ns - from_ns)
 
     def _move(self, *, duration_ns: int) -> None:
-        motion.advance(
+        """Advance the state over a time with constant external inputs."""
+        while duration_ns > 0:
+            if self._until_loop_ns == 0:
+                self._run_loop()
+                self._until_loop_ns = self._period_ns
+            until_ns = min(duration_ns, self._until_loop_ns)
+            self._coast(until_ns)
+            self._until_loop_ns -= until_ns
+            duration_ns -= until_ns
+
+    def _run_loop(self) -> None:
+        """Run the rate loop on the state of the vehicle, and set the wanted speeds."""
+        rate_loop.run(
+            self._memory,
+            w_WB_B=self._body["w_WB_B"],
+            throttle=float(self._inputs["throttle"]),
+            rates=self._inputs["w_WB_B"],
+            on_ground=self._is_on_ground(),
+            loop=self._loop,
+            mix=self._mix,
+            out=self._wanted,
+        )
+
+    def _is_on_ground(self) -> bool:
+        return motion.is_on_ground(self._body, self._craft)
+
+    def _coast(self, duration_ns: int) -> None:
+        """Advance the state over a time with constant wanted speeds."""
+        motion.coast(
             self._body,
             speeds=self._speeds,
-            memory=self._memory,
             wanted=self._wanted,
             inputs=self._inputs,
             craft=self._craft,
             rotors=self._rotors,
-            loop=self._loop,
-            mix=self._mix,
             duration_ns=duration_ns,
         )
 
     def _start(self) -> None:
-        """Begin where the parameters say, with rotors that have settled at the throttle."""
+        """Set the configured initial state, with the rotor speeds of the initial throttle."""
         config, x = self._config, self._body[()]
         R_WB = so3.rotation_from_quaternion_xyzw(config.initial_attitude)
         w_WB_B = np.array(config.initial_body_rates)
@@ -130,7 +157,7 @@ class RotorsPlant(DelayedPlant):
         rate_loop.speeds(
             config.initial_throttle,
             torque=(0.0, 0.0, 0.0),
-            airmode=config.rate_loop.airmode,
+            airmode=True,
             loop=self._loop[()],
             mix=self._mix,
             out=self._wanted,

@@ -2,11 +2,11 @@
 
 For each axis, with the error e = w_c - w of the filtered gyro w,
 
-    alpha = P e + I int e + F w_c - D dw/dt
+    alpha = P e + I int e - D dw/dt
 
-with D on the gyro alone, filtered once more; the torque asked for is alpha times the diagonal of
-the inertia. The integral has a limit and is held while its torque saturates in its direction. On
-the ground it is zero and there is no airmode, which could lift off.
+The derivative is filtered once more; the torque demand is alpha times the diagonal of the inertia.
+The integral is limited, and held while its torque saturates in its direction. On the ground the
+integral is zero and airmode, which could lift the vehicle off, is disabled.
 """
 
 from __future__ import annotations
@@ -21,29 +21,26 @@ from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.simulation.actuators import thrust_at
 from quad_mpc_ros.simulation.rotors import filters
-from quad_mpc_ros.simulation.rotors.mixer import Share, mixed
+from quad_mpc_ros.simulation.rotors.mixer import mixed
 from quad_mpc_ros.simulation.rotors.parameters import RotorsPlantParameters
 
 
 class Loop(Record):
-    """The numbers of a rate loop: the parameters of these names, and what follows from them."""
+    """The parameters of a rate loop, and numbers computed from them."""
 
     period: float  # s
-    period_ns: int
     p: Vector3
     i: Vector3
     d: Vector3
-    feed_forward: Vector3
     integral_max: Vector3
     torque_max: Vector3
     inertia: Vector3  # diagonal [kg m^2]
     gyro: filters.FilterSection
     smoothing: float
-    airmode: int
     thrust_curve: Vector3  # of all rotors together [N]
     thrust_coefficient: float
-    least: float  # thrust of a rotor [N]
-    greatest: float
+    least: float  # minimum thrust of a rotor [N]
+    greatest: float  # maximum thrust of a rotor [N]
 
 
 class Memory(Record):
@@ -53,21 +50,18 @@ class Memory(Record):
     gyro: Annotated[Array, (3, 2)]  # state of the filter
     before: Vector3  # filtered rate of the last run [rad/s]
     slope: Vector3  # filtered derivative of the filtered rate [rad/s^2]
-    until_run_ns: int  # time until the next run
 
 
 def loop_of(config: RotorsPlantParameters) -> RecordArray[Loop]:
-    """Return the configured rate loop, with nominal rotors."""
+    """Return the configured rate loop, with the nominal thrust of the rotors."""
     settings, rotors, loop = config.rate_loop, config.rotors, Loop.zeros()
     own = loop[()]
-    own.period, own.period_ns = 1.0 / settings.rate, round(1e9 / settings.rate)
+    own.period = 1.0 / settings.rate
     own.p[:], own.i[:], own.d[:] = settings.p, settings.i, settings.d
-    own.feed_forward[:], own.integral_max[:] = settings.feed_forward, settings.integral_max
-    xx, yy, zz, *_ = config.airframe.inertia
-    own.torque_max[:], own.inertia[:] = settings.torque_max, (xx, yy, zz)
+    own.integral_max[:], own.torque_max[:] = settings.integral_max, settings.torque_max
+    own.inertia[:] = config.airframe.inertia[:3]
     own.gyro = filters.butterworth(settings.gyro_cutoff, settings.rate)[()]
     own.smoothing = filters.smoothing(settings.d_cutoff, settings.rate)
-    own.airmode = settings.airmode
     own.thrust_curve[:] = [config.motor_count * each for each in config.thrust_curve]
     own.thrust_coefficient = rotors.thrust_coefficient
     own.least = rotors.thrust_coefficient * rotors.speed_min**2
@@ -87,39 +81,38 @@ def begun(w_WB_B: Array, loop: RecordArray[Loop]) -> RecordArray[Memory]:
 
 @compiled
 def run(
-    memory: Memory,
+    memory: RecordArray[Memory],
     w_WB_B: Array,
     throttle: float,
     rates: Array,
     on_ground: bool,
-    loop: Loop,
-    mix: RecordArray[Share],
+    loop: RecordArray[Loop],
+    mix: Array,
     out: Array,
 ) -> None:
     """Run the loop once: write the wanted speeds of the rotors (n,) [rad/s] into ``out``.
 
     ``w_WB_B`` (3,) is the gyro, ``throttle`` and ``rates`` (3,) the command.
     """
+    x, settings = memory[()], loop[()]
     error, wanted = np.empty(3), np.empty(3)
     for axis in range(3):
-        rate = _measured(memory, axis=axis, gyro=w_WB_B[axis], loop=loop)
+        rate = _measured(x, axis=axis, gyro=w_WB_B[axis], loop=settings)
         error[axis] = rates[axis] - rate
-        alpha = loop.p[axis] * error[axis] + memory.integral[axis]
-        alpha = alpha - loop.d[axis] * memory.slope[axis]
-        alpha += loop.feed_forward[axis] * rates[axis]
-        wanted[axis] = loop.inertia[axis] * alpha
-    asked = _limited(wanted, loop.torque_max)
-    airmode = loop.airmode != 0 and not on_ground
-    turn, yaw = speeds(throttle, asked, airmode=airmode, loop=loop, mix=mix, out=out)
+        alpha = settings.p[axis] * error[axis] + x.integral[axis]
+        wanted[axis] = settings.inertia[axis] * (alpha - settings.d[axis] * x.slope[axis])
+    demand = _limited(wanted, settings.torque_max)
+    airmode = not on_ground
+    turn, yaw = speeds(throttle, demand, airmode=airmode, loop=settings, mix=mix, out=out)
     for axis in range(3):
         share = turn if axis < 2 else yaw
-        saturated = share < 1.0 or asked[axis] != wanted[axis]
+        saturated = share < 1.0 or demand[axis] != wanted[axis]
         if on_ground:
-            memory.integral[axis] = 0.0
+            x.integral[axis] = 0.0
         elif not (saturated and error[axis] * wanted[axis] > 0.0):
-            step = loop.period * loop.i[axis] * error[axis]
-            most = loop.integral_max[axis]
-            memory.integral[axis] = kernels.clamp(memory.integral[axis] + step, -most, most)
+            step = settings.period * settings.i[axis] * error[axis]
+            most = settings.integral_max[axis]
+            x.integral[axis] = kernels.clamp(x.integral[axis] + step, -most, most)
 
 
 @compiled
@@ -147,7 +140,7 @@ def speeds(
     torque: kernels.Vector,
     airmode: bool,
     loop: Loop,
-    mix: RecordArray[Share],
+    mix: Array,
     out: Array,
 ) -> tuple[float, float]:
     """Write the speeds (n,) [rad/s] for a throttle and a torque [N m]; return :func:`mixed`'s."""

@@ -1,4 +1,4 @@
-"""The state of the plant ``rotors``: the body's, and an array of the rotors' speeds (n,) [rad/s].
+"""The state of the plant ``rotors``: a record of the body, and the rotors' speeds (n,) [rad/s].
 
 C is the centre of mass.
 """
@@ -12,13 +12,13 @@ from quad_mpc_ros.simulation.records import quaternion_in
 
 
 class BodyState(Record):
-    """Body and battery; in a derivative the rates of these."""
+    """State of body and battery, or its time derivative."""
 
     p_WC: Vector3  # m
     v_WC_W: Vector3  # m/s
     q_WB_xyzw: Vector4
     w_WB_B: Vector3  # rad/s
-    charge_used: float  # taken from the battery [A s]
+    charge_used: float  # from the battery [A s]
 
 
 @compiled
@@ -45,7 +45,7 @@ def rotation_of(body: BodyState) -> kernels.Matrix:
 
 @compiled
 def put(body: BodyState, p_WB: kernels.Vector, center_B: kernels.Vector) -> None:
-    """Set the position of the body's origin [m]; the attitude stays."""
+    """Set the position of the body's origin [m]; keep the attitude."""
     offset = kernels.apply(rotation_of(body), center_B)
     kernels.store_vector(kernels.plus(p_WB, offset), body.p_WC)
 

@@ -1,10 +1,7 @@
-"""The pictures: what is drawn, and that something is to be seen on them."""
+"""Figures of a flight: panels, images, obstacles."""
 
 from __future__ import annotations
 
-import math
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,11 +9,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
+from mpl_toolkits.mplot3d import art3d
 
-from quad_mpc_ros.analysis.figures import obstacles, space, style, write_figures
+from quad_mpc_ros.analysis.figures import space, style, write_figures
 from quad_mpc_ros.analysis.figures.panels import (
-    Curve,
     attitude_panels,
     clearance_panels,
     error_panels,
@@ -26,7 +24,7 @@ from quad_mpc_ros.analysis.figures.panels import (
 )
 from quad_mpc_ros.recordings.flight import Flight
 from quad_mpc_ros.simulation.scene import Scene
-from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
+from quad_mpc_ros.simulation.shapes import Cylinder
 
 FlightMaker = Callable[..., Flight]
 
@@ -51,19 +49,35 @@ def circling(make_flight: FlightMaker, build: SimpleNamespace) -> Flight:
     )
 
 
-def test_no_line_is_drawn_where_odometry_is_missing(circling: Flight, tmp_path: Path) -> None:
+def test_no_line_is_drawn_where_odometry_is_missing(
+    circling: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     later = circling.stamp_ns + np.where(np.arange(300) < 150, 0, 6_400_000_000)
     flight = replace(circling, stamp_ns=later, publish_time_ns=later)
     ((begin, end),) = flight.gaps
     assert end - begin == pytest.approx(6.42)
     for panel in [*position_panels(flight), *velocity_panels(flight), *error_panels(flight)]:
         for curve in panel.curves:
-            for drawn in (curve, curve.thinned(40)):
-                (place,) = np.flatnonzero(np.isnan(drawn.values))
-                assert drawn.time[place - 1] <= begin < drawn.time[place] < end
-                assert drawn.time[place + 1] >= end
-    for path in write_figures(flight, tmp_path):
-        assert fraction_of(path, "#FFFFFF") > 0.2
+            (place,) = np.flatnonzero(np.isnan(curve.values))
+            assert curve.time[place - 1] <= begin < curve.time[place] < end
+            assert curve.time[place + 1] >= end
+
+    figures: dict[str, Figure] = {}
+    monkeypatch.setattr(style, "save", lambda figure, path: figures.update({path.stem: figure}))
+    write_figures(flight, tmp_path)
+    path = figures.pop("path").axes[0]
+    for axes in (axes for figure in figures.values() for axes in figure.axes):
+        (shade,) = (each for each in axes.collections if each.get_label() == "no odometry")
+        (span,) = (each.get_extents() for each in shade.get_paths())
+        assert (span.x0, span.x1) == pytest.approx((begin, end))
+    last, first = flight.p_WB[149], flight.p_WB[150]
+    for line in path.lines[-2:]:  # of the reference and of the flight on the ground
+        assert np.isnan(line.get_data_3d()[0]).sum() == 1
+    (flown,) = (each for each in path.collections if each.get_array() is not None)
+    pieces = np.array(flown._segments3d)
+    assert len(pieces) == 298
+    assert last in pieces[:, 1] and first in pieces[:, 0]
+    assert not np.any(np.all(pieces == np.stack((last, first)), axis=(1, 2)))
 
 
 def fraction_of(path: Path, colour: str) -> float:
@@ -112,24 +126,6 @@ def test_obstacles_are_drawn_with_the_distance_to_them(circling: Flight, tmp_pat
     assert clearance_panels(circling) == []
 
 
-@pytest.mark.parametrize(
-    ("shape", "volume"),
-    [
-        (Box(p_WO=np.ones(3), size=np.array([0.5, 2.0, 3.0])), 3.0),
-        (Cylinder(p_WO=np.ones(3), radius=0.5, height=2.0), 0.5 * math.pi),
-        (Sphere(p_WO=np.ones(3), radius=1.0), 4.0 / 3.0 * math.pi),
-    ],
-)
-def test_faces_of_an_obstacle_enclose_its_volume(shape: Shape, volume: float) -> None:
-    """By the divergence theorem over triangles that look outwards; round ones are polygons."""
-    faces = obstacles.faces(shape)
-    triangles = [(f[0], f[k], f[k + 1]) for f in faces for k in range(1, len(f) - 1)]
-    a, b, c = np.moveaxis(np.array(triangles) - shape.p_WO, 1, 0)
-    enclosed = np.abs(np.einsum("ni,ni->n", a, np.cross(b, c))).sum() / 6.0
-    assert 0.85 * volume < enclosed <= volume + 1e-9
-    assert np.abs(shape.distance(np.vstack(faces))).max() < 1e-9
-
-
 class TestAttitude:
     def test_the_recorded_sign_is_kept_and_continued(self, circling: Flight) -> None:
         """Once round, the same attitude is reached as the negative of the quaternion."""
@@ -149,11 +145,6 @@ class TestAttitude:
         assert max(np.abs(np.diff(values)).max() for values in flown) < 0.02
         assert flown[0][-1] == pytest.approx(-1.0)
 
-    def test_a_flight_may_begin_with_either_sign(self, make_flight: FlightMaker) -> None:
-        q = np.tile([0.0, 0.0, 0.0, -1.0], (5, 1))
-        w = attitude_panels(make_flight(5, q_WB_xyzw=q))[0]
-        assert w.curve("flown").values.tolist() == [-1.0] * 5
-
 
 def test_inputs_are_held_within_the_bounds_of_the_controller(circling: Flight) -> None:
     panels = input_panels(circling)
@@ -166,59 +157,16 @@ def test_inputs_are_held_within_the_bounds_of_the_controller(circling: Flight) -
     assert not any(panel.curve("flown").held for panel in velocity_panels(circling))
 
 
-def test_peaks_of_a_long_curve_are_drawn() -> None:
-    values = np.sin(np.arange(100_001) / 1000.0)
-    values[70_123], values[30_456] = 5.0, -7.0
-    values[50_000:50_010] = np.nan
-    hover = np.arange(100_001).astype(str)
-    whole = Curve(name="long", time=np.arange(100_001.0), values=values, hover=hover)
-    thin = whole.thinned(1000)
-    assert thin.hover is not None
-    assert 500 < len(thin.time) <= 1003
-    assert np.all(np.diff(thin.time) > 0.0)
-    assert (thin.time[0], thin.time[-1]) == (0.0, 100_000.0)
-    assert (np.nanmax(thin.values), np.nanmin(thin.values)) == (5.0, -7.0)
-    assert thin.hover.tolist() == [str(int(time)) for time in thin.time]
-    assert whole.thinned(100_001) is whole
-
-
-def test_grid_of_3d_figures_is_as_light_as_of_others(tmp_path: Path) -> None:
-    """It takes its colour where mplot3d lets one give it, which is in no argument."""
-    figure = style.new_figure(4.0, 4.0, dpi=100)
-    axes = space.draw_room(figure, np.zeros(3), np.ones(3))
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.line.set_color("white")
-        axis.set_tick_params(labelcolor="white", color="white")
-        axis.set_label_text("")
-    pixels = imread(style.save(figure, tmp_path / "room.png"))[..., :3]
-    assert np.mean(np.all(np.abs(pixels - style.rgb(style.GRID)) < 0.02, axis=-1)) > 5e-3
-    assert pixels.min() > 0.85  # matplotlib's own grid is darker
-
-
-def test_matplotlib_is_imported_only_to_draw_and_pyplot_never(tmp_path: Path) -> None:
-    program = f"""
-import sys
-import numpy as np
-from quad_mpc_ros.analysis import figures
-from quad_mpc_ros.recordings.flight import CommandTrack, Flight
-assert "matplotlib" not in sys.modules
-from quad_mpc_ros.control.config import MpcConfig
-stamp_ns, zeros = np.arange(5) * 10**7, np.zeros((5, 3))
-flight = Flight(
-    stamp_ns=stamp_ns, publish_time_ns=stamp_ns, p_WB=zeros, v_WB_B=zeros, w_WB_B=zeros,
-    q_WB_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (5, 1)), reference=None, stats={{}}, parameters={{}},
-    commands=CommandTrack(
-        stamp_ns=stamp_ns, publish_time_ns=stamp_ns, throttle=zeros[:, 0], w_WB_B=zeros
-    ),
-    mpc=MpcConfig(),
-)
-from pathlib import Path
-figures.write_figures(flight, Path({str(tmp_path)!r}))
-assert "matplotlib" in sys.modules
-assert "matplotlib.pyplot" not in sys.modules
-assert not [name for name in sys.modules if name.split(".")[0] in ("rclpy", "nav_msgs")]
-"""
-    finished = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False
-    )
-    assert finished.returncode == 0, finished.stderr
+def test_draws_vehicles_evenly_along_a_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    turns = np.linspace(0.0, 20.0 * np.pi, 4000)
+    circles = np.column_stack((np.cos(turns), np.sin(turns), np.ones(4000)))
+    level = np.tile([0.0, 0.0, 0.0, 1.0], (4000, 1))
+    axes = space.draw_room(style.new_figure(8.0, 6.0, dpi=60), -np.ones(3), np.ones(3))
+    beams: list[np.ndarray] = []
+    monkeypatch.setattr(art3d, "Line3DCollection", lambda given, **_: beams.extend(given))
+    monkeypatch.setattr(axes, "add_collection", lambda _: None)
+    space.draw_vehicles(axes, circles, level, side=2.4, zorder=1)
+    centres = np.array(beams).reshape(-1, 2, 2, 3).mean(axis=(1, 2))
+    assert len(centres) in (14, 15)  # the last one may be rounded away
+    assert centres[0] == pytest.approx(circles[0])
+    assert np.linalg.norm(centres[:, :2], axis=1) == pytest.approx(1.0)

@@ -5,13 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from quad_mpc_ros.analysis.figures import space, style, write_figures
+from quad_mpc_ros.analysis.figures import space
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.recordings.evaluation.race import drawn_course, race_figures
 from quad_mpc_ros.recordings.flight import Flight, GatePoses
@@ -57,7 +55,7 @@ def opening(x: float, *, yaw: float) -> Array:
     return np.asarray(np.array([x, 0.0, 1.0]) + corners)
 
 
-def test_gates_that_stand_are_drawn_once_where_their_file_has_them(racing: Flight) -> None:
+def test_static_gates_are_drawn_once_at_their_configured_pose(racing: Flight) -> None:
     course = drawn_course(racing)
     assert course is not None
     (one, gate), (two, ball) = space.drawn_gates(course)
@@ -67,7 +65,7 @@ def test_gates_that_stand_are_drawn_once_where_their_file_has_them(racing: Fligh
     np.testing.assert_allclose(offset, RADIUS)
 
 
-def test_gates_that_moved_are_drawn_where_they_were_passed(racing: Flight) -> None:
+def test_moved_gates_are_drawn_at_their_pose_of_the_passage(racing: Flight) -> None:
     """The gates of the second lap are further out and turned; later poses are not drawn."""
     flight = dataclasses.replace(
         racing,
@@ -87,33 +85,8 @@ def test_gates_that_moved_are_drawn_where_they_were_passed(racing: Flight) -> No
     assert [gate.p_WG[0] for _, gate in drawn[2:]] == [-2.0, -3.0]
 
 
-def test_draws_a_missed_gate_at_its_last_published_place(racing: Flight) -> None:
+def test_draws_a_missed_gate_at_its_last_published_pose(racing: Flight) -> None:
     flight = dataclasses.replace(racing, gates=(gates_at(racing, 0, x=5.0, yaw=0.1, ball=-2.0),))
     course = drawn_course(flight)
     assert course is not None
     assert [gate.p_WG[0] for _, gate in space.drawn_gates(course)] == [5.0, -2.0]
-
-
-def test_the_picture_draws_them_there(
-    racing: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    moved = gates_at(racing, 0, x=5.0, yaw=0.1, ball=-2.0)
-    flight = dataclasses.replace(racing, gates=(moved,))
-    lines: list[Array] = []
-    draw_room = space.draw_room
-
-    def listening(*given: Any, **more: Any) -> Any:
-        axes = draw_room(*given, **more)
-        plot = axes.plot
-
-        def noted(*line: Any, **how: Any) -> Any:
-            if how.get("color") == style.BOUND:
-                lines.append(np.array(line))
-            return plot(*line, **how)
-
-        axes.plot = noted
-        return axes
-
-    monkeypatch.setattr(space, "draw_room", listening)
-    write_figures(flight, tmp_path)
-    np.testing.assert_allclose(lines[0].T[:4], opening(5.0, yaw=0.1), atol=1e-9)

@@ -35,9 +35,7 @@ def true_thrust(kind: str, stack_throttle: float) -> float:
 
 @pytest.mark.parametrize("kind", MAPS)
 @pytest.mark.parametrize("throttle", [0.2, 0.4, 0.6])
-def test_the_vehicle_makes_the_thrust_that_the_new_curve_states(
-    kind: str, throttle: float
-) -> None:
+def test_identified_thrust_curve_matches_the_vehicles_thrust(kind: str, throttle: float) -> None:
     given = MpcConfig()
     recorded = {
         "thrust_map.kind": kind,

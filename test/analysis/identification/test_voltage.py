@@ -5,18 +5,17 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 import yaml
-from fixtures.knocked import changed, knocked_about, noisy, received
+from fixtures.knocked import knocked_about, noisy, received
 from fixtures.rotors import configured, plant
 from scipy.signal import lfilter
 
-from quad_mpc_ros.analysis.identification.fit import fit, identify
+from quad_mpc_ros.analysis.identification.fit import fit
 from quad_mpc_ros.analysis.identification.measurements import (
     NO_VOLTAGE_MAP,
     Measurements,
@@ -31,9 +30,6 @@ from quad_mpc_ros.analysis.identification.report import (
 )
 from quad_mpc_ros.analysis.identification.result import Identification
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.messages.cdr import written_battery
-from quad_mpc_ros.messages.topics import BATTERY
-from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.ros.bridges.config import BridgeConfig, ThrustParameters
 from quad_mpc_ros.ros.bridges.thrust import ThrustMap
@@ -144,7 +140,7 @@ def test_thrust_falls_with_the_square_of_the_voltage(seed: int) -> None:
         }
 
 
-def test_finds_no_exponent_where_the_autopilot_compensates() -> None:
+def test_estimates_zero_exponent_if_the_autopilot_compensates() -> None:
     found = identified(flown(capacity=CAPACITY, compensated=True))
     over = found.over_voltage
     assert over is not None
@@ -152,11 +148,11 @@ def test_finds_no_exponent_where_the_autopilot_compensates() -> None:
     assert over.exponent.value == pytest.approx(0.0, abs=over.exponent.half_width)
     assert found.thrust_scale.value == pytest.approx(1.0, rel=0.02)
     table, file = texts(found)
-    assert "not distinct from 0: leave thrust_map.battery_voltage of the bridge at 0" in table
+    assert "not significant: leave thrust_map.battery_voltage of the bridge at 0" in table
     assert "thrust_map" not in file
 
 
-def test_what_the_bridge_of_the_flight_compensated_for_counts() -> None:
+def test_exponent_includes_the_compensation_of_the_bridge() -> None:
     """Without the map nothing is left; with it, it is what the bridge should go on doing."""
     run = flown(capacity=CAPACITY, bridge=16.0)
     without_map = identified(run).over_voltage
@@ -172,7 +168,7 @@ def test_what_the_bridge_of_the_flight_compensated_for_counts() -> None:
     assert found.thrust_scale.value == pytest.approx(true.scale, rel=0.02)
 
 
-def test_smooths_the_voltage_as_bridges_do() -> None:
+def test_smooths_the_voltage_like_the_bridges() -> None:
     run = flown(duration=8.0, capacity=CAPACITY)
     thrust = ThrustMap(BridgeConfig(thrust_map=ThrustParameters(battery_voltage=FULL)))
     for each in run.voltages:
@@ -230,13 +226,13 @@ def test_refuses_an_exponent_at_a_bound() -> None:
     assert over.exponent.at_bound
     assert not over.falls
     table = identification_table(found, GIVEN, command_age=float("nan"))
-    assert "came out as 4.000, the end of what is searched" in " ".join(table.split())
+    assert "was estimated as 4.000, the end of the search range" in " ".join(table.split())
     # Held as without a voltage.
     assert found.velocity_residual == pytest.approx(blind.velocity_residual, rel=1e-3)
     assert found.thrust_scale.value == pytest.approx(blind.thrust_scale.value, rel=1e-3)
 
 
-def test_derivatives_are_those_of_the_residuals() -> None:
+def test_derivatives_match_finite_differences_of_the_residuals() -> None:
     model = ResponseModel(measured(flown(duration=8.0, capacity=CAPACITY), VoltageMap()))
     assert model.parameters == EXPONENT + 1
     parameters = Parameters.zeros(1)
@@ -254,30 +250,3 @@ def test_derivatives_are_those_of_the_residuals() -> None:
         below[parameter] -= 1e-5
         slope = (model.residuals(above)[1] - model.residuals(below)[1]) / 2e-5
         assert by[:, :, parameter] == pytest.approx(slope, abs=1e-8), parameter
-
-
-def test_a_recording_with_a_battery_is_identified(
-    tmp_path: Path, make_bag: Callable[..., Any]
-) -> None:
-    run = flown(duration=15.0, capacity=CAPACITY * 15.0 / DURATION)
-    bag = make_bag()
-    for odometry in run.odometries:
-        bag.odometry(odometry.value)
-    for command in run.commands:
-        bag.command(command.value)
-    as_recorded = []
-    for each in run.voltages:
-        data = written_battery(each.value, stamp_ns=each.log_time_ns)
-        bag.write("/power/any_name", BATTERY.type_name, data, each.log_time_ns)
-        as_recorded.append(received(float(np.float32(each.value)), each.log_time_ns))
-    bridge = {"thrust_map.battery_voltage": 16.0, "thrust_map.battery_exponent": 0.5}
-    bag.parameters("px4_bridge", bridge)
-    bag.writer.close()
-    found = identify(Recording(bag.writer.directory))
-    expected = identified(
-        changed(run, voltages=as_recorded), VoltageMap(battery_voltage=16.0, battery_exponent=0.5)
-    )
-    assert found.over_voltage == expected.over_voltage
-    assert found.thrust_scale == expected.thrust_scale
-    assert found.over_voltage is not None
-    assert found.over_voltage.exponent.observable

@@ -1,31 +1,20 @@
-"""The report without a browser: what is in the page, the tables, the spans without the MPC."""
+"""Report: page, CSV tables, time spans without the MPC."""
 
 from __future__ import annotations
 
 import csv
 import dataclasses
 import io
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from fixtures.html_page import Elements
 
-from quad_mpc_ros.analysis.figures.panels import (
-    attitude_panels,
-    input_panels,
-    position_panels,
-    solver_panels,
-)
+from quad_mpc_ros.analysis.figures.over_time import spans_without_mpc
 from quad_mpc_ros.analysis.report import TABLE_NAMES, ReportedRun, csv_tables, page
-from quad_mpc_ros.analysis.report.run import fallback_spans
-from quad_mpc_ros.analysis.report.time_figure import label
-from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.recordings.flight import Flight
 
 FlightMaker = Callable[..., Flight]
@@ -48,37 +37,26 @@ def failing(make_flight: FlightMaker, build: SimpleNamespace) -> ReportedRun:
 
 
 def test_spans_without_the_mpc(failing: ReportedRun) -> None:
-    plan, hover = fallback_spans(failing.flight)
-    assert (plan.source, plan.reason) == ("plan", "solver <failed>")
-    assert (plan.start, plan.end) == pytest.approx((0.6, 0.8))
-    assert hover.source == "hover"
-    assert (hover.start, hover.end) == pytest.approx((0.8, 1.0))
-
-
-def test_a_span_lasts_until_the_end_of_the_flight(
-    make_flight: FlightMaker, build: SimpleNamespace
-) -> None:
-    flight = make_flight(100)
-    silent = build.tick(int(flight.stamp_ns[60]), source="silent", reason="no odometry")
-    (span,) = fallback_spans(dataclasses.replace(flight, stats=build.stats([silent])))
-    assert (span.start, span.end) == pytest.approx((1.2, 1.98))
+    assert spans_without_mpc(failing.flight) == pytest.approx(np.array([[0.6, 1.0]]))
 
 
 def test_waiting_is_not_a_fallback(make_flight: FlightMaker, build: SimpleNamespace) -> None:
     waiting = build.tick(build.start_ns, source="waiting", reason="no reference yet")
-    assert fallback_spans(make_flight(5, stats=build.stats([waiting]))) == []
+    assert not len(spans_without_mpc(make_flight(5, stats=build.stats([waiting]))))
 
 
-def test_verdict_states_who_commanded_and_why(
-    failing: ReportedRun, make_flight: FlightMaker
+@pytest.mark.parametrize("source", ["idle", "silent"])
+def test_a_span_lasts_until_the_end_of_the_flight(
+    source: str, make_flight: FlightMaker, build: SimpleNamespace
 ) -> None:
-    assert run_of(make_flight(7)).verdict.commanded == "The MPC gave every one of the 7 commands."
-    message = failing.verdict.commanded
-    assert "at 20 of 100 ticks: 10 plan, 10 hover." in message
-    assert "First at 0.60 s: solver <failed>" in message
+    flight = make_flight(100)
+    last = build.tick(int(flight.stamp_ns[60]), source=source, reason="no odometry")
+    flight = dataclasses.replace(flight, stats=build.stats([last]))
+    assert spans_without_mpc(flight) == pytest.approx(np.array([[1.2, 1.98]]))
+    assert "no odometry" in page([run_of(flight)])
 
 
-def test_tables_hold_every_digit(make_flight: FlightMaker, build: SimpleNamespace) -> None:
+def test_csv_tables_have_full_precision(make_flight: FlightMaker, build: SimpleNamespace) -> None:
     random = np.random.default_rng(3)
     flight = make_flight(
         50,
@@ -117,38 +95,17 @@ def test_a_run_without_reference_commands_or_ticks(
     assert len(tables["odometry"].splitlines()) == 4
     assert "reference" not in tables["odometry"]
     assert len(tables["commands"].splitlines()) == 1
-    assert "No command was given." in page([bare])
+    assert "No command was sent." in page([bare])
 
 
-def test_panels_are_those_of_the_paper_with_bounds(failing: ReportedRun) -> None:
-    flight = failing.flight
-    assert [label(panel) for panel in position_panels(flight)] == ["x [m]", "y [m]", "z [m]"]
-    symbols = [f"q<sub>{axis}</sub>" for axis in "wxyz"]
-    assert [label(panel) for panel in attitude_panels(flight)] == symbols
-    throttle, *rates = input_panels(flight)
-    assert tuple(throttle.bounds) == (0.0, 1.0)
-    assert [label(panel) for panel in rates] == [f"ω<sub>{axis}</sub> [rad/s]" for axis in "xyz"]
-    assert rates[2].bounds == pytest.approx((-3 * np.pi, 3 * np.pi))
-    assert solver_panels(flight)[0].bounds == [20_000.0]
-
-
-def test_the_page_loads_nothing_and_escapes_what_was_recorded(failing: ReportedRun) -> None:
+def test_page_is_self_contained_and_escapes_recorded_text(failing: ReportedRun) -> None:
     evil = dataclasses.replace(failing, name="<i>evil</i></script>")
     elements = Elements(page([evil, failing]))
     assert all(address.startswith(("#", "data:")) for address in elements.addresses)
     tags = [tag for tag, _ in elements.elements]
-    assert "i" not in tags
-    assert not {"iframe", "object"} & set(tags)
-    plots = [a for tag, a in elements.elements if "plotly-graph-div" in str(a.get("class"))]
-    assert len(plots) == 7
-    assert tags.count("img") == 2
+    assert not {"i", "script", "iframe", "object"} & set(tags)
+    assert tags.count("img") == 2 + 7  # two paths, and figures of both
     assert any("solver <failed>" in words for words in elements.words)
-
-
-def test_the_page_of_a_long_flight_stays_small(make_flight: FlightMaker) -> None:
-    """What is drawn is thinned."""
-    text = page([run_of(make_flight(40_000))])
-    assert len(text) < len(page([run_of(make_flight(100))])) + 6_000_000
 
 
 def test_lists_parameters_that_differ(make_flight: FlightMaker) -> None:
@@ -157,35 +114,6 @@ def test_lists_parameters_that_differ(make_flight: FlightMaker) -> None:
         for name, mass in (("light", 0.4), ("heavy", 0.5))
     )
     text = page([left, right])
-    differing = text[text.index("Parameters that differ") : text.index("<nav>")]
+    differing = text[text.index("Parameters that differ") : text.index('id="path"')]
     assert "<th>mpc.mass</th><td>0.4</td><td>0.5</td>" in differing
     assert "control_rate" not in differing
-
-
-def test_without_plotly_says_what_to_install(
-    make_flight: FlightMaker, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "plotly", None)
-    with pytest.raises(UserError, match=r"pip install 'quad_mpc_ros\[report\]'"):
-        page([run_of(make_flight(5))])
-
-
-def test_reports_a_plotly_that_is_too_old(
-    make_flight: FlightMaker, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("plotly.__version__", "5.24.1")
-    with pytest.raises(UserError, match=r"Plotly 5\.24\.1 is installed"):
-        page([run_of(make_flight(5))])
-
-
-def test_plotly_is_imported_only_for_a_page() -> None:
-    program = """
-import sys
-import quad_mpc_ros.analysis.report
-imported = {name.split(".")[0] for name in sys.modules}
-assert not imported & {"plotly", "matplotlib", "rclpy", "nav_msgs"}
-"""
-    finished: Any = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False
-    )
-    assert finished.returncode == 0, finished.stderr

@@ -17,7 +17,7 @@ from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
 from quad_mpc_ros.control.model.vehicle import ActuatorLags, Vehicle
 
 PERIOD, FINE = 0.02, 0.0005  # s
-USUAL_DELAY = 0.1  # s, with which a vehicle is followed as usual
+USUAL_DELAY = 0.1  # s, with the default bandwidth
 # A vehicle whose mass is off its centre, with a rate loop of this gain above lagging rotors.
 THRUST, GAIN, ROTOR_LAG = 45.0, 60.0, 0.03  # m/s^2 at full throttle, 1/s, s
 MASS, OFF_CENTRE, INERTIA = 0.75, 0.014, 2.1e-3  # kg, m, kg m^2
@@ -25,7 +25,7 @@ QUICK_LAG = 0.033
 
 
 class Rates:
-    """The filter of a vehicle whose rates alone are measured."""
+    """The rate filter alone."""
 
     def __init__(self, nominal: ModelParameters, *, delay: float = 0.0) -> None:
         self._state = Filter.zeros()[()]
@@ -71,8 +71,8 @@ def rates_of_a_loop(commands: Array, *, gain: float, rotor_lag: float) -> Array:
     return np.array(rates)
 
 
-def alike(commands: Array) -> Array:
-    """Return commands (n, 4) of which all rates are these (n,)."""
+def same_rates(commands: Array) -> Array:
+    """Return commands (n, 4) with the same rates (n,) about all axes."""
     return np.column_stack((np.full(len(commands), 0.3), commands, commands, commands))
 
 
@@ -85,7 +85,7 @@ def test_second_order_rate_loop_has_its_low_frequency_lag(gain: float, chatter: 
     roll_pitch = rates_of_a_loop(commands, gain=gain, rotor_lag=0.03)
     yaw = rates_of_a_loop(commands, gain=0.25 * gain, rotor_lag=0.03)
     rates = np.column_stack((roll_pitch, roll_pitch, yaw))
-    learned = Rates(lagging(0.045), delay=USUAL_DELAY).follow(alike(commands), rates)[-1]
+    learned = Rates(lagging(0.045), delay=USUAL_DELAY).follow(same_rates(commands), rates)[-1]
     roll, pitch, slow_yaw = learned.rate_time_constants
     assert roll == pitch == pytest.approx(1.0 / gain, rel=0.15)
     assert slow_yaw == pytest.approx(4.0 / gain, rel=0.15)
@@ -96,19 +96,19 @@ def test_the_lag_of_a_quick_vehicle_is_estimated_up_to_its_bound() -> None:
     seconds = PERIOD * np.arange(1500)
     commands = 0.8 * np.sin(2.0 * seconds) + 0.6 * np.sin(3.1 * seconds)
     rates = np.column_stack([rates_of_a_loop(commands, gain=8.0, rotor_lag=0.001)] * 3)
-    learned = Rates(lagging(0.033)).follow(alike(commands), rates)[-1]
+    learned = Rates(lagging(0.033)).follow(same_rates(commands), rates)[-1]
     roll, pitch, yaw = learned.rate_time_constants
     assert roll == pitch == pytest.approx(2.75 * 0.033, rel=1e-3)
     assert yaw == pytest.approx(0.125, rel=0.15)
 
 
 @pytest.mark.parametrize(("gain", "rotor_lag"), [(25.0, 0.03), (25.0, 0.15), (4.0, 0.12)])
-def test_a_rate_loop_is_found_whether_it_rings_or_is_slow(gain: float, rotor_lag: float) -> None:
+def test_identifies_rate_loops_that_ring_or_are_slow(gain: float, rotor_lag: float) -> None:
     seconds = PERIOD * np.arange(500)
     commands = 0.8 * np.sin(2.0 * seconds) + 0.6 * np.sign(np.sin(3.1 * seconds))
     rates = np.column_stack([rates_of_a_loop(commands, gain=gain, rotor_lag=rotor_lag)] * 3)
     nominal = parameters_of(Vehicle(), ActuatorLags(rate=0.07, torque=0.02, thrust=0.04))[()]
-    learned = Rates(nominal, delay=USUAL_DELAY).follow(alike(commands), rates)[-1]
+    learned = Rates(nominal, delay=USUAL_DELAY).follow(same_rates(commands), rates)[-1]
     np.testing.assert_allclose(learned.rate_time_constants, 1.0 / gain, rtol=0.05)
     np.testing.assert_allclose(learned.torque_time_constants, rotor_lag, rtol=0.1)
 
@@ -118,7 +118,7 @@ def test_short_lag_is_estimated_down_to_a_fifth_of_the_configured(gain: float) -
     """A racer's lag is far below the default of 70 ms; the estimate ends at a fifth of it."""
     commands = 2.0 * np.sin(6.0 * PERIOD * np.arange(1500))
     rates = np.column_stack([rates_of_a_loop(commands, gain=gain, rotor_lag=0.0001)] * 3)
-    learned = Rates(lagging(0.07), delay=USUAL_DELAY).follow(alike(commands), rates)[-1]
+    learned = Rates(lagging(0.07), delay=USUAL_DELAY).follow(same_rates(commands), rates)[-1]
     roll, pitch, _ = learned.rate_time_constants
     assert 0.014 <= roll == pitch < 0.02
 
@@ -128,7 +128,7 @@ def off_centre_rates(
 ) -> tuple[Array, Array]:
     """Return the rates (n,) of a rate loop above lagging rotors that carry a mass off centre.
 
-    And what the rate is off for, the torques beside those for the error, over the gain.
+    And the offset of the rates (n,): torques other than those of the error, over the gain.
     """
     w = found = thrust = torque = 0.0  # torques over the inertia
     steps, rates, beyond = round(0.5 * PERIOD / FINE), [], []
@@ -176,7 +176,7 @@ def test_offset_centre_of_mass_matches_physics() -> None:
     assert np.abs(off[100:]).max() < 0.1  # of 0.8 to 1.5 rad/s
 
 
-def test_learns_what_integral_compensates() -> None:
+def test_estimates_the_offset_despite_an_integral_term() -> None:
     throttle, commands = manoeuvre(10.0)
     rates, beyond = off_centre_rates(throttle, commands, integral=60.0, off=OFF_CENTRE)
     found = pitch_offsets(throttle, commands, rates, rates_of=Rates(quick()))
@@ -205,18 +205,6 @@ def test_no_offset_without_learning_or_short_lags(lag: float, delay: float, lear
     rates, _ = off_centre_rates(throttle, commands, integral=0.0, off=OFF_CENTRE)
     none = Rates(quick(lag), delay=delay)
     assert not pitch_offsets(throttle, commands, rates, rates_of=none, learns=learns).any()
-
-
-def test_reset_clears_offsets_and_recall_restores_them() -> None:
-    throttle, commands = manoeuvre(3.0)
-    rates, _ = off_centre_rates(throttle, commands, integral=0.0, off=OFF_CENTRE)
-    filtered = Rates(quick())
-    pitch_offsets(throttle, commands, rates, rates_of=filtered)
-    before, kept = filtered.ekf.parameters(), filtered.ekf.snapshot()
-    filtered.ekf.start_over()
-    assert not filtered.ekf.parameters().rate_offset.any()
-    filtered.ekf.restore(kept)
-    np.testing.assert_array_equal(filtered.ekf.parameters().rate_offset, before.rate_offset)
 
 
 def test_offsets_are_bounded() -> None:

@@ -1,4 +1,4 @@
-"""Is the filter as uncertain as it says? Over flights whose truth is drawn as it assumes.
+"""Consistency of the covariance, over flights whose truth is drawn as the filter assumes.
 
 Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, 5.4:
 errors and innovations, normalised and averaged over flights, lie within bounds of chi-square.
@@ -20,7 +20,7 @@ from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.ekf import VehicleEkf, update
 from quad_mpc_ros.control.estimation.error_state import MOTION
 from quad_mpc_ros.control.estimation.filter_state import Filter
-from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode
+from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.parameters import parameters_of
 from quad_mpc_ros.control.model.rollout import Body, propagated
@@ -28,7 +28,6 @@ from quad_mpc_ros.control.model.vehicle import ActuatorLags, Vehicle
 
 FLIGHTS, STEPS, PERIOD = 24, 400, 0.02
 SETTLED = 150  # steps: until then the noise is not known
-FLYING = Conditions(acts=True, is_flying=True, may_touch=False)
 KINEMATIC = slice(MOTION.position, MOTION.disturbance)
 LEARNED = slice(MOTION.disturbance, MOTION.lag)
 
@@ -78,9 +77,7 @@ def flown(seed: int, drift: float) -> list[tuple[float, ...]]:
         d[2:] = gauss_markov(rng, d[2:], vertical, vertical_time)
         b = gauss_markov(rng, b, drift, 1.0)
         model = changed(nominal, a_W=d, thrust_scale=scale, rate_time_constants=0.0)
-        body = propagated(
-            model, command, PERIOD, 0.005, body._replace(actuators=(body.actuators[0], *w))
-        )
+        body = propagated(model, command, PERIOD, body._replace(actuators=(body.actuators[0], *w)))
         moved = np.array(body.v) + 0.1 * math.sqrt(PERIOD) * rng.normal(size=3)
         body = body._replace(v=tuple(moved))
         before, measured = (
@@ -93,7 +90,7 @@ def flown(seed: int, drift: float) -> list[tuple[float, ...]]:
             ),
         )
         acting = Acting(durations=np.array([PERIOD]), commands=np.array([command]))
-        mode = update(state, before, measured, acting, FLYING, 0.0)
+        mode = update(state, before, measured, acting, UpdateMode.LEARN, 0.0)
         assert mode == UpdateMode.LEARN
         x, P = state.translation.x, state.translation.P
         motion = x[KINEMATIC] - np.array([*body.p, *body.v])
@@ -121,7 +118,7 @@ def flights(drift: float) -> Consistency:
     [("position_nis", 3), ("velocity_nis", 3), ("motion_nees", 6), ("learned_nees", 4)],
 )
 def test_averages_lie_within_bounds_of_chi_square(figure: str, freedom: int, drift: float) -> None:
-    """Of 95 %, nine times of ten; and no more uncertain than by a third, of an average."""
+    """The bounds are of 95 %; the covariance is at most a third too large on average."""
     average = getattr(flights(drift), figure).mean(axis=0)
     _low, high = chi2.interval(0.95, FLIGHTS * freedom)
     too_certain = np.mean(average > high / FLIGHTS)
@@ -130,7 +127,7 @@ def test_averages_lie_within_bounds_of_chi_square(figure: str, freedom: int, dri
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.3])
-def test_intervals_hold_the_truth_as_often_as_they_say(drift: float) -> None:
+def test_confidence_intervals_contain_the_truth(drift: float) -> None:
     nees = flights(drift).learned_nees
     for probability in (0.5, 0.9):
         held = np.mean(nees < chi2.ppf(probability, 4))

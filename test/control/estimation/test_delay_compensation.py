@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
-import sys
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
 from fixtures.presets import agile
-from numba.extending import is_jitted
 
 from quad_mpc_ros.control.estimation.command_history import Acting, CommandHistory, acting_between
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
-from quad_mpc_ros.control.estimation.ground_state import GroundState, Learning
+from quad_mpc_ros.control.estimation.ground_state import GroundState
+from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import Input
@@ -43,7 +39,7 @@ def test_commands_act_after_the_delay_and_until_the_next() -> None:
     np.testing.assert_array_equal(acting.commands[:, 0], [0.3, 0.5, 0.7])
 
 
-def test_of_two_commands_for_the_same_odometry_the_later_one_acts() -> None:
+def test_the_later_of_two_commands_with_one_stamp_acts() -> None:
     history = CommandHistory(delay_ns=0, initial=throttle(0.3).vector())
     history.record(throttle(0.5).vector(), stamp_ns=20 * MS)
     history.record(throttle(0.7).vector(), stamp_ns=20 * MS)
@@ -59,7 +55,7 @@ def test_after_a_clock_was_set_back_the_new_commands_act() -> None:
 
 
 @pytest.mark.parametrize("period_ms", [20, 1], ids=["forgets", "grows"])
-def test_a_long_flight_remembers_the_last_two_seconds(period_ms: int) -> None:
+def test_a_long_flight_keeps_the_last_two_seconds(period_ms: int) -> None:
     history = CommandHistory(delay_ns=0, initial=throttle(0.3).vector())
     stamps = np.arange(0, 20_000, period_ms)
     for stamp in stamps:
@@ -69,10 +65,10 @@ def test_a_long_flight_remembers_the_last_two_seconds(period_ms: int) -> None:
     assert acting.durations.sum() == pytest.approx(1.9, abs=1e-9)
     assert len(acting.commands) == 1_900 // period_ms
     np.testing.assert_allclose(np.diff(acting.commands[:, 0]), period_ms * 1e-5)
-    assert history.knows(last - 1_900 * MS)
+    assert history.covers(last - 1_900 * MS)
 
 
-def test_the_intervals_fill_the_time_whatever_was_sent() -> None:
+def test_command_intervals_cover_the_whole_time() -> None:
     rng = np.random.default_rng(0)
     history = CommandHistory(delay_ns=13 * MS, initial=throttle(0.3).vector())
     for stamp in np.cumsum(rng.integers(1, 40, 50)) * MS:
@@ -92,7 +88,7 @@ def test_without_delay_the_state_is_the_odometry() -> None:
 
 
 def test_free_fall_across_the_delay() -> None:
-    """With the motors off for long enough, the state ahead is that of a stone."""
+    """With the motors off for long enough, the predicted state is in free fall."""
     config = agile(input_delay=0.033, drag=0.0, thrust_curve=(1.88, 2.8, 0.0))
     compensation = DelayCompensation(config)
     compensation.record(throttle(0.0), stamp_ns=-100 * MS)
@@ -102,7 +98,7 @@ def test_free_fall_across_the_delay() -> None:
     np.testing.assert_allclose(state.x.v_WB_W, [1.0, 0.0, -9.81 * 0.033], atol=1e-9)
 
 
-def test_rates_in_flight_turn_the_state_ahead() -> None:
+def test_body_rates_rotate_the_predicted_state() -> None:
     compensation = DelayCompensation(agile(input_delay=0.03))
     compensation.record(Input(throttle=0.3, w_WB_B=np.array([0.0, 0.0, 2.0])), stamp_ns=-10 * MS)
     state = compensation.predict(_odometry(stamp_ns=0))
@@ -110,7 +106,7 @@ def test_rates_in_flight_turn_the_state_ahead() -> None:
     np.testing.assert_allclose(so3.log(state.x.R_WB), [0.0, 0.0, 2.0 * 0.010], atol=1e-12)
 
 
-def test_engaging_forgets_commands_that_did_not_act() -> None:
+def test_engaging_drops_commands_that_were_not_executed() -> None:
     compensation = DelayCompensation(agile(input_delay=0.03))
     spin = Input(throttle=0.9, w_WB_B=np.array([0.0, 0.0, 5.0]))
     compensation.engage(False)
@@ -127,14 +123,14 @@ def test_engaging_forgets_commands_that_did_not_act() -> None:
     [
         ({}, 1, 99),
         ({0: False, 20: True}, 20 + 16, 99),  # 0.3 s after the first of them acts
-        ({20: False}, 1, 20),  # when it ends, the estimate before is recalled
+        ({20: False}, 1, 20),  # the earlier estimate is restored at the end
         ({0: False}, None, None),
     ],
 )
-def test_learns_only_from_acting_commands(
+def test_estimates_only_while_commands_are_executed(
     engagements: dict[int, bool], first: int | None, last: int | None
 ) -> None:
-    """A vehicle that drifts at a steady speed, whatever is asked of it."""
+    """The vehicle drifts at a constant speed, whatever the commands are."""
     compensation = DelayCompensation(agile())
     learned = []
     for k in range(100):
@@ -147,12 +143,17 @@ def test_learns_only_from_acting_commands(
     assert (min(changes, default=None), max(changes, default=None)) == (first, last)
 
 
-def test_disengaging_recalls_earlier_estimate() -> None:
-    """Disarming at the touchdown leaves no time to detect the ground."""
-    compensation = DelayCompensation(agile())
+@pytest.mark.parametrize("event", ["disengaged", "landed"])
+def test_restores_an_estimate_from_before_a_touchdown(event: str) -> None:
+    """A landing is detected late, and disarming at the touchdown leaves no time for it."""
+    ground = GroundDetector()
+    ground.state = GroundState.FLYING
+    compensation = DelayCompensation(agile(), ground=ground)
     learned, p_WB = [], np.array([0.0, 0.0, 5.0])
     for k in range(600):
-        if k == 550:
+        if k == 550 and event == "landed":
+            ground.state = GroundState.ON_GROUND
+        elif k == 550:
             compensation.engage(False)
         pushed = np.array([0.02 * k if k < 100 else 2.0, 0.0, 0.04 * max(k - 500, 0)])
         p_WB = p_WB + 0.02 * pushed
@@ -161,7 +162,7 @@ def test_disengaging_recalls_earlier_estimate() -> None:
         learned.append(np.array(compensation.predict(odometry).parameters[()].a_W))
         compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
     assert learned[549][2] > 0.5
-    assert abs(learned[550][2]) < 0.1
+    assert any(np.array_equal(learned[550], learned[k]) for k in range(300, 350))
     np.testing.assert_array_equal(learned[550], learned[-1])
 
 
@@ -184,87 +185,20 @@ def test_continuous_jumps_reset_estimate() -> None:
 class FakeGround(GroundDetector):
     """A ground detector whose permission to learn is set by the test."""
 
-    learning = Learning.HOLD  # type: ignore[assignment]
+    learning = UpdateMode.HOLD  # type: ignore[assignment]
 
 
-def test_learns_only_in_flight() -> None:
+def test_estimates_parameters_only_in_flight() -> None:
     ground = FakeGround()
     compensation = DelayCompensation(agile(), ground=ground)
     statuses = []
     for k in range(150):
-        ground.learning = Learning.HOLD if k < 50 else Learning.LEARN  # type: ignore[misc]
+        ground.learning = UpdateMode.HOLD if k < 50 else UpdateMode.LEARN  # type: ignore[misc]
         compensation.predict(_odometry(stamp_ns=20 * MS * k))
         compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
         statuses.append(compensation.status.text)
     assert statuses.index("learn") == 50
     assert set(statuses[statuses.index("learn") :]) == {"learn"}
-
-
-def test_landing_recalls_earlier_estimate() -> None:
-    """The last seconds before it is known were of the ground."""
-    ground = GroundDetector()
-    compensation = DelayCompensation(agile(), ground=ground)
-    learned, p_WB = [], np.array([0.0, 0.0, 5.0])
-    for k in range(600):
-        ground.state = GroundState.FLYING if k < 500 else GroundState.ON_GROUND
-        pushed = np.array([0.02 * k if k < 100 else 2.0, 0.0, 0.0])  # 1 m/s^2 at first
-        carried = np.array([0.0, 0.0, 0.04 * max(k - 450, 0)])  # 2 m/s^2 at last
-        p_WB = p_WB + 0.02 * (pushed + carried)
-        odometry = _odometry(stamp_ns=20 * MS * k, v_WB_B=pushed + carried)
-        odometry = dataclasses.replace(odometry, p_WB=p_WB)
-        learned.append(np.array(compensation.predict(odometry).parameters[()].a_W))
-        compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
-    assert learned[499][2] > 1.0
-    times = range(500 - 250, 500 - 200)
-    assert any(np.array_equal(learned[-1], learned[k]) for k in times)
-    np.testing.assert_array_equal(learned[500], learned[-1])
-
-
-def note_compiled_calls(patch: pytest.MonkeyPatch, calls: list[str]) -> None:
-    """Note the names of compiled functions of the controller that Python calls from now on."""
-
-    def noting(function: Callable[..., Any]) -> Callable[..., Any]:
-        @functools.wraps(function)
-        def call(*args: Any, **kwargs: Any) -> Any:
-            calls.append(function.__name__)
-            return function(*args, **kwargs)
-
-        return call
-
-    for name, module in list(sys.modules.items()):
-        if name.startswith("quad_mpc_ros.control"):
-            for attribute, value in list(vars(module).items()):
-                if is_jitted(value):
-                    patch.setattr(module, attribute, noting(value))
-
-
-@pytest.mark.parametrize("lag", [0.0, 0.02, 0.07])
-def test_tick_makes_two_calls_into_compiled_code(
-    lag: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A call takes longer than most of what is done in it."""
-    config = agile(input_delay=0.02, rate_time_constant=lag, thrust_time_constant=lag)
-    compensation = DelayCompensation(config)
-    calls: list[str] = []
-    for k in range(10):
-        if k == 5:  # everything is compiled
-            note_compiled_calls(monkeypatch, calls)
-        calls.clear()
-        compensation.predict(_odometry(stamp_ns=20 * MS * k))
-        if k >= 5:
-            assert calls == ["_update_filter", "_predict_ahead"]
-        compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
-    assert compensation.status.text == "learn"
-
-
-def test_history_survives_clock_set_back() -> None:
-    history = CommandHistory(delay_ns=10 * MS, initial=throttle(0.3).vector())
-    for stamp in range(10**12, 10**12 + 500 * MS, 20 * MS):
-        history.record(throttle(0.5).vector(), stamp_ns=stamp)
-    history.record(throttle(0.7).vector(), stamp_ns=20 * MS)
-    assert history.knows(30 * MS)
-    ((command,),) = (between(history, 30 * MS, 50 * MS).commands,)
-    assert command[0] == 0.7
 
 
 def _odometry(*, stamp_ns: int, v_WB_B: np.ndarray | None = None) -> OdometrySample:
@@ -277,7 +211,7 @@ def _odometry(*, stamp_ns: int, v_WB_B: np.ndarray | None = None) -> OdometrySam
     )
 
 
-def test_adds_the_lateness_of_an_odometry_to_the_delay() -> None:
+def test_predicts_over_the_extra_latency_of_an_odometry() -> None:
     """One that was late by 40 ms, as one in time of a vehicle whose delay is 40 ms longer."""
     known = agile(input_delay=0.02, estimate_disturbance=False)
     slower = dataclasses.replace(known, input_delay=0.06)

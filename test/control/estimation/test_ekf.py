@@ -1,9 +1,8 @@
-"""What the filter learns from exact motions, and what it must not learn."""
+"""The parameters that the filter estimates from exact motions, and those it must not change."""
 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.ekf import VehicleEkf, update
 from quad_mpc_ros.control.estimation.error_state import MOTION
 from quad_mpc_ros.control.estimation.filter_state import Filter, is_at_bounds
-from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode, update_mode
+from quad_mpc_ros.control.estimation.update_mode import UpdateMode, update_mode
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
 from quad_mpc_ros.control.model.rollout import StateRecord
@@ -34,12 +33,8 @@ def parameters(
     return parameters_of(vehicle, ActuatorLags(rate=rate, thrust=thrust))[()]
 
 
-FLYING = Conditions(acts=True, is_flying=True, may_touch=False)
-HELD = Conditions(acts=True, is_flying=False, may_touch=False)
-
-
 class Ekf(VehicleEkf):
-    """The filter, and what it goes on with."""
+    """The filter, and its last measurement."""
 
     def __init__(self, nominal: ModelParameters, *, throttle: float, delay: float = 0.1) -> None:
         self.state = Filter.zeros()[()]
@@ -53,29 +48,25 @@ class Ekf(VehicleEkf):
 
     def update(
         self,
-        *,
-        before: StateRecord,
         after: StateRecord,
-        acting: Acting,
-        conditions: Conditions = FLYING,
-        reported_variance: float = 0.0,
+        u: Input | None = None,
+        *,
+        before: StateRecord | None = None,
+        permitted: UpdateMode = UpdateMode.LEARN,
     ) -> UpdateMode:
-        """Go on; what was measured before of position and velocity is what came last.
+        """Update under a command, by default that of hover.
 
-        A position that is not known is where the velocities lead.
+        Position and velocity before are those of the last call; ``before`` adds attitude and
+        rates. An unknown position after follows from the velocities.
         """
+        before = measured() if before is None else before
         last, self._last = self._last, after
         before.p_WB[:], before.v_WB_W[:] = last.p_WB, last.v_WB_W
         if np.isnan(after.p_WB[0]):
             after.p_WB[:] = last.p_WB + 0.5 * PERIOD * (last.v_WB_W + after.v_WB_W)
-        return update(
-            self.state,
-            before=before,
-            after=after,
-            acting=acting,
-            conditions=conditions,
-            reported_variance=reported_variance,
-        )
+        command = (u or Input(throttle=HOVER, w_WB_B=np.zeros(3))).vector()
+        acting = Acting(durations=np.array([PERIOD]), commands=command[None])
+        return update(self.state, before, after, acting, permitted, 0.0)
 
 
 def measured(
@@ -85,7 +76,7 @@ def measured(
     v_WB_W: ArrayLike = REST,
     p_WB: ArrayLike = (np.nan, np.nan, np.nan),
 ) -> StateRecord:
-    """Return the state of an odometry, at rest and level but for what is given."""
+    """Return the state of an odometry, by default at rest and level."""
     actuators = [0.0, *np.asarray(w_WB_B)]
     return state_of(p_WB=p_WB, R_WB=rotation, v_WB_W=v_WB_W, actuators=actuators)
 
@@ -104,11 +95,6 @@ def command(seconds: float) -> Input:
     )
 
 
-def under(u: Input) -> Acting:
-    """Return what acts under one command over a period."""
-    return Acting(durations=np.array([PERIOD]), commands=u.vector()[None])
-
-
 def flown(
     ekf: Ekf,
     *,
@@ -121,7 +107,7 @@ def flown(
     noise: float = 0.0,
     drag: float = VEHICLE.drag,
 ) -> Ekf:
-    """Let the filter follow a flight, integrated in fine steps by the true rigid body."""
+    """Update the filter in a flight, integrated in fine steps by the true rigid body."""
     rng = np.random.default_rng(3)
     x = State(p_WB=np.zeros(3), v_WB_B=np.zeros(3), R_WB=np.eye(3))
     acting = np.concatenate(([0.29], np.zeros(3)))
@@ -153,8 +139,8 @@ def flown(
                 v_WB_W=x.v_WB_W + noise * rng.normal(size=3),
                 p_WB=x.p_WB,
             ),
-            acting=under(u),
-            conditions=HELD if frozen else FLYING,
+            u=u,
+            permitted=UpdateMode.HOLD if frozen else UpdateMode.LEARN,
         )
     return ekf
 
@@ -188,14 +174,14 @@ def test_slow_yaw_does_not_bias_roll_and_pitch(slower: float) -> None:
     assert learned.rate_time_constants[2] == pytest.approx(slower * 0.04, rel=0.05)
 
 
-def test_noise_costs_accuracy_only() -> None:
+def test_noise_reduces_only_the_accuracy() -> None:
     ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     learned = flown(ekf, rate=0.045, thrust=0.045, noise=0.03).parameters()
     assert learned.rate_time_constants[0] == pytest.approx(0.045, rel=0.1)
     assert learned.thrust_time_constant == pytest.approx(0.045, rel=0.3)
 
 
-def test_without_lags_in_the_model_none_are_learned() -> None:
+def test_zero_lags_are_not_estimated() -> None:
     ekf = Ekf(parameters(), throttle=0.29)
     learned = flown(ekf, rate=0.02, thrust=0.02).parameters()
     assert learned.thrust_time_constant == 0.0
@@ -211,7 +197,7 @@ def test_separates_drag_from_wind(drag: float) -> None:
     np.testing.assert_allclose(learned.a_W[:2], wind[:2], atol=0.25)
 
 
-def test_drag_keeps_its_proportions() -> None:
+def test_estimated_drag_keeps_the_ratios_of_the_axes() -> None:
     modelled = Vehicle(drag=(0.1, 0.3, 0.5))
     ekf = Ekf(parameters(vehicle=modelled), throttle=0.29)
     # The same air along all axes is as much as this on average, as far as its motion shows.
@@ -224,10 +210,8 @@ def test_drag_keeps_its_proportions() -> None:
 def test_learns_no_drag_at_rest() -> None:
     ekf = Ekf(parameters(), throttle=0.29)
     rng = np.random.default_rng(5)
-    level = under(Input(throttle=HOVER, w_WB_B=np.zeros(3)))
-    noisy = 0.1 * rng.normal(size=(500, 3))
-    for before, after in itertools.pairwise(noisy):
-        ekf.update(before=measured(v_WB_W=before), after=measured(v_WB_W=after), acting=level)
+    for velocity in 0.1 * rng.normal(size=(500, 3)):
+        ekf.update(measured(v_WB_W=velocity))
     assert ekf.parameters().drag == VEHICLE.drag
 
 
@@ -235,17 +219,13 @@ def test_learns_no_drag_at_rest() -> None:
     ("lag", "delay", "scale"), [(0.06, 0.02, 1), (0.02, 0.01, 4), (0.02, 0.0, 4)]
 )
 def test_fast_vehicle_is_estimated_faster(lag: float, delay: float, scale: float) -> None:
-    level, push = under(Input(throttle=HOVER, w_WB_B=np.zeros(3))), 2.0
+    push = 2.0
     ekf = Ekf(parameters(rate=lag, thrust=lag), throttle=HOVER, delay=delay)
     speed, drag = 0.0, VEHICLE.drag
     for k in range(115):
-        before, pushed = speed, push if k >= 100 else 0.0
+        pushed = push if k >= 100 else 0.0
         speed += PERIOD * (pushed - drag * speed)
-        ekf.update(
-            before=measured(v_WB_W=np.array([before, 0.0, 0.0])),
-            after=measured(v_WB_W=np.array([speed, 0.0, 0.0])),
-            acting=level,
-        )
+        ekf.update(measured(v_WB_W=np.array([speed, 0.0, 0.0])))
     found = ekf.parameters().a_W[0] / push
     assert 0.85 < found < 1.15 if scale > 1 else found < 0.8
 
@@ -260,35 +240,16 @@ def test_held_estimate_does_not_change() -> None:
 def test_recall_restores_estimate_and_keeps_velocity() -> None:
     ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     flown(ekf, rate=0.03, thrust=0.03, a_W=np.array([0.6, -0.4, 0.2]))
-    before, kept = ekf.parameters(), ekf.snapshot()
+    before = ekf.parameters()
+    ekf.keep(0)
     idle = Input(throttle=0.1, w_WB_B=np.zeros(3))
     for _ in range(50):  # what carries it is not the thrust
-        ekf.update(before=measured(), after=measured(), acting=under(idle))
+        ekf.update(measured(), idle)
     assert np.abs(ekf.parameters().a_W).max() > 2.0
-    ekf.restore(kept)
+    ekf.restore()
     np.testing.assert_array_equal(numbers(ekf.parameters()), numbers(before))
     flown(ekf, rate=0.03, thrust=0.03, a_W=np.array([0.6, -0.4, 0.2]))
     np.testing.assert_allclose(ekf.parameters().a_W, [0.6, -0.4, 0.2], atol=0.1)
-
-
-def test_more_thrust_than_modelled_is_learned_from_a_hover() -> None:
-    scale, hover = 1.5, VEHICLE.thrust(VEHICLE.hover_throttle)
-    ekf = Ekf(parameters(), throttle=0.29)
-    ekf.begin(np.zeros(3))
-    velocity = 0.0
-    # Thrust as modelled over the weight: taken over in the air, and brought to hover.
-    for modelled in (1.0, 0.55, 0.55, *(1.0 / scale for _ in range(200))):
-        velocity += PERIOD * VEHICLE.gravity * (scale * modelled - 1.0)
-        throttle = VEHICLE.throttle_for(modelled * hover)
-        ekf.update(
-            before=measured(),
-            after=measured(v_WB_W=np.array([0.0, 0.0, velocity])),
-            acting=under(Input(throttle=throttle, w_WB_B=np.zeros(3))),
-        )
-    d = ekf.parameters()
-    assert d.thrust_scale / scale * VEHICLE.gravity + d.a_W[2] == pytest.approx(
-        VEHICLE.gravity, rel=0.01
-    )
 
 
 def hovering(ekf: Ekf, *, scale: float, seconds: float) -> list[ModelParameters]:
@@ -303,12 +264,10 @@ def hovering(ekf: Ekf, *, scale: float, seconds: float) -> list[ModelParameters]
         wanted = VEHICLE.gravity - learned.a_W[2] - 2.0 * velocity
         throttle = VEHICLE.throttle_for(VEHICLE.mass * wanted / learned.thrust_scale)
         force = scale * wanted / learned.thrust_scale - VEHICLE.gravity
-        before = measured(v_WB_W=np.array([0.0, 0.0, velocity]))
         velocity += PERIOD * (force - VEHICLE.drag * velocity)
         ekf.update(
-            before=before,
-            after=measured(v_WB_W=np.array([0.0, 0.0, velocity])),
-            acting=under(Input(throttle=throttle, w_WB_B=np.zeros(3))),
+            measured(v_WB_W=np.array([0.0, 0.0, velocity])),
+            Input(throttle=throttle, w_WB_B=np.zeros(3)),
         )
         found.append(ekf.parameters())
     return found
@@ -347,20 +306,21 @@ def test_reset_keeps_total_thrust() -> None:
 def test_rejects_jump(jump: dict[str, Array]) -> None:
     ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     hovering(ekf, scale=1.0, seconds=2.0)
-    before, level = ekf.parameters(), under(Input(throttle=HOVER, w_WB_B=np.zeros(3)))
-    stepped = measured(**jump)
-    assert ekf.update(before=measured(), after=stepped, acting=level) == UpdateMode.REJECT
+    before, stepped = ekf.parameters(), measured(**jump)
+    assert ekf.update(stepped) == UpdateMode.REJECT
     np.testing.assert_array_equal(numbers(ekf.parameters()), numbers(before))
-    # From there on it is a velocity like any other.
-    assert ekf.update(before=stepped, after=stepped, acting=level) == UpdateMode.LEARN
+    # From then on the new velocity is accepted.
+    assert ekf.update(measured(**jump)) == UpdateMode.LEARN
 
 
 @pytest.mark.parametrize(
-    ("conditions", "saturated"), [(FLYING._replace(may_touch=True), False), (FLYING, True)]
+    ("permitted", "saturated"), [(UpdateMode.VELOCITY_ONLY, False), (UpdateMode.LEARN, True)]
 )
-def test_a_pause_of_learning_ends_in_hold(conditions: Conditions, saturated: bool) -> None:
+def test_long_pause_of_estimation_leads_to_hold_mode(
+    permitted: UpdateMode, saturated: bool
+) -> None:
     for paused_for, mode in ((0.4, UpdateMode.VELOCITY_ONLY), (0.6, UpdateMode.HOLD)):
-        assert update_mode(conditions, saturated, paused_for) == mode
+        assert update_mode(permitted, saturated, paused_for) == mode
 
 
 def test_saturated_commands_update_velocity_only() -> None:
@@ -370,33 +330,27 @@ def test_saturated_commands_update_velocity_only() -> None:
     before, velocity = ekf.parameters(), 0.0
     for _ in range(10):
         velocity += 0.02
-        outcome = ekf.update(
-            before=measured(),
-            after=measured(v_WB_W=np.array([0.0, 0.0, velocity])),
-            acting=under(Input(throttle=HOVER, w_WB_B=np.zeros(3))),
-        )
-        assert outcome == UpdateMode.VELOCITY_ONLY
+        mode = ekf.update(measured(v_WB_W=np.array([0.0, 0.0, velocity])))
+        assert mode == UpdateMode.VELOCITY_ONLY
         np.testing.assert_array_equal(numbers(ekf.parameters()), numbers(before))
 
 
 @pytest.mark.parametrize("farthest", [2.0, 5.0, 15.0])
 def test_estimates_are_bounded(farthest: float) -> None:
-    """However absurd the velocities, and the rates."""
+    """Velocities and rates are absurd."""
     ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     ekf.reconfigure(throttle_min=0.0, throttle_max=1.0, disturbance_max=farthest)
     rng = np.random.default_rng(0)
     for k in range(500):
-        ekf.update(
-            before=measured(
-                rotation=so3.exp(rng.normal(size=3)), w_WB_B=20.0 * rng.normal(size=3)
-            ),
-            after=measured(
+        before, after = (
+            measured(
                 rotation=so3.exp(rng.normal(size=3)),
                 w_WB_B=20.0 * rng.normal(size=3),
                 v_WB_W=np.full(3, 1.0 * k),
-            ),
-            acting=under(command(0.1 * k)),
+            )
+            for _ in range(2)
         )
+        ekf.update(after, command(0.1 * k), before=before)
         learned = ekf.parameters()
         assert np.abs(learned.a_W[:2]).max() <= farthest
         assert abs(learned.a_W[2]) <= 3.0
@@ -410,15 +364,10 @@ def test_estimates_are_bounded(farthest: float) -> None:
 def test_strong_disturbance_is_estimated_up_to_its_bound(farthest: float) -> None:
     ekf = Ekf(parameters(), throttle=0.29)
     ekf.reconfigure(throttle_min=0.0, throttle_max=1.0, disturbance_max=farthest)
-    level, push = under(Input(throttle=HOVER, w_WB_B=np.zeros(3))), 12.0
-    speed, drag = 0.0, Vehicle().drag
+    push, speed, drag = 12.0, 0.0, Vehicle().drag
     for _ in range(75):
-        before, speed = speed, speed + 0.02 * (push - drag * speed)
-        ekf.update(
-            before=measured(v_WB_W=np.array([before, 0.0, 0.0])),
-            after=measured(v_WB_W=np.array([speed, 0.0, 0.0])),
-            acting=level,
-        )
+        speed += 0.02 * (push - drag * speed)
+        ekf.update(measured(v_WB_W=np.array([speed, 0.0, 0.0])))
     learned = ekf.parameters()
     # Along a straight line a push hardly differs from air that slows less.
     explained = learned.a_W[0] - (learned.drag - drag) * speed

@@ -1,4 +1,4 @@
-"""When an estimate is reset, and when not."""
+"""Conditions of a reset of the estimate."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def resets(
 ) -> list[float]:
     """Return when the estimate is reset [s], if a share of the odometries is refused.
 
-    ``later`` [s] all of them are.
+    After ``later`` [s] all are refused.
     """
     health, random, times = EstimateHealth(), np.random.default_rng(0), []
     for k in range(round(50 * seconds)):
@@ -48,7 +48,7 @@ def test_resets_once_after_seconds_at_bounds() -> None:
     assert second == pytest.approx(first + 30.0, abs=0.1)
 
 
-def test_waits_half_a_minute_after_a_reset_whatever_the_reason_for_the_next() -> None:
+def test_resets_are_half_a_minute_apart() -> None:
     rejecting = resets(seconds=40.0, refused=1.0)
     assert np.diff(rejecting) == pytest.approx([30.0], abs=0.1)
     mixed = resets(seconds=40.0, at_bounds=True, later=5.0)

@@ -1,4 +1,4 @@
-"""What is filtered of a motion, by cases whose outcome is known."""
+"""Filtered motion, in cases with known results."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_speeds_are_those_of_the_world(seed: int) -> None:
+def test_returns_speeds_in_the_world(seed: int) -> None:
     rng = np.random.default_rng(seed)
     R_WB, v_WB_W = so3.exp(rng.normal(size=3)), rng.normal(size=3)
     motion = MotionFilter(9.81)
@@ -29,7 +29,7 @@ def test_speeds_are_those_of_the_world(seed: int) -> None:
     assert motion.now.aside == pytest.approx(math.hypot(*v_WB_W[:2]))
 
 
-def test_steps_are_followed_with_a_tenth_of_a_second() -> None:
+def test_follows_a_step_with_a_lag_of_a_tenth_of_a_second() -> None:
     motion = MotionFilter(9.81)
     still = OdometrySample.at_rest([0.0, 0.0, 0.0])
     motion.follow(still, thrust=0.0, duration=0.0, is_flying=False)
@@ -46,7 +46,10 @@ def test_steps_are_followed_with_a_tenth_of_a_second() -> None:
 
 
 def carried_after(falls: float) -> float | None:
-    """Return when it seems carried [s] that falls by a share of what 0.7 of its thrust leave."""
+    """Return when a vehicle with 0.7 of its thrust seems carried [s].
+
+    It falls by a share of the acceleration that this thrust leaves.
+    """
     motion, climb = MotionFilter(9.81), 0.0
     for k in range(550):
         reduced = k >= 500
@@ -61,13 +64,13 @@ def carried_after(falls: float) -> float | None:
     return None
 
 
-def test_it_is_carried_that_does_not_fall_for_a_quarter_of_a_second() -> None:
+def test_detects_ground_contact_after_a_quarter_of_a_second_without_fall() -> None:
     """0.12 s until the filtered thrust is below 0.8, and 0.1 s until 0.2 m/s are missing."""
     assert carried_after(0.0) == pytest.approx(0.22, abs=0.03)
 
 
 @pytest.mark.parametrize(("falls", "carried"), [(0.2, True), (0.45, False), (1.0, False)])
-def test_it_is_carried_that_falls_by_less_than_a_third_of_what_it_should(
+def test_detects_ground_contact_if_fall_is_below_a_third_of_the_expected(
     falls: float, carried: bool
 ) -> None:
     assert (carried_after(falls) is not None) is carried

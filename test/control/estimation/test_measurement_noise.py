@@ -1,4 +1,4 @@
-"""White noise is separated from motions that the model lacks, and from errors that last."""
+"""White noise is separated from unmodelled motion and from drift."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PERIOD = 0.02
 
 
 def found(velocity_errors: Array, least: float = measurement_noise.USUAL) -> float:
-    """Return the noise found of errors (n, 3) of successive velocities, otherwise as predicted."""
+    """Return the estimated noise of velocities with errors (n, 3), otherwise as predicted."""
     noise = WhiteNoise.zeros()[()]
     measurement_noise.start(noise, least)
     for change in np.diff(velocity_errors, axis=0):
@@ -56,7 +56,7 @@ def test_follows_rising_noise() -> None:
 
 
 def drift_found(p: Array, v: Array, *, white: float) -> float:
-    """Return the standard deviation of what lasts of velocities (n, 3) along positions (n, 3)."""
+    """Return the estimated drift of velocities (n, 3) along positions (n, 3)."""
     drift = VelocityDrift.zeros()[()]
     measurement_noise.start_drift(drift)
     measurement_noise.begin_drift(drift, p[0], v[0])
@@ -76,13 +76,13 @@ def drifting(deviation: float, seed: int) -> Array:
 
 
 @pytest.mark.parametrize("deviation", [0.1, 0.3, 0.5])
-def test_errors_that_last_are_found_by_the_position(deviation: float) -> None:
+def test_estimates_drift_by_the_position(deviation: float) -> None:
     p = 0.003 * np.random.default_rng(5).normal(size=(1000, 3))
     found = [drift_found(p, drifting(deviation, seed), white=0.003) for seed in range(20)]
     assert np.mean(found) == pytest.approx(deviation, rel=0.25)
 
 
-def test_clean_odometry_has_no_errors_that_last() -> None:
+def test_clean_odometry_has_no_drift() -> None:
     seconds = PERIOD * np.arange(1000)[:, None]
     random = np.random.default_rng(6)
     p = 3.0 * np.sin(2.0 * seconds) + 0.003 * random.normal(size=(1000, 3))

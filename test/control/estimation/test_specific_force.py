@@ -1,4 +1,4 @@
-"""The measurement of an accelerometer: its Jacobian, what it reads, what is made of it."""
+"""The measurement model of the accelerometer: Jacobian, physical cases, and estimates."""
 
 from __future__ import annotations
 
@@ -18,9 +18,8 @@ from quad_mpc_ros.control.estimation.specific_force import (
     SpecificForce,
     SpecificForces,
     force_innovation,
-    half_way,
 )
-from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode
+from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
 from quad_mpc_ros.control.model.rollout import Body, StateRecord, propagated
@@ -32,7 +31,6 @@ VEHICLE = Vehicle(drag=(0.2, 0.3, 0.4), rotor_drag=(0.1, 0.1, 0.05), translation
 NOMINAL = parameters_of(VEHICLE, ActuatorLags(rate=0.0, thrust=0.04))[()]
 HOVER, GRAVITY = VEHICLE.hover_throttle, VEHICLE.gravity
 LEVEL = np.eye(3)
-FLYING = Conditions(acts=True, is_flying=True, may_touch=False)
 
 
 def mean_shape() -> Array:
@@ -51,7 +49,7 @@ def state_at(**values: float | Array) -> Array:
 
 
 def parameters_at(x: Array) -> ModelParameters:
-    """Return the model that a state stands for, as the filter writes it."""
+    """Return the model parameters of a state, as the filter writes them."""
     learned = x[MOTION.drag] - NOMINAL.drag
     return changed(
         NOMINAL,
@@ -63,10 +61,10 @@ def parameters_at(x: Array) -> ModelParameters:
     )
 
 
-def seen_of(
+def innovation_of(
     x: Array, *, f_B: Array, throttle: float = HOVER, R_before: Array = LEVEL, turn: Array
 ) -> kalman.Innovation:
-    """Return what a measurement says of a state under a throttle, while it turns."""
+    """Return the innovation of a measurement at a state, under a throttle, while it turns."""
     estimate = TranslationEstimate.zeros()[()]
     estimate.x[:] = x
     before, after = state_of(R_WB=R_before), state_of(R_WB=R_before @ so3.exp(turn))
@@ -94,16 +92,16 @@ MOVING = state_at(
 )
 
 
-def test_jacobian_is_that_of_finite_differences() -> None:
+def test_jacobian_matches_finite_differences() -> None:
     """Every state is tested; with a covariance of one, P H' is the Jacobian's transpose."""
     arguments = {"throttle": 0.4, "R_before": so3.exp([0.3, -0.5, 1.0]), "turn": np.full(3, 0.1)}
-    seen = seen_of(MOVING, f_B=STILL, **arguments)
+    seen = innovation_of(MOVING, f_B=STILL, **arguments)
     step = 1e-6
     for i in range(MOTION.size):
         off = np.zeros(MOTION.size)
         off[i] = step
-        ahead = seen_of(MOVING + off, f_B=STILL, **arguments)
-        behind = seen_of(MOVING - off, f_B=STILL, **arguments)
+        ahead = innovation_of(MOVING + off, f_B=STILL, **arguments)
+        behind = innovation_of(MOVING - off, f_B=STILL, **arguments)
         slope = -(ahead.nu - behind.nu) / (2.0 * step)
         np.testing.assert_allclose(seen.PHt[i], slope, atol=1e-6, err_msg=str(i))
     np.testing.assert_allclose(seen.S, seen.PHt.T @ seen.PHt + 0.25 * np.eye(3), atol=1e-12)
@@ -111,40 +109,34 @@ def test_jacobian_is_that_of_finite_differences() -> None:
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0])
 @pytest.mark.parametrize("tilt", [0.0, 0.5])
-def test_thrust_of_hover_reads_its_weight_upwards_however_it_leans(
+def test_hover_thrust_measures_gravity_along_the_thrust_at_any_tilt(
     yaw: float, tilt: float
 ) -> None:
     R_WB = so3.exp([0.0, 0.0, yaw]) @ so3.exp([0.0, tilt, 0.0])
-    seen = seen_of(state_at(), f_B=np.array([0.0, 0.0, GRAVITY]), R_before=R_WB, turn=STILL)
+    seen = innovation_of(state_at(), f_B=np.array([0.0, 0.0, GRAVITY]), R_before=R_WB, turn=STILL)
     # Drag of what falling aside makes of the velocity in 20 ms.
     np.testing.assert_allclose(seen.nu, 0.0, atol=0.03)
 
 
-def test_free_fall_reads_nothing_and_a_wind_what_it_pushes() -> None:
+def test_free_fall_measures_zero_and_wind_its_disturbance() -> None:
     falling = state_at(throttle=0.0, scale=1e-9)
-    np.testing.assert_allclose(seen_of(falling, f_B=STILL, turn=STILL).nu, 0.0, atol=0.05)
+    np.testing.assert_allclose(innovation_of(falling, f_B=STILL, turn=STILL).nu, 0.0, atol=0.05)
     pushed = state_at(disturbance=np.array([1.0, 0.0, 0.0]))
     north = so3.exp([0.0, 0.0, 0.5 * math.pi])  # the body's y axis points west
     f_B = np.array([0.0, -1.0, GRAVITY])
     np.testing.assert_allclose(
-        seen_of(pushed, f_B=f_B, R_before=north, turn=STILL).nu, 0.0, atol=0.03
+        innovation_of(pushed, f_B=f_B, R_before=north, turn=STILL).nu, 0.0, atol=0.03
     )
 
 
 def test_predicts_drag_against_the_motion() -> None:
     forwards = state_at(velocity=np.array([5.0, 0.0, 0.0]))
-    seen = seen_of(forwards, f_B=np.array([0.0, 0.0, GRAVITY]), turn=STILL)
+    seen = innovation_of(forwards, f_B=np.array([0.0, 0.0, GRAVITY]), turn=STILL)
     expected = 5.0 * (0.2 + 0.1)  # of the body, and of rotors at the speed of hover
     assert seen.nu[0] == pytest.approx(expected, rel=0.02)
 
 
-def test_force_is_that_of_the_attitude_half_way() -> None:
-    between = state_of(), state_of(R_WB=so3.exp([0.2, 0.0, 0.0]))
-    found = np.array(half_way(between)).reshape(3, 3)
-    np.testing.assert_allclose(found, so3.exp([0.1, 0.0, 0.0]), atol=1e-12)
-
-
-def test_mean_is_of_what_came_between_two_odometries() -> None:
+def test_averages_samples_between_two_odometries() -> None:
     forces = SpecificForces()
     for stamp_ns, up in ((10, 1.0), (15, 2.0), (20, 4.0), (25, 8.0)):
         forces.add(ImuSample(stamp_ns=stamp_ns, f_B=[0.0, 0.0, up]))
@@ -188,7 +180,7 @@ class Flown:
             throttle = HOVER / math.sqrt(self._model.thrust_scale)
             command = (throttle + 0.02 * math.sin(3.0 * k * PERIOD), 0.0, 0.0, 0.0)
             v = np.array(self._body.v)
-            self._body = propagated(self._model, command, PERIOD, 0.005, self._body)
+            self._body = propagated(self._model, command, PERIOD, self._body)
             f_B = (np.array(self._body.v) - v) / PERIOD + [0.0, 0.0, GRAVITY]
             self.state.specific_force.f_B[:] = (
                 f_B + self._bias + force + 0.1 * self._rng.normal(size=3)
@@ -196,7 +188,7 @@ class Flown:
             self.state.specific_force.variance = 0.25 if self._uses_accelerometer else 0.0
             before, self._measured = self._measured, self._odometry()
             acting = Acting(durations=np.array([PERIOD]), commands=np.array([command]))
-            mode = ekf.update(self.state, before, self._measured, acting, FLYING, 0.0)
+            mode = ekf.update(self.state, before, self._measured, acting, UpdateMode.LEARN, 0.0)
             # At first the noise of the velocity is not known yet.
             assert mode in (UpdateMode.LEARN, UpdateMode.REJECT)
 
@@ -214,7 +206,7 @@ class Flown:
         return abs(float(found.thrust_scale - scale) * lift + float(found.a_W[2]))
 
 
-def test_an_accelerometer_finds_the_thrust_sooner() -> None:
+def test_accelerometer_speeds_up_the_thrust_estimate() -> None:
     errors = {}
     for uses_accelerometer in (False, True):
         flown = Flown(uses_accelerometer=uses_accelerometer, scale=0.8)
@@ -224,7 +216,7 @@ def test_an_accelerometer_finds_the_thrust_sooner() -> None:
 
 
 def test_distinguishes_bias_from_wind() -> None:
-    """The velocity says that nothing blows."""
+    """The velocity shows no wind."""
     bias = np.array([0.2, -0.2, 0.2])
     flown = Flown(uses_accelerometer=True, bias=bias)
     flown.go_on(20.0)
@@ -242,10 +234,3 @@ def test_the_innovation_gate_rejects_contradicting_measurements() -> None:
     flown.go_on(1.0, force=np.array([0.0, 0.0, -2.0 * GRAVITY]))
     assert not flown.state.specific_force.used and flown.state.specific_force.nis > kalman.GATE
     assert flown.lift_error() < 0.2
-
-
-def test_without_an_accelerometer_its_bias_is_no_state() -> None:
-    flown = Flown(uses_accelerometer=False)
-    flown.go_on(1.0)
-    assert not flown.state.translation.P[MOTION.accelerometer :].any()
-    assert not flown.state.translation.x[MOTION.accelerometer :].any()

@@ -57,9 +57,7 @@ def outcome(process: subprocess.Popen[str]) -> list[str]:
     return out.split()
 
 
-def test_compiles_at_each_start_where_nothing_can_be_written(
-    package: Path, tmp_path: Path
-) -> None:
+def test_compiles_at_each_start_without_a_writable_cache(package: Path, tmp_path: Path) -> None:
     """As in a container with a read-only file system, and a user without a home folder."""
     (tmp_path / "cache").touch()  # a file where the folder would be: root may write everywhere
     for _ in range(2):
@@ -95,7 +93,7 @@ def test_compiles_again_when_another_file_changes(
     assert int(compiled) > 0
 
 
-def test_the_digest_covers_all_that_compiled_code_is_made_of() -> None:
+def test_digest_covers_all_sources_of_compiled_code() -> None:
     covered = set(compilation.source_files())
     for path in PACKAGE.rglob("*.py"):
         module = ast.parse(path.read_text())

@@ -1,4 +1,4 @@
-"""What compiled functions promise beyond what the tests of so3 see of them."""
+"""Compiled functions that the tests of so3 do not cover."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def test_largest_magnitude(values: list[float], expected: float) -> None:
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])
-def test_not_a_number_is_the_largest_of_all(place: int) -> None:
+def test_largest_magnitude_is_nan_if_any_is_nan(place: int) -> None:
     values = np.array([5.0, np.inf, -7.0])
     values[place] = np.nan
     assert np.isnan(kernels.infinity_norm(values))

@@ -24,7 +24,8 @@ from quad_mpc_ros.control.model.state import State, boxminus
 from quad_mpc_ros.control.model.vehicle import ActuatorLags, Vehicle
 
 COMMANDS = ((0.5, 1.0, -2.0, 0.7), (0.2, 1.0, -2.0, 0.7))
-DURATIONS, LONGEST = (0.013, 0.021), 0.0025
+DURATIONS = (0.013, 0.021)
+FALLING = 1.6  # time constant of a falling throttle over that of a rising one
 AIR = {
     "even": Vehicle(drag=0.3),
     "uneven": Vehicle(drag=(0.1, 0.3, 0.6)),
@@ -33,7 +34,9 @@ AIR = {
 
 
 def model_of(vehicle: Vehicle) -> ModelParameters:
-    model = parameters_of(vehicle, ActuatorLags(rate=0.0, thrust=0.04))[()]
+    model = parameters_of(
+        vehicle, ActuatorLags(rate=0.0, thrust=0.04, thrust_down=FALLING * 0.04)
+    )[()]
     return changed(model, thrust_scale=0.9, a_W=np.array([0.7, -0.4, 0.3]))
 
 
@@ -47,7 +50,7 @@ def start(*, v_W: Array | None = None, throttle: float = 0.35) -> Body:
 
 def flown(model: ModelParameters, x: Body) -> Body:
     for command, duration in zip(COMMANDS, DURATIONS, strict=True):
-        x = propagated(model, command, duration, LONGEST, x)
+        x = propagated(model, command, duration, x)
     return x
 
 
@@ -74,7 +77,7 @@ def by_number(name: str) -> Callable[[ModelParameters, float], ModelParameters]:
 def by_lag(model: ModelParameters, by: float) -> ModelParameters:
     """Both time constants of the thrust change in proportion."""
     lag = float(model.thrust_time_constant) + by
-    return changed(model, thrust_time_constant=lag, thrust_time_constant_down=lag)
+    return changed(model, thrust_time_constant=lag, thrust_time_constant_down=FALLING * lag)
 
 
 def pushed(k: int) -> Callable[[ModelParameters, float], ModelParameters]:
@@ -93,7 +96,7 @@ def derivatives(model: ModelParameters, x: Body) -> MotionDerivatives:
     found = no_motion()
     shape = tuple(model.anisotropic_drag / model.drag)
     for command, duration in zip(COMMANDS, DURATIONS, strict=True):
-        x = propagated_with_derivatives(model, shape, command, duration, LONGEST, x, found)
+        x = propagated_with_derivatives(model, shape, command, duration, x, found)
     np.testing.assert_array_equal(difference(x, flown(model, start())), 0.0)
     return found
 

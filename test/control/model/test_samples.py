@@ -12,14 +12,14 @@ from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 GRAVITY = 9.81
 
 
-def test_at_rest_points_the_nose_north_after_a_quarter_turn() -> None:
+def test_yaw_of_90_degrees_points_the_nose_north() -> None:
     odometry = OdometrySample.at_rest([1, 2, 3], yaw=np.pi / 2, stamp_ns=7)
     assert odometry.stamp_ns == 7 and odometry.speed == 0.0 and odometry.up == 1.0
     assert_allclose(Rotation.from_quat(odometry.q_WB_xyzw).apply([1, 0, 0]), [0, 1, 0], atol=1e-15)
     assert_allclose(odometry.p_WB, [1.0, 2.0, 3.0])
 
 
-def test_hover_holds_its_place_for_its_duration() -> None:
+def test_hover_window_holds_its_position_for_its_duration() -> None:
     window = ReferenceWindow.hover([1.0, 0.0, 2.0], yaw=np.pi / 2, stamp_ns=5, duration=1.5)
     assert window.stamp_ns == 5 and window.offset_ns.tolist() == [0, 1_500_000_000]
     assert_allclose(window.p_WB, [[1.0, 0.0, 2.0]] * 2)
@@ -29,7 +29,7 @@ def test_hover_holds_its_place_for_its_duration() -> None:
     assert not (window.v_WB_W.any() or window.a_WB_W.any() or window.w_WB_W.any())
 
 
-def test_through_a_circle_has_its_motion_and_leans_into_it() -> None:
+def test_window_through_a_circle_has_its_motion_and_tilts_inwards() -> None:
     t = np.linspace(0.0, 2.0, 401)
     radius, speed = 2.0, 3.0
     angle = speed / radius * t
@@ -63,7 +63,7 @@ def test_through_a_circle_has_its_motion_and_leans_into_it() -> None:
         ([0, 1, 2], [[0.0, 0.0, -4.905 * t * t] for t in range(3)], "p_WB: .*lift the vehicle"),
     ],
 )
-def test_through_refuses_what_has_no_motion(
+def test_through_rejects_invalid_positions_and_times(
     seconds: list[float], positions: list[list[float]], expected: str
 ) -> None:
     with pytest.raises(ValueError, match=expected):

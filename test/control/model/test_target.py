@@ -111,7 +111,7 @@ def test_target_inputs_hold_a_feasible_reference(
 
 
 @pytest.mark.parametrize("speed", [0.6, 0.9, 1.1])
-def test_target_of_a_slower_time_is_that_of_the_slower_reference(speed: float) -> None:
+def test_target_at_reduced_speed_equals_target_of_slowed_reference(speed: float) -> None:
     """An eight of a lower frequency is the same way in more time, by flatness made for it."""
     model, frequency = model_of(rate=0.03, thrust=0.03), 2.0
     slow = target_of(eight(frequency), model, speeds=np.full(STEPS, speed))
@@ -169,16 +169,7 @@ def test_target_compensates_learned_drag(vehicle: Vehicle, more: float) -> None:
     assert off < 0.2 * off_unaware
 
 
-def test_at_rest_the_throttle_is_that_of_hovering() -> None:
-    model = model_of(rate=0.03, thrust=0.03)
-    server = ReferenceServer(ReferenceConfig(trajectory="hover"))
-    server.start(0)
-    target = target_of(server.window(START), model)
-    np.testing.assert_allclose(target["inputs"][..., 0], 0.2923008, atol=1e-7)
-    np.testing.assert_array_equal(target["inputs"][..., 1:], 0.0)
-
-
-def test_inputs_stay_inside_the_bounds_and_means_are_means() -> None:
+def test_inputs_stay_inside_the_bounds_and_means_are_averages() -> None:
     u_max = np.array([0.6, 4.0, 4.0, 4.0])
     target = target_of(eight(2.6), model_of(rate=0.05, thrust=0.05), u_min=-u_max, u_max=u_max)
     assert np.all(np.abs(target["inputs"]) <= u_max)

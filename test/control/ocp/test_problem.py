@@ -61,12 +61,3 @@ def test_gradient_and_gauss_newton_matrix() -> None:
         weight = SETTINGS.terminal_weight if stage == STEPS - 1 else 1.0
         expected = weight * J.T @ np.diag(SETTINGS.Q) @ J
         np.testing.assert_allclose(H[stage], expected, rtol=1e-6, atol=1e-6)
-
-
-def test_only_deviations_cost_on_target() -> None:
-    states = STATES.copy()
-    for name in ("p_WB", "v_WB_W", "R_WB"):
-        states[name][1:] = TARGET[name]
-    cost, errors = cost_and_errors(states)
-    np.testing.assert_allclose(errors, 0.0, atol=1e-15)
-    assert np.isclose(cost, np.sum(DEVIATION**2 @ SETTINGS.R))

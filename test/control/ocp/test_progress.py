@@ -11,7 +11,7 @@ from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.parameters import parameters_of
 from quad_mpc_ros.control.model.prediction import PredictedState
 from quad_mpc_ros.control.model.reference_window import packed
-from quad_mpc_ros.control.model.rollout import StateRecord, roll_out
+from quad_mpc_ros.control.model.rollout import roll_out
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.mpc import Mpc
 from quad_mpc_ros.control.ocp.horizon_qp import HorizonStages
@@ -27,7 +27,7 @@ STAMP_NS = 10**9
 
 
 def parabola(seed: int, *, stamp_ns: int = STAMP_NS) -> ReferenceWindow:
-    """Return a way of constant acceleration, which the cubics between samples meet exactly."""
+    """Return a path of constant acceleration, which the cubics between samples meet exactly."""
     rng = np.random.default_rng(seed)
     v, a = rng.normal(scale=4.0, size=3), rng.normal(scale=3.0, size=3)
     t = np.linspace(0.0, 2.0, 41)
@@ -35,10 +35,10 @@ def parabola(seed: int, *, stamp_ns: int = STAMP_NS) -> ReferenceWindow:
     return ReferenceWindow.through(t, p, stamp_ns=stamp_ns)
 
 
-def off_the_way(
+def off_the_path(
     config: MpcConfig, window: ReferenceWindow, seed: int, *, by: float = 1.0
 ) -> PredictedState:
-    """Return a state beside the beginning of a way, in an attitude of its own."""
+    """Return a state next to the start of a path, with a different attitude."""
     rng = np.random.default_rng(seed)
     parameters = parameters_of(config.vehicle(), config.lags)
     state = PredictedState.at_rest(parameters)._replace(stamp_ns=window.stamp_ns)
@@ -64,7 +64,7 @@ def slopes_in_inputs(stages: HorizonStages) -> Array:
 @pytest.mark.parametrize("seed", range(4))
 def test_gradient_of_the_cost_in_inputs_and_speeds(seed: int) -> None:
     window = parabola(seed)
-    state = off_the_way(CONTOURING, window, seed)
+    state = off_the_path(CONTOURING, window, seed)
     problem = ManifoldProblem(CONTOURING)
     problem.begin(state, window)
     stages = problem.linearise()
@@ -95,11 +95,11 @@ def test_gradient_of_the_cost_in_inputs_and_speeds(seed: int) -> None:
     )
 
 
-def test_quadratic_cost_is_that_of_gauss_and_newton() -> None:
+def test_quadratic_cost_is_the_gauss_newton_model() -> None:
     """J' W J with the slopes of the errors in vehicle, time and speed; so it bends upwards."""
     window = parabola(3)
     problem = ManifoldProblem(CONTOURING)
-    problem.begin(off_the_way(CONTOURING, window, 3), window)
+    problem.begin(off_the_path(CONTOURING, window, 3), window)
     stages, path = problem.linearise(), problem._problem.work.progress.path
     speeds = problem._problem.work.progress.nominal
     for i, H in enumerate(stages.H):
@@ -116,13 +116,13 @@ def test_quadratic_cost_is_that_of_gauss_and_newton() -> None:
 
 @pytest.mark.parametrize("limits", [False, True])
 def test_random_problems_are_all_solved(limits: bool) -> None:
-    """Off the way by up to a metre, three metres a second and a radian, warm and cold."""
+    """Off the path by up to a metre, three metres a second and a radian, warm and cold."""
     config = CONTOURING if not limits else MpcConfig(formulation="contouring")
     mpc, iterations = Mpc(config), []
     for seed in range(500):
         stamp_ns = STAMP_NS * (seed + 1)
         window = parabola(seed, stamp_ns=stamp_ns)
-        step = mpc.solve(off_the_way(config, window, seed), window)
+        step = mpc.solve(off_the_path(config, window, seed), window)
         assert step.solution.solved and step.plan is not None
         assert np.isfinite(step.plan.inputs).all()
         assert (step.plan.speeds >= config.contouring.speed_min).all()
@@ -132,9 +132,9 @@ def test_random_problems_are_all_solved(limits: bool) -> None:
     assert np.percentile(iterations, 99) <= 125
 
 
-def test_on_a_way_that_can_be_flown_time_passes_as_on_a_clock() -> None:
+def test_progress_is_real_time_on_a_feasible_path() -> None:
     window = parabola(1)
-    state = off_the_way(CONTOURING, window, 1, by=0.0)
+    state = off_the_path(CONTOURING, window, 1, by=0.0)
     by_clock = Mpc(agile(rate_time_constant=0.03, thrust_time_constant=0.03, R=(0.1,) * 4))
     given_way, held = Mpc(CONTOURING).solve(state, window), by_clock.solve(state, window)
     assert given_way.plan is not None and held.plan is not None
@@ -142,9 +142,9 @@ def test_on_a_way_that_can_be_flown_time_passes_as_on_a_clock() -> None:
     assert len(held.plan.speeds) == 0 and held.plan.given_up(0.0, 1.0) == 0.0
 
 
-def test_what_is_given_up_is_the_integral_of_the_speeds() -> None:
+def test_delay_is_the_integral_of_the_speeds() -> None:
     window = parabola(2)
-    plan = Mpc(CONTOURING).solve(off_the_way(CONTOURING, window, 2), window).plan
+    plan = Mpc(CONTOURING).solve(off_the_path(CONTOURING, window, 2), window).plan
     assert plan is not None
     times = (np.arange(100_000) + 0.5) * 1e-5  # 1 s, the horizon is half of it
     stages = np.floor(times / plan.step).astype(int)
@@ -152,12 +152,3 @@ def test_what_is_given_up_is_the_integral_of_the_speeds() -> None:
     for since, until in ((0.0, 0.02), (0.013, 0.31), (0.4, 0.9)):
         inside = (times >= since) & (times < until)
         assert plan.given_up(since, until) == pytest.approx(1e-5 * lost[inside].sum(), abs=2e-5)
-
-
-def test_lags_need_not_be_modelled() -> None:
-    config = agile(formulation="contouring")
-    window = parabola(5)
-    step = Mpc(config).solve(off_the_way(config, window, 5), window)
-    assert step.plan is not None
-    states = StateRecord.zeros(config.horizon_steps + 1)
-    assert step.plan.p_WB.shape == states["p_WB"].shape

@@ -23,6 +23,7 @@ FAR = Input(throttle=0.9, w_WB_B=np.array([-9.0, 0.1, -8.0]))
         (SlewParameters(throttle=5.0), 0.6, [-9.0, 0.1, -8.0]),
         (SlewParameters(body_rates=100.0), 0.9, [-1.0, 0.1, -3.0]),
         (SlewParameters(throttle=5.0, body_rates=100.0), 0.6, [-1.0, 0.1, -3.0]),
+        (SlewParameters(throttle=50.0, body_rates=1000.0), 0.9, [-9.0, 0.1, -8.0]),
     ],
 )
 def test_limits_change_of_command(
@@ -36,14 +37,7 @@ def test_limits_change_of_command(
     assert_allclose(back.w_WB_B - FAR.w_WB_B, BEFORE.w_WB_B - w_WB_B)
 
 
-def test_keeps_command_within_rate_limits() -> None:
-    limits = SlewParameters(throttle=50.0, body_rates=1000.0)
-    u = rate_limited(FAR, BEFORE, limits, duration=0.02)
-    assert u.throttle == FAR.throttle
-    assert_allclose(u.w_WB_B, FAR.w_WB_B, atol=0.0)
-
-
-def test_clamping_keeps_what_is_inside_and_clamps_the_rest(paper_config: MpcConfig) -> None:
+def test_clamps_commands_beyond_their_bounds(paper_config: MpcConfig) -> None:
     inside = Input(throttle=0.4, w_WB_B=np.array([1.0, -2.0, 3.0]))
     kept = clamped(inside, paper_config)
     assert kept.throttle == 0.4

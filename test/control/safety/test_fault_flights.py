@@ -15,9 +15,9 @@ CONFIG = MpcConfig()
 
 
 def flight(fault: Fault) -> FaultFlight:
-    """Return a flight round the lying eight high above the ground, or one that stands on it."""
+    """Return a flight along a lemniscate high above the ground, or on the ground."""
     if fault.grounded:
-        # Its odometry is half a metre high, so that the MPC wants to go down to where it stands.
+        # The odometry is half a metre too high, so that the MPC descends to the ground.
         simulator = ideal(position_bias=(0.0, 0.0, 0.5))
         reference = ReferenceConfig(trajectory="hover", height=0.0)
     else:
@@ -27,6 +27,6 @@ def flight(fault: Fault) -> FaultFlight:
 
 
 @pytest.mark.parametrize("fault", FAULTS.values(), ids=lambda fault: fault.name)
-def test_fault_follows_its_course_and_recovers(fault: Fault) -> None:
+def test_a_fault_leads_to_the_expected_levels_and_recovers(fault: Fault) -> None:
     wrong = complaints(fault, flight(fault).run(), CONFIG)
     assert not wrong, "\n".join(wrong)

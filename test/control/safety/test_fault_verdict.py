@@ -68,18 +68,20 @@ def test_reports_a_wrong_level(start: float, end: float, source: str) -> None:
     assert judged(with_source(start, end, source))
 
 
-def test_reports_a_level_that_is_never_reached() -> None:
-    none = [seen for seen in silent_flight().sightings if seen.source != "blind"]
-    assert any("blind never seen" in message for message in judged(silent_flight(sightings=none)))
-
-
-def test_reports_a_command_while_silent() -> None:
-    assert judged(silent_flight(commands=[0.5, 1.5])) == ["1 commands while silent"]
-
-
-@pytest.mark.parametrize("home", [None, 9.0])
-def test_reports_a_vehicle_that_does_not_return(home: float | None) -> None:
-    assert judged(silent_flight(home=home)) == ["not back at the reference within 4 s"]
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"sightings": [seen for seen in silent_flight().sightings if seen.source != "blind"]},
+            "blind never seen",
+        ),
+        ({"commands": [0.5, 1.5]}, "1 commands while silent"),
+        ({"home": None}, "not back at the reference within 4 s"),
+        ({"home": 9.0}, "not back at the reference within 4 s"),
+    ],
+)
+def test_reports_a_wrong_record(changes: dict[str, object], message: str) -> None:
+    assert any(message in complaint for complaint in judged(silent_flight(**changes)))
 
 
 def test_reports_a_fault_that_is_not_counted() -> None:

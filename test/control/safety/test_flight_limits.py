@@ -31,8 +31,8 @@ class Watch:
     def __init__(self, config: MpcConfig, make_odometry: MakeOdometry) -> None:
         self.limits, self._make_odometry = FlightLimits(config), make_odometry
 
-    def look(self, at: int, *, reference: float | None = 0.0, **changes: Any) -> tuple[str, str]:
-        """Return action and reason in force at a time [ms]; the reference's x may be given."""
+    def check(self, at: int, *, reference: float | None = 0.0, **changes: Any) -> tuple[str, str]:
+        """Return the active action and reason at a time [ms], with the reference's x."""
         breach = self.limits.check(
             self._make_odometry(at * MS, **changes),
             p_reference=None if reference is None else np.array([reference, 0.0, 2.0]),
@@ -76,8 +76,8 @@ def flying(x: float, y: float, z: float) -> dict[str, Any]:
 def test_detects_breach_of_each_fence_wall(
     watch: Watch, inside: dict[str, Any], outside: dict[str, Any], reason: str
 ) -> None:
-    assert watch.look(0, **inside) == ("", "")
-    action, reported = watch.look(20, **outside)
+    assert watch.check(0, **inside) == ("", "")
+    action, reported = watch.check(20, **outside)
     assert action == "HOVER"
     assert reason in reported
 
@@ -95,8 +95,8 @@ def test_detects_breach_of_each_envelope_limit(
     make_odometry: MakeOdometry, inside: dict[str, Any], outside: dict[str, Any], reason: str
 ) -> None:
     watch = Watch(dataclasses.replace(CONFIG, fence=FenceParameters()), make_odometry)
-    assert watch.look(0, **inside) == ("", "")
-    action, reported = watch.look(20, **outside)
+    assert watch.check(0, **inside) == ("", "")
+    action, reported = watch.check(20, **outside)
     assert action == "WARN"
     assert reason in reported
 
@@ -104,58 +104,58 @@ def test_detects_breach_of_each_envelope_limit(
 def test_default_limits_allow_any_position_and_attitude(make_odometry: MakeOdometry) -> None:
     watch = Watch(MpcConfig(), make_odometry)
     changes = {**at(1e5, -1e5, 1e5), **tilted(math.pi), **turning(20, 20, 20), **flying(30, 0, 0)}
-    assert watch.look(0, **changes) == ("", "")
+    assert watch.check(0, **changes) == ("", "")
 
 
 @pytest.mark.parametrize(
     ("velocity", "broken"),
     [
-        (flying(3.0, 0.0, 0.0), False),  # 0.9 m of turning round and 0.56 m of braking
+        (flying(3.0, 0.0, 0.0), False),  # 0.9 m of turning and 0.56 m of braking
         (flying(6.0, 0.0, 0.0), True),  # 1.8 m and 2.25 m
         (flying(-6.0, 0.0, 0.0), False),
         (flying(0.0, 0.0, -5.0), True),
         (flying(0.0, 0.0, 5.0), False),
     ],
 )
-def test_hover_action_leaves_room_to_stop_inside(
+def test_hover_action_considers_the_stopping_distance(
     make_odometry: MakeOdometry, velocity: dict[str, Any], *, broken: bool
 ) -> None:
     for action in ("warn", "stop"):
         fence = dataclasses.replace(CONFIG.fence, action=action)
         watch = Watch(dataclasses.replace(CONFIG, fence=fence), make_odometry)
-        assert watch.look(0, **at(x=2.0), **velocity) == ("", "")
+        assert watch.check(0, **at(x=2.0), **velocity) == ("", "")
     watch = Watch(CONFIG, make_odometry)
-    action, reported = watch.look(0, **at(x=2.0), **velocity)
+    action, reported = watch.check(0, **at(x=2.0), **velocity)
     assert (action == "HOVER") == broken
     assert ("stopping point" in reported) == broken
 
 
 def test_reports_most_severe_breach(watch: Watch) -> None:
-    assert watch.look(0, **tilted(1.2))[0] == "WARN"
-    assert watch.look(20, **tilted(1.2), **at(x=6.0))[0] == "HOVER"
-    # Still in force although only the lesser one is left.
-    assert watch.look(40, **tilted(1.2)) == ("HOVER", watch.look(60, **tilted(1.2))[1])
+    assert watch.check(0, **tilted(1.2))[0] == "WARN"
+    assert watch.check(20, **tilted(1.2), **at(x=6.0))[0] == "HOVER"
+    # The graver breach stays active.
+    assert watch.check(40, **tilted(1.2)) == ("HOVER", watch.check(60, **tilted(1.2))[1])
 
 
 def test_breach_ends_after_a_second_well_inside(watch: Watch) -> None:
-    assert watch.look(0, **at(x=5.5))[0] == "HOVER"
-    assert watch.look(100, **at(x=4.95))[0] == "HOVER"  # inside, but at the wall
-    assert watch.look(5000, **at(x=4.95))[0] == "HOVER"
-    assert watch.look(5100, **at(x=4.8))[0] == "HOVER"
-    assert watch.look(5900, **at(x=4.8))[0] == "HOVER"
-    assert watch.look(6000, **tilted(0.95))[0] == "HOVER"  # not calm: the count restarts
-    assert watch.look(6100)[0] == "HOVER"
-    assert watch.look(7099)[0] == "HOVER"
-    assert watch.look(7100) == ("", "")
+    assert watch.check(0, **at(x=5.5))[0] == "HOVER"
+    assert watch.check(100, **at(x=4.95))[0] == "HOVER"  # inside, but at the wall
+    assert watch.check(5000, **at(x=4.95))[0] == "HOVER"
+    assert watch.check(5100, **at(x=4.8))[0] == "HOVER"
+    assert watch.check(5900, **at(x=4.8))[0] == "HOVER"
+    assert watch.check(6000, **tilted(0.95))[0] == "HOVER"  # not calm: the count restarts
+    assert watch.check(6100)[0] == "HOVER"
+    assert watch.check(7099)[0] == "HOVER"
+    assert watch.check(7100) == ("", "")
 
 
 def test_breach_lasts_while_reference_is_outside(watch: Watch) -> None:
-    assert watch.look(0, **at(x=5.5))[0] == "HOVER"
+    assert watch.check(0, **at(x=5.5))[0] == "HOVER"
     for time in range(100, 5000, 100):
-        assert watch.look(time, reference=5.2)[0] == "HOVER"
-    assert watch.look(5000, reference=None)[0] == "HOVER"
-    assert watch.look(5100)[0] == "HOVER"
-    assert watch.look(6100) == ("", "")
+        assert watch.check(time, reference=5.2)[0] == "HOVER"
+    assert watch.check(5000, reference=None)[0] == "HOVER"
+    assert watch.check(5100)[0] == "HOVER"
+    assert watch.check(6100) == ("", "")
 
 
 def test_hover_position_is_well_inside(watch: Watch) -> None:
@@ -169,11 +169,11 @@ def test_hover_position_is_well_inside(watch: Watch) -> None:
 
 def test_limits_change_in_flight(watch: Watch) -> None:
     fence = dataclasses.replace(CONFIG.fence, maximum=(1.0, 3.0, 8.0), action="stop")
-    assert watch.look(0, **at(x=2.0)) == ("", "")
+    assert watch.check(0, **at(x=2.0)) == ("", "")
     watch.limits.reconfigure(dataclasses.replace(CONFIG, fence=fence))
-    assert watch.look(20, **at(x=2.0))[0] == Action.STOP.name
+    assert watch.check(20, **at(x=2.0))[0] == Action.STOP.name
 
 
-def test_a_fence_without_an_inside_is_refused() -> None:
+def test_rejects_a_fence_without_interior() -> None:
     with pytest.raises(ConfigurationError, match=r"fence\.minimum.*below fence\.maximum"):
         FenceParameters(minimum=(0.0, 5.0, 0.0), maximum=(1.0, 5.0, 1.0))

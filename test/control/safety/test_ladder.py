@@ -1,20 +1,15 @@
-"""Scenarios of the failsafe: inputs over time and the expected source of commands.
-
-Each test takes the module as a fixture, so that ``test_ladder_mutations.py`` can repeat the
-scenarios with a module in which a condition has been changed.
-"""
+"""Scenarios of the failsafe: inputs over time and the expected source of commands."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from types import ModuleType
 from typing import Any
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quad_mpc_ros.control.safety import ladder as real_ladder
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.safety import ladder
 
 MS = 1_000_000
 START = 5_000_000_000
@@ -30,19 +25,13 @@ MPC, PLAN, HOVER, IDLE, BLIND, SILENT, WAITING = (
 FAILED = "solver: failed"
 
 
-@pytest.fixture
-def ladder() -> ModuleType:
-    return real_ladder
-
-
 class Flight:
     """A ladder with a timeout of 100 ms for odometry, 500 ms for the reference, and so on.
 
-    Odometry may be foreseen for 400 ms.
+    Without odometry the state is predicted for 400 ms.
     """
 
-    def __init__(self, ladder: ModuleType, *, plan_hold: int = 200, blind: int = 1000) -> None:
-        self._ladder = ladder
+    def __init__(self, *, plan_hold: int = 200, blind: int = 1000) -> None:
         self._state = ladder.LadderState()
         self._timeouts = ladder.Timeouts(
             odometry=100 * MS,
@@ -60,13 +49,13 @@ class Flight:
         reference: float | None = None,
         fault: str = "",
         breach: tuple[str, str] | None = None,
-        standing: bool = False,
-        foreseen: bool = False,
+        on_ground: bool = False,
+        predicted: bool = False,
         never: str = "",
     ) -> tuple[str, str]:
         """Decide at a time [ms] with inputs that last came at the given times, or just now.
 
-        ``never`` names the inputs that have never come. Returns the rung and the reason.
+        ``never`` names the inputs that have never come. Returns the source and the reason.
         """
 
         def stamp(time: float | None) -> int:
@@ -74,16 +63,16 @@ class Flight:
 
         broken = None
         if breach is not None:
-            broken = self._ladder.Breach(self._ladder.Action[breach[0]], breach[1])
-        decision, self._state = self._ladder.decide(
-            self._ladder.LadderInputs(
+            broken = ladder.Breach(ladder.Action[breach[0]], breach[1])
+        decision, self._state = ladder.decide(
+            ladder.LadderInputs(
                 now_ns=stamp(None),
                 odometry_ns=None if "odometry" in never else stamp(odometry),
                 reference_ns=None if "reference" in never else stamp(reference),
                 plan_fault=fault,
                 breach=broken,
-                on_ground=standing,
-                is_predicted=foreseen,
+                on_ground=on_ground,
+                is_predicted=predicted,
             ),
             self._state,
             self._timeouts,
@@ -91,16 +80,16 @@ class Flight:
         return decision.source.name, decision.reason
 
     def follow(self, expected: Iterable[tuple[float, str]], **known: Any) -> None:
-        """Decide at each time and compare the rung."""
-        for at, rung in expected:
-            assert (at, self.decide(at, **known)[0]) == (at, rung)
+        """Decide at each time and compare the source."""
+        for at, source in expected:
+            assert (at, self.decide(at, **known)[0]) == (at, source)
 
 
-def test_mpc_commands_without_reason_when_all_is_well(ladder: ModuleType) -> None:
-    assert Flight(ladder).decide(0) == (MPC, "")
+def test_mpc_commands_without_reason_in_normal_operation() -> None:
+    assert Flight().decide(0) == (MPC, "")
 
 
-def test_waits_before_the_first_plan(ladder: ModuleType) -> None:
+def test_waits_before_the_first_plan() -> None:
     for known, reason in (
         ({"never": "odometry"}, "no odometry yet"),
         ({"never": "reference"}, "no reference yet"),
@@ -109,33 +98,33 @@ def test_waits_before_the_first_plan(ladder: ModuleType) -> None:
         ({"odometry": 0, "fault": FAILED}, FAILED),
         ({"never": "reference", "fault": FAILED}, "no reference yet"),
         ({"fault": FAILED, "breach": ("STOP", "out")}, FAILED),
-        ({"fault": FAILED, "breach": ("HOVER", "out"), "standing": True}, FAILED),
+        ({"fault": FAILED, "breach": ("HOVER", "out"), "on_ground": True}, FAILED),
     ):
-        flight = Flight(ladder)
+        flight = Flight()
         for at in (0, 50, 90):
             assert flight.decide(at, **known) == (WAITING, reason)  # type: ignore[arg-type]
-        # What broke a limit before it flew does not stop it for good.
+        # A breach before the first plan does not stop the vehicle for good.
         assert flight.decide(100) == (MPC, "")
 
 
-def test_a_failing_solver_means_the_plan_then_hover(ladder: ModuleType) -> None:
-    flight = Flight(ladder)
+def test_a_failing_solver_leads_to_the_plan_then_hover() -> None:
+    flight = Flight()
     flight.decide(0)
-    for at, rung in ((20, PLAN), (200, PLAN), (200.000001, HOVER), (60_000, HOVER)):
-        assert flight.decide(at, fault=FAILED) == (rung, FAILED)
+    for at, source in ((20, PLAN), (200, PLAN), (200.000001, HOVER), (60_000, HOVER)):
+        assert flight.decide(at, fault=FAILED) == (source, FAILED)
     assert flight.decide(60_020) == (MPC, "")
     flight.follow([(60_220, PLAN), (60_221, HOVER)], fault=FAILED)
 
 
-def test_a_silent_reference_means_the_plan_then_hover(ladder: ModuleType) -> None:
-    flight = Flight(ladder)
+def test_a_lost_reference_leads_to_the_plan_then_hover() -> None:
+    flight = Flight()
     flight.follow([(500, MPC), (500.000001, PLAN), (700, PLAN), (700.1, HOVER)], reference=0)
     assert flight.decide(800, reference=0) == (HOVER, "reference is 0.80 s old")
     assert flight.decide(5000) == (MPC, "")
 
 
-def test_lost_odometry_goes_down_every_rung_and_comes_back(ladder: ModuleType) -> None:
-    flight = Flight(ladder)
+def test_lost_odometry_passes_every_level_and_recovers() -> None:
+    flight = Flight()
     for begin in (0, 60_000):
         assert flight.decide(begin) == (MPC, "")
         expected = (
@@ -147,65 +136,61 @@ def test_lost_odometry_goes_down_every_rung_and_comes_back(ladder: ModuleType) -
             (1220.000001, SILENT, "odometry is 1.22 s old"),
             (50_000, SILENT, "odometry is 50.00 s old"),
         )
-        for at, rung, reason in expected:
+        for at, source, reason in expected:
             decision = flight.decide(begin + at, odometry=begin, fault=FAILED)
-            assert (at, *decision) == (at, rung, reason)
+            assert (at, *decision) == (at, source, reason)
 
 
-def test_ignores_new_plan_from_old_odometry(ladder: ModuleType) -> None:
-    flight = Flight(ladder)
+def test_ignores_new_plan_from_old_odometry() -> None:
+    flight = Flight()
     flight.decide(0)
     flight.follow([(101, PLAN), (201, BLIND)], odometry=0)
 
 
-def test_predicted_state_does_not_extend_plan_timeout(
-    ladder: ModuleType,
-) -> None:
-    flight = Flight(ladder)
+def test_predicted_state_does_not_extend_plan_timeout() -> None:
+    flight = Flight()
     flight.decide(0)
-    assert flight.decide(120, odometry=0, foreseen=True) == (
+    assert flight.decide(120, odometry=0, predicted=True) == (
         MPC,
         "odometry is late: predicted",
     )
-    flight.follow([(200, MPC), (400, MPC)], odometry=0, foreseen=True)
-    assert flight.decide(401, odometry=0, foreseen=True) == (BLIND, "odometry is 0.40 s old")
+    flight.follow([(200, MPC), (400, MPC)], odometry=0, predicted=True)
+    assert flight.decide(401, odometry=0, predicted=True) == (BLIND, "odometry is 0.40 s old")
     flight.follow([(1401, BLIND), (1402, SILENT)], odometry=0, fault=FAILED)
     assert flight.decide(1500) == (MPC, "")
 
 
-def test_failed_prediction_falls_back_to_held_plan(
-    ladder: ModuleType,
-) -> None:
-    flight = Flight(ladder)
+def test_failed_prediction_falls_back_to_held_plan() -> None:
+    flight = Flight()
     flight.decide(0)
-    flight.follow([(120, MPC)], odometry=0, foreseen=True)
+    flight.follow([(120, MPC)], odometry=0, predicted=True)
     flight.follow([(140, PLAN), (200, PLAN), (220, BLIND)], odometry=0, fault=FAILED)
-    flight = Flight(ladder, plan_hold=450)
+    flight = Flight(plan_hold=450)
     flight.decide(0)
-    flight.follow([(400, MPC), (440, PLAN), (460, BLIND)], odometry=0, foreseen=True)
-    flight = Flight(ladder)
+    flight.follow([(400, MPC), (440, PLAN), (460, BLIND)], odometry=0, predicted=True)
+    flight = Flight()
     flight.decide(0)
-    assert flight.decide(110, odometry=0, fault=FAILED, foreseen=True) == (PLAN, FAILED)
+    assert flight.decide(110, odometry=0, fault=FAILED, predicted=True) == (PLAN, FAILED)
 
 
-def test_odometry_that_returns_without_a_solver_is_enough_to_hover(ladder: ModuleType) -> None:
-    flight = Flight(ladder)
+def test_hovers_when_odometry_returns_without_a_plan() -> None:
+    flight = Flight()
     flight.decide(0)
     flight.decide(900, odometry=0, fault=FAILED)
     assert flight.decide(1000, fault=FAILED) == (HOVER, FAILED)
-    # Blindness is counted afresh.
+    # The blind time starts again.
     flight.follow([(1900, BLIND), (2900, BLIND), (2901, SILENT)], odometry=1000, fault=FAILED)
 
 
-def test_hover_goes_blind_when_odometry_stops_too(ladder: ModuleType) -> None:
-    flight = Flight(ladder)
+def test_hover_becomes_blind_without_odometry() -> None:
+    flight = Flight()
     flight.decide(0)
     assert flight.decide(400, fault=FAILED) == (HOVER, FAILED)
     flight.follow([(500, HOVER), (501, BLIND)], odometry=400, fault=FAILED)
 
 
-def test_reports_first_reason(ladder: ModuleType) -> None:
-    flight = Flight(ladder)
+def test_reports_first_reason() -> None:
+    flight = Flight()
     flight.decide(0)
     known: dict[str, Any] = {"odometry": 0, "reference": 0, "fault": FAILED}
     assert flight.decide(50, **known) == (PLAN, FAILED)
@@ -213,17 +198,17 @@ def test_reports_first_reason(ladder: ModuleType) -> None:
     assert flight.decide(600, reference=0, fault=FAILED) == (HOVER, "reference is 0.60 s old")
 
 
-def test_skips_rung_with_zero_timeout(ladder: ModuleType) -> None:
-    flight = Flight(ladder, plan_hold=0)
+def test_skips_a_level_with_zero_timeout() -> None:
+    flight = Flight(plan_hold=0)
     flight.follow([(0, MPC)])
     flight.follow([(1, HOVER)], fault=FAILED)
-    flight = Flight(ladder, blind=0)
+    flight = Flight(blind=0)
     flight.follow([(0, MPC)])
     flight.follow([(300, BLIND), (300.000001, SILENT)], odometry=0)
 
 
-def test_clock_set_back_refreshes_nothing(ladder: ModuleType) -> None:
-    flight = Flight(ladder)
+def test_a_clock_set_back_extends_no_timeout() -> None:
+    flight = Flight()
     flight.decide(10_000)
     assert flight.decide(9_950, odometry=10_000) == (MPC, "")  # jitter
     flight.decide(10_000)
@@ -232,24 +217,24 @@ def test_clock_set_back_refreshes_nothing(ladder: ModuleType) -> None:
     assert flight.decide(5_040) == (MPC, "")
 
 
-def test_on_the_ground_it_idles_where_it_would_hover(ladder: ModuleType) -> None:
-    flight = Flight(ladder)
-    assert flight.decide(0, standing=True) == (MPC, "")
+def test_idles_on_the_ground_instead_of_hovering() -> None:
+    flight = Flight()
+    assert flight.decide(0, on_ground=True) == (MPC, "")
     # At once, for the plan may take off later.
-    flight.follow([(20, IDLE), (201, IDLE), (90_000, IDLE)], fault=FAILED, standing=True)
+    flight.follow([(20, IDLE), (201, IDLE), (90_000, IDLE)], fault=FAILED, on_ground=True)
     assert flight.decide(90_020, fault=FAILED) == (HOVER, FAILED)
-    assert flight.decide(90_040, breach=("HOVER", "out"), standing=True) == (IDLE, "out")
+    assert flight.decide(90_040, breach=("HOVER", "out"), on_ground=True) == (IDLE, "out")
 
 
-def test_on_the_ground_without_odometry_it_idles_then_falls_silent(ladder: ModuleType) -> None:
-    flight = Flight(ladder)
-    flight.decide(0, standing=True)
+def test_idles_on_the_ground_without_odometry_then_stops() -> None:
+    flight = Flight()
+    flight.decide(0, on_ground=True)
     expected = [(101, IDLE), (201, IDLE), (1201, IDLE), (1202, SILENT)]
-    flight.follow(expected, odometry=0, standing=True)
+    flight.follow(expected, odometry=0, on_ground=True)
 
 
-def test_a_warning_does_not_change_the_source(ladder: ModuleType) -> None:
-    flight = Flight(ladder)
+def test_a_warning_does_not_change_the_source() -> None:
+    flight = Flight()
     warning = ("WARN", "high")
     assert flight.decide(0, breach=warning) == (MPC, "high")
     assert flight.decide(20, breach=warning, fault=FAILED) == (PLAN, FAILED)
@@ -257,8 +242,8 @@ def test_a_warning_does_not_change_the_source(ladder: ModuleType) -> None:
     assert flight.decide(320) == (MPC, "")
 
 
-def test_outside_a_limit_it_hovers_until_inside(ladder: ModuleType) -> None:
-    flight = Flight(ladder)
+def test_hovers_outside_a_limit_until_inside() -> None:
+    flight = Flight()
     out = ("HOVER", "out")
     assert flight.decide(0, breach=out) == (HOVER, "out")
     assert flight.decide(20, breach=out, fault=FAILED) == (HOVER, "out")  # not the plan
@@ -268,60 +253,38 @@ def test_outside_a_limit_it_hovers_until_inside(ladder: ModuleType) -> None:
     assert flight.decide(241, breach=out, odometry=40)[0] == BLIND
 
 
-def test_stopped_is_stopped_for_good(ladder: ModuleType) -> None:
-    flight = Flight(ladder)
+def test_a_stop_is_final() -> None:
+    flight = Flight()
     flight.decide(0)
     assert flight.decide(20, breach=("STOP", "far out")) == (SILENT, "far out")
     assert flight.decide(40) == (SILENT, "far out")
     assert flight.decide(60, breach=("STOP", "farther")) == (SILENT, "far out")
     assert flight.decide(80, breach=("HOVER", "out"), fault=FAILED) == (SILENT, "far out")
-    assert flight.decide(100_000, odometry=100, standing=True) == (SILENT, "far out")
+    assert flight.decide(100_000, odometry=100, on_ground=True) == (SILENT, "far out")
     assert flight.decide(200_000) == (SILENT, "far out")
 
 
-def test_descends_for_the_blind_time_then_falls_silent_until_the_contradiction_ends(
-    ladder: ModuleType,
-) -> None:
-    flight = Flight(ladder)
+def test_descends_for_the_blind_time_then_falls_silent_until_the_contradiction_ends() -> None:
+    flight = Flight()
     wrong = ("DESCEND", "odometry and commands disagree")
     flight.decide(0)
     assert flight.decide(20, breach=wrong) == (BLIND, wrong[1])
     assert flight.decide(40, breach=wrong, fault=FAILED) == (BLIND, wrong[1])  # not the plan
-    assert flight.decide(60, breach=wrong, standing=True) == (IDLE, wrong[1])
+    assert flight.decide(60, breach=wrong, on_ground=True) == (IDLE, wrong[1])
     assert flight.decide(500, breach=wrong, odometry=40) == (BLIND, wrong[1])
     flight.follow([(1020, BLIND), (1021, SILENT), (90_000, SILENT)], breach=wrong)
     assert flight.decide(90_020) == (MPC, "")
 
 
-def test_the_plan_is_held_from_when_it_was_last_good(ladder: ModuleType) -> None:
+def test_plan_hold_time_counts_from_the_last_valid_plan() -> None:
     """Also when a limit kept it from being flown."""
-    flight = Flight(ladder)
+    flight = Flight()
     flight.decide(0)
     flight.decide(150, breach=("HOVER", "out"))
     flight.follow([(340, PLAN), (351, HOVER)], fault=FAILED)
 
 
-def test_rungs_and_actions_are_ordered_by_their_distance_from_normal(ladder: ModuleType) -> None:
-    assert [source.name for source in sorted(ladder.Source)] == [
-        MPC,
-        PLAN,
-        HOVER,
-        IDLE,
-        BLIND,
-        SILENT,
-        WAITING,
-    ]
-    assert [action.name for action in sorted(ladder.Action)] == [
-        "WARN",
-        "HOVER",
-        "DESCEND",
-        "STOP",
-    ]
-
-
-def test_timeouts_are_those_of_the_configuration(ladder: ModuleType) -> None:
-    from quad_mpc_ros.control.config import MpcConfig
-
+def test_timeouts_come_from_the_configuration() -> None:
     config = MpcConfig(
         odom_timeout=0.125,
         odom_gap=0.375,
@@ -338,13 +301,13 @@ _MOMENT = st.fixed_dictionaries(
     {
         "wait": st.integers(0, 400),
         "odometry_age": st.one_of(st.integers(0, 150), st.integers(350, 450)),
-        "foreseen": st.booleans(),
+        "predicted": st.booleans(),
         "reference_age": st.integers(0, 600),
         "fault": st.sampled_from(["", FAILED]),
         "breach": st.sampled_from(
             [None, ("WARN", "high"), ("HOVER", "out"), ("DESCEND", "wrong"), ("STOP", "far")]
         ),
-        "standing": st.booleans(),
+        "on_ground": st.booleans(),
     }
 )
 
@@ -353,33 +316,33 @@ _MOMENT = st.fixed_dictionaries(
 @given(moments=st.lists(_MOMENT, min_size=1, max_size=20))
 def test_invariants_hold_in_random_scenarios(moments: list[dict[str, Any]]) -> None:
     """The invariants hold at every moment, whatever the history."""
-    flight, at, stopped, flown = Flight(real_ladder), 0, False, False
+    flight, at, stopped, flown = Flight(), 0, False, False
     for moment in moments:
         at += moment["wait"]
-        foreseen = moment["foreseen"] and flown
-        rung, reason = flight.decide(
+        predicted = moment["predicted"] and flown
+        source, reason = flight.decide(
             at,
             odometry=at - moment["odometry_age"],
             reference=at - moment["reference_age"],
             fault=moment["fault"],
             breach=moment["breach"],
-            standing=moment["standing"],
-            foreseen=foreseen,
+            on_ground=moment["on_ground"],
+            predicted=predicted,
         )
         sighted = moment["odometry_age"] <= 100
-        known = sighted or (foreseen and moment["odometry_age"] <= 400)
+        known = sighted or (predicted and moment["odometry_age"] <= 400)
         well = known and moment["reference_age"] <= 500 and not moment["fault"]
         flown = flown or well
         action = moment["breach"][0] if moment["breach"] and flown else ""
         if not sighted and action != "DESCEND":
             action = ""
         stopped = stopped or action == "STOP"
-        assert (rung == WAITING) == (not flown)
-        assert not (stopped and rung != SILENT)
+        assert (source == WAITING) == (not flown)
+        assert not (stopped and source != SILENT)
         descends = action == "DESCEND"
-        assert (rung == MPC) == (well and not stopped and not descends and action != "HOVER")
-        assert rung not in (HOVER, MPC) or sighted or (rung == MPC and known)
-        assert rung != BLIND or not sighted or descends
-        assert not descends or rung in (BLIND, IDLE, SILENT)
-        assert rung != IDLE or moment["standing"]
-        assert reason or (rung == MPC and action != "WARN")
+        assert (source == MPC) == (well and not stopped and not descends and action != "HOVER")
+        assert source not in (HOVER, MPC) or sighted or (source == MPC and known)
+        assert source != BLIND or not sighted or descends
+        assert not descends or source in (BLIND, IDLE, SILENT)
+        assert source != IDLE or moment["on_ground"]
+        assert reason or (source == MPC and action != "WARN")

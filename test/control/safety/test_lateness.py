@@ -1,4 +1,4 @@
-"""How late an odometry is by true stamps and by stamps of arrival, and what that is worth."""
+"""Lateness of an odometry by true stamps and by stamps of arrival, and its compensation."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DAY = 86_400_000 * MS
 
 
 @pytest.mark.parametrize("clock_ns", [0, DAY, -DAY], ids=["same clock", "behind", "ahead"])
-def test_counts_from_the_fastest_whatever_the_clock(clock_ns: int) -> None:
+def test_lateness_is_relative_to_the_fastest_with_any_clock(clock_ns: int) -> None:
     lateness = Lateness(MpcConfig(odom_timeout=0.1))
     found = [
         lateness.of(20 * k * MS, now_ns=clock_ns + (20 * k + 5 + late) * MS)
@@ -47,20 +47,20 @@ class Jittered:
     def __init__(self, controller: Controller, *, stamps: str) -> None:
         self._controller, self._stamps = controller, stamps
         self._random = np.random.default_rng(1)
-        self._way: deque[tuple[int, OdometrySample, ReferenceWindow]] = deque()
-        self._looks, self._newest_ns = 0, 0
+        self._queue: deque[tuple[int, OdometrySample, ReferenceWindow]] = deque()
+        self._calls, self._newest_ns = 0, 0
 
     def __call__(self, odometry: OdometrySample, window: ReferenceWindow) -> CommandSample | None:
-        """Send the odometry on its way 50 times a second, and answer what arrives."""
+        """Delay an odometry 50 times a second, and answer those that arrive."""
         now_ns, window_now = odometry.stamp_ns, window
-        if self._looks % 20 == 0:
-            late_ns = round(abs(self._random.normal(0.0, 30.0))) * MS if self._looks else 0
+        if self._calls % 20 == 0:
+            late_ns = round(abs(self._random.normal(0.0, 30.0))) * MS if self._calls else 0
             self._newest_ns = max(self._newest_ns, now_ns + late_ns)
-            self._way.append((self._newest_ns, odometry, window))
-        self._looks += 1
+            self._queue.append((self._newest_ns, odometry, window))
+        self._calls += 1
         arrived = None
-        while self._way and self._way[0][0] <= now_ns:
-            _, *arrived = self._way.popleft()
+        while self._queue and self._queue[0][0] <= now_ns:
+            _, *arrived = self._queue.popleft()
         if arrived is None:
             return None
         odometry, window = arrived
@@ -68,15 +68,13 @@ class Jittered:
             odometry = dataclasses.replace(odometry, stamp_ns=now_ns)
             window = dataclasses.replace(window_now, stamp_ns=now_ns)
         self._controller.receive_reference(window, now_ns=now_ns)
-        # Without times of arrival none is known to be late.
-        arrived_ns = odometry.stamp_ns if self._stamps == "alone" else now_ns
-        tick = self._controller.receive_odometry(odometry, now_ns=arrived_ns)
+        tick = self._controller.receive_odometry(odometry, now_ns=now_ns)
         return None if tick is None else tick.command
 
 
-@pytest.mark.parametrize("stamps", ["measured", "alone", "arrived"])
-def test_a_vehicle_with_late_odometry_and_delay_of_its_own_keeps_its_way(stamps: str) -> None:
-    """A delay of 70 ms of which 20 are modelled, and 22 ms of lateness in the mean on top."""
+@pytest.mark.parametrize("stamps", ["measured", "arrived"])
+def test_tracks_with_late_odometry_and_an_unmodelled_delay(stamps: str) -> None:
+    """A delay of 70 ms, of which 20 are modelled, and a mean lateness of 22 ms."""
     simulator = SimulatorConfig(command_delay=0.07, odom_rate=1000.0, duration=12.0)
     mpc, reference = MpcConfig(lockstep=False), ReferenceConfig(trajectory="lemniscate")
     controller = Jittered(Controller(mpc), stamps=stamps)
@@ -89,7 +87,7 @@ def test_a_vehicle_with_late_odometry_and_delay_of_its_own_keeps_its_way(stamps:
 
 
 class Track(NamedTuple):
-    """What a source measured of a vehicle on a circle, when, and when that arrived [s]."""
+    """Odometries of a vehicle on a circle, and their times of measurement and arrival [s]."""
 
     measured: Array
     arrived: Array
@@ -113,7 +111,7 @@ def track(
     arrived = np.maximum.accumulate(
         measured + late * np.abs(random.standard_normal(len(measured)))
     )
-    last = np.append(np.diff(arrived) > 1e-6, True)  # of what arrives at once the newest
+    last = np.append(np.diff(arrived) > 1e-6, True)  # the newest of those that arrive together
     measured, arrived = measured[last], arrived[last]
     odometries = []
     for seconds in measured:
@@ -144,7 +142,7 @@ def track(
     ],
     ids=["regular", "noisy", "irregular", "irregular, noisy", "late", "late, irregular"],
 )
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_true_stamps_are_not_changed(source: dict[str, Any], seed: int) -> None:
     stamps, flown = ArrivalStamps(), track(seed, **source)
     for odometry, arrived in zip(flown.odometries, flown.arrived, strict=True):
@@ -152,9 +150,9 @@ def test_true_stamps_are_not_changed(source: dict[str, Any], seed: int) -> None:
 
 
 @pytest.mark.parametrize("latency_ns", [0, 300_000])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_corrects_stamps_of_arrival(seed: int, latency_ns: int) -> None:
-    """By how far a vehicle moved: of 20 ms and more on average less than 7 ms are left."""
+    """The mean lateness of 20 ms or more is reduced to less than 7 ms."""
     stamps, flown = ArrivalStamps(), track(seed, late=0.03, lost=0.05)
     errors, before_ns = [], -1
     for measured, arrived, odometry in zip(*flown, strict=True):
@@ -168,8 +166,8 @@ def test_corrects_stamps_of_arrival(seed: int, latency_ns: int) -> None:
     assert abs(np.mean(left)) < 0.3 * np.mean(late)
 
 
-def test_leaves_stamps_of_a_vehicle_that_hovers() -> None:
-    """Its positions do not show the time."""
+def test_keeps_stamps_in_hover() -> None:
+    """Positions in hover do not show the time."""
     stamps, flown = ArrivalStamps(), track(1, late=0.03, lost=0.05, speed=0.02)
     for arrived, odometry in zip(flown.arrived, flown.odometries, strict=True):
         stamped = dataclasses.replace(odometry, stamp_ns=round(1e9 * arrived))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -13,7 +12,7 @@ from fixtures.records import state_of
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.config import FenceParameters, MpcConfig, SlewParameters
-from quad_mpc_ros.control.estimate_stage import Estimate
+from quad_mpc_ros.control.estimation.delay_compensation import LearnedModel
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import GroundState
 from quad_mpc_ros.control.guide import Guided
@@ -26,7 +25,6 @@ from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.ocp.qp_solver import QpSolution
 from quad_mpc_ros.control.plan_stage import Planned, PlanStage
 from quad_mpc_ros.control.safety.decide_stage import DecideStage
-from quad_mpc_ros.control.safety.fallbacks import LearnedModel
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
 from quad_mpc_ros.control.safety.limit_stage import LimitStage
 from quad_mpc_ros.control.stage import Due, Failure
@@ -53,7 +51,7 @@ def planned(throttle: float, *rates: float) -> Plan:
 
 
 class Flight:
-    """Stages that are given the same odometry and reference every period."""
+    """Stages with the same odometry and reference in every period."""
 
     def __init__(
         self,
@@ -73,6 +71,7 @@ class Flight:
             ground,
             limits=self.deciding.limits,
             consistency=self.deciding.consistency,
+            learned=LearnedModel,
             log=self.log,
         )
         self.now = START
@@ -90,15 +89,15 @@ class Flight:
 
     def watch(self) -> tuple[str, Input | None]:
         assert self.inputs.is_odometry_lost(now_ns=self.now)
-        return self._commanded(None, None, Failure("estimate", "not run without odometry"))
+        return self._commanded(None, None, Failure("estimate", "skipped without odometry"))
 
     def _commanded(
         self, odometry: OdometrySample | None, plan: Plan | None, failure: Failure | None
     ) -> tuple[str, Input | None]:
-        due = Due(odometry, self.now, self.now, self.now, 0.02)
+        due = Due(odometry, self.now, self.now, self.now, 0.02, started=0.0)
         planned = Planned(None if plan is None else step_of(plan), failure)
         decided = self.deciding.step(due, planned, flown=None, acting=self.limiting.acting)
-        u = self.limiting.step(due, decided, corridor=None, learned=LearnedModel)
+        u = self.limiting.step(due, decided, corridor=None)
         self.now += PERIOD
         return decided.decision.source.name, u
 
@@ -131,15 +130,7 @@ def make_flight(
 MakeFlight = Callable[[MpcConfig], Flight]
 
 
-def test_nothing_is_sent_before_the_first_plan(make_flight: MakeFlight) -> None:
-    flight = make_flight(MpcConfig())
-    assert not flight.inputs.is_odometry_lost(now_ns=START)
-    assert flight.tick(fault="solver: none yet") == ("WAITING", None)
-    assert flight.limiting.acting is None
-    assert flight.log.counts.commands == 0
-
-
-def test_a_command_is_rate_limited_from_the_one_in_force_then_clamped(
+def test_a_command_is_slew_limited_then_clamped(
     make_flight: MakeFlight,
 ) -> None:
     config = MpcConfig(throttle_max=0.6, slew=SlewParameters(throttle=10.0, body_rates=50.0))
@@ -155,7 +146,7 @@ def test_a_command_is_rate_limited_from_the_one_in_force_then_clamped(
     assert third.throttle == 0.6
 
 
-def test_rate_limit_ignores_replaced_command(
+def test_slew_limit_starts_at_a_replaced_command(
     make_flight: MakeFlight,
 ) -> None:
     flight = make_flight(MpcConfig(slew=SlewParameters(throttle=10.0)))
@@ -165,41 +156,6 @@ def test_rate_limit_ignores_replaced_command(
     _, command = flight.tick(planned(0.9))
     assert command is not None
     assert command.throttle == pytest.approx(0.9)
-
-
-def test_without_plan_holds_last_plan_then_position(
-    make_flight: MakeFlight,
-) -> None:
-    config = MpcConfig(plan_hold_time=0.1)
-    flight = make_flight(config)
-    flight.tick(planned(0.4))
-    here = np.array([0.0, 0.0, 2.0])
-    ticks = [flight.tick(fault="solver: no", p_WB=here) for _ in range(10)]
-    assert [source for source, _ in ticks] == ["PLAN"] * 5 + ["HOVER"] * 5
-    assert all(u is not None and u.throttle == 0.4 for _, u in ticks[:5])
-    _, aside = flight.tick(fault="solver: no", p_WB=here + np.array([0.5, 0.0, 0.0]))
-    assert aside is not None
-    assert aside.w_WB_B[1] < -0.3
-    assert flight.log.counts.fallbacks == 11
-
-
-def test_blind_levels_attitude_propagated_from_last_command(make_flight: MakeFlight) -> None:
-    flight = make_flight(MpcConfig(odom_timeout=0.04, plan_hold_time=0.04))
-    flight.tick(planned(0.3, 1.0, 0.0, 0.0))
-    flight.now += 2 * PERIOD
-    turned = 0.06
-    for _ in range(20):
-        source, u = flight.watch()
-        assert source == "BLIND"
-        assert u is not None
-        assert u.w_WB_B[0] == pytest.approx(-10.0 * turned)
-        turned += 0.02 * u.w_WB_B[0]
-    # An odometry says how it is: level.
-    assert flight.tick(fault="solver: no")[0] == "HOVER"
-    flight.now += 2 * PERIOD
-    _, u = flight.watch()
-    assert u is not None
-    assert u.w_WB_B[0] == pytest.approx(0.0, abs=1e-12)
 
 
 # Nose down by 0.1 rad, and leaning to the right by as much.
@@ -226,9 +182,7 @@ Standing = Callable[[GroundState], Flight]
 
 
 @pytest.mark.parametrize("state", [GroundState.LIFTING_OFF, GroundState.TOUCHING_DOWN])
-def test_what_may_stand_turns_level_and_nowhere_else(
-    standing: Standing, state: GroundState
-) -> None:
+def test_only_levels_near_the_ground(standing: Standing, state: GroundState) -> None:
     flight = standing(state)
     _, u = flight.tick(planned(0.5, 3.0, -2.0, 1.0), q_WB_xyzw=LEANING)
     assert u is not None
@@ -240,7 +194,7 @@ def test_what_may_stand_turns_level_and_nowhere_else(
     assert turned[2, 2] > so3.rotation_from_quaternion_xyzw(LEANING)[2, 2]
 
 
-def test_a_take_off_gets_no_more_than_a_few_times_its_weight(standing: Standing) -> None:
+def test_limits_the_thrust_of_a_take_off(standing: Standing) -> None:
     flight = standing(GroundState.LIFTING_OFF)
     vehicle = MpcConfig().vehicle()
     _, u = flight.tick(planned(1.0, 0.0, 0.0, 0.0))
@@ -248,8 +202,8 @@ def test_a_take_off_gets_no_more_than_a_few_times_its_weight(standing: Standing)
     assert 2.0 < vehicle.thrust(u.throttle) / (vehicle.mass * vehicle.gravity) < 2.5
 
 
-def test_blind_after_a_touchdown_it_levels_by_dead_reckoning(standing: Standing) -> None:
-    """Rates for an attitude that is seen no more would turn it on and on."""
+def test_levels_by_dead_reckoning_after_a_touchdown(standing: Standing) -> None:
+    """Rates from the last measured attitude would turn the vehicle without end."""
     flight = standing(GroundState.TOUCHING_DOWN)
     flight.tick(planned(0.6), q_WB_xyzw=LEANING)
     flight.now += 2 * PERIOD
@@ -260,7 +214,7 @@ def test_blind_after_a_touchdown_it_levels_by_dead_reckoning(standing: Standing)
 
 
 @pytest.mark.parametrize("age", [0 * MS, 7 * MS, 39 * MS, 40 * MS, 41 * MS, 900 * MS])
-def test_states_time_until_odometry_is_too_old(make_flight: MakeFlight, age: int) -> None:
+def test_returns_the_time_until_odometry_is_lost(make_flight: MakeFlight, age: int) -> None:
     flight = make_flight(MpcConfig(odom_timeout=0.04))
     assert flight.inputs.seconds_until_odometry_lost(now_ns=START) > 0.0
     seen = flight.now
@@ -293,7 +247,8 @@ def test_refuses_missing_nonfinite_or_late_plan(
     monkeypatch.setattr(Mpc, "solve", lambda *_, **__: step)
     log = StageLog()
     planning = PlanStage(MpcConfig(), deadline=0.01, log=log)
-    planned = planning.step(Estimate(step.state, time.perf_counter()), Guided(make_window(START)))
+    due = Due(None, START, START, START, 0.02, started=0.0)
+    planned = planning.step(due, step.state, Guided(make_window(START)))
     assert planned.step is step
     assert planned.failure == (Failure("plan", fault) if fault else None)
     assert (planned.plan is None) is bool(fault)
@@ -316,7 +271,7 @@ def test_rejected_input_is_counted_reported_once_and_dropped(
     assert inputs.odometry is kept
 
 
-def test_a_reference_is_followed_while_it_is_fresh_or_reaches_over_the_horizon(
+def test_uses_a_reference_that_is_recent_or_covers_the_horizon(
     make_flight: MakeFlight,
 ) -> None:
     config = MpcConfig(reference_timeout=0.5, horizon_steps=10, horizon_step=0.05)
@@ -337,7 +292,7 @@ def test_a_reference_is_followed_while_it_is_fresh_or_reaches_over_the_horizon(
 @pytest.mark.parametrize(
     ("action", "rejected"), [("warn", False), ("hover", True), ("stop", True)]
 )
-def test_prediction_is_rejected_beyond_acting_limit(action: str, rejected: bool) -> None:
+def test_rejects_prediction_beyond_a_limit_with_an_action(action: str, rejected: bool) -> None:
     fence = FenceParameters(maximum=(2.0, 9.0, 9.0), action=action)
     config = MpcConfig(fence=fence)
     deciding = DecideStage(config, InputMonitor(config), GroundDetector(), StageLog())

@@ -38,7 +38,7 @@ def test_aerostack2_takes_flu_and_newton(new: New, axis: tuple[float, ...]) -> N
     # Heading north, one metre per second to the east: to the right, -y in FLU.
     [("earth", [0.0, -1.0, 0.0]), ("drone0/odom", [0.0, -1.0, 0.0])],
 )
-def test_aerostack2_turns_a_twist_of_the_world(new: New, frame: str, v_B: list[float]) -> None:
+def test_aerostack2_rotates_a_world_frame_twist(new: New, frame: str, v_B: list[float]) -> None:
     pose, twist = new("geometry_msgs/msg/PoseStamped"), new("geometry_msgs/msg/TwistStamped")
     set_q(pose.pose.orientation, so3.exp([0.0, 0.0, math.pi / 2.0]))
     twist.header.frame_id = frame

@@ -53,11 +53,6 @@ def test_curves_have_the_published_rates(curve: RateCurve, stick: float, expecte
     assert math.degrees(curve.rate(np.array([stick]))[0]) == pytest.approx(expected, rel=1e-4)
 
 
-def test_the_centre_of_actual_rates_has_their_sensitivity() -> None:
-    curve = RateCurve(kind="ACTUAL", rc_rate=7, super_rate=67, expo=50)
-    assert math.degrees(curve.rate(np.array([1e-6]))[0]) == pytest.approx(70e-6, rel=1e-4)
-
-
 CURVES = st.builds(
     RateCurve,
     kind=st.sampled_from(("ACTUAL", "BETAFLIGHT", "QUICK")),
@@ -68,7 +63,7 @@ CURVES = st.builds(
 
 
 @given(CURVES, st.floats(-1.0, 1.0))
-def test_the_pulse_that_asks_for_a_rate_makes_it(curve: RateCurve, share: float) -> None:
+def test_pulse_for_a_rate_inverts_the_rate_curve(curve: RateCurve, share: float) -> None:
     """To what a microsecond of the stick changes; no pulse goes beyond the stick."""
     stick = Stick(curve)
     rate = share * float(curve.rate(np.array([1.0]))[0])
@@ -78,11 +73,6 @@ def test_the_pulse_that_asks_for_a_rate_makes_it(curve: RateCurve, share: float)
     near = np.array([max(abs(pulse - 1500.0) - 1.0, 0.0), min(abs(pulse - 1500.0) + 1.0, 500.0)])
     step = float(np.diff(curve.rate(near / 500.0))[0])
     assert abs(made - rate) <= step + 1e-9
-
-
-def test_beyond_the_curve_the_stick_is_full() -> None:
-    stick = Stick(RateCurve(kind="ACTUAL", rc_rate=20, super_rate=20, expo=0))
-    assert (stick.pulse(100.0), stick.pulse(-100.0)) == (2000.0, 1000.0)
 
 
 # The bridge.
@@ -168,14 +158,14 @@ def test_sticks_have_the_rates_with_their_signs(w: Any, channel: int, pulse: int
     assert list(controller.sticks[:4]) == expected
 
 
-def test_the_throttle_makes_the_level_that_the_map_asks_for() -> None:
+def test_throttle_pulse_gives_the_motor_level_of_the_map() -> None:
     controller = flying(motor_idle=0.1, min_check=1100)
     controller.live(0.1, throttle=0.55)
     # 10 % at 1100 us and 100 % at 2000 us.
     assert controller.sticks[2] == 1100 + round(900 * (0.55 - 0.1) / 0.9)
 
 
-def test_the_pilot_gives_the_sticks_by_a_mode_and_takes_them_back() -> None:
+def test_pilot_hands_over_and_takes_back_with_msp_override() -> None:
     controller = Controller(receiver="pilot")
     controller.modes = (ARM,)
     controller.live(0.2, throttle=HOVER, w=(1.0, 0, 0))
@@ -196,7 +186,7 @@ def test_the_pilot_gives_the_sticks_by_a_mode_and_takes_them_back() -> None:
     assert not controller.arm().accepted
 
 
-def test_it_arms_with_the_throttle_low_and_then_the_mpc_flies() -> None:
+def test_arms_with_low_throttle_before_mpc_commands() -> None:
     controller = Controller(receiver="bridge")
     controller.height = 0.0
     controller.live(0.3, throttle=0.05)
@@ -232,7 +222,7 @@ def test_failed_arming_is_reported_and_given_up() -> None:
     assert controller.sticks[4] == 1000
 
 
-def test_when_commands_stop_it_comes_down_level_stops_and_is_disarmed() -> None:
+def test_lost_commands_lead_to_level_descent_and_disarming() -> None:
     controller = flying(**{"lost.duration": 1.0, "lost.thrust": 0.8})
     controller.arm()  # as it would have been armed
     controller.live(0.05, throttle=HOVER, w=(2.0, 0, 0))
@@ -247,7 +237,7 @@ def test_when_commands_stop_it_comes_down_level_stops_and_is_disarmed() -> None:
     weight = vehicle.mass * vehicle.gravity
     level = 0.055 + 0.945 * (controller.sticks[2] - 1050) / 950
     assert vehicle.thrust(level) == pytest.approx(0.8 * weight, rel=0.02)
-    assert "comes down level" in controller.warnings
+    assert "descending level" in controller.warnings
     controller.live(1.0)
     assert controller.sticks[:5] == (1500, 1500, 1000, 1500, 1000)
     controller.modes = ()
@@ -262,7 +252,7 @@ def test_continues_after_a_short_gap() -> None:
     assert controller.state == "engaged" and controller.sticks[0] > 1500
 
 
-def test_released_on_request_in_the_air_it_comes_down_level() -> None:
+def test_release_in_flight_leads_to_level_descent() -> None:
     controller = flying()
     controller.tilt = 10.0, 0.0
     controller.bridge.engage(False, now_ns=controller.now_ns)
@@ -292,7 +282,7 @@ def test_does_not_arm_again_after_the_stack_disarmed() -> None:
 
 @pytest.mark.parametrize(
     ("modes", "reason"),
-    [((ARM, FAILSAFE), "in failsafe"), ((ARM, ANGLE), "fly acro"), ((ARM, 2), "fly acro")],
+    [((ARM, FAILSAFE), "in failsafe"), ((ARM, ANGLE), "use acro"), ((ARM, 2), "use acro")],
 )
 def test_refuses_levelling_modes_and_failsafe(modes: Sequence[int], reason: str) -> None:
     controller = Controller(receiver="bridge")
@@ -313,7 +303,7 @@ def test_rates_of_an_unknown_kind_are_refused() -> None:
     assert not answer.accepted and "RACEFLIGHT" in answer.text
 
 
-def test_line_carries_sticks_without_commands() -> None:
+def test_sends_neutral_sticks_without_commands() -> None:
     bridge = BetaflightBridge(BetaflightBridge.Config(), new_message)
     times = [
         now_ns

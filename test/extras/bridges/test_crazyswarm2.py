@@ -31,7 +31,7 @@ New = Callable[[str], Any]
         ((0.0, 0.0, -1.0), "angular.z", 57.29577951308232),
     ],
 )
-def test_crazyswarm2_takes_degrees_in_the_old_frame(
+def test_crazyswarm2_setpoint_uses_degrees_and_legacy_axes(
     new: New, w: tuple[float, ...], field: str, degrees: float
 ) -> None:
     message = new("geometry_msgs/msg/Twist")
@@ -68,15 +68,13 @@ def test_attitudes_of_a_steady_turn_give_its_rates(axis: tuple[float, ...]) -> N
 @pytest.mark.parametrize(
     ("throttle", "pwm"), [(0.0, 0.0), (0.5, 32767.5), (0.9, 58981.5), (1.0, 60000.0)]
 )
-def test_crazyswarm2_takes_thrust_in_pwm_and_cuts_it(
-    new: New, throttle: float, pwm: float
-) -> None:
+def test_crazyswarm2_thrust_is_limited_pwm(new: New, throttle: float, pwm: float) -> None:
     message = new("geometry_msgs/msg/Twist")
     crazyswarm2.fill_setpoint(message, command(), throttle=throttle)
     assert message.linear.z == pytest.approx(pwm)
 
 
-def test_crazyswarm2_gives_its_velocity_in_the_world(new: New) -> None:
+def test_crazyswarm2_velocity_is_in_the_world_frame(new: New) -> None:
     message = new("nav_msgs/msg/Odometry")
     set_q(message.pose.pose.orientation, so3.exp([0.0, 0.0, math.pi / 2.0]))
     message.twist.twist.linear.y = 2.0  # north, which is ahead

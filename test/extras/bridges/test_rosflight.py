@@ -33,14 +33,16 @@ NOW_NS = 5_250_000_000
 
 
 @pytest.mark.parametrize("axis", AXES)
-def test_rosflight_takes_frd_behind_three_forces(new: New, axis: tuple[float, ...]) -> None:
+def test_rosflight_command_has_frd_rates_after_three_forces(
+    new: New, axis: tuple[float, ...]
+) -> None:
     message = new("rosflight_msgs/msg/Command")
     rosflight.fill_command(message, command(w=axis), throttle=0.5, now_ns=NOW_NS)
     assert message.u.tolist() == [0.0, 0.0, 0.5, *FRD[axis], 0.0, 0.0, 0.0, 0.0]
     assert (message.mode, message.ignore) == (1, 0)
 
 
-def test_rosflight_of_the_first_releases_names_its_six_values() -> None:
+def test_rosflight_command_of_first_releases_has_six_named_values() -> None:
     class Header:
         class stamp:  # noqa: N801
             sec = nanosec = 0
@@ -56,7 +58,7 @@ def test_rosflight_of_the_first_releases_names_its_six_values() -> None:
     assert (message.fx, message.fy, message.fz) == (0.0, 0.0, 0.5)
 
 
-def test_rosflight_nose_down_heading_north_leans_north(new: New) -> None:
+def test_rosflight_nose_down_heading_north_tilts_north(new: New) -> None:
     message = new("roscopter_msgs/msg/State")
     set_q(message.quat, so3.exp([0.0, -0.3, 0.0]))
     message.p_n, message.p_e, message.p_d = 1.0, 2.0, -3.0
@@ -70,14 +72,14 @@ def test_rosflight_nose_down_heading_north_leans_north(new: New) -> None:
     assert_allclose(up_W, [0.0, math.sin(0.3), math.cos(0.3)], atol=1e-12)
 
 
-def test_rosflight_without_an_attitude_is_refused(new: New) -> None:
+def test_rosflight_state_without_attitude_is_rejected(new: New) -> None:
     message = new("roscopter_msgs/msg/State")
     message.quat.w = 0.0
-    with pytest.raises(ValueError, match="no rotation"):
+    with pytest.raises(ValueError, match="unit quaternion"):
         rosflight.odometry_from_state(message)
 
 
-def test_rosflight_leaves_arming_and_handing_over_to_the_pilot(new: New) -> None:
+def test_rosflight_arming_and_handover_need_the_pilot(new: New) -> None:
     bridge = ready_to_fly(RosflightBridge, T0)
     assert not bridge.arm(True, now_ns=T0).accepted
     status = new("rosflight_msgs/msg/Status")
@@ -128,10 +130,10 @@ def test_rosflight_without_rc_frames_is_not_engaged(new: New) -> None:
     assert not refused.accepted and "no RC frame within 0.5 s on /rc_raw" in refused.text
     frames(bridge, new, rate=400.0)
     assert bridge.engage(True, now_ns=T0).accepted
-    assert not any("RC comes" in each for each in bridge.take_warnings())
+    assert not any("RC frames" in each for each in bridge.take_warnings())
 
 
-def test_rosflight_with_slow_rc_says_what_it_costs(new: New) -> None:
+def test_rosflight_warns_of_slow_rc_with_the_added_delay(new: New) -> None:
     bridge = engageable(new)
     frames(bridge, new, rate=50.0)
     assert bridge.engage(True, now_ns=T0).accepted

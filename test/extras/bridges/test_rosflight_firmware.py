@@ -6,8 +6,6 @@ and rates go in, outputs of motors come out; a pilot holds the transmitter.
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,9 +13,11 @@ import numpy as np
 import pytest
 from fixtures.fake_stacks import ENU_FROM_NED, FRD_FROM_FLU, set_stamp, wxyz_of_ned_frd
 from fixtures.firmware_plant import (
+    LEMNISCATE,
     MILLISECOND,
     FirmwarePlant,
     LiveFlight,
+    bridged,
     configured,
     errors,
     flown,
@@ -45,22 +45,6 @@ from quad_mpc_ros.simulation.config import SimulatorConfig
 VEHICLE = "vehicles/paper"
 RC_MAX_THR = 0.7
 STRONGER = {"PID_ROLL_RATE_P": 0.2, "PID_PITCH_RATE_P": 0.2}
-# What ``identify`` finds of the lemniscate at 1.5 rad/s: with the default gains and RC at 400 Hz,
-# and with P 0.2 and RC at 50 Hz.
-FOUND: dict[str, Any] = {
-    "rate_time_constant": (0.0, 0.0009, 0.07),
-    "rate_gain": (1.0, 1.009, 0.323),
-    "thrust_time_constant": 0.0,
-    "input_delay": 0.034,
-    "drag": (0.2, 0.2, 0.291),
-}
-FOUND_STRONGER: dict[str, Any] = {
-    "rate_time_constant": (0.0, 0.0, 0.07),
-    "rate_gain": (1.0, 1.003, 0.323),
-    "thrust_time_constant": 0.0,
-    "input_delay": 0.0347,
-    "drag": (0.2, 0.2, 0.227),
-}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -174,17 +158,8 @@ def vehicle(*assignments: str, **mpc: Any) -> FlightConfig:
 HOVER = vehicle().simulator.initial_throttle
 
 
-@contextlib.contextmanager
-def bridged(height: float = 50.0, **given: Any) -> Iterator[Bridged]:
-    simulator = vehicle().simulator.updated(
-        {"initial_position": (0.0, 0.0, height), **({} if height else {"initial_throttle": 0.0})}
-    )
-    with contextlib.closing(Bridged(simulator, **given)) as plant:
-        yield plant
-
-
 def test_signs_of_all_axes() -> None:
-    with bridged() as plant:
+    with bridged(Bridged, vehicle()) as plant:
         plant.take_over(HOVER)
         for w in np.vstack((np.eye(3), -np.eye(3))):
             before = plant.odometry(0).w_WB_B
@@ -193,36 +168,16 @@ def test_signs_of_all_axes() -> None:
             assert turned > 0.2 if w[2] else turned == pytest.approx(1.0, abs=0.02)
 
 
-def test_the_throttle_of_hover_hovers() -> None:
-    """The firmware scales it by RC_MAX_THR."""
-    with bridged() as plant:
-        plant.take_over(HOVER)
-        plant.live(1.0, HOVER)
-        assert abs(plant.v_WB_W[2]) < 0.01
-
-
-def test_engaging_is_refused_where_the_firmware_would_not_follow() -> None:
-    with bridged(0.0) as plant:
-        plant.live(0.5, 0.0)
-        refused = plant.bridge.engage(True, now_ns=plant.now_ns)
-        assert not refused.accepted and "IMU not calibrated" in refused.text
-        plant.calibrate()
-        plant.pilot = None
-        plant.live(0.6, 0.0)
-        refused = plant.bridge.engage(True, now_ns=plant.now_ns)
-        assert not refused.accepted and "no RC frame" in refused.text
-
-
 def test_parameters_of_the_firmware_are_read_when_it_is_engaged() -> None:
-    with bridged() as plant:
+    with bridged(Bridged, vehicle()) as plant:
         plant.take_over(HOVER)
         assert plant.asked == {}
         assert any("TAKE_MIN_THR is 1" in each for each in plant.warnings)
         assert any("PID_ROLL_RATE_I is 0" in each for each in plant.warnings)
 
 
-def test_another_scale_of_the_throttle_releases_it_before_it_flies() -> None:
-    with bridged(settings={"RC_MAX_THR": 0.9}) as plant:
+def test_wrong_rc_max_throttle_releases_before_take_off() -> None:
+    with bridged(Bridged, vehicle(), settings={"RC_MAX_THR": 0.9}) as plant:
         plant.calibrate()
         plant.live(0.1, 0.0)
         plant.engage()
@@ -231,14 +186,8 @@ def test_another_scale_of_the_throttle_releases_it_before_it_flies() -> None:
         assert state == "released" and "RC_MAX_THR is 0.9 and rc_max_throttle 0.7" in reason
 
 
-def test_reports_slow_rc() -> None:
-    with bridged(rc_rate=50.0) as plant:
-        plant.take_over(HOVER)
-        assert any("RC comes at 50 Hz" in each for each in plant.warnings)
-
-
 def test_without_rc_frames_the_last_command_is_held() -> None:
-    with bridged() as plant:
+    with bridged(Bridged, vehicle()) as plant:
         plant.take_over(HOVER)
         plant.live(0.4, HOVER, (0.5, 0.0, 0.0))
         plant.pilot = None
@@ -248,7 +197,7 @@ def test_without_rc_frames_the_last_command_is_held() -> None:
 
 @pytest.mark.parametrize("taking", [{"override": True}, {"roll": 0.8}], ids=str)
 def test_a_pilot_takes_over_by_switch_or_stick(taking: Any) -> None:
-    with bridged() as plant:
+    with bridged(Bridged, vehicle()) as plant:
         plant.take_over(HOVER)
         plant.live(0.2, HOVER)
         plant.pilot = sticks(throttle=0.5, **taking)
@@ -260,7 +209,7 @@ def test_a_pilot_takes_over_by_switch_or_stick(taking: Any) -> None:
 
 
 def test_a_lost_receiver_levels_at_the_throttle_of_failsafe() -> None:
-    with bridged(settings={"FAILSAFE_THR": 0.4}) as plant:
+    with bridged(Bridged, vehicle(), settings={"FAILSAFE_THR": 0.4}) as plant:
         plant.take_over(HOVER)
         plant.live(0.4, HOVER, (0.5, 0.0, 0.0))
         plant.pilot = sticks(throttle=0.5, roll=-0.5)  # a pulse that no receiver gives
@@ -271,7 +220,7 @@ def test_a_lost_receiver_levels_at_the_throttle_of_failsafe() -> None:
 
 
 def test_reports_a_throttle_stick_that_caps_the_command() -> None:
-    with bridged() as plant:
+    with bridged(Bridged, vehicle()) as plant:
         plant.take_over(HOVER)
         plant.pilot = sticks(throttle=0.2)
         plant.live(1.0, HOVER)
@@ -280,8 +229,8 @@ def test_reports_a_throttle_stick_that_caps_the_command() -> None:
         assert any("TAKE_MIN_THR" in each for each in plant.warnings)
 
 
-def test_silence_gives_the_vehicle_to_the_pilot() -> None:
-    with bridged() as plant:
+def test_lost_commands_return_control_to_the_pilot() -> None:
+    with bridged(Bridged, vehicle()) as plant:
         plant.take_over(HOVER)
         plant.live(0.4, HOVER, (0.5, 0.0, 0.0))
         plant.pilot = sticks(throttle=0.5)
@@ -298,7 +247,7 @@ def test_take_off_lemniscate_landing_and_disarming() -> None:
         "reference.angular_frequency=1.0",
         "reference.takeoff_height=1.5",
     )
-    with bridged(0.0) as plant:
+    with bridged(Bridged, vehicle(), 0.0) as plant:
         plant.is_held = False
         plant.calibrate()
         flight = LiveFlight(loaded, plant)
@@ -321,16 +270,6 @@ def test_take_off_lemniscate_landing_and_disarming() -> None:
         assert plant.bridge.handover[0] == "released"
 
 
-LEMNISCATE = (
-    "reference.trajectory=lemniscate",
-    "reference.amplitude_x=2.0",
-    "reference.amplitude_y=1.0",
-)
-IDENTIFIED = pytest.mark.parametrize(
-    ("rc_rate", "settings", "found"), [(400.0, {}, FOUND), (50.0, STRONGER, FOUND_STRONGER)]
-)
-
-
 @pytest.mark.parametrize("rc_rate", [50.0, 400.0])
 @pytest.mark.parametrize("settings", [{}, STRONGER], ids=["default gains", "P 0.2"])
 @pytest.mark.parametrize(
@@ -341,7 +280,7 @@ IDENTIFIED = pytest.mark.parametrize(
         ((*LEMNISCATE, "reference.angular_frequency=1.5"), 0.05),
     ],
 )
-def test_it_flies_with_guessed_lags(
+def test_flies_with_guessed_lags(
     rc_rate: float, settings: Any, assignments: Any, most: float
 ) -> None:
     flight, _ = flown(
@@ -351,34 +290,3 @@ def test_it_flies_with_guessed_lags(
     )
     assert np.sqrt(np.mean(errors(flight)[150:] ** 2)) < most
     assert flight.stats["thrust_scale"][-1] == pytest.approx(1.0, abs=0.05)
-
-
-@pytest.mark.parametrize("frequency", [1.0, 1.5])
-@IDENTIFIED
-def test_it_flies_better_identified(
-    rc_rate: float, settings: Any, found: Any, frequency: float
-) -> None:
-    flight, _ = flown(
-        vehicle(*LEMNISCATE, f"reference.angular_frequency={frequency}", **found),
-        lambda simulator: Bridged(simulator, rc_rate=rc_rate, settings=settings),
-        duration=20.0,
-    )
-    assert np.sqrt(np.mean(errors(flight)[150:] ** 2)) < 0.02
-
-
-@pytest.mark.parametrize("settings", [{}, STRONGER], ids=["default gains", "P 0.2"])
-def test_the_square_settles(settings: Any) -> None:
-    flight, _ = flown(
-        vehicle(), lambda simulator: Bridged(simulator, settings=settings), duration=9.0
-    )
-    assert max(errors(flight)[[98, 198, 298, 398]]) < 0.05
-
-
-@IDENTIFIED
-def test_the_square_settles_closer_identified(rc_rate: float, settings: Any, found: Any) -> None:
-    flight, _ = flown(
-        vehicle(**found),
-        lambda simulator: Bridged(simulator, rc_rate=rc_rate, settings=settings),
-        duration=9.0,
-    )
-    assert max(errors(flight)[[98, 198, 298, 398]]) < 0.02

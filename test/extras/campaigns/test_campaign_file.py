@@ -1,6 +1,5 @@
 """Campaign files: what they describe, and what is refused in one line."""
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +26,7 @@ CONTENT = {
     "settle_time": 1.0,
     "vary": {
         "simulator.rate_time_constant": {"uniform": [0.02, 0.08]},
-        "simulator.thrust_scale": {"normal": [1.0, 0.1]},
+        "simulator.thrust_scale": {"uniform": [0.9, 1.1]},
         "simulator.wind": {"uniform": [[-4, -4, -1], [4, 4, 1]]},
         "simulator.seed": {"integers": [0, 1000000]},
         "mpc.R.1": {"log_uniform": [0.001, 1.0]},
@@ -49,7 +48,7 @@ def varied(**variations):
     return changed(vary={name.replace("__", "."): said for name, said in variations.items()})
 
 
-def test_the_file_says_what_is_flown():
+def test_file_defines_the_flights():
     campaign = campaign_from(CONTENT)
     drawn = campaign.drawn(7)
     mpc, simulator, reference = campaign.plan(7).config
@@ -64,16 +63,7 @@ def test_the_file_says_what_is_flown():
     assert list(simulator.wind) == drawn["simulator.wind"]
 
 
-def test_columns_are_the_names_and_vectors_one_by_one():
-    campaign = campaign_from(CONTENT)
-    assert campaign.columns[:5] == (
-        "simulator.rate_time_constant",
-        "simulator.thrust_scale",
-        *(f"simulator.wind.{element}" for element in range(3)),
-    )
-
-
-def test_a_flight_is_the_same_however_many_there_are_and_whatever_else_varies():
+def test_flights_do_not_depend_on_count_or_other_variations():
     one = campaign_from(CONTENT)
     vary = {name: CONTENT["vary"][name] for name in reversed(CONTENT["vary"])}
     other = campaign_from(
@@ -87,7 +77,7 @@ def test_a_flight_is_the_same_however_many_there_are_and_whatever_else_varies():
     assert one.drawn(0) != campaign_from(changed(seed=2)).drawn(0)
 
 
-def test_the_text_of_a_campaign_describes_it_wholly(tmp_path):
+def test_written_campaign_file_is_complete(tmp_path):
     parameters = tmp_path / "own.yaml"
     parameters.write_text("mpc: {ros__parameters: {mass: 0.5, Q: [1, 1, 1, 1, 1, 1, 1, 1, 1]}}")
     campaign = campaign_from(changed(config=["paper", str(parameters)]))
@@ -96,23 +86,6 @@ def test_the_text_of_a_campaign_describes_it_wholly(tmp_path):
     assert campaign_text(again) == campaign_text(campaign)
     assert again.plan(3).config == campaign.plan(3).config
     assert again.plan(3).config.mpc.mass == 0.5
-
-
-def test_a_grid_flies_every_combination():
-    content = changed(
-        grid=True,
-        vary={
-            "simulator.thrust_scale": {"linspace": [0.8, 1.2, 3]},
-            "reference.trajectory": {"choice": ["square", "hover"]},
-            "simulator.seed": {"integers": [0, 1000]},
-        },
-    )
-    del content["flights"], content["reference"]
-    campaign = campaign_from(content)
-    drawn = [campaign.drawn(number) for number in range(campaign.flights)]
-    pairs = {(each["simulator.thrust_scale"], each["reference.trajectory"]) for each in drawn}
-    assert campaign.flights == len(pairs) == 6
-    assert len({each["simulator.seed"] for each in drawn}) > 1
 
 
 def test_smooth_references_begin_in_motion_except_for_given_start_values():
@@ -128,7 +101,7 @@ def test_smooth_references_begin_in_motion_except_for_given_start_values():
     assert np.linalg.norm(simulator.initial_velocity) > 0.5
 
 
-def test_the_command_line_wins():
+def test_command_line_overrides_the_file():
     overrides = Overrides(config=["paper"], assignments=["mpc.mass=0.5"], flights=3, seed=9)
     campaign = campaign_from(CONTENT, overrides)
     assert (campaign.flights, campaign.seed) == (3, 9)
@@ -137,29 +110,15 @@ def test_the_command_line_wins():
     assert campaign.base["reference"].trajectory == "square"  # the preset says so
 
 
-def test_a_normal_variation_stays_within_what_is_allowed():
-    campaign = campaign_from(varied(simulator__thrust_scale={"normal": [0.1, 1.0]}))
-    assert all(campaign.drawn(number)["simulator.thrust_scale"] > 0.0 for number in range(100))
-
-
-def test_configurations_are_not_shared_between_flights():
-    campaign = campaign_from(CONTENT)
-    before = dataclasses.asdict(campaign.plan(0).config.mpc)
-    campaign.plan(1)
-    assert dataclasses.asdict(campaign.plan(0).config.mpc) == before
-
-
 MISTAKES = {
     "key": (changed(flihgts=3), "unknown key 'flihgts' (did you mean flights?)"),
     "no flights": ({"vary": {}}, "flights: given None, expected a whole number from 1"),
-    "flights": (changed(flights=0), "flights: given 0"),
     "seed": (changed(seed=-1), "seed: given -1"),
     "unknown parameter": (
         varied(simulator__winf={"uniform": [0, 1]}),
         "simulator.winf: given None, expected a known parameter (did you mean wind?)",
     ),
     "unknown node": (varied(recorder__x={"uniform": [0, 1]}), "expected one of mpc.PARAMETER"),
-    "element": (varied(mpc__R__4={"uniform": [0, 1]}), "mpc.R has the elements 0 to 3"),
     "range": (
         varied(simulator__rate_time_constant={"uniform": [-0.1, 0.1]}),
         "simulator.rate_time_constant: given -0.1, expected a number >= 0",
@@ -168,40 +127,32 @@ MISTAKES = {
         varied(simulator__wind={"uniform": [[0, 0], [1, 1]]}),
         "simulator.wind: given [0.0, 0.0], expected 3 numbers",
     ),
-    "whole numbers": (
-        {"flights": 1, "vary": {"mpc.horizon_steps": {"uniform": [5, 20]}}},
-        "mpc.horizon_steps: given 5.0, expected a whole number",
-    ),
     "empty choice": (
         {"flights": 1, "vary": {"reference.trajectory": {"choice": []}}},
         "vary: reference.trajectory: choice: given [], expected a list of at least one value",
     ),
-    "wrong choice": (
-        changed(vary={"reference.side": {"choice": [1.0, "wide"]}}),
-        "reference.side: given 'wide', expected a number",
-    ),
     "set, too": (
         varied(mpc__horizon_steps={"integers": [5, 20]}),
-        "vary: mpc.horizon_steps: it is set, too: leave one out",
+        "vary: mpc.horizon_steps: also set: remove one of them",
     ),
     "reference, too": (
         varied(reference__trajectory={"choice": ["square"]}),
-        "vary: reference.trajectory: reference is given, too",
+        "vary: reference.trajectory: also set as reference",
     ),
     "duration, too": (
         changed(set={"simulator.duration": 3.0}),
-        "duration: set: simulator.duration says so too",
+        "duration: also set as simulator.duration",
     ),
     "whole and element": (
         changed(
             vary={"simulator.wind": {"uniform": [[0] * 3, [1] * 3]}}
             | {"simulator.wind.0": {"uniform": [0, 1]}}
         ),
-        "vary: simulator.wind.0: simulator.wind varies, too",
+        "vary: simulator.wind.0: simulator.wind is also varied",
     ),
     "circle": (
         varied(mpc__mass={"same_as": "mpc.gravity"}, mpc__gravity={"same_as": "mpc.mass"}),
-        "it follows itself",
+        "circular reference",
     ),
     "follows nothing": (varied(mpc__mass={"same_as": "mpc.masss"}), "did you mean mass?"),
     "follows too far": (
@@ -213,15 +164,6 @@ MISTAKES = {
     ),
     "settle time": (changed(settle_time=2.0), "settle_time: given 2.0, expected a number >= 0"),
     "start": (changed(start="air"), "start: given 'air', expected one of auto, ground, reference"),
-    "grid of nothing": (
-        {"grid": True, "vary": {"mpc.mass": {"uniform": [0.3, 0.4]}}},
-        "grid: expected a choice or a linspace",
-    ),
-    "grid and flights": (
-        {"grid": True, "flights": 3, "vary": {"mpc.mass": {"choice": [0.4]}}},
-        "leave one out",
-    ),
-    "config": (changed(config=["papper"]), "--config: given 'papper'"),
     "set": (changed(set={"mas": 1}), "set: mas: expected one of mpc.PARAMETER"),
     "set value": (changed(set={"mpc.mass": -1}), "mpc.mass: given -1, expected a number > 0"),
     "vary": (changed(vary=["mpc.mass"]), "vary: given ['mpc.mass'], expected parameters"),

@@ -62,27 +62,34 @@ def crash_of(truth):
     return None if crash is None else (crash.kind, round(crash.time, 6))
 
 
-def test_standing_on_the_ground_and_lifting_off_is_no_crash():
-    assert crash_of(flown(line(0.0, 0.0, 0.05, 0.0, 0.5, 2.0))) is None
+DESCENT = line(0.3, 0.2, 0.1, 0.0, 0.0, 0.0)
+DIVE = line(0.9, 0.6, 0.3, 0.0, 0.0)
+FALL = {"tilts": np.radians([0, 0, 170, 170])}
 
 
-def test_the_ground_under_a_reference_in_the_air_is_a_crash():
-    assert crash_of(flown(line(2.0, 1.95, 0.05, 0.0, 0.0))) == ("ground", 0.3)
-
-
-def test_a_gentle_landing_at_the_end_of_the_reference_is_no_crash():
-    reference = np.array(line(0.3, 0.2, 0.1, 0.0, 0.0, 0.0))
-    assert crash_of(flown(line(0.3, 0.2, 0.12, 0.04, 0.0, 0.0), reference=reference)) is None
-
-
-def test_a_hard_landing_is_a_crash():
-    reference = np.array(line(0.9, 0.6, 0.3, 0.0, 0.0))
-    assert crash_of(flown(line(0.9, 0.6, 0.3, 0.0, 0.0), reference=reference)) == ("ground", 0.3)
-
-
-def test_upside_down_is_a_crash():
-    tilts = np.radians([0, 60, 89, 91, 180])
-    assert crash_of(flown([HOVER] * 5, tilts=tilts)) == ("upside_down", 0.3)
+@pytest.mark.parametrize(
+    ("p_WB", "given", "expected"),
+    [
+        pytest.param(line(0.0, 0.0, 0.05, 0.0, 0.5, 2.0), {}, None, id="lift-off"),
+        pytest.param(line(2.0, 1.95, 0.05, 0.0, 0.0), {}, ("ground", 0.3), id="ground"),
+        pytest.param(
+            line(0.3, 0.2, 0.12, 0.04, 0.0, 0.0),
+            {"reference": np.array(DESCENT)},
+            None,
+            id="gentle landing",
+        ),
+        pytest.param(DIVE, {"reference": np.array(DIVE)}, ("ground", 0.3), id="hard landing"),
+        pytest.param(
+            [HOVER] * 5,
+            {"tilts": np.radians([0, 60, 89, 91, 180])},
+            ("upside_down", 0.3),
+            id="upside down",
+        ),
+        pytest.param(line(2.0, 8.0, 1.0, 0.0), FALL, ("away", 0.1), id="first crash counts"),
+    ],
+)
+def test_crash_of_a_flight(p_WB, given, expected):
+    assert crash_of(flown(p_WB, **given)) == expected
 
 
 def test_a_swing_towards_a_reference_that_has_jumped_is_no_crash():
@@ -120,11 +127,6 @@ def test_far_from_the_box_of_the_reference_and_the_start_is_a_crash():
     assert crash_of(flown(outside, reference=reference)) == ("away", 0.4)
     far_start = [(30, 0, 2), (20, 0, 2), (10, 0, 2), (5, 0, 2), (0, 0, 2)]
     assert crash_of(flown(far_start, reference=reference)) is None
-
-
-def test_the_first_crash_counts():
-    truth = flown(line(2.0, 8.0, 1.0, 0.0), tilts=np.radians([0, 0, 170, 170]))
-    assert crash_of(truth) == ("away", 0.1)
 
 
 def test_figures():

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
-from fixtures.campaigns import HereAndNow
+from fixtures.engines import InThisProcess
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.configuration import UserError
@@ -61,7 +61,7 @@ def test_the_verdict_follows_the_smallest_margin(tolerated: float, word: str) ->
     verdict = verdict_on(found)
     assert verdict.word == word
     if word != "ready":
-        assert "delay is longer: it bears" in verdict.reasons[0]
+        assert "delay is longer: margin" in verdict.reasons[0]
         assert "identify" in verdict.advice[0]
     json.dumps(rehearsal_figures(found), allow_nan=False)
 
@@ -69,10 +69,10 @@ def test_the_verdict_follows_the_smallest_margin(tolerated: float, word: str) ->
 def test_is_not_ready_if_the_configured_vehicle_crashes() -> None:
     verdict = verdict_on(Rehearsal(guess=point(0.0, lost=True), limits=[]))
     assert verdict.word == "not ready"
-    assert "1 of 1 disturbed vehicles did not come back: vehicle 0: it fell" in verdict.reasons[0]
+    assert "1 of 1 disturbed vehicles did not recover: vehicle 0: it fell" in verdict.reasons[0]
 
 
-def test_a_plant_with_lags_of_its_own_is_not_asked_to_lag() -> None:
+def test_omits_the_lags_of_a_plant_that_has_its_own() -> None:
     own = {each.parameter for each in directions_of(SimulatorConfig(plant="rotors"))}
     assert own == {"command_delay", "thrust_scale", "mass_scale"}
 
@@ -83,35 +83,35 @@ def test_a_scale_and_a_lag_per_axis_are_changed() -> None:
     assert mass.changed(1.1, 0.5) == pytest.approx(1.65)
 
 
-def test_agile_is_lost_by_a_delay_that_it_does_not_know(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the weights of the paper 60 ms more delay is beyond the margin."""
+def test_agile_crashes_with_an_unmodelled_delay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The weights of agile do not tolerate 60 ms more delay than modelled."""
     monkeypatch.setattr(rehearsal, "_BISECTION_STEPS", 0)
     monkeypatch.setattr(
         rehearsal, "directions_of", lambda _: [dataclasses.replace(DELAY, most=0.06)]
     )
-    found = rehearse(["agile"], ["mpc.omega_max=[6,6,3]"], HereAndNow(), lambda _: None)
+    found = rehearse(["agile"], ["mpc.omega_max=[6,6,3]"], InThisProcess(), lambda _: None)
     assert found.guess.lost == []
     (delay,) = found.limits
     assert delay.bounded
     assert len(delay.points[-1].lost) >= 4
 
 
-def test_what_is_no_vehicle_is_refused() -> None:
-    with pytest.raises(UserError, match=r"simulator\.seed: it is set, too"):
-        rehearse(["default"], ["simulator.seed=3"], HereAndNow(), lambda _: None)
+def test_rejects_a_parameter_that_the_rehearsal_varies() -> None:
+    with pytest.raises(UserError, match=r"simulator\.seed: also set"):
+        rehearse(["default"], ["simulator.seed=3"], InThisProcess(), lambda _: None)
 
 
-def test_a_vehicle_that_lags_far_more_than_guessed_is_not_ready(
+def test_a_vehicle_that_lags_far_more_than_configured_is_not_ready(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """At rest, without wind and noise, the same hovers with an error of nothing."""
+    """Without the disturbances this vehicle hovers exactly."""
     lags = ["simulator.rate_time_constant=0.25", "simulator.command_delay=0.2"]
     arguments = [part for lag in lags for part in ("--set", lag)]
     out = tmp_path / "out"
     assert main(["rehearse", *arguments, "--workers", "1", "--out", str(out)]) == 1
     printed = capsys.readouterr().out
     assert "verdict  not ready" in printed
-    assert "did not come back" in printed
+    assert "did not recover" in printed
     assert json.loads((out / "rehearsal.json").read_text())["verdict"] == "not ready"
     assert (out / "lost" / "as_guessed.yaml").is_file()
     assert main(["rehearse", "--set", "mpc.mas=1", "--out", str(tmp_path / "bad")]) == 2

@@ -38,17 +38,3 @@ def test_writes_rows_in_order_with_every_digit(tmp_path):
     assert table["position_rmse_m"][0] == ""
     assert table["error"] == ("", "not, at all", "")
     assert table["crashed"] == ("0", "0", "1")
-
-
-def test_the_order_of_the_rows_changes_no_byte(tmp_path):
-    first, second = tmp_path / "a", tmp_path / "b"
-    for folder, rows in ((first, ROWS), (second, ROWS[::-1])):
-        folder.mkdir()
-        write_table(folder, rows, NAMES)
-    for file in first.iterdir():
-        assert file.read_bytes() == (second / file.name).read_bytes()
-
-
-def test_a_campaign_without_flights_is_a_header(tmp_path):
-    write_table(tmp_path, [], NAMES)
-    assert (tmp_path / "flights.csv").read_text() == ",".join(NAMES) + "\n"

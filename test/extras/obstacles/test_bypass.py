@@ -58,19 +58,19 @@ def chosen(ahead: Preview, blocked: slice, *, astray: bool = False) -> Bypass:
     return around
 
 
-def test_straight_reference_is_left_at_once_and_rejoined_where_it_ends() -> None:
+def test_straight_reference_is_left_at_once_and_rejoined_at_its_end() -> None:
     assert chosen(straight_ahead(), slice(15, 20)) == Bypass(leave=0, rejoin=len(TIMES) - 1)
 
 
 @pytest.mark.parametrize("first", [5, 12, 20, 26])
-def test_bend_is_flown_until_just_before_and_from_just_behind(first: int) -> None:
+def test_curved_reference_is_left_late_and_rejoined_early(first: int) -> None:
     """On a circle a chord of 90 % of its arc spans 90 degrees, here 25 samples."""
     around = chosen(circle_ahead(), slice(first, first + 6))
     assert max(0, first + 6 - 26) <= around.leave < first
     assert first + 6 <= around.rejoin <= around.leave + 26
 
 
-def test_vehicle_that_is_astray_leaves_at_once_and_rejoins_where_it_can_be_in_time() -> None:
+def test_displaced_vehicle_leaves_at_once_and_rejoins_in_time() -> None:
     ahead = circle_ahead()
     around = chosen(ahead, slice(0, 6), astray=True)
     assert around.leave == 0
@@ -78,14 +78,14 @@ def test_vehicle_that_is_astray_leaves_at_once_and_rejoins_where_it_can_be_in_ti
     assert way <= 4.0 * ahead.times[around.rejoin]
 
 
-def test_reference_that_is_blocked_to_its_end_is_flown_to_the_last_clear_place() -> None:
+def test_reference_blocked_to_its_end_is_flown_to_the_last_clear_point() -> None:
     ahead = straight_ahead()
     assert chosen(ahead, slice(15, None)) == Bypass(leave=0, rejoin=14)
     blocked = np.zeros(len(ahead.times), dtype=bool)
     assert find_bypass(ahead, blocked, ~blocked, speed_max=4.0, astray=False) is None
 
 
-def test_ahead_begins_where_the_reference_is_now() -> None:
+def test_preview_starts_at_the_current_reference() -> None:
     window = ReferenceWindow.through(TIMES, Circle().at(TIMES).p_WB, stamp_ns=10**9)
     ahead = Preview.of(window, 10**9 + 330_000_000)
     assert ahead.times[0] == 0.0
@@ -124,7 +124,7 @@ def test_circle_about_a_pillar_is_free() -> None:
     assert away.max() < 0.02
 
 
-def test_pillar_on_a_circle_costs_no_more_than_the_piece_around_it() -> None:
+def test_pillar_on_a_circle_causes_only_a_local_detour() -> None:
     pillar = box(np.array([0.0, RADIUS, 1.5]), np.array([0.2, 0.2, 3.0]))
     away, states = distances_to_circle(pillar)
     assert "around" in states
@@ -133,7 +133,7 @@ def test_pillar_on_a_circle_costs_no_more_than_the_piece_around_it() -> None:
     assert np.median(away) < 0.05, "most of the round is the reference"
 
 
-def test_jump_through_an_obstacle_is_seen_before_the_plan_leads_there() -> None:
+def test_jump_through_an_obstacle_is_detected_in_advance() -> None:
     places = np.where(TIMES[:, None] < 0.5, [0.0, 0.0, 1.0], [4.0, 0.0, 1.0])
     window = ReferenceWindow(
         stamp_ns=0,

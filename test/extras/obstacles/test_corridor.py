@@ -32,7 +32,7 @@ def case(seed: int, *, radius: float) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_every_corridor_holds_its_guide_and_no_inflated_point(seed: int) -> None:
+def test_every_corridor_contains_its_path_and_no_inflated_point(seed: int) -> None:
     radius = 0.3
     guide, points = case(seed, radius=radius)
     # As many rows as points: none is left over.
@@ -63,21 +63,21 @@ def test_nearest_point_gives_the_first_plane(seed: int) -> None:
         assert room == pytest.approx(apart.min() - 0.2, abs=1e-4)
 
 
-def test_guide_too_near_is_pushed_back() -> None:
+def test_path_too_close_to_a_point_is_pushed_back() -> None:
     guide = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
     normals, offsets = corridor_about(guide, np.array([[0.05, 0.2, 0.0]]), radius=0.5, rows=4)
     np.testing.assert_allclose(normals[0, 0], [0.0, 1.0, 0.0], atol=1e-12)
     assert offsets[0, 0] == pytest.approx(-0.3)
 
 
-def test_point_on_the_guide_gives_a_plane_too() -> None:
+def test_point_on_the_path_defines_a_plane() -> None:
     guide = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     normals, offsets = corridor_about(guide, np.array([[0.5, 0.0, 0.0]]), radius=0.3, rows=4)
     assert np.linalg.norm(normals[0, 0]) == pytest.approx(1.0)
     assert np.isfinite(offsets[0, 0])
 
 
-def test_without_points_nothing_holds() -> None:
+def test_no_points_give_no_half_spaces() -> None:
     normals, offsets = corridor_about(np.zeros((4, 3)), np.zeros((0, 3)), radius=0.3, rows=8)
     assert normals.shape == (3, 8, 3)
     assert np.isinf(offsets).all()

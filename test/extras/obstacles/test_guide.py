@@ -9,7 +9,7 @@ from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.extras.obstacles.guide import STEP, PathLimits, follow_path, smoothed, window_of
 
 
-def test_thrust_carries_the_motion_and_attitudes_turn_into_each_other() -> None:
+def test_thrust_matches_the_motion_and_attitudes_are_continuous() -> None:
     way = smoothed(np.array([[0.0, 0.0, 1.0], [2.0, 0.5, 1.0], [2.0, 3.0, 2.0]]))
     limits = PathLimits(speeds=np.array([3.0] * (len(way) - 1) + [0.0]), acceleration=5.0)
     start, north = np.zeros(3), np.array([0.0, 2.0, 0.0])

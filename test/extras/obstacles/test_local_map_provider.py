@@ -17,7 +17,7 @@ def map_at(surroundings: LocalMapProvider, x: float) -> LocalMap:
     return surroundings.at(np.array([x, 0.0, 0.0]), 10**9, radius=6.0, far=1.0)
 
 
-def test_a_map_serves_until_what_is_known_changes_or_a_metre_is_flown() -> None:
+def test_map_is_valid_until_obstacles_change_or_the_vehicle_moves_a_metre() -> None:
     standing = Standing(POINTS)
     surroundings = LocalMapProvider(standing)
     first = map_at(surroundings, 0.0)
@@ -28,7 +28,7 @@ def test_a_map_serves_until_what_is_known_changes_or_a_metre_is_flown() -> None:
     assert map_at(surroundings, 1.1) is not second
 
 
-def test_ticks_go_on_with_the_map_of_before_until_it_is_renewed() -> None:
+def test_ticks_use_the_previous_map_until_the_new_map_is_built() -> None:
     standing, calls = Standing(POINTS), []
     surroundings = LocalMapProvider(standing)
     surroundings.wake = lambda: calls.append(True)
@@ -46,7 +46,7 @@ def test_ticks_go_on_with_the_map_of_before_until_it_is_renewed() -> None:
     assert calls == [True]
 
 
-def test_the_next_map_is_about_where_the_vehicle_was_last() -> None:
+def test_next_map_is_centred_at_the_last_position() -> None:
     surroundings = LocalMapProvider(Standing(POINTS))
     surroundings.wake = lambda: None
     map_at(surroundings, 0.0)
@@ -55,7 +55,7 @@ def test_the_next_map_is_about_where_the_vehicle_was_last() -> None:
     assert map_at(surroundings, 1.5).centre == pytest.approx([1.5, 0.0, 0.0])
 
 
-def test_discards_a_map_of_another_place() -> None:
+def test_discards_a_map_of_a_distant_position() -> None:
     surroundings = LocalMapProvider(Standing(POINTS))
     surroundings.wake = lambda: None
     first = map_at(surroundings, 0.0)
@@ -66,7 +66,7 @@ def test_discards_a_map_of_another_place() -> None:
     assert map_at(surroundings, 2.5) is not second
 
 
-def test_the_grid_is_made_beforehand_only_where_ways_are_searched() -> None:
+def test_grid_is_precomputed_only_if_paths_are_searched() -> None:
     standing = Standing(POINTS)
     surroundings = LocalMapProvider(standing)
     surroundings.wake = lambda: None
@@ -84,7 +84,7 @@ def test_the_grid_is_made_beforehand_only_where_ways_are_searched() -> None:
     assert renewed()._grid is None
 
 
-def test_what_is_clear_is_by_distances_to_all_points() -> None:
+def test_clearance_considers_all_points() -> None:
     rng = np.random.default_rng(0)
     points, places = rng.uniform(-2.0, 2.0, (50, 3)), rng.uniform(-2.0, 2.0, (200, 3))
     here = LocalMap(points, centre=START, radius=4.0, far=1.0, revision=0)

@@ -54,7 +54,7 @@ def wall(*, gap: bool) -> Array:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_distances_of_cells_are_those_to_the_nearest_point(seed: int) -> None:
+def test_cell_distances_are_to_the_nearest_point(seed: int) -> None:
     points = np.random.default_rng(seed).uniform(-3.5, 3.5, size=(60, 3))
     grid = filled(points)
     exact = np.linalg.norm(centres(grid)[..., None, :] - points, axis=-1).min(axis=-1)
@@ -64,7 +64,7 @@ def test_distances_of_cells_are_those_to_the_nearest_point(seed: int) -> None:
     assert distance_at(grid, *place) == pytest.approx(min(around, FAR), abs=0.2)
 
 
-def test_way_through_a_gap_keeps_its_distance_and_arrives() -> None:
+def test_path_through_a_gap_keeps_its_clearance_and_reaches_the_goal() -> None:
     points = wall(gap=True)
     grid, keep = filled(points), 0.4
     start, goal = np.array([-1.0, -1.0, 0.0]), np.array([2.5, -1.0, 0.0])
@@ -81,7 +81,7 @@ def test_way_through_a_gap_keeps_its_distance_and_arrives() -> None:
     assert apart.min() >= keep - 0.05, "between cells the field is a little off"
 
 
-def test_closed_wall_stops_in_front() -> None:
+def test_path_to_a_blocked_goal_ends_in_front_of_the_wall() -> None:
     points = wall(gap=False)
     goal = np.array([2.5, 0.0, 0.0])
     way, arrives = found(filled(points), np.array([-1.0, 0.0, 0.0]), goal)
@@ -90,7 +90,7 @@ def test_closed_wall_stops_in_front() -> None:
     assert abs(way[-1, 1]) < 0.3, "in front of where it was to go"
 
 
-def test_length_is_that_of_dijkstra() -> None:
+def test_path_length_equals_dijkstra() -> None:
     """By SciPy, on the same cells, where nothing is near enough to cost more."""
     points = np.zeros((0, 3))
     grid = filled(points, half=(1.0, 0.4))
@@ -113,7 +113,7 @@ def test_length_is_that_of_dijkstra() -> None:
     assert length == pytest.approx(dijkstra(graph.tocsr(), indices=first)[last])
 
 
-def test_start_that_is_too_near_leads_away_first() -> None:
+def test_path_from_a_too_close_start_first_leads_away() -> None:
     points = np.array([[0.0, 0.1, z] for z in np.arange(-1.0, 1.0, 0.1)])
     way, arrives = found(filled(points), np.zeros(3), np.array([0.0, 2.0, 0.0]), keep=0.5)
     assert arrives
@@ -122,7 +122,7 @@ def test_start_that_is_too_near_leads_away_first() -> None:
     assert late.min() >= 0.5 - 1e-9, "once away it stays away"
 
 
-def test_way_stays_above_the_floor() -> None:
+def test_path_stays_above_the_floor() -> None:
     y, z = np.arange(-3.5, 3.6, 0.1), np.arange(-0.3, 1.6, 0.1)
     Y, Z = np.meshgrid(y, z)
     points = np.stack([np.ones(Y.size), Y.ravel(), Z.ravel()], axis=1)
@@ -133,7 +133,7 @@ def test_way_stays_above_the_floor() -> None:
     assert not arrives and way[:, 2].min() >= -0.3
 
 
-def test_what_moves_is_avoided_where_it_will_be() -> None:
+def test_moving_obstacles_are_avoided_at_their_predicted_position() -> None:
     """A ball that crosses the line: when the vehicle is there the ball is, too."""
     grid = filled(np.zeros((0, 3)))
     start, goal = np.array([-2.0, 0.0, 0.0]), np.array([2.0, 0.0, 0.0])

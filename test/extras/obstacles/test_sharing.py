@@ -47,7 +47,7 @@ def test_each_half_keeps_the_scaled_distance(seed: int) -> None:
         assert apart.min() >= KEEP - 1e-9
 
 
-def test_far_plans_share_nothing() -> None:
+def test_distant_plans_need_no_half_space() -> None:
     own = np.zeros((4, 3))
     assert half_of(own, own + np.array([2.0, 0.0, 0.0])) is None
     assert half_of(own, own + np.array([0.0, 0.0, 2.0])) is None
@@ -82,15 +82,16 @@ class Others(Standing):
         return Plans(np.array(places).reshape(-1, len(stamps_ns), 3), np.full(len(others), 0.02))
 
 
-def test_mirror_symmetric_meeting_passes() -> None:
+def test_symmetric_encounter_does_not_block() -> None:
     """Two change places, exactly head-on: each gives way to his right, both arrive."""
-    config, radius = MpcConfig().updated({"obstacles.half_spaces": 8}), 0.25
+    parameters = {"obstacles.half_spaces": 8, "obstacles.neighbours": ("other",)}
+    config, radius = MpcConfig().updated(parameters), 0.25
     plans: dict[int, Plan] = {}
     ends = np.array([[-3.0, 0.0, 1.5], [3.0, 0.0, 1.5]])
 
     def flight(number: int) -> Any:
         others = Others(plans, number)
-        guide = ObstacleAvoidance(config, others, radius=radius, neighbours=others)
+        guide = ObstacleAvoidance(config, others, radius=radius)
         controller = Controller(config, guide=guide)
 
         def law(odometry: OdometrySample, _: ReferenceWindow) -> Any:

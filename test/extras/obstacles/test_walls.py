@@ -10,7 +10,7 @@ from quad_mpc_ros.simulation.scene import Volume
 
 
 @pytest.mark.parametrize("floor", [0.0, 1.0])
-def test_the_floor_on_which_a_vehicle_stands_is_no_wall(floor: float) -> None:
+def test_floor_below_a_standing_vehicle_is_not_a_wall(floor: float) -> None:
     volume = Volume(minimum=np.array([0.0, 0.0, floor]), maximum=np.array([4.0, 6.0, 3.0]))
     points = wall_points(volume, 0.1, near=np.array([2.0, 3.0, 2.0]), radius=9.0)
     inside = (points[:, :2] > 0.05).all(axis=1) & (points[:, :2] < [3.95, 5.95]).all(axis=1)
@@ -18,7 +18,7 @@ def test_the_floor_on_which_a_vehicle_stands_is_no_wall(floor: float) -> None:
     assert np.abs(volume.distance(points)).max() < 1e-6
 
 
-def test_walls_are_made_where_they_are_asked_for() -> None:
+def test_walls_are_sampled_around_the_requested_position() -> None:
     volume = Volume(minimum=np.zeros(3), maximum=np.array([1e3, 1e3, 50.0]))
     near = np.array([2.0, 500.0, 10.0])
     points = wall_points(volume, 0.1, near=near, radius=5.0)

@@ -48,7 +48,7 @@ def test_time_and_distance_in_the_plane() -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_a_place_in_the_plane_is_passed_once(seed: int) -> None:
+def test_a_position_in_the_gate_plane_is_passed_once(seed: int) -> None:
     """Whatever rounding makes of its distance from the plane."""
     random = np.random.default_rng(seed)
     yaw = random.uniform(-1.0, 1.0)
@@ -64,7 +64,7 @@ def test_a_place_in_the_plane_is_passed_once(seed: int) -> None:
     assert lap.passages[0].time == pytest.approx(1.0)
 
 
-def test_ball_is_passed_where_it_is_nearest() -> None:
+def test_ball_is_passed_at_the_point_of_closest_approach() -> None:
     lap = flown(course(ball(3.004, 0.2), ball(6.0, -0.4)), straight())
     assert_allclose([passage.time for passage in lap.passages], [3.004, 6.0], atol=1e-9)
     assert_allclose([passage.miss for passage in lap.passages], [0.2, 0.4])
@@ -82,7 +82,7 @@ def test_edges_are_clipped_from_both_sides(y: float, passed: bool, clipped: bool
     assert [(p.passed, p.clipped) for p in lap.passages] == [(passed, clipped)] * 2
 
 
-def test_wrong_way_counts_only_where_both_are_allowed() -> None:
+def test_reverse_passage_counts_only_with_direction_both() -> None:
     back = straight()[::-1]
     one = flown(course(opening(6.0), opening(7.0)), back)
     assert [passage.time for passage in one.passages] == [None, None]
@@ -144,7 +144,7 @@ def test_no_other_choice_passes_more(seed: int) -> None:
     assert len(lap.passages) - lap.missed == best
 
 
-def test_a_gate_that_moves_is_passed_where_it_is_by_then() -> None:
+def test_moving_gate_is_evaluated_at_its_pose_of_the_passage() -> None:
     """The gate moves aside at 3 s; the path passes its first place at 2 s or at 5 s."""
     before = course(opening(2.0), opening(8.0))
     after = before.moved(

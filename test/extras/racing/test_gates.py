@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.configuration import UserError
@@ -63,7 +62,7 @@ def test_heading_and_quaternion_agree() -> None:
     assert_allclose(by_yaw.R_WG[:, 0], [math.cos(0.7), math.sin(0.7), 0.0])  # the way through
 
 
-def test_room_is_the_distance_to_the_edge() -> None:
+def test_edge_distance_is_the_distance_to_the_opening() -> None:
     course = course_from(COURSE)
     offsets = np.array([[0, 0, 0], [0, 0.9, 0], [0, 1.3, 0], [0, 1.3, 0.9]], dtype=np.float64)
     assert_allclose(course.gates[0].room(offsets), [0.5, 0.1, -0.3, -0.5])
@@ -87,22 +86,13 @@ def test_shipped_courses_are_read_by_name_and_from_their_text(name: str) -> None
     assert_allclose(course.places(), again.places())
 
 
-def test_split_s_is_the_published_one() -> None:
-    course = read_course("split_s")
-    assert len(course.gates) == 19
-    assert {gate.half_width for gate in course.gates} == {0.3}
-    assert_allclose(course.gates[18].p_WG, [-4.5, -6.0, 0.8])
-
-
 MANY = [{"position": [float(3 * k), 0.0, 1.0], "tolerance": 0.3} for k in range(1, 201)]
 NAN = float("nan")
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "not finite": ({"gates__0__position": [5.0, NAN, 1.5]}, "gates[1].position: given [5.0, nan,"),
-    "size not finite": ({"gates__1__tolerance": NAN}, "gates[2].tolerance: given nan, expected"),
     "no size": ({"gates__1__tolerance": None}, "gates[2]: given {'position'"),
     "both sizes": ({"gates__0__tolerance": 0.4}, "expected either width and height, or tolerance"),
-    "no height": ({"gates__0__height": None}, "gates[1].height: given None, expected a number"),
-    "no heading": ({"gates__0__yaw": None}, "expected yaw or quaternion beside width"),
+    "no heading": ({"gates__0__yaw": None}, "expected yaw or quaternion with width"),
     "both headings": ({"gates__2__yaw": 0.0}, "expected yaw or quaternion, not both"),
     "no rotation": ({"gates__2__quaternion": [0.0, 0.0, 0.0, 0.9]}, "x, y, z, w of length 1"),
     "direction of a ball": ({"gates__1__direction": "forward"}, "forward needs yaw"),
@@ -111,7 +101,6 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "no start": ({"start": None}, "start: given None, expected [x, y, z]"),
     "one gate": ({"gates": COURSE["gates"][:1]}, "gates: given 1, expected 2 to 100 passages"),
     "200 gates": ({"gates": MANY}, "gates: given 200, expected 2 to 100 passages of gates"),
-    "no gates": ({"gates": []}, "gates: given [], expected a list of gates"),
     "laps": ({"laps": 0}, "laps: given 0, expected a whole number from 1"),
     "order": ({"order": [1, 4]}, "order: given 4, expected a whole number from 1 to 3"),
     "inside the ground": ({"gates__1__position": [10.0, 3.0, -0.2]}, "a centre above the ground"),
@@ -119,42 +108,21 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
         {"start": [0.0, 0.0, -1.0]},
         "start: given [0.0, 0.0, -1.0], expected",
     ),
-    "too far": ({"gates__1__position": [2e7, 0.0, 1.0]}, "3 numbers from -1e+07 to 1e+07"),
-    "same place": ({"end": [15.0, 0.0, 1.5]}, "another place than that of gates[3]"),
-    "twice in a row": ({"order": [1, 1, 2]}, "another place than that of gates[1]"),
-    "turned round": ({"gates__0__yaw": math.pi}, "it is turned round; add or subtract pi"),
-    "overlapping": (
-        {"gates__1__position": [5.2, 0.3, 1.5]},
-        "gates[2].position: given [5.2, 0.3, 1.5], expected a gate that does not overlap gates[1]",
-    ),
-    "crossing": (
-        {
-            "gates__1": {
-                "position": [5.0, 0.9, 1.5],
-                "yaw": math.pi / 2.0,
-                "width": 2.0,
-                "height": 0.5,
-            }
-        },
-        "expected a gate that does not overlap gates[1]",
-    ),
+    "same place": ({"end": [15.0, 0.0, 1.5]}, "a position other than that of gates[3]"),
+    "twice in a row": ({"order": [1, 1, 2]}, "a position other than that of gates[1]"),
+    "turned round": ({"gates__0__yaw": math.pi}, "the gate faces backwards; add or subtract pi"),
     "end at speed": ({"end": {"position": [20, 0, 1], "at_rest": 1}}, "end.at_rest: given 1"),
 }
 
 
 @pytest.mark.parametrize("mistake", REFUSED)
-def test_refuses_in_a_sentence(mistake: str) -> None:
+def test_rejects_bad_courses_in_one_line(mistake: str) -> None:
     changes, reason = REFUSED[mistake]
     with pytest.raises(UserError) as error:
         course_from(changed(**changes), source="course.yaml")
     assert str(error.value).startswith("course.yaml: ")
     assert reason in str(error.value)
     assert "\n" not in str(error.value)
-
-
-def test_stacked_openings_do_not_overlap() -> None:
-    upper = {"position": [5.0, 0.0, 2.6], "yaw": 0.0, "width": 2.0, "height": 1.0}
-    course_from(changed(gates__1=upper))
 
 
 @pytest.mark.parametrize(
@@ -171,7 +139,7 @@ def test_stacked_openings_do_not_overlap() -> None:
         (b"\xff\xfe\x00", "not UTF-8 at byte 0"),
     ],
 )
-def test_refuses_a_file_that_is_no_course(text: str | bytes, reason: str, tmp_path: Path) -> None:
+def test_rejects_a_file_without_a_course(text: str | bytes, reason: str, tmp_path: Path) -> None:
     file = tmp_path / "course.yaml"
     file.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(UserError, match=r"course\.yaml") as error:
@@ -179,26 +147,6 @@ def test_refuses_a_file_that_is_no_course(text: str | bytes, reason: str, tmp_pa
     assert reason in str(error.value)
 
 
-def test_reads_numbers_of_yaml_1_2(tmp_path: Path) -> None:
-    file = tmp_path / "course.yaml"
-    file.write_text(
-        "start: [0, 0, 1]\ngates:\n"
-        "  - {position: [5e0, 0, 15e-1], yaw: 8e-1, width: 15e-1, height: 15e-1}\n"
-        "  - {position: [7, 5, 1.5], tolerance: 3e-1}\n"
-    )
-    gate, ball = read_course(file).gates
-    assert gate.p_WG.tolist() == [5.0, 0.0, 1.5]
-    assert (gate.half_width, ball.half_width) == (0.75, 0.3)
-
-
 def test_names_a_missing_file_and_what_is_shipped() -> None:
     with pytest.raises(UserError, match=r"nowhere: cannot be read.*split_s"):
         read_course("nowhere")
-
-
-def test_text_of_a_file_needs_the_file_no_more(tmp_path: Path) -> None:
-    file = tmp_path / "course.yaml"
-    file.write_text(yaml.safe_dump(COURSE))
-    text = course_text(file)
-    file.unlink()
-    assert_allclose(read_course(text).places(), course_from(COURSE).places())

@@ -24,7 +24,7 @@ def rolled(angles: np.ndarray) -> np.ndarray:
     return Rotation.from_euler("x", angles[:, None]).as_quat()
 
 
-def test_a_flight_that_turns_over_and_lies_on_the_ground_has_crashed(
+def test_flight_that_ends_upside_down_has_crashed(
     make_flight: FlightMaker,
 ) -> None:
     angles = np.concatenate((np.linspace(0.0, 2.9, 50), np.full(50, 2.9)))
@@ -37,7 +37,7 @@ def test_a_flight_that_turns_over_and_lies_on_the_ground_has_crashed(
     assert summary["crash_time_s"] == pytest.approx(0.02 * np.argmax(angles > np.pi / 2))
 
 
-def test_a_flight_that_begins_upside_down_and_turns_up_has_not(make_flight: FlightMaker) -> None:
+def test_inverted_start_that_recovers_is_not_a_crash(make_flight: FlightMaker) -> None:
     angles = np.linspace(3.1, 0.0, 100)
     flight = make_flight(
         100, p_WB=ABOVE, reference=reference_track(ABOVE), q_WB_xyzw=rolled(angles)
@@ -70,6 +70,6 @@ def test_a_swing_towards_a_jump_is_no_crash_where_odometry_is_missing(missing: i
     assert motion.crash() is None
 
 
-def test_without_a_reference_it_is_not_known(make_flight: FlightMaker) -> None:
+def test_crash_is_unknown_without_a_reference(make_flight: FlightMaker) -> None:
     summary = summarise(make_flight(100, reference=None))
     assert summary["crashed"] is None

@@ -11,7 +11,7 @@ from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 
 @pytest.mark.parametrize("count", [1, 2, 3, 10, 19, 20, 21, 60, 100, 333])
 @pytest.mark.parametrize("percent", [1, 5, 50, 90, 95, 99])
-def test_it_is_the_least_value_that_so_many_percent_do_not_exceed(
+def test_percentile_is_the_smallest_value_not_exceeded_by_its_share(
     count: int, percent: int
 ) -> None:
     values = [math.sin(17.0 * k) for k in range(count)]
@@ -22,6 +22,6 @@ def test_it_is_the_least_value_that_so_many_percent_do_not_exceed(
     assert 100 * len(below) < percent * count
 
 
-def test_what_is_not_finite_does_not_count() -> None:
+def test_nonfinite_values_are_ignored() -> None:
     assert percentiles([1.0, math.nan, 3.0, math.inf], 50) == {"p50": 1.0, "max": 3.0}
     assert percentiles([math.nan], 50) == {"p50": None, "max": None}

@@ -1,4 +1,4 @@
-"""What is said of a flight in plain words."""
+"""Verdicts on flights: success, what went wrong, next steps."""
 
 from __future__ import annotations
 
@@ -26,13 +26,12 @@ def good(make_flight: FlightMaker, build: SimpleNamespace) -> Summary:
     return summarise(dataclasses.replace(flight, stats=build.stats(ticks)))
 
 
-def test_a_good_flight(good: Summary) -> None:
+def test_verdict_of_a_good_flight(good: Summary) -> None:
     verdict = verdict_on(good)
     assert verdict.good
-    assert verdict.line == "The MPC gave every one of the 100 commands. Nothing went wrong."
+    assert verdict.line == "The MPC sent all 100 commands. Nothing went wrong."
     assert verdict.wrong == []
     assert verdict.advice == ["No problems found."]
-    assert any("lag by 70 ms (70 to 70), given 70 ms" in each for each in verdict.estimated)
 
 
 @pytest.mark.parametrize(
@@ -40,14 +39,14 @@ def test_a_good_flight(good: Summary) -> None:
     [
         ({"solver_failures": 3}, "without a solution: 3", ""),
         ({"stage_errors": 2}, "inside the controller: 2", "with the bag"),
-        ({"deadline_misses": 2}, "period late: 2", "docs/measurements/performance.md"),
+        ({"deadline_misses": 2}, "period late: 2", "docs/howto/troubleshooting.md"),
         ({"rate_saturation_fraction": 0.2}, "20% of the commands", "Raise R"),
         ({"rejected_inputs": 4}, "unusable: 4", "docs/reference/diagnostics.md"),
         ({"position_rmse_m": 3.4}, "3.40 m RMSE", ""),
         ({"crashed": True, "crash": "away", "crash_time_s": 3.0}, "3.00 s", "rehearse"),
     ],
 )
-def test_each_failure_is_said_with_what_to_do(
+def test_each_failure_has_advice(
     good: Summary, changes: dict[str, Any], wrong: str, advice: str
 ) -> None:
     verdict = verdict_on(good | changes)
@@ -56,7 +55,7 @@ def test_each_failure_is_said_with_what_to_do(
     assert verdict.good == (not {"solver_failures", "stage_errors", "crashed"} & changes.keys())
 
 
-def test_a_model_that_is_off_is_to_be_identified(good: Summary) -> None:
+def test_model_mismatch_advises_identify(good: Summary) -> None:
     seen = good["estimated"]
     lag = {**seen["rate_time_constant_ms"], "value": 110.0}
     verdict = verdict_on(good | {"estimated": {**seen, "rate_time_constant_ms": lag}})
@@ -79,15 +78,6 @@ def test_the_estimates_are_those_of_the_later_half(
     assert 0.808 < scale["high"] <= 0.81
 
 
-def test_what_is_nearly_nothing_has_no_sign(
-    make_flight: FlightMaker, build: SimpleNamespace
-) -> None:
-    flight = make_flight(20)
-    ticks = [build.tick(int(stamp), disturbance_x=-1e-5, **LAGS) for stamp in flight.stamp_ns]
-    verdict = verdict_on(summarise(dataclasses.replace(flight, stats=build.stats(ticks))))
-    assert any("x 0.00 (0.00 to 0.00)" in each for each in verdict.estimated)
-
-
 def test_the_fence_and_tilt_that_were_used(make_flight: FlightMaker) -> None:
     flight = make_flight(50)
     fence = dataclasses.replace(flight.mpc.fence, maximum=(1e7, 0.4, 1e7))
@@ -100,28 +90,44 @@ def test_the_fence_and_tilt_that_were_used(make_flight: FlightMaker) -> None:
 @pytest.mark.parametrize(
     ("reason", "advice"),
     [
-        ("it oscillates: lags or delay may be longer than the model's", "Raise lags or delay"),
+        (
+            "the vehicle oscillates: lags or delay may exceed the model's",
+            "Raise lags or delay",
+        ),
         ("solver: maximum iterations reached", "max_iterations"),
+        ("odometry and commands disagree: is the odometry in NED?", "frames, signs and units"),
+        ("2 s of thrust do not lift the vehicle", "Check motors, battery, mass"),
         ("odometry is 0.20 s old", "docs/reference/diagnostics.md"),
     ],
 )
-def test_what_to_do_goes_by_the_reason_of_the_failsafe(
+def test_advice_depends_on_the_reason_of_the_failsafe(
     good: Summary, reason: str, advice: str
 ) -> None:
     first = {"time_s": 1.0, "source": "hover", "reason": reason}
     commanding = {"ticks": {"mpc": 75, "hover": 25}, "first_without_mpc": first}
     verdict = verdict_on(good | {"commanding": commanding})
     assert not verdict.good
-    assert verdict.shares == ["mpc 75.0%, hover 25.0% of 100 ticks."]
     assert f"First at 1.00 s: {reason}." in verdict.line
     assert any(advice in each for each in verdict.advice)
 
 
+def test_names_the_contradiction_that_led_to_a_crash(good: Summary) -> None:
+    reason = "odometry and commands disagree: is the odometry in NED?"
+    first = {"time_s": 1.0, "source": "blind", "reason": reason}
+    commanding = {"ticks": {"mpc": 50, "blind": 50}, "first_without_mpc": first}
+    crash = {"crashed": True, "crash": "ground", "crash_time_s": 2.0}
+    verdict = verdict_on(good | crash | {"commanding": commanding})
+    assert reason in verdict.line
+    assert "frames, signs and units" in verdict.advice[0]
+    later = {"commanding": commanding | {"first_without_mpc": first | {"time_s": 2.5}}}
+    assert reason not in verdict_on(good | crash | later).line
+
+
 @pytest.mark.parametrize("rate", [2, 4, 5, 10, 30])
-def test_reports_odometry_that_is_slower_than_the_control(good: Summary, rate: int) -> None:
+def test_reports_odometry_slower_than_the_control_rate(good: Summary, rate: int) -> None:
     slow = {"margins": {**good["margins"], "odom_period_ms": 1e3 / rate}}
     assert (
-        f"Odometry came {rate}.0 times a second, control_rate is 50"
+        f"Odometry arrived {rate}.0 times a second, control_rate is 50"
         in verdict_on(good | slow).line
     )
 
@@ -133,7 +139,7 @@ def test_in_lockstep_nothing_is_late(good: Summary) -> None:
 
 def test_counts_the_odometries_that_were_not_answered(good: Summary) -> None:
     verdict = verdict_on(good | {"commands": 980, "unanswered_odometries": 20})
-    assert verdict.line.startswith("The MPC gave 980 of the 1000 commands that were due.")
+    assert verdict.line.startswith("The MPC sent 980 of the 1000 commands that were due.")
     assert "Odometries without a command: 20." in verdict.line
 
 

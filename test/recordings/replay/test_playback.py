@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
 from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline
-from quad_mpc_ros.recordings.replay.playback_threads import ReadAhead
+from quad_mpc_ros.recordings.replay.playback_threads import read_ahead
 from quad_mpc_ros.recordings.writer import BagWriter
 
 CLOCK = "rosgraph_msgs/msg/Clock"
@@ -84,12 +84,6 @@ def test_publishes_messages_at_their_times(reader: BagReader, rate: float) -> No
     )
     assert [number for _, number in player.published] == [0, 1, 2, 3, 4]
     assert player.playback.finished
-
-
-def test_publishes_nothing_before_the_start(reader: BagReader) -> None:
-    player = Player(reader)
-    player.run(499 * MS)
-    assert player.published == []
 
 
 def test_late_message_delays_no_other(reader: BagReader) -> None:
@@ -171,12 +165,10 @@ def test_read_ahead_keeps_order_and_depth() -> None:
             taken.append(number)
             yield number
 
-    ahead = ReadAhead(numbers(), depth=5)
+    ahead = read_ahead(numbers(), depth=5)
     assert [next(ahead) for _ in range(10)] == list(range(10))
-    assert len(taken) <= 17
+    assert len(taken) <= 15
     assert list(ahead) == list(range(10, 100))
-    assert list(ahead) == []
-    ahead.close()
 
 
 def test_read_ahead_raises_errors_in_turn() -> None:
@@ -184,16 +176,15 @@ def test_read_ahead_raises_errors_in_turn() -> None:
         yield 1
         raise ValueError("torn page")
 
-    ahead = ReadAhead(failing(), depth=5)
+    ahead = read_ahead(failing(), depth=5)
     assert next(ahead) == 1
     with pytest.raises(ValueError, match="torn page"):
         next(ahead)
-    ahead.close()
 
 
 def test_read_ahead_closes() -> None:
     before = threading.active_count()
-    ahead = ReadAhead(itertools.count(), depth=5)
+    ahead = read_ahead(itertools.count(), depth=5)
     next(ahead)
     ahead.close()
     assert threading.active_count() == before

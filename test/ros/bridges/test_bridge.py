@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from fixtures import crazyflie, mavlink
 from fixtures.betaflight import set_raw_rc
-from fixtures.bridges import BRIDGES, HOVER, SECOND, T0, command, deliver_all, ready_to_fly, topics
+from fixtures.bridges import BRIDGES, HOVER, SECOND, T0, command, deliver_all, ready_to_fly
 
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.ros.bridges.bridge import (
@@ -25,7 +25,7 @@ New = Callable[[str], Any]
 
 
 @pytest.mark.parametrize("kind", BRIDGES.values(), ids=BRIDGES)
-def test_passes_a_fresh_command_and_says_so(kind: type[Bridge], new: New) -> None:
+def test_passes_a_fresh_command_and_reports_no_silence(kind: type[Bridge], new: New) -> None:
     bridge = ready_to_fly(kind, T0)
     assert bridge.receive_command(command(T0 - SECOND // 100), now_ns=T0)
     assert (bridge.silence, bridge.commands, bridge.passed) == ("", 1, 1)
@@ -78,18 +78,6 @@ def test_every_topic_and_service_is_of_a_package_that_it_names(
     named = [each.topic for each in bridge.subscriptions] + list(bridge.publications)
     types = [topic.type_name for topic in named] + [kind for _, kind in bridge.services]
     assert {type_name.split("/")[0] for type_name in types} <= known
-
-
-@pytest.mark.parametrize("kind", BRIDGES.values(), ids=BRIDGES)
-def test_nothing_arms_or_engages_by_itself(kind: type[Bridge], new: New) -> None:
-    bridge = ready_to_fly(kind, T0)
-    spoken = {
-        name
-        for now_ns in range(T0, T0 + SECOND // 2, SECOND // 50)
-        for name in topics(bridge.receive_command(command(now_ns), now_ns=now_ns))
-    }
-    assert spoken
-    assert not any("vehicle_command" in name for name in spoken)
 
 
 def _line(answer: Response) -> bytes:
@@ -184,9 +172,7 @@ def test_answers_that_it_is_armed_only_when_the_stack_reports_it(name: str, new:
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_a_stack_that_fell_silent_counts_as_neither_armed_nor_disarmed(
-    name: str, new: New
-) -> None:
+def test_arming_state_of_a_silent_stack_is_unknown(name: str, new: New) -> None:
     bridge = ready_to_fly(BRIDGES[name], T0, **FLIES_BY.get(name, {}))
     for wanted in (False, True):
         bridge.arm(wanted, now_ns=T0)

@@ -69,7 +69,7 @@ def test_follows_the_documented_transitions() -> None:
         (Stack(fault="no status"), "no status"),
     ],
 )
-def test_takeover_releases_for_good(stack: Stack, reason: str) -> None:
+def test_takeover_releases_permanently(stack: Stack, reason: str) -> None:
     handover = advanced(engaged(), stack)
     assert handover.state is HandoverState.RELEASED
     assert reason in handover.reason
@@ -80,7 +80,7 @@ def test_names_the_missing_commands_when_the_stack_leaves_the_mode_after_a_gap()
     handover = engaged()
     stack = Stack(armed=True, exit_reason="PX4 switched to hold in a failsafe")
     handover.advance(stack, blocker="", now_ns=round(0.25 * SECOND))
-    assert "no fresh command came for 0.25 s, and PX4 switched to hold" in handover.reason
+    assert "no fresh command was received for 0.25 s, and PX4 switched to hold" in handover.reason
 
 
 @pytest.mark.parametrize("away", [0.6, -0.6, 100.0])
@@ -118,7 +118,7 @@ def test_only_a_request_leaves_released(actions: list[Any]) -> None:
         assert bool(handover.reason) is (handover.state is HandoverState.RELEASED)
 
 
-def test_persistent_obstacle_ends_offer_and_brief_one_does_not() -> None:
+def test_persistent_blocker_ends_the_offer_and_brief_one_does_not() -> None:
     handover = offered()
     for now_ns in range(0, SECOND, PERIOD):
         handover.commanded(now_ns=now_ns)
@@ -131,7 +131,7 @@ def test_persistent_obstacle_ends_offer_and_brief_one_does_not() -> None:
     assert "too far" in handover.reason
 
 
-def test_stands_from_disarming_until_it_leaves_its_height() -> None:
+def test_on_ground_from_disarming_until_the_height_changes() -> None:
     ground = Ground()
     ground.update(PLACE, armed=True)
     assert ground.landed is False  # first seen armed: perhaps in the air
@@ -182,7 +182,7 @@ class Scene:
         Scene(landed=None),
     ],
 )
-def test_holding_has_no_obstacle(scene: Scene) -> None:
+def test_no_blocker_while_holding_near_the_reference(scene: Scene) -> None:
     assert scene.blocker() == ""
 
 

@@ -105,53 +105,7 @@ def test_converts_odometry_axis_by_axis(axis: tuple[float, float, float]) -> Non
     assert_allclose(R_WB @ seen.v_WB_B, axis, atol=1e-7)
 
 
-@pytest.mark.parametrize("axis", AXES)
-def test_converts_position_and_attitude_axis_by_axis(axis: tuple[float, float, float]) -> None:
-    speaker = Speaker()
-    data = speaker.heartbeat() + speaker.attitude(T0, w=FRD[axis])
-    seen = odometry_from(data + speaker.position(T0, p=NED[axis], v=NED[axis]))
-    assert_allclose(seen.p_WB, axis)
-    assert_allclose(seen.w_WB_B, axis)
-    R_WB = so3.rotation_from_quaternion_xyzw(seen.q_WB_xyzw)
-    assert_allclose(R_WB @ seen.v_WB_B, axis, atol=1e-7)
-
-
-@pytest.mark.parametrize(
-    ("q_wxyz", "nose", "up"),
-    [
-        ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),  # north
-        ((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),  # east
-        # Nose down by 0.2 rad, facing north: thrust pulls north.
-        (
-            (math.cos(0.1), 0.0, -math.sin(0.1), 0.0),
-            (0.0, math.cos(0.2), -math.sin(0.2)),
-            (0.0, math.sin(0.2), math.cos(0.2)),
-        ),
-        # Right side down, facing north: thrust pulls east.
-        (
-            (math.cos(0.1), math.sin(0.1), 0.0, 0.0),
-            (0.0, 1.0, 0.0),
-            (math.sin(0.2), 0.0, math.cos(0.2)),
-        ),
-    ],
-)
-@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
-def test_attitude_turns_nose_and_thrust_axis(
-    autopilot: int, q_wxyz: Any, nose: Any, up: Any
-) -> None:
-    speaker = Speaker()
-    state = (
-        speaker.odometry(T0, q=list(q_wxyz))
-        if autopilot == PX4
-        else speaker.attitude(T0, q_wxyz) + speaker.position(T0)
-    )
-    seen = odometry_from(speaker.heartbeat(autopilot=autopilot) + state)
-    R_WB = so3.rotation_from_quaternion_xyzw(seen.q_WB_xyzw)
-    assert_allclose(R_WB[:, 0], nose, atol=1e-6)
-    assert_allclose(R_WB[:, 2], up, atol=1e-6)
-
-
-def test_an_attitude_is_turned_to_the_time_of_the_position() -> None:
+def test_attitude_is_predicted_to_the_stamp_of_the_position() -> None:
     speaker, bridge = Speaker(), made()
     before = T0 - 10 * MILLISECOND
     data = speaker.heartbeat() + speaker.attitude(before, w=(0.0, 0.0, 2.0))
@@ -221,7 +175,7 @@ def level_of(thrust: float, *, up: float, boost: bool, expo: float) -> float:
     st.sampled_from((-0.3, 0.0, 0.4, 0.65, 1.0)),
 )
 @settings(deadline=None, max_examples=60)
-def test_compensates_what_ardupilot_changes_of_the_throttle(
+def test_compensates_ardupilots_throttle_scaling(
     level: float, tilt: float, boost: bool, expo: float
 ) -> None:
     speaker = Speaker()
@@ -246,7 +200,7 @@ def test_compensates_the_boost_at_the_predicted_tilt() -> None:
     assert thrust == pytest.approx(0.5 * math.cos(0.5 + 2.0 * 0.03), abs=1e-5)
 
 
-def test_a_connection_begins_with_heartbeat_intervals_and_parameters() -> None:
+def test_requests_heartbeat_intervals_and_parameters_at_connection() -> None:
     speaker, bridge = Speaker(system=7), made(state_rate=50.0)
     quiet = bridge.exchange(b"", now_ns=T0)
     assert requests(quiet) == [] and asked_for(quiet) == []
@@ -294,7 +248,7 @@ def test_refuses_to_engage_before_the_parameters_are_received() -> None:
     [
         (
             {"GUID_OPTIONS": 0.0},
-            "GUID_OPTIONS is 0, and thrust would mean a climb rate: set it to 8",
+            "GUID_OPTIONS is 0, which makes thrust a climb rate: set it to 8",
         ),
         ({"GUID_OPTIONS": 64.0}, "set it to 72 (bit 3)"),
     ],
@@ -311,14 +265,13 @@ def test_refuses_to_engage_with_unsafe_settings(known: dict[str, float], said: s
     ("autopilot", "known", "said"),
     [
         (ARDUPILOT, {"GUID_TIMEOUT": 3.0}, "GUID_TIMEOUT is 3 s"),
-        (ARDUPILOT, {"ATC_RATE_R_MAX": 90.0}, "bound the body rates to 1.57, 0.00, 0.00 rad/s"),
-        (ARDUPILOT, {"MOT_BAT_VOLT_MAX": 16.8}, "set thrust_map.battery_voltage to 0"),
         (PX4, {"COM_OF_LOSS_T": 2.0}, "COM_OF_LOSS_T is 2 s"),
-        (PX4, {"MPC_THR_HOVER": 0.6}, "MPC_THR_HOVER is 0.60, the vehicle file gives 0.29"),
     ],
 )
-def test_warns_of_odd_settings_once(autopilot: int, known: dict[str, float], said: str) -> None:
-    bridge = made(**{"thrust_map.battery_voltage": 15.0})
+def test_warns_once_of_setpoints_that_are_held_too_long(
+    autopilot: int, known: dict[str, float], said: str
+) -> None:
+    bridge = made()
     data = Speaker().state_messages(T0, autopilot=autopilot, settings=known)
     bridge.exchange(data, now_ns=T0)
     (warning,) = bridge.take_warnings()
@@ -327,18 +280,17 @@ def test_warns_of_odd_settings_once(autopilot: int, known: dict[str, float], sai
     assert bridge.take_warnings() == []
 
 
-def test_a_setting_that_is_changed_in_flight_counts() -> None:
+def test_applies_a_setting_changed_in_flight() -> None:
     speaker = Speaker()
     bridge = engaged(speaker)
     bridge.exchange(speaker.parameter("GUID_OPTIONS", 0.0), now_ns=T0 + STEP)
     assert sent(bridge, T0 + STEP) == b"" and "climb rate" in bridge.handover[1]
 
 
-def test_integers_of_px4_travel_in_the_bytes_of_a_float() -> None:
+def test_px4_integers_are_encoded_in_the_bytes_of_a_float() -> None:
     speaker, bridge = Speaker(), made()
     data = speaker.heartbeat(autopilot=PX4) + speaker.parameter("COM_OF_LOSS_T", 5, integer=True)
-    data += speaker.parameter("NAV_DLL_ACT", 0, integer=True)
-    bridge.exchange(data + speaker.parameter("MPC_THR_HOVER", 0.3), now_ns=T0)
+    bridge.exchange(data, now_ns=T0)
     assert any("COM_OF_LOSS_T is 5 s" in each for each in bridge.take_warnings())
 
 
@@ -346,7 +298,7 @@ def test_integers_of_px4_travel_in_the_bytes_of_a_float() -> None:
 
 
 @pytest.mark.parametrize(("there", "back"), [(0, 0), (4, 4), (8, 2), (1, 9)])
-def test_stamps_are_right_to_half_of_the_round_trip(there: int, back: int) -> None:
+def test_stamps_are_accurate_to_half_the_round_trip(there: int, back: int) -> None:
     """The vehicle's clock began 3,000 s later; its state is as late as its answers are."""
     speaker, bridge = Speaker(), made()
     behind = 3_000 * SECOND
@@ -373,7 +325,7 @@ def test_stamps_are_right_to_half_of_the_round_trip(there: int, back: int) -> No
 
 
 @pytest.mark.parametrize("drift", [-0.04, 0.0, 0.015, 0.04])
-def test_stamps_follow_a_drifting_clock_by_answers_that_take_long(drift: float) -> None:
+def test_stamps_follow_a_drifting_clock_with_slow_responses(drift: float) -> None:
     """A simulation beside other work: its clock is slow, and one answer in twenty comes soon."""
     dice, time = random.Random(5), VehicleClock()
     for k in range(600):  # a minute
@@ -391,7 +343,7 @@ def test_stamps_follow_a_drifting_clock_by_answers_that_take_long(drift: float) 
 # Who flies.
 
 
-def test_ardupilot_is_asked_for_guided_and_flown_in_no_other_mode() -> None:
+def test_requests_guided_mode_and_sends_setpoints_only_in_it() -> None:
     speaker, bridge = Speaker(), made()
     bridge.exchange(speaker.state_messages(T0, mode=LOITER), now_ns=T0)
     assert sent(bridge, T0) == b""
@@ -407,7 +359,7 @@ def test_ardupilot_is_asked_for_guided_and_flown_in_no_other_mode() -> None:
     assert sent(bridge, T0 + 3 * STEP) == b""
 
 
-def test_px4_gets_setpoints_before_it_is_asked_for_offboard() -> None:
+def test_px4_receives_setpoints_before_the_offboard_request() -> None:
     speaker, bridge = Speaker(), made()
     bridge.exchange(speaker.state_messages(T0, autopilot=PX4, mode=POSITION), now_ns=T0)
     sent(bridge, T0)
@@ -431,9 +383,7 @@ def test_px4_gets_setpoints_before_it_is_asked_for_offboard() -> None:
     ("autopilot", "mode", "asked"),
     [(ARDUPILOT, GUIDED, (1.0, 5.0, 0.0)), (PX4, OFFBOARD, (1.0, 4.0, 3.0))],
 )
-def test_releasing_and_arming_are_asked_for(
-    autopilot: int, mode: int, asked: tuple[float, ...]
-) -> None:
+def test_requests_release_and_arming(autopilot: int, mode: int, asked: tuple[float, ...]) -> None:
     bridge = engaged(Speaker(), autopilot=autopilot, mode=mode)
     for response, command_number, parameters in (
         (bridge.arm(True, now_ns=T0), 400, (1.0,)),
@@ -503,11 +453,11 @@ def test_unknown_targets_end_the_engagement(autopilot: int, strange: int, ends: 
             )
             bridge.exchange(data, now_ns=now_ns)
     assert bridge.handover[0] == ("released" if ends else "engaged")
-    assert ("setpoints that were not sent here" in bridge.handover[1]) is ends
+    assert ("the vehicle follows setpoints of another sender" in bridge.handover[1]) is ends
 
 
 @pytest.mark.parametrize(("autopilot", "wait"), [(ARDUPILOT, 1.0), (ARDUPILOT, 0.0), (PX4, 1.0)])
-def test_ardupilot_is_asked_for_land_once_it_has_landed(autopilot: int, wait: float) -> None:
+def test_requests_land_mode_once_after_landing(autopilot: int, wait: float) -> None:
     speaker, mode = Speaker(), GUIDED if autopilot == ARDUPILOT else OFFBOARD
     reported = {"autopilot": autopilot, "mode": mode}
     bridge = engaged(speaker, bridge=made(land_mode_after=wait), **reported)
@@ -585,7 +535,7 @@ def test_requests_a_heartbeat_at_once_after_a_change_of_px4s_state() -> None:
 
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4])
 @pytest.mark.parametrize("leaves", [True, False])
-def test_strange_targets_are_judged_by_the_mode_that_is_reported_after_them(
+def test_foreign_targets_are_decided_by_the_next_reported_mode(
     autopilot: int, leaves: bool
 ) -> None:
     """An autopilot in another mode follows its own setpoints, and reports them at 20 Hz."""
@@ -607,7 +557,7 @@ def test_strange_targets_are_judged_by_the_mode_that_is_reported_after_them(
     tick(bridge, heartbeat, now_ns + STEP)
     assert bridge.handover[0] == "released"
     assert ("for a pilot or a ground station" in bridge.handover[1]) is leaves
-    assert ("setpoints that were not sent here" in bridge.handover[1]) is not leaves
+    assert ("the vehicle follows setpoints of another sender" in bridge.handover[1]) is not leaves
 
 
 def test_stale_heartbeats_end_the_engagement() -> None:
@@ -645,7 +595,7 @@ def test_a_refusal_to_arm_is_answered_with_the_reason_of_the_autopilot(text_firs
     ("autopilot", "on_loss", "announces"),
     [(PX4, 0, True), (PX4, 2, False), (ARDUPILOT, None, False)],
 )
-def test_stands_in_for_a_ground_station_only_where_its_loss_has_no_consequences(
+def test_acts_as_ground_station_only_if_px4_ignores_its_loss(
     autopilot: int, on_loss: int | None, announces: bool
 ) -> None:
     """PX4 sends its texts only to ground stations, and may fly home when the last one is lost."""
@@ -658,8 +608,6 @@ def test_stands_in_for_a_ground_station_only_where_its_loss_has_no_consequences(
         types += heartbeat_types(bridge.exchange(data, now_ns=now_ns))
     onboard, station = (191, 18), (190, 6)
     assert types.count(onboard) == 2 and types.count(station) == 2 * announces
-    if on_loss:
-        assert any("receives no texts of PX4" in each for each in bridge.take_warnings())
 
 
 # Landed state, battery and texts.
@@ -692,7 +640,7 @@ def test_landed_battery_refusals_and_texts() -> None:
     bridge.exchange(refused + text, now_ns=T0)
     assert bridge.take_warnings() == [
         "the autopilot refuses arming: failed",
-        "the autopilot says: Arm: Throttle too high",
+        "the autopilot reports: Arm: Throttle too high",
     ]
 
 
@@ -705,7 +653,7 @@ def test_refuses_an_invalid_address(device: str) -> None:
 # Whatever comes over the line.
 
 
-def test_2000_fuzzed_frames_are_dropped_or_right() -> None:
+def test_2000_fuzzed_frames_are_dropped_or_correct() -> None:
     """Bits turned, pieces lost, frames run together: what gets through is what was said."""
     dice, speaker = random.Random(7), Speaker()
     bridge = engaged(speaker)
@@ -740,7 +688,7 @@ def test_2000_fuzzed_frames_are_dropped_or_right() -> None:
 ABSURD = [0.0, -0.0, 1.0, -7.0, 1e8, 3.4e38, -3.4e38, 1e-40, math.nan, math.inf, -math.inf]
 
 
-def test_2000_absurd_but_sound_frames_break_nothing() -> None:
+def test_2000_implausible_valid_frames_cause_no_error() -> None:
     dice, speaker = random.Random(11), Speaker()
     kinds = ["odometry", "attitude_quaternion", "local_position_ned", "attitude_target"]
     kinds += ["heartbeat", "sys_status", "extended_sys_state", "timesync", "param_value"]

@@ -76,7 +76,7 @@ def motion(odometries: list[OdometrySample]) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("name", RECORDINGS)
-def test_motion_agrees_with_itself_about_every_axis(name: str) -> None:
+def test_recorded_motion_is_consistent_about_every_axis(name: str) -> None:
     correlation, apart, drag = RECORDINGS[name]
     _, odometries, _ = replayed(name)
     assert len(odometries) > 80
@@ -94,7 +94,7 @@ def test_motion_agrees_with_itself_about_every_axis(name: str) -> None:
     assert np.degrees(np.arccos(found["thrust"][:, 2].min())) > 25.0  # it leans
 
 
-def test_a_connection_to_ardupilot() -> None:
+def test_replays_a_connection_to_ardupilot() -> None:
     bridge, odometries, warnings = replayed("ardupilot_4.6")
     now_ns = odometries[-1].stamp_ns
     assert bridge.landed(now_ns=now_ns) is False

@@ -69,7 +69,7 @@ def eventually(what: Callable[[], object], timeout: float = 10.0) -> None:
         time.sleep(0.005)
 
 
-def test_bytes_go_both_ways_as_they_are(terminal: Terminal) -> None:
+def test_bytes_pass_unchanged_in_both_directions(terminal: Terminal) -> None:
     line = SerialLine(Line(device=str(terminal.path), baud=115200))
     every = bytes(range(256))
     assert line.read() == b""

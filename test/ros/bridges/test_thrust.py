@@ -19,20 +19,20 @@ def made(**parameters: Any) -> ThrustMap:
     return ThrustMap(BridgeConfig(thrust_map=ThrustParameters(**parameters)))
 
 
-def test_hovering_means_the_weight() -> None:
+def test_thrust_at_hover_equals_the_weight() -> None:
     thrust = made()
     assert thrust.thrust_newton(0.2923008) == pytest.approx(WEIGHT, rel=1e-6)
     assert thrust.specific_thrust(0.2923008) == pytest.approx(9.81, rel=1e-6)
 
 
 @pytest.mark.parametrize("throttle", THROTTLES)
-def test_the_models_own_map_changes_nothing(throttle: float) -> None:
+def test_model_map_keeps_the_throttle(throttle: float) -> None:
     assert made().stack_throttle(throttle) == throttle
 
 
 @pytest.mark.parametrize("throttle", THROTTLES)
 @pytest.mark.parametrize("kind", ["linear", "quadratic", "table"])
-def test_every_map_makes_the_thrust_that_is_meant(kind: str, throttle: float) -> None:
+def test_every_map_produces_the_commanded_thrust(kind: str, throttle: float) -> None:
     throttles, thrusts = (0.0, 0.25, 0.5, 1.0), (0.0, 2.0, 6.0, 30.0)
     thrust = made(
         kind=kind,
@@ -58,7 +58,7 @@ def test_unreachable_thrust_is_full_throttle() -> None:
     assert made(kind="quadratic", motor_curve=(1.0, 0.5, 0.0)).stack_throttle(1.0) == 1.0
 
 
-def test_an_emptier_battery_takes_more_throttle() -> None:
+def test_a_lower_voltage_requires_more_throttle() -> None:
     thrust = made(kind="linear", full_thrust=20.0, battery_voltage=16.0)
     full = thrust.stack_throttle(0.2923008)
     thrust.receive_voltage(16.0, now_ns=0)

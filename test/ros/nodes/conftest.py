@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -13,24 +12,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
-from fixtures.processes import PATIENCE, end
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from fixtures.peer import Peer
+from fixtures.processes import end
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.duration import Duration
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.messages import cdr, conversions
-
-# s: a client that has found its service may not have been found by it, and would get no answer.
-MATCHING = 0.3
 
 
 @contextmanager
@@ -46,56 +39,6 @@ def _node_process(
         yield process
     finally:
         end(process)
-
-
-class Peer:
-    """A node of the test's, spun only while the test waits."""
-
-    def __init__(self) -> None:
-        rclpy.init()
-        self.node: Node = rclpy.create_node("test_peer")
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self.node)
-        self._matched: set[Any] = set()
-
-    def close(self) -> None:
-        self.node.destroy_node()
-        rclpy.shutdown()
-
-    def wait(self, condition: Callable[[], object], timeout: float = PATIENCE) -> bool:
-        """Spin until something is true; return whether it became so in time."""
-        deadline = time.monotonic() + timeout
-        while not condition():
-            if time.monotonic() > deadline:
-                return False
-            self._executor.spin_once(timeout_sec=0.02)
-        return True
-
-    def spin(self, seconds: float) -> None:
-        self.wait(lambda: False, timeout=seconds)
-
-    def deliver(self, *publishers: Any) -> None:
-        """Wait until reliable readers have what was published, then give them time to take it.
-
-        A writer knows a reader before that knows the writer: what it sends at once comes with the
-        next heartbeat, up to 3 s later.
-        """
-        for publisher in publishers:
-            assert publisher.wait_for_all_acked(Duration(seconds=10))
-        self.spin(0.3)
-
-    def find(self, client: Any) -> None:
-        """Wait for the service of a client, and at first until that has found the client."""
-        assert self.wait(client.service_is_ready)
-        if client not in self._matched:
-            self.spin(MATCHING)
-            self._matched.add(client)
-
-    def call(self, client: Any, request: Any) -> Any:
-        self.find(client)
-        future = client.call_async(request)
-        assert self.wait(future.done)
-        return future.result()
 
 
 @pytest.fixture
@@ -128,6 +71,8 @@ class Feed:
 
     def __init__(self, peer: Peer) -> None:
         self.odometry = self.reference = True
+        self.decimation = 1  # of the odometry
+        self._count = 0
         self.yaw = 0.0  # of the reference
         self.height = 2.0  # of the odometry: at the reference, where a hovering vehicle rests
         self._peer = peer
@@ -140,7 +85,8 @@ class Feed:
         stamp_ns = int(self._peer.node.get_clock().now().nanoseconds)
         if self.reference:
             self._reference.publish(self._window(stamp_ns))
-        if self.odometry:
+        self._count += 1
+        if self.odometry and self._count % self.decimation == 0:
             odometry = Odometry()
             conversions.fill_odometry(
                 odometry,
@@ -185,13 +131,14 @@ class Managed:
             SetParametersAtomically, f"{name}/set_parameters_atomically"
         )
         self.health: dict[str, str] = {}
+        self.level = DiagnosticStatus.OK
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == f"/{self._name}":
                 values = {pair.key: pair.value for pair in status.values}
-                self.health = {"text": status.message, **values}
+                self.health, self.level = {"text": status.message, **values}, status.level
 
     def to(self, transition: str | int) -> bool:
         """Ask for a transition by its label or number; return whether it was carried out."""

@@ -26,7 +26,7 @@ def commands(run: Path, topic: str = "/command") -> list[bytes]:
         return [bytes(data) for _, _, data in reader.messages(connections)]
 
 
-def test_a_lockstep_flight_is_the_one_in_one_process_and_resolves_to_it(tmp_path: Path) -> None:
+def test_lockstep_flight_equals_the_flight_in_one_process(tmp_path: Path) -> None:
     flown, simulated, again = tmp_path / "flown", tmp_path / "simulated", tmp_path / "again"
     assert main(["fly", "--lockstep", *WITH_IMU, "--out", str(flown)]) == 0
     assert main(["simulate", *WITH_IMU, "--out", str(simulated)]) == 0
@@ -46,14 +46,14 @@ def imu(now_ns: int, **changes: Any) -> Imu:
 
 
 BAD = {
-    "imu holds a number that is not finite": {"z": math.nan},
+    "imu linear_acceleration.z is not finite": {"z": math.nan},
     "imu is in frame 'imu_link', expected 'base_link'": {"frame_id": "imu_link"},
-    "behind that of the odometry": {"stamp_ns": 5},
+    "behind the odometry's stamp": {"stamp_ns": 5},
     "imu has no acceleration": {"variance": -1.0},
 }
 
 
-def test_bad_messages_are_refused_in_a_line_each_and_the_flight_goes_on(
+def test_bad_messages_are_logged_and_the_flight_continues(
     start: Callable[..., Any], peer: Any, feed: Any, managed: Any, tmp_path: Path
 ) -> None:
     publisher = peer.node.create_publisher(Imu, "imu", qos_profile_sensor_data)
@@ -84,13 +84,3 @@ def test_bad_messages_are_refused_in_a_line_each_and_the_flight_goes_on(
 
     assert peer.wait(is_received)
     assert "Traceback" not in log.read_text()
-
-
-def test_does_not_subscribe_without_the_parameter(
-    start: Callable[..., Any], peer: Any, feed: Any, managed: Any
-) -> None:
-    publisher = peer.node.create_publisher(Imu, "imu", qos_profile_sensor_data)
-    start("mpc")
-    node = managed("mpc")
-    assert peer.wait(lambda: node.health.get("accelerometer") == "off")
-    assert publisher.get_subscription_count() == 0

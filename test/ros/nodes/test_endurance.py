@@ -82,7 +82,7 @@ def test_flies_in_whichever_order_the_nodes_start(
 
 
 @pytest.mark.slow
-def test_flies_on_after_its_process_was_paused(start: Start, peer: Any) -> None:
+def test_continues_after_its_process_was_paused(start: Start, peer: Any) -> None:
     flight = Flight(peer)
     processes = {node: start(node, *arguments) for node, arguments in NODES.items()}
     assert flight.hovers()
@@ -93,7 +93,7 @@ def test_flies_on_after_its_process_was_paused(start: Start, peer: Any) -> None:
 
 
 @pytest.mark.slow
-def test_flies_on_after_the_simulator_was_restarted(start: Start, peer: Any) -> None:
+def test_continues_after_the_simulator_was_restarted(start: Start, peer: Any) -> None:
     flight = Flight(peer)
     processes = {node: start(node, *arguments) for node, arguments in NODES.items()}
     assert flight.hovers()
@@ -103,7 +103,7 @@ def test_flies_on_after_the_simulator_was_restarted(start: Start, peer: Any) -> 
 
 
 @pytest.mark.timeout(DURATION + 300)
-def test_endures_lost_odometries_and_changed_parameters(
+def test_tolerates_lost_odometries_and_changed_parameters(
     peer: Any, managed: Any, tmp_path: Path
 ) -> None:
     out = tmp_path / "run"

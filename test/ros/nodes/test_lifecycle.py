@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import re
+import shutil
 import subprocess
 import threading
 from collections.abc import Callable, Iterator
@@ -29,7 +30,9 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from quad_mpc_ros.control.mpc import Mpc
+from quad_mpc_ros.messages.diagnostics import stats_from_message
 from quad_mpc_ros.recordings.reader import BagReader
+from quad_mpc_ros.recordings.repair import repair
 from quad_mpc_ros.recordings.writer import BagWriter
 from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
 from quad_mpc_ros.ros.nodes.recorder_node import RecorderNode
@@ -40,7 +43,6 @@ Start = Callable[..., "subprocess.Popen[bytes]"]
 WAIT = ("-p", "autostart:=false")
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 ACTIVATE_NUMBER = 3
-GROWTH_KIB = 4000  # 80 controllers take 6400
 
 
 class Outputs:
@@ -134,11 +136,11 @@ def test_warns_of_a_deactivation_in_flight(
     peer.deliver(*publishers)
     assert mpc.to("deactivate")
     assert mpc.reports("inactive")
-    warned = r"\[WARN\] .*inactive on request in flight: no more commands"
+    warned = r"\[WARN\] .*inactive on request in flight: stopped publishing commands"
     assert bool(re.search(warned, log.read_text())) is acts
 
 
-def test_mpc_starts_by_itself_when_odometry_and_reference_are_there(
+def test_mpc_activates_automatically_with_odometry_and_reference(
     start: Start, peer: Any, feed: Any, outputs: Outputs, managed: Any
 ) -> None:
     feed.reference = False
@@ -155,19 +157,22 @@ def test_mpc_starts_by_itself_when_odometry_and_reference_are_there(
     assert mpc.state == "inactive"
 
 
-def test_external_transition_ends_autostart(
-    start: Start, peer: Any, feed: Any, outputs: Outputs, managed: Any
+@pytest.mark.parametrize("rate", [5, 10])
+def test_mpc_starts_by_itself_with_slow_odometry(
+    rate: int, start: Start, peer: Any, feed: Any, outputs: Outputs, managed: Any
 ) -> None:
-    feed.odometry = feed.reference = False
-    start("mpc")
-    mpc = managed("mpc")
-    assert mpc.reports("inactive", "no odometry yet")
-    assert mpc.to("cleanup")
-    assert mpc.to("configure")
-    feed.odometry = feed.reference = True
-    assert peer.wait(lambda: mpc.health["text"] == "inactive")
-    assert not outputs.anything(0.2)
-    assert mpc.state == "inactive"
+    """Odometry that is older than odom_timeout most of the time blocks no activation for good."""
+    feed.decimation = 50 // rate
+    # Odometry that rests contradicts the thrust that it is given.
+    start("mpc", "-p", "consistency.action:=warn")
+    assert managed("mpc").reports("active")
+
+    def solved() -> int:
+        sources = [stats_from_message(each)["source"] for each in outputs.stats]
+        return sources.count("mpc")
+
+    assert peer.wait(lambda: solved() >= 10)
+    assert len(outputs.commands) >= 10
 
 
 def test_parameters_may_be_set_until_configured(
@@ -194,10 +199,6 @@ def test_parameters_may_be_set_until_configured(
     assert mpc.set(horizon_steps=7, mass=0.3, throttle_min=0.1) == "", "what is the same is fine"
     assert mpc.set(**{"limits.speed_max": 4.0}) == "", "on since it was configured"
     assert mpc.set(massa=2.0) == "mpc has no parameter 'massa' (did you mean mass?)"
-    refusal = mpc.set(**{"advanced.limits.rate_slew": 60.0})
-    assert refusal.startswith(
-        "mpc.advanced.limits.rate_slew: given 60.0, expected 0.0 as long as the node is "
-    )
     refusal = mpc.set(**{"limits.speed_max": 0.0})
     assert refusal.startswith(
         "mpc.limits.speed_max: given 0.0, expected not 0 as long as the node"
@@ -214,41 +215,36 @@ def test_parameters_may_be_set_until_configured(
     assert "Traceback" not in log
 
 
-@pytest.mark.parametrize("given", ["1", "[0.2, 0.3, 0.4]"])
-def test_drag_is_one_number_or_three(given: str, start: Start, managed: Any) -> None:
-    start("mpc", *WAIT, "-p", f"drag:={given}")
+def test_drag_is_one_number_or_three(start: Start, managed: Any) -> None:
+    start("mpc", *WAIT, "-p", "drag:=[0.2, 0.3, 0.4]")
     mpc = managed("mpc")
     for drag in (0.3, [0.2, 0.3, 0.4], 1, [1, 1, 2]):
         assert mpc.set(drag=drag) == ""
     for wrong in ("much", [0.2, 0.3], -0.1, [0.2, 0.3, -0.1], True):
-        assert "expected a number >= 0, or 3 of them" in mpc.set(drag=wrong)
+        assert "expected a number >= 0, or 3 numbers" in mpc.set(drag=wrong)
     assert mpc.to("configure")
     assert mpc.set(drag=[1, 1, 2]) == "", "what is the same is fine"
     assert mpc.set(drag=0.2).startswith("mpc.drag: given 0.2, expected [1.0, 1.0, 2.0] as long")
 
 
-@pytest.mark.parametrize("steps", [(), ("configure",), ("configure", "activate")])
 def test_a_shutdown_from_every_state_ends_the_process(
-    steps: tuple[str, ...], start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
+    start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
 ) -> None:
-    bag = ("-p", f"directory:={tmp_path / 'bag'}")
-    names = ("mpc", "reference", "recorder")
-    processes = {name: start(name, *WAIT, *(bag if name == "recorder" else ())) for name in names}
-    nodes = {name: managed(name) for name in names}
-    for node in nodes.values():
-        for step in steps:
-            assert peer.wait(lambda node=node, step=step: node.to(step)), step
-    for name, node in nodes.items():
+    steps = {"mpc": ("configure", "activate"), "reference": ("configure",), "recorder": ()}
+    processes = {name: start(name, *WAIT) for name in steps}
+    for name, transitions in steps.items():
+        node = managed(name)
+        for each in transitions:
+            assert peer.wait(lambda node=node, each=each: node.to(each)), each
         assert node.to("shutdown")
         assert processes[name].wait(PATIENCE) == 0
         assert "Traceback" not in (tmp_path / f"{name}.log").read_text()
-    assert (tmp_path / "bag" / "metadata.yaml").exists() == ("activate" in steps)
 
 
 # --- the reference
 
 
-def test_reference_goes_on_where_it_stopped(start: Start, peer: Any, managed: Any) -> None:
+def test_reference_continues_where_it_stopped(start: Start, peer: Any, managed: Any) -> None:
     """On a circle of 2 m at 2 m/s, a jump by the second of the pause would be 1.9 m."""
     windows: list[MultiDOFJointTrajectory] = []
     paths: list[PathMessage] = []
@@ -348,7 +344,7 @@ def _recorded(bag: Path) -> list[int]:
     return [int.from_bytes(m.data[4:8], "little") for m in BagReader(bag).messages(["/numbers"])]
 
 
-def test_recorder_pauses_and_goes_on_in_one_bag(
+def test_recorder_pauses_and_resumes_in_one_bag(
     start: Start, peer: Any, managed: Any, counter: Any, tmp_path: Path
 ) -> None:
     bag, other = tmp_path / "bag", tmp_path / "other"
@@ -369,7 +365,8 @@ def test_recorder_pauses_and_goes_on_in_one_bag(
     counter(10)  # 5 to 14
     assert recorder.to("deactivate")
     assert not (bag / "metadata.yaml").exists()
-    assert _recorded(bag) == list(range(5, 15)), "what was recorded is on the disk"
+    repair(shutil.copytree(bag, tmp_path / "copied"))
+    assert _recorded(tmp_path / "copied") == list(range(5, 15)), "what was recorded is on the disk"
     counter(10)  # 15 to 24, which are not recorded
     assert recorder.to("activate")
     assert peer.wait(counter.subscribers)
@@ -398,86 +395,9 @@ def test_recorder_pauses_and_goes_on_in_one_bag(
     assert _recorded(other) == list(range(35, 40))
 
 
-def test_recorder_without_a_directory_makes_a_new_one_each_time(
-    start: Start, peer: Any, managed: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    start("recorder")
-    recorder = managed("recorder")
-    assert recorder.reports("active")
-    for _ in range(2):
-        for transition in ("deactivate", "cleanup", "configure", "activate"):
-            assert recorder.to(transition)
-    bags = list(tmp_path.glob("rosbag2_*"))
-    assert len(bags) == 3
-
-
 # --- again and again
 
 CYCLE = ("configure", "activate", "deactivate", "cleanup")
-
-
-def _status(process: subprocess.Popen[bytes], key: str) -> int:
-    """Return a field of ``/proc/PID/status``: threads, memory [KiB]."""
-    text = Path(f"/proc/{process.pid}/status").read_text()
-    return int(re.search(rf"^{key}:\s+(\d+)", text, re.MULTILINE)[1])  # type: ignore[index]
-
-
-def _endpoints(peer: Any, name: str) -> int:
-    """Return the number of DDS endpoints of a node."""
-    node = peer.node
-    topics = node.get_topic_names_and_types()
-    infos = [
-        info
-        for topic, _ in topics
-        for found in (node.get_publishers_info_by_topic, node.get_subscriptions_info_by_topic)
-        for info in found(topic)
-    ]
-    services = node.get_service_names_and_types_by_node(name, "/")
-    clients = node.get_client_names_and_types_by_node(name, "/")
-    return sum(info.node_name == name for info in infos) + len(services) + len(clients)
-
-
-@pytest.mark.slow
-def test_hundred_cycles_leak_nothing(
-    start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path, monkeypatch: Any
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    names = {"mpc": (), "reference": (), "recorder": ("-p", "sync:=false")}
-    processes = {name: start(name, *WAIT, *arguments) for name, arguments in names.items()}
-    nodes = {name: managed(name) for name in names}
-
-    def cycle() -> None:
-        for transition in CYCLE:
-            asked = {node: node.ask(transition) for node in nodes.values()}
-            for node, answer in asked.items():
-                assert peer.wait(answer.done)
-                # The MPC has to receive its inputs first.
-                assert answer.result().success or peer.wait(lambda node=node: node.to("activate"))
-
-    def used(key: str) -> dict[str, int]:
-        return {name: _status(process, key) for name, process in processes.items()}
-
-    def endpoints() -> dict[str, int]:
-        return {name: _endpoints(peer, name) for name in names}
-
-    cycle()
-    assert peer.wait(lambda: not peer.node.count_publishers("command"))
-    endpoints_before = endpoints()
-    for _ in range(19):
-        cycle()
-    threads, memory = used("Threads"), used("VmRSS")
-    for _ in range(80):
-        cycle()
-    assert peer.wait(lambda: endpoints() == endpoints_before)
-    assert used("Threads") == threads
-    growth = {name: used("VmRSS")[name] - memory[name] for name in names}
-
-    assert max(growth.values()) < GROWTH_KIB
-    assert len(list(tmp_path.glob("rosbag2_*"))) == 100
-    for name, process in processes.items():
-        assert process.poll() is None
-        assert "Traceback" not in (tmp_path / f"{name}.log").read_text()
 
 
 @pytest.fixture

@@ -45,7 +45,7 @@ def _shown(command: tuple[float, float]) -> int | None:
     return None
 
 
-def test_every_command_shows_a_whole_transaction(
+def test_commands_use_whole_parameter_transactions(
     start: Start, peer: Any, feed: Any, managed: Any
 ) -> None:
     """The requests come as fast as the node answers, from another process and at any moment."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -41,18 +42,6 @@ def test_logs_missing_inputs_and_mismatched_publishers(
     assert peer.wait(lambda: f"{expected} /test_peer: " in log.read_text())
 
 
-def test_says_again_that_odometry_is_in_a_wrong_frame(
-    start: Start, peer: Any, feed: Any, tmp_path: Path
-) -> None:
-    start("mpc", "-p", "odometry.frame_id:=map")
-    log = tmp_path / "mpc.log"
-    expected = "inactive: odometry is in frame 'odom', expected 'map'"
-    assert peer.wait(lambda: expected in log.read_text())
-    first = time.monotonic()
-    assert peer.wait(lambda: log.read_text().count(expected) == 2)
-    assert time.monotonic() - first > 4.0
-
-
 def test_logs_each_failsafe_level_and_flies_on_when_the_inputs_return(
     start: Start, peer: Any, feed: Any, tmp_path: Path
 ) -> None:
@@ -72,16 +61,6 @@ def test_logs_each_failsafe_level_and_flies_on_when_the_inputs_return(
     feed.reference = True
     assert logged("the MPC flies", times=3)
     assert process.poll() is None
-
-
-def test_names_a_rate_loop_that_rings(start: Start, peer: Any, tmp_path: Path) -> None:
-    """2.5 Hz with a damping ratio of 0.32, learned in flight."""
-    loop = ("-p", "rate_time_constant:=0.04", "-p", "torque_time_constant:=0.1")
-    start("simulator", *loop, "-p", "initial_position:=[0.0, 0.0, 2.0]")
-    start("reference", "-p", "trajectory:=lemniscate", "-p", "angular_frequency:=1.5")
-    start("mpc")
-    log = tmp_path / "mpc.log"
-    assert peer.wait(lambda: "rate loop of roll and pitch: 2.5 Hz" in log.read_text(), 30.0)
 
 
 class Clock:
@@ -118,18 +97,23 @@ def test_warns_of_each_kind_at_once_and_every_five_seconds(
     assert [text[:8] for text in texts] == ["odometry", "position", "odometry", "odometry"]
 
 
+VOLATILE, BEST_EFFORT = QoSProfile(depth=1), qos_profile_sensor_data
 MISMATCHED: dict[str, dict[str, tuple[type[Any], QoSProfile, str]]] = {
     "reference": {
-        "cmd_vel": (Twist, QoSProfile(depth=1), "publishes geometry_msgs/msg/Twist, expected"),
-        "engaged": (Bool, QoSProfile(depth=1), "volatile publisher"),
-        "landed": (Bool, QoSProfile(depth=1), "volatile publisher"),
-        "odom_reset": (TransformStamped, qos_profile_sensor_data, "best effort publisher"),
+        "cmd_vel": (Twist, VOLATILE, "publishes geometry_msgs/msg/Twist, expected"),
+        "engaged": (Bool, VOLATILE, "volatile publisher"),
+        "odom_reset": (TransformStamped, BEST_EFFORT, "best effort publisher"),
     },
     "mpc": {
-        "engaged": (Bool, QoSProfile(depth=1), "volatile publisher"),
-        "obstacle_markers": (MarkerArray, qos_profile_sensor_data, "best effort publisher"),
-        "obstacles": (MarkerArray, QoSProfile(depth=1), "publishes visualization_msgs"),
+        "landed": (Bool, VOLATILE, "volatile publisher"),
+        "obstacle_markers": (MarkerArray, BEST_EFFORT, "best effort publisher"),
+        "odom_reset": (TransformStamped, BEST_EFFORT, "best effort publisher"),
+        "obstacles": (Twist, BEST_EFFORT, "publishes geometry_msgs/msg/Twist, expected"),
     },
+}
+ARGUMENTS = {
+    "reference": ("-p", "mode:=on_request"),
+    "mpc": ("-p", "obstacles.half_spaces:=4"),
 }
 
 
@@ -148,17 +132,18 @@ def test_reports_publishers_that_do_not_match_an_optional_input(
         peer.node.create_publisher(kind, topic, qos)
         for topic, (kind, qos, _) in MISMATCHED[node].items()
     ]
-    start(node, "-p", "obstacles.half_spaces:=8" if node == "mpc" else "mode:=on_request")
+    start(node, *ARGUMENTS[node])
 
     def reports(text: str) -> bool:
         return all(
-            f"{topic}: " in text and why in text for topic, (_, _, why) in MISMATCHED[node].items()
+            re.search(f"{topic}: [^;]*{why}", text)
+            for topic, (_, _, why) in MISMATCHED[node].items()
         )
 
     log = tmp_path / f"{node}.log"
-    assert peer.wait(lambda: reports(log.read_text()), timeout=60.0), log.read_text()
+    assert peer.wait(lambda: reports(log.read_text())), log.read_text()
     assert peer.wait(lambda: reports(health.get(f"/{node}", ""))), health
     for publisher in publishers:
         peer.node.destroy_publisher(publisher)
     assert peer.wait(lambda: "test_peer" not in health[f"/{node}"]), health
-    assert log.read_text().count("no message passes") == len(publishers)
+    assert log.read_text().count("messages are not delivered") == len(publishers)

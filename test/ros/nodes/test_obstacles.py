@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from fixtures.processes import PATIENCE
+from fixtures.interleaving import interleaved
 from geometry_msgs.msg import Pose, PoseArray
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
@@ -21,6 +24,8 @@ from quad_mpc_ros.messages import diagnostics
 from quad_mpc_ros.messages.markers import filled_marker
 from quad_mpc_ros.messages.point_cloud import PointCloud, written_point_cloud
 from quad_mpc_ros.ros.messages import new_message
+from quad_mpc_ros.ros.nodes import obstacle_inputs
+from quad_mpc_ros.ros.nodes.obstacle_inputs import ObstacleInputs
 from quad_mpc_ros.simulation.shapes import Sphere
 
 Start = Callable[..., Any]
@@ -47,7 +52,7 @@ class Surveyor:
     def send_points(self, points: Any, *, frame_id: str = "base_link", late: float = 0.0) -> None:
         stamp_ns = int(self._peer.node.get_clock().now().nanoseconds) - round(1e9 * late)
         p_SQ = np.array(points, dtype=np.float32).reshape(-1, 3)
-        cloud = PointCloud(stamp_ns=stamp_ns, frame_id=frame_id, p_SQ=p_SQ, given=len(p_SQ))
+        cloud = PointCloud(stamp_ns=stamp_ns, frame_id=frame_id, p_SQ=p_SQ)
         self.clouds.publish(written_point_cloud(cloud))
 
     def send_ball(self, x: float) -> None:
@@ -67,7 +72,7 @@ class Surveyor:
         return bool(self._peer.wait(near))
 
 
-def test_a_cloud_and_a_marker_of_another_process_are_known(
+def test_receives_clouds_and_markers_of_another_process(
     start: Start, peer: Any, feed: Any, managed: Any
 ) -> None:
     """The vehicle has a radius of 0.2 m; a ball of 0.5 m is nearer than the points."""
@@ -81,7 +86,7 @@ def test_a_cloud_and_a_marker_of_another_process_are_known(
     assert int(mpc.health["obstacles.markers"]) > 0
 
 
-def test_broken_late_and_foreign_clouds_are_refused_and_the_mpc_flies_on(
+def test_malformed_late_and_unknown_frame_clouds_are_rejected(
     start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
 ) -> None:
     surveyor, mpc = Surveyor(peer), managed("mpc")
@@ -89,7 +94,7 @@ def test_broken_late_and_foreign_clouds_are_refused_and_the_mpc_flies_on(
     assert mpc.reports("active")
     log = tmp_path / "mpc.log"
     bad: dict[str, Callable[[], None]] = {
-        "of which none is finite": lambda: surveyor.send_points(np.full((50, 3), np.nan)),
+        "none of them finite": lambda: surveyor.send_points(np.full((50, 3), np.nan)),
         "frame 'moon'": lambda: surveyor.send_points([[1, 0, 0]], frame_id="moon"),
         "before the newest odometry": lambda: surveyor.send_points([[1, 0, 0]], late=5.0),
         "after the newest odometry": lambda: surveyor.send_points([[1, 0, 0]], late=-5.0),
@@ -108,6 +113,39 @@ def test_broken_late_and_foreign_clouds_are_refused_and_the_mpc_flies_on(
     assert peer.wait(lambda: surveyor.stats.get("source") == "mpc")
 
 
+@pytest.mark.parametrize("call", ["take_warnings", "refuse", "accept"])
+def test_a_cloud_refused_by_the_other_thread_is_counted_and_logged_once(call: str) -> None:
+    """The other thread interrupts the executor at each bytecode: no count or refusal is lost."""
+    made: list[ObstacleInputs] = []
+
+    def refuse(_: object) -> None:
+        raise ValueError("none is finite")
+
+    def prepare() -> tuple[Callable[[], Any], Callable[[], object]]:
+        world = Mock(neighbours=(), receive_cloud=refuse)
+        made.append(ObstacleInputs(Mock(), world, Mock(), lockstep=True))
+        inputs = made[-1]
+        counted = {
+            "accept": inputs._counted("markers", lambda _: None),
+            "refuse": inputs._counted("markers", refuse),
+        }
+        calls = {name: functools.partial(each, b"") for name, each in counted.items()}
+        calls["refuse"]()  # one that waits to be logged
+        calls["take_warnings"] = inputs.take_warnings
+        cloud = PointCloud(stamp_ns=0, frame_id="odom", p_SQ=np.zeros((1, 3), dtype=np.float32))
+        return calls[call], functools.partial(inputs._read_cloud, written_point_cloud(cloud))
+
+    def waits() -> bool:
+        return made[-1]._condition._is_owned()
+
+    refused = 3 if call == "refuse" else 2
+    for taken in interleaved(prepare, obstacle_inputs, waits=waits):
+        assert made[-1]._counts["refused"] == refused
+        assert made[-1]._counts["markers"] == (call == "accept")
+        assert len([*(taken or []), *made[-1].take_warnings()]) == refused
+    assert len(made) > 20
+
+
 def test_accepts_moved_gates_and_refuses_invalid_ones(
     start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
 ) -> None:
@@ -117,7 +155,7 @@ def test_accepts_moved_gates_and_refuses_invalid_ones(
     assert mpc.reports("active")
     for count, frame_id, reason in (
         (7, "moon", "gates are in frame 'moon', expected 'odom'"),
-        (3, "odom", "given 3 poses, expected those of all 7 gates"),
+        (3, "odom", "given 3 poses, expected one per gate, 7"),
     ):
         message = PoseArray(poses=[Pose() for _ in range(count)])
         message.header.frame_id = frame_id
@@ -160,23 +198,3 @@ def test_receives_a_neighbour_in_its_namespace(
 
     assert mpc.health.get("obstacles.neighbours", "0 of 1") == "0 of 1"
     assert peer.wait(is_received)
-
-
-def test_without_half_spaces_nothing_is_subscribed(
-    start: Start, peer: Any, feed: Any, managed: Any
-) -> None:
-    mpc = managed("mpc")
-    start("mpc")
-    assert mpc.reports("active")
-    peer.spin(0.5)
-    for topic in ("obstacles", "obstacle_markers"):
-        assert peer.node.count_subscribers(topic) == 0
-
-
-def test_does_not_start_with_an_invalid_file(start: Start, tmp_path: Path) -> None:
-    file = tmp_path / "obstacles.yaml"
-    file.write_text("obstacles: [{shape: cube}]")
-    process = start("mpc", *ON, "-p", f"obstacles.file:={file}")
-    assert process.wait(PATIENCE) == 2
-    log = (tmp_path / "mpc.log").read_text()
-    assert "obstacle 1: shape: given 'cube'" in log and "Traceback" not in log

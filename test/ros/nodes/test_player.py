@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import subprocess
 from collections.abc import Callable
@@ -13,26 +14,15 @@ import pytest
 from fixtures.processes import PATIENCE
 from fixtures.scripts import script_module
 from mcap.writer import Writer
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
-from rosbags.rosbag2 import Writer as RosbagsWriter
-from rosbags.typesys import Stores, get_typestore
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Int32
 from std_srvs.srv import Trigger
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.recordings.qos_profile import QosProfile
+from quad_mpc_ros.recordings.qos import offered_qos
 from quad_mpc_ros.recordings.reader import BagReader
-from quad_mpc_ros.recordings.writer import ONE_FILE, BagWriter, Split
+from quad_mpc_ros.recordings.writer import BagWriter
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 INT = "std_msgs/msg/Int32"
@@ -45,12 +35,12 @@ def int_data(number: int) -> bytes:
     return b"\x00\x01\x00\x00" + number.to_bytes(4, "little")
 
 
-def write_numbers(bag: Path, count: int = 50, *, split: Split = ONE_FILE) -> Path:
+def write_numbers(bag: Path, count: int = 50) -> Path:
     """Write numbers every 20 ms on a best-effort topic, every tenth on a reliable one."""
-    with BagWriter(bag, split=split) as writer:
-        writer.add_topic("/latched", INT, qos_profiles=[QosProfile(durability="transient_local")])
-        writer.add_topic("/fast", INT, qos_profiles=[QosProfile(reliability="best_effort")])
-        writer.add_topic("/slow", INT, qos_profiles=[QosProfile()])
+    with BagWriter(bag) as writer:
+        writer.add_topic("/latched", INT, qos_profiles=[offered_qos(latched=True)])
+        writer.add_topic("/fast", INT, qos_profiles=[offered_qos(reliable=False)])
+        writer.add_topic("/slow", INT, qos_profiles=[offered_qos()])
         writer.write("/latched", int_data(99), log_time_ns=START_NS, publish_time_ns=START_NS)
         for number in range(count):
             time_ns = START_NS + number * 20 * MS
@@ -101,18 +91,6 @@ def test_replayed_bag_records_the_same_messages(tmp_path: Path) -> None:
             assert (word in after[topic].qos_profiles) == (word in before[topic].qos_profiles)
 
 
-def test_late_joiner_receives_latched_messages(start: Start, peer: Any, tmp_path: Path) -> None:
-    bag = write_numbers(tmp_path / "bag")
-    start("player", "-p", f"bag:={bag}", "-p", "rate:=0.1")
-    listener = Listener(peer, "/fast")
-    assert peer.wait(lambda: listener.received["/fast"])
-    late: list[int] = []
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    peer.node.create_subscription(Int32, "/latched", lambda m: late.append(m.data), latched)
-    assert peer.wait(lambda: late)
-    assert late[0] == 99
-
-
 def test_pause_and_resume(start: Start, peer: Any, tmp_path: Path) -> None:
     bag = write_numbers(tmp_path / "bag", 100)
     listener = Listener(peer, "/fast")
@@ -158,64 +136,6 @@ def test_clock_start_rate_topics_and_remap(start: Start, peer: Any, tmp_path: Pa
     assert START_NS + 1.9e9 < clock[-1] <= START_NS + 1.98e9
 
 
-@pytest.mark.parametrize("kind", ["split", "cut", "message", "file", "fastwrite"])
-def test_bags_of_every_kind(kind: str, start: Start, peer: Any, tmp_path: Path) -> None:
-    """Our own split and cut ones, and what rosbag2 writes with its compressions."""
-    bag, rosbag2 = tmp_path / "bag", {"message", "file", "fastwrite"}
-    if kind in rosbag2:
-        write_as_rosbag2(bag, kind)
-    else:
-        write_numbers(bag, split=Split(max_duration_ns=200 * MS))
-    if kind == "cut":
-        (bag / "metadata.yaml").unlink()
-        last = sorted(bag.glob("*.mcap"))[-1]
-        last.write_bytes(last.read_bytes()[:-50])
-    listener = Listener(peer, "/fast")
-    player = start("player", "-p", f"bag:={bag}", "-p", "rate:=2.0", "-p", "paused:=true")
-    assert listener.play_all(player, "/fast") == 0, (tmp_path / "player.log").read_text()
-    assert listener.received["/fast"] == list(range(50))
-
-
-def write_as_rosbag2(bag: Path, kind: str) -> None:
-    store = get_typestore(Stores.ROS2_JAZZY)
-    forever = QosTime(9223372036, 854775807)
-    qos = Qos(
-        QosHistory.UNKNOWN,
-        0,
-        QosReliability.BEST_EFFORT,
-        QosDurability.VOLATILE,
-        forever,
-        forever,
-        QosLiveliness.AUTOMATIC,
-        forever,
-        False,
-    )
-    if kind == "fastwrite":  # rosbag2's preset of that name: no chunks
-        write_without_chunks(bag, store.generate_msgdef(INT, ros_version=2)[0])
-        return
-    writer = RosbagsWriter(bag, version=9, storage_plugin=StoragePlugin.MCAP)
-    writer.set_compression(CompressionMode[kind.upper()], CompressionFormat.ZSTD)
-    with writer:
-        connection = writer.add_connection(
-            "/fast", INT, typestore=store, offered_qos_profiles=[qos]
-        )
-        for number in range(50):
-            writer.write(connection, START_NS + number * 20 * MS, int_data(number))
-
-
-def write_without_chunks(bag: Path, definition: str) -> None:
-    bag.mkdir()
-    with (bag / "bag_0.mcap").open("wb") as stream:
-        writer = Writer(stream, use_chunking=False)
-        writer.start(profile="ros2")
-        schema = writer.register_schema(INT, "ros2msg", definition.encode())
-        channel = writer.register_channel("/fast", "cdr", schema)
-        for number in range(50):
-            time_ns = START_NS + number * 20 * MS
-            writer.add_message(channel, time_ns, int_data(number), time_ns)
-        writer.finish()
-
-
 def damaged(bag: Path) -> None:
     """Flip bits in the compressed data of the chunk."""
     file = bag / "bag_0.mcap"
@@ -224,15 +144,9 @@ def damaged(bag: Path) -> None:
     file.write_bytes(content)
 
 
-def only(bag: Path, content: bytes) -> None:
-    (bag / "metadata.yaml").unlink()
-    (bag / "bag_0.mcap").write_bytes(content)
-
-
 def foreign(
     bag: Path, *, type_name: str = INT, encoding: str = "cdr", type_hash: str = ""
 ) -> None:
-    (bag / "metadata.yaml").unlink()
     with (bag / "bag_0.mcap").open("wb") as stream:
         writer = Writer(stream)
         writer.start()
@@ -243,18 +157,8 @@ def foreign(
         writer.finish()
 
 
-def without_messages(bag: Path) -> None:
-    only(bag, b"")
-    (bag / "bag_0.mcap").unlink()
-    bag.rmdir()
-    with BagWriter(bag) as writer:
-        writer.add_topic("/fast", INT)
-
-
 def logged_at_zero(bag: Path) -> None:
-    (bag / "metadata.yaml").unlink()
-    (bag / "bag_0.mcap").unlink()
-    bag.rmdir()
+    shutil.rmtree(bag)
     with BagWriter(bag) as writer:
         writer.add_topic("/fast", INT)
         for time_ns in (0, START_NS):
@@ -263,11 +167,7 @@ def logged_at_zero(bag: Path) -> None:
 
 BAD_BAGS: dict[str, tuple[Callable[[Path], None], str]] = {
     "corrupt": (damaged, "is corrupt"),
-    "empty file": (lambda bag: only(bag, b""), "is empty"),
-    "text": (lambda bag: only(bag, b"no bag at all"), "is not an MCAP file"),
-    "cut at once": (lambda bag: only(bag, b"\x89MCAP0\r\n"), "there is no message in it"),
-    "logged at zero": (logged_at_zero, "logged decades before or after the others; to correct"),
-    "without messages": (without_messages, "there is no message in it"),
+    "logged at zero": (logged_at_zero, "some messages are off by decades; correct"),
     "not of ROS": (lambda bag: foreign(bag, type_name="Pose", encoding="json"), "expected 'cdr'"),
     "unknown type": (
         lambda bag: foreign(bag, type_name="px4_msgs/msg/VehicleOdometry"),
@@ -304,8 +204,7 @@ MISTAKES = {
         ["{bag}", "--start", "60"],
         "player.start: given 60.0, expected at most the 0.980 s",
     ),
-    "topic": (["{bag}", "--topics", "/none"], "topic /none is not in it: /fast, /latched, /slow"),
-    "remap": (["{bag}", "--remap", "/fast"], "--remap: given '/fast', expected FROM:=TO"),
+    "topic": (["{bag}", "--topics", "/none"], "no topic /none in the bag: /fast, /latched, /slow"),
     "nothing left": (
         ["{bag}", "--start", "0.5", "--topics", "/latched"],
         "no message after 0.5 s on these topics",
@@ -327,12 +226,11 @@ def test_a_mistake_is_one_line_and_exit_code_2(
     assert len(error.strip().splitlines()) == 1
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ends_cleanly_while_playing(number: int, start: Start, peer: Any, tmp_path: Path) -> None:
+def test_ends_cleanly_while_playing(start: Start, peer: Any, tmp_path: Path) -> None:
     bag = write_numbers(tmp_path / "bag")
     player = start("player", "-p", f"bag:={bag}", "-p", "rate:=0.1", "-p", "delay:=0.0")
     listener = Listener(peer, "/fast")
     assert peer.wait(lambda: listener.received["/fast"])
-    player.send_signal(number)
+    player.send_signal(signal.SIGINT)
     assert player.wait(PATIENCE) == 0
     assert "Traceback" not in (tmp_path / "player.log").read_text()

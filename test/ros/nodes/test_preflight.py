@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import subprocess
 import sys
 import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from fixtures.processes import end
+from nav_msgs.msg import Odometry
+from wrong_odometry import CONVENTIONS
 
 from quad_mpc_ros.cli import main
+from quad_mpc_ros.commands.observer import subscribe
+from quad_mpc_ros.messages import cdr
+from quad_mpc_ros.messages.topics import ODOMETRY
+from quad_mpc_ros.ros.messages import odometry_in, qos_of
+from quad_mpc_ros.simulation.config import SimulatorConfig
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 
@@ -71,7 +81,41 @@ def errors(found: dict[str, list[tuple[str, str]]]) -> dict[str, str]:
     }
 
 
-def test_distinguishes_a_fit_vehicle_from_an_unfit_one(
+def test_odometry_in_ned_is_an_error_in_log_diagnostics_and_preflight(
+    start: Start, peer: Any, managed: Any, tmp_path: Path
+) -> None:
+    odometry = peer.node.create_publisher(Odometry, "odom", qos_of(ODOMETRY))
+
+    def relay(data: bytes) -> None:
+        sample = CONVENTIONS["twist in FRD"](CONVENTIONS["position in NED"](odometry_in(data)))
+        odometry.publish(cdr.written_odometry(sample))
+
+    subscribe(peer.node, dataclasses.replace(ODOMETRY, name="true/odom"), relay, raw=True)
+    hover = f"initial_throttle:={SimulatorConfig().vehicle().hover_throttle}"
+    place = "initial_position:=[0.0, 0.0, 60.0]"
+    start("reference", "-p", "trajectory:=hover")
+    start("mpc")
+    mpc, log = managed("mpc"), tmp_path / "mpc.log"
+    assert mpc.reports("inactive", "no odometry yet")
+    # Beside hovering exactly it does nothing until the first command.
+    start("simulator", "-r", "odom:=true/odom", "-p", place, "-p", hover)
+
+    cause = "odometry and commands disagree: "
+    assert peer.wait(lambda: mpc.health.get("text", "").startswith(cause)), log.read_text()
+    assert "NED" in mpc.health["text"]
+    assert mpc.level == DiagnosticStatus.ERROR
+    assert re.search(rf"\[ERROR\] .*blind takes over: {cause}.*NED", log.read_text())
+
+    command = [sys.executable, "-P", "-m", "quad_mpc_ros.cli", "preflight", "--timeout", "30"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as flight_check:
+        assert peer.wait(lambda: flight_check.poll() is not None)
+        assert flight_check.stdout is not None
+        lines = flight_check.stdout.read().splitlines()
+    assert flight_check.returncode == 1
+    assert [line for line in lines if line.startswith("error") and cause in line and "NED" in line]
+
+
+def test_distinguishes_a_ready_vehicle_from_a_faulty_one(
     start: Start,
     intruder: None,
     tmp_path: Path,

@@ -36,7 +36,7 @@ def allowed(node: str, kind: str, how: str) -> set[str]:
     return {name if name.startswith("/") else f"/{name}" for name in names}
 
 
-def test_every_enclave_has_one_profile_named_alike() -> None:
+def test_every_enclave_has_one_profile_of_its_name() -> None:
     enclaves = ElementTree.parse(POLICIES).getroot().findall("enclaves/enclave")
     found = {enclave.get("path"): enclave.findall("profiles/profile") for enclave in enclaves}
     assert {path: [profile.get("node") for profile in found[path]] for path in found} == {

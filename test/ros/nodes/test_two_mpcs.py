@@ -70,7 +70,7 @@ def test_only_one_of_two_mpcs_sends_commands(
     def yields(name: str) -> bool:
         """Whether a node has logged that the other one is in command."""
         text = logs[name].read_text()
-        return "already publishing" in text or "has commanded for longer" in text
+        return "already publishing" in text or "has been in command for longer" in text
 
     assert peer.wait(lambda: any(map(yields, names)))
     waits, flies = sorted(names, key=yields, reverse=True)

@@ -58,11 +58,7 @@ def fit() -> Facts:
         nodes={
             "mpc": NodeFacts(config=MpcConfig.build(walls), state="active", values=peers),
             "reference": NodeFacts(config=reference, state="active", values={"peers.odom": "1"}),
-            "recorder": NodeFacts(
-                config=RecorderConfig(),
-                state="active",
-                health="recording",
-            ),
+            "recorder": NodeFacts(config=RecorderConfig(), state="active"),
             "rates_bridge": NodeFacts(config=RatesConfig(), values=GROUNDED),
         },
         arrivals=arrivals(),
@@ -153,35 +149,17 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         ERROR,
         "mpc is not active: inactive: no odometry yet",
     ),
-    "mpc says nothing": (
-        "nodes",
-        with_node("mpc", state="", health=""),
-        ERROR,
-        "mpc is not active: it has not reported its health",
-    ),
     "mpc hovers": (
         "nodes",
         with_node("mpc", level=diagnostics.ERROR, health="solver: failed"),
         ERROR,
         "mpc: solver: failed",
     ),
-    "two who command": (
-        "nodes",
-        with_node("mpc", level=diagnostics.WARN, health="2 publishers on /command, expected one"),
-        WARNING,
-        "mpc: 2 publishers on /command",
-    ),
     "another bridge": (
         "nodes",
         lambda facts: facts.changed(bridge="px4_bridge"),
         ERROR,
         "px4_bridge does not run, there is rates_bridge",
-    ),
-    "the bridge asked for": (
-        "nodes",
-        lambda facts: facts.changed(bridge="rates_bridge"),
-        OK,
-        "mpc active, reference active",
     ),
     "a bridge where none should be": (
         "nodes",
@@ -220,7 +198,7 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         "file",
         lambda facts: facts.changed(stated={"mpc": {"mass": 0.396893}}),
         OK,
-        "mpc as the file states",
+        "mpc match the file",
     ),
     "a file and no node to compare": (
         "file",
@@ -267,12 +245,6 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         WARNING,
         "limits.tilt_max allows 0.61 rad in the plan, envelope.tilt_max is 0.5",
     ),
-    "plans any tilt within an envelope": (
-        "limits",
-        configured("mpc", limits__tilt_max=0.0, envelope__tilt_max=0.7),
-        WARNING,
-        "limits.tilt_max allows 3.14 rad in the plan",
-    ),
     "a reference faster than the envelope": (
         "limits",
         configured("mpc", envelope__speed_max=3.0, envelope__action="hover"),
@@ -284,16 +256,6 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         configured("mpc", limits__speed_max=6.0),
         OK,
         "",
-    ),
-    # rates
-    "rates that the reference needs": (
-        "rates",
-        both(
-            configured("reference", trajectory="lemniscate", angular_frequency=2.0),
-            configured("mpc", omega_max=[6.0, 6.0, 3.0]),
-        ),
-        WARNING,
-        "the reference needs a roll rate of",
     ),
     # fence
     "no fence": (
@@ -322,12 +284,6 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         ERROR,
         "a take-off to 4.5 m would break a limit: outside the fence: z is 4.50",
     ),
-    "a vehicle outside": (
-        "fence",
-        lambda facts: facts.changed(arrivals=arrivals(p_WB=np.array([0.0, 0.0, -1.2]))),
-        ERROR,
-        "the vehicle would break a limit",
-    ),
     "a way that is not known here": (
         "fence",
         lambda facts: facts.changed(
@@ -343,23 +299,11 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         ERROR,
         "mpc has no peer on odom",
     ),
-    "no subscriber of commands": (
-        "topics",
-        peer_counts("mpc", command=0),
-        ERROR,
-        "mpc has no peer on command",
-    ),
     "two sources of odometry": (
         "topics",
         peer_counts("mpc", odom=2),
         ERROR,
         "2 publishers on odom of mpc, expected one",
-    ),
-    "two sources of commands": (
-        "topics",
-        peer_counts("rates_bridge", command=2),
-        ERROR,
-        "2 publishers on command of rates_bridge, expected one",
     ),
     "a bridge without commands": (
         "topics",
@@ -378,7 +322,7 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         "rate",
         lambda facts: facts.changed(arrivals=()),
         ERROR,
-        "no odometry came",
+        "no odometry received",
     ),
     "a gap": (
         "rate",
@@ -406,12 +350,6 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         ERROR,
         "3.00 s behind the clock",
     ),
-    "another clock without a bridge": (
-        "clock",
-        both(without("rates_bridge"), lambda facts: facts.changed(arrivals=arrivals(age=3.0))),
-        WARNING,
-        "3.00 s behind",
-    ),
     "simulated time on one node": (
         "clock",
         with_node("mpc", use_sim_time=True),
@@ -436,12 +374,6 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         ERROR,
         "50 of 50 odometries",
     ),
-    "not a number": (
-        "motion",
-        lambda facts: facts.changed(arrivals=arrivals(p_WB=np.array([math.nan, 0.0, 0.0]))),
-        ERROR,
-        "50 of 50 odometries: odometry pose.pose.position.x is not finite or beyond 1e8",
-    ),
     **{
         f"{rate} Hz": (
             "rate",
@@ -449,7 +381,7 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
             WARNING,
             f"odometry arrives at {rate}.0 Hz, mpc.control_rate is 50",
         )
-        for rate in (2, 4, 5, 10, 30)
+        for rate in (2, 30)
     },
     "a stamp for ever": (
         "motion",
@@ -518,18 +450,10 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         Level.UNKNOWN,
         "has not reported its health",
     ),
-    # recorder
-    "no recorder": ("recorder", without("recorder"), WARNING, "no recorder runs"),
-    "a recorder that pauses": (
-        "recorder",
-        with_node("recorder", state="inactive", health="inactive"),
-        WARNING,
-        "the recorder is inactive",
-    ),
 }
 
 
-def test_finds_no_problem_with_a_fit_vehicle() -> None:
+def test_reports_no_problem_for_a_ready_vehicle() -> None:
     found = findings(FIT)
     assert {each.level for _, each in found} == {Level.OK}
     # All but those for what a vehicle need not have.

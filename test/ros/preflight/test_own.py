@@ -15,7 +15,7 @@ from quad_mpc_ros.ros.preflight.own import bag_place, disk_findings, own_finding
 
 
 @pytest.mark.parametrize("preset", files.presets())
-def test_a_shipped_configuration_is_looked_at_for_its_lags_alone(preset: str) -> None:
+def test_shipped_configurations_warn_only_of_lags(preset: str) -> None:
     try:
         nodes = files.load([preset], [], schema=SCHEMA)
     except UserError:  # of another node, or its plant is not installed
@@ -33,7 +33,7 @@ def test_lags_do_not_matter_in_lockstep() -> None:
 
 
 @pytest.mark.parametrize("directory", ["", "bag", "not/yet/there/bag"])
-def test_the_disk_is_that_of_the_bag(
+def test_free_space_is_measured_on_the_disk_of_the_bag(
     directory: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -43,7 +43,7 @@ def test_the_disk_is_that_of_the_bag(
     assert bag_place(RecorderConfig(directory=str(elsewhere / "bag"))) == elsewhere
 
 
-def test_a_recorder_finds_its_disk_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recorder_warns_of_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(own, "free_bytes", lambda place: 20_000_000)
     (found,) = own_findings(RecorderConfig(directory=str(tmp_path / "bag")))
     assert f"20 MB free for the bag in {tmp_path}" in found.text

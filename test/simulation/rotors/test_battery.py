@@ -1,4 +1,4 @@
-"""A battery that sags takes thrust with it."""
+"""The battery reduces the thrust."""
 
 from __future__ import annotations
 
@@ -35,12 +35,6 @@ def test_power_balance_of_the_battery(power: float, used_share: float) -> None:
     assert voltage >= 0.5 * idle
 
 
-def test_power_saturates() -> None:
-    voltage, current = under_load(1e6, 0.0)
-    assert voltage == pytest.approx(0.5 * FULL)
-    assert current == pytest.approx(0.5 * FULL / RESISTANCE)
-
-
 def greatest_climb(**changes: Any) -> float:
     """Return the acceleration at full throttle after 0.2 s [m/s^2]."""
     body = plant(initial_throttle=1.0, **changes)
@@ -51,7 +45,7 @@ def greatest_climb(**changes: Any) -> float:
 
 
 @pytest.mark.parametrize("compensated", [True, False])
-def test_the_greatest_thrust_falls_as_the_battery_is_used_up(compensated: bool) -> None:
+def test_the_maximum_thrust_falls_with_the_charge(compensated: bool) -> None:
     ideal = greatest_climb()
     climbs = [
         greatest_climb(**CELLS, battery__charge=charge, battery__compensated=compensated)
@@ -71,30 +65,13 @@ def test_sinks_without_voltage_compensation() -> None:
         assert (body.state.v_WB_W[2] < -1.0) == sinks
 
 
-def test_hover_uses_up_charge_at_the_power_of_hover() -> None:
+def test_hover_uses_charge_at_the_power_of_hover() -> None:
     body = plant(**CELLS, battery__compensated=True)
     begun = body.charge_used
     body.advance_to(10 * SECOND)
     speed = body.rotor_speeds[0]
     power = 4 * 1.83e-9 * speed**3 / EFFICIENCY
     assert body.charge_used - begun == pytest.approx(10.0 * power / FULL, rel=5e-3)
-
-
-def test_a_battery_without_capacity_never_sags() -> None:
-    body = plant(battery__charge=0.0, initial_throttle=1.0)
-    body.advance_to(SECOND)
-    assert body.charge_used == 0.0
-    assert body.rotor_speeds == pytest.approx(np.full(4, (4.67266 / 1.21e-6) ** 0.5), rel=1e-3)
-    assert body.battery_voltage is None
-
-
-def test_the_voltage_of_the_plant_is_that_of_its_battery() -> None:
-    body = plant(**CELLS)
-    body.advance_to(10 * SECOND)
-    power = 1.83e-9 * float(np.sum(body.rotor_speeds**3))
-    voltage, _ = under_load(power, body.charge_used)
-    assert body.battery_voltage == pytest.approx(voltage, rel=1e-9)
-    assert voltage < FULL
 
 
 def test_voltage_is_measured_five_times_a_second() -> None:

@@ -1,4 +1,4 @@
-"""The Hummingbird with rotorpy's numbers beside rotorpy's own: two authors, one vehicle."""
+"""The Hummingbird of the plant ``rotors`` compared with rotorpy."""
 
 from __future__ import annotations
 
@@ -37,38 +37,3 @@ def test_manoeuvre_agrees_with_rotorpy(
         assert_allclose(seen.w_WB_B, truth.w_WB_B, atol=0.01)
     assert fastest > 5.0
     assert furthest < 0.01
-
-
-def test_the_hummingbird_has_the_numbers_of_rotorpy() -> None:
-    pytest.importorskip("rotorpy.vehicles.multirotor")
-    from rotorpy.vehicles.hummingbird_params import quad_params
-
-    config = load_config("vehicles/hummingbird").simulator
-    rotors, airframe = config.rotors, config.airframe
-    names = {
-        "thrust_coefficient": "k_eta",
-        "torque_coefficient": "k_m",
-        "time_constant": "tau_m",
-        "inflow_loss": "k_z",
-        "drag": "k_d",
-        "radius": "rotor_radius",
-        "speed_min": "rotor_speed_min",
-        "speed_max": "rotor_speed_max",
-    }
-    assert {name: getattr(rotors, name) for name in names} == {
-        name: quad_params[theirs] for name, theirs in names.items()
-    }
-    assert config.mass == quad_params["mass"]
-    assert airframe.inertia[:3] == tuple(quad_params[name] for name in ("Ixx", "Iyy", "Izz"))
-    assert airframe.drag_quadratic == tuple(quad_params[f"c_D{axis}"] for axis in "xyz")
-    assert airframe.translational_lift == pytest.approx(4.0 * quad_params["k_h"])
-    theirs = zip(quad_params["rotor_pos"].values(), quad_params["rotor_directions"], strict=True)
-    # Theirs is the direction of the torque on the body.
-    assert_allclose(
-        sorted(
-            (x, y, z, spin)
-            for x, y, z, spin in zip(rotors.x, rotors.y, rotors.z, rotors.spin, strict=True)
-        ),
-        sorted((*place, -sense) for place, sense in theirs),
-        atol=1e-8,
-    )

@@ -27,16 +27,6 @@ def test_settled_filter_passes_a_constant(cutoff: float) -> None:
     assert_allclose([filters.filtered(3.7, section=section, held=held) for _ in range(5)], 3.7)
 
 
-def test_no_cutoff_passes_everything() -> None:
-    held = np.zeros(2)
-    section = filters.butterworth(0.0, 500.0)[()]
-    assert [filters.filtered(value, section=section, held=held) for value in (1.0, -2.0)] == [
-        1,
-        -2,
-    ]
-    assert filters.smoothing(0.0, 500.0) == 1.0
-
-
 def test_smoothing_reaches_63_percent_after_its_time_constant() -> None:
     cutoff, rate, value = 5.0, 1000.0, 0.0
     for _ in range(round(rate / (2.0 * math.pi * cutoff))):

@@ -1,4 +1,4 @@
-"""The shipped vehicles: their files agree with themselves, and the MPC flies each."""
+"""The shipped vehicles: their files are consistent, and the MPC flies each."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fixtures.rotors import (
     vehicle_config,
 )
 
-from quad_mpc_ros.configuration import ConfigurationError, files, per_axis
+from quad_mpc_ros.configuration import ConfigurationError, per_axis
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.recordings.evaluation.simulated import load_config, simulate
 from quad_mpc_ros.simulation.config import SimulatorConfig
@@ -26,15 +26,10 @@ FOLDER = Path(__file__).resolve().parents[3] / "config" / "vehicles"
 SHARED = ("mass", "gravity", "drag", "rotor_drag", "motor_count", "thrust_curve")
 
 
-def test_vehicles_are_presets() -> None:
-    found = {name for name in files.presets() if name.startswith("vehicles/")}
-    assert found == {f"vehicles/{name}" for name in VEHICLES}
-
-
 def test_all_vehicles_set_the_same_parameters() -> None:
-    """So that a vehicle given after another one leaves nothing of it."""
-    said = [names(yaml.safe_load((FOLDER / f"{name}.yaml").read_text())) for name in VEHICLES]
-    assert all(each == said[0] for each in said)
+    """A vehicle file after another one replaces all of its parameters."""
+    found = [names(yaml.safe_load((FOLDER / f"{name}.yaml").read_text())) for name in VEHICLES]
+    assert all(each == found[0] for each in found)
 
 
 def names(tree: object, prefix: str = "") -> set[str]:
@@ -48,7 +43,9 @@ def names(tree: object, prefix: str = "") -> set[str]:
     [("dynamics", "paper"), ("rate_time_constant", 0.1), ("thrust_time_constant", 0.1)],
 )
 def test_refuses_parameters_that_the_plant_replaces(name: str, value: object) -> None:
-    with pytest.raises(ConfigurationError, match=rf"^simulator\.{name}: given .*has its own$"):
+    with pytest.raises(
+        ConfigurationError, match=rf"^simulator\.{name}: given .*has its own value$"
+    ):
         SimulatorConfig.build({"plant": "rotors", name: value})
 
 
@@ -63,8 +60,8 @@ def test_nodes_agree_and_sources_are_given(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", VEHICLES)
-def test_its_rotors_make_the_thrust_of_its_curve(name: str) -> None:
-    """From idling to full throttle, within a thousandth of the greatest."""
+def test_rotors_produce_the_thrust_of_the_curve(name: str) -> None:
+    """From idling to full throttle, within a thousandth of the maximum."""
     config = configured(name)
     rotors = config.rotors
     idle = len(rotors.x) * rotors.thrust_coefficient * rotors.speed_min**2
@@ -78,7 +75,7 @@ def test_its_rotors_make_the_thrust_of_its_curve(name: str) -> None:
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("name", VEHICLES)
 def test_configured_lags_match_a_step_response(name: str, axis: int) -> None:
-    """63 % of a step of a rate come after lag and delay; thrust lags as the rotors do."""
+    """A rate reaches 63 % of a step after lag and delay; thrust lags like the rotors."""
     mpc = vehicle_config(name).mpc
     rates = np.zeros(3)
     rates[axis] = 0.5
@@ -97,12 +94,10 @@ GUESSES = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("preset", "guesses"), [("default", GUESSES), ("default", []), ("agile", [])]
-)
+@pytest.mark.parametrize(("preset", "guesses"), [("default", GUESSES), ("agile", [])])
 @pytest.mark.parametrize("name", VEHICLES)
 def test_the_mpc_takes_off_and_hovers(name: str, preset: str, guesses: list[str]) -> None:
-    """By the guess for all vehicles, and by its own lags with soft and with hard weights."""
+    """With the default lags, and with the vehicle's lags and aggressive weights."""
     hover = ["reference.trajectory=hover", "reference.height=1.5"]
     config = load_config(preset, f"vehicles/{name}", assignments=[*hover, *guesses])
     flight = simulate(*config, duration=8.0)

@@ -1,4 +1,4 @@
-"""Betaflight: sticks over a serial line by MSP; telemetry back."""
+"""Betaflight: sticks and telemetry over a serial line with MSP."""
 
 from quad_mpc_ros.extras.bridges.betaflight.bridge import BetaflightBridge
 

@@ -1,8 +1,8 @@
-"""The rules: who has the sticks, how it arms, and what happens when commands stop.
+"""Betaflight bridge: handover of the sticks, arming, and loss of commands.
 
-The line always carries sticks: those of the MPC, neutral ones, or, for a vehicle that the MPC no
-longer flies, those that bring it down level, stop and disarm it. Betaflight 4.5 and 2025.12 hold
-the last sticks of MSP indefinitely, so nothing else would bring it down.
+The bridge always sends sticks: the MPC's, neutral, or, if the MPC's commands stop in flight,
+sticks for a level descent, then stop and disarm. Betaflight 4.5 and 2025.12 hold the last MSP
+sticks indefinitely.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _Rates = tuple[float, float, float]
 
 
 class BetaflightBridge(Bridge):
-    """Sticks out, telemetry in, over a serial line; odometry from an estimator beside it."""
+    """Sticks out, telemetry in, over a serial line; odometry from another node."""
 
     name = "betaflight_bridge"
     packages = ("nav_msgs", "serial")
@@ -71,7 +71,7 @@ class BetaflightBridge(Bridge):
         self._sent_ns: int | None = None
 
     def exchange(self, received: bytes, *, now_ns: int) -> bytes:
-        """Receive telemetry, request more, and repeat the sticks when due."""
+        """Receive and request telemetry, and repeat the sticks when due."""
         self._protocol.receive(received, now_ns=now_ns)
         self._warnings += self._telemetry.faults
         self._telemetry.faults.clear()
@@ -92,22 +92,22 @@ class BetaflightBridge(Bridge):
         if FAILSAFE in telemetry.modes:
             return Stack(fault="Betaflight is in failsafe")
         if telemetry.modes & {ANGLE, HORIZON}:
-            return Stack(fault="Betaflight levels by itself (ANGLE, HORIZON): fly acro")
+            return Stack(fault="Betaflight is self-levelling (ANGLE, HORIZON): use acro mode")
         if (kind := telemetry.curves[0].kind) not in ("ACTUAL", "BETAFLIGHT", "QUICK"):
-            return Stack(fault=f"rates of type {kind}: set ACTUAL, BETAFLIGHT or QUICK")
+            return Stack(fault=f"rates type is {kind}: set ACTUAL, BETAFLIGHT or QUICK")
         taken = self._config.receiver == "bridge" or MSP_OVERRIDE in telemetry.modes
         return Stack(takes_setpoints=taken, armed=ARM in telemetry.modes)
 
     def _switch_back(self, now_ns: int) -> Response:
         if self._config.receiver == "pilot":
-            text = "released: switch MSP OVERRIDE off; until then it comes down level and stops"
+            text = "released: descending level, then stopping; switch MSP OVERRIDE off"
         else:
-            text = "released: it comes down level, stops and is disarmed"
+            text = "released: descending level, then stopping the motors and disarming"
         return Response(accepted=True, text=text)
 
     def _arm(self, wanted: bool) -> Response:
         if self._config.receiver == "pilot":
-            return Response(accepted=False, text="the pilot arms, by the transmitter")
+            return Response(accepted=False, text="the pilot arms with the transmitter")
         if not wanted:
             self._arming_ns = None
             self._flies = False
@@ -118,7 +118,7 @@ class BetaflightBridge(Bridge):
         return Response(accepted=True, text="arming")
 
     def arm(self, wanted: bool, *, now_ns: int) -> Response:
-        """Arm or disarm, where the bridge is the receiver."""
+        """Arm or disarm, if the bridge is the receiver."""
         response = super().arm(wanted, now_ns=now_ns)
         if wanted and response.accepted:
             self._arming_ns = now_ns
@@ -129,7 +129,7 @@ class BetaflightBridge(Bridge):
         return [OutgoingBytes(data=self._frame(now_ns))]
 
     def _follow_arming(self, now_ns: int) -> None:
-        """Give up arming after a while, and do not arm again after a disarming."""
+        """Give up arming after a timeout, and do not arm again after a disarming."""
         if is_old(self._telemetry.state_ns, now_ns, _TELEMETRY_PERIOD_NS):
             return
         armed = ARM in self._telemetry.modes
@@ -142,7 +142,7 @@ class BetaflightBridge(Bridge):
         self._flies = self._flies or self._handover.state is HandoverState.ENGAGED
 
     def _frame(self, now_ns: int) -> bytes:
-        """Return the frame of the sticks as they must be now."""
+        """Return the frame of the present sticks."""
         self._sent_ns = now_ns
         throttle, rates = self._wanted(now_ns)
         pulses = [_STICK_LOW] * 8 if self._config.receiver == "pilot" else [_STICK_LOW] * 16
@@ -169,7 +169,7 @@ class BetaflightBridge(Bridge):
             return None, still
         if self._lost_ns is None:
             self._lost_ns = now_ns
-            self._warnings.append("commands lost: it comes down level, then its motors stop")
+            self._warnings.append("commands lost: descending level, then the motors stop")
         if now_ns - self._lost_ns > round(self._config.lost.duration * _SECOND):
             self._arming_ns = None
             return None, still
@@ -187,7 +187,7 @@ class BetaflightBridge(Bridge):
         return -gain * self._telemetry.roll, -gain * self._telemetry.pitch, 0.0
 
     def _pulses(self, rates: _Rates) -> Sequence[float]:
-        """Return the pulses of roll, pitch and yaw; the stick to the right turns clockwise."""
+        """Return the pulses of roll, pitch and yaw; yaw to the right is clockwise."""
         if self._curves != self._telemetry.curves:
             self._curves = self._telemetry.curves
             known = all(each.kind in ("ACTUAL", "BETAFLIGHT", "QUICK") for each in self._curves)
@@ -199,7 +199,7 @@ class BetaflightBridge(Bridge):
         return [stick.pulse(rate) for stick, rate in zip(self._sticks, asked, strict=True)]
 
     def _throttle_pulse(self, throttle: float | None) -> float:
-        """Return the pulse for a throttle of the MPC's model, by the thrust map."""
+        """Return the pulse for a throttle of the MPC's model, using the thrust map."""
         if throttle is None:
             return _STICK_LOW
         idle, low = self._config.motor_idle, float(self._config.min_check)

@@ -1,4 +1,4 @@
-"""The protocol of the line, MSP: sticks out, telemetry in."""
+"""MSP over the serial line: sticks out, telemetry in."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ _ARMING_DISABLE_FLAGS = (
 
 @dataclass(kw_only=True)
 class BetaflightTelemetry:
-    """What the flight controller has reported, and when it reported state and attitude.
+    """Telemetry of the flight controller, with the times of state and attitude.
 
-    ``roll`` and ``pitch`` [rad] are about body x and y (FLU); ``modes`` are the active ones;
-    ``blocks`` is what prevents arming. ``curves`` are those of roll, pitch and yaw.
+    ``roll`` and ``pitch`` [rad] are about body x and y (FLU). ``modes`` are the active modes,
+    ``blocks`` the reasons that prevent arming. ``curves`` are rate curves (roll, pitch, yaw).
     """
 
     state_ns: int | None = None
@@ -49,7 +49,7 @@ class BetaflightTelemetry:
 
 
 class MspProtocol:
-    """MSP: requests state, attitude, voltage, and at first modes and rates."""
+    """Requests modes and rates first, then state, attitude and voltage."""
 
     _BOXIDS, _STATUS, _ATTITUDE, _ANALOG, _RC_TUNING = 119, 101, 108, 110, 111
 
@@ -86,7 +86,7 @@ class MspProtocol:
         return asked
 
     def receive(self, data: bytes, *, now_ns: int) -> None:
-        """Take answers, in any pieces."""
+        """Receive answers, in pieces of any length."""
         for answer in self._reader.read(data):
             take = self._answers.get(answer.command)
             if take is None or answer.refused:
@@ -94,7 +94,7 @@ class MspProtocol:
             try:
                 take(answer.payload, now_ns)
             except (struct.error, IndexError):
-                self._telemetry.faults.append(f"MSP: {answer.command} has too short an answer")
+                self._telemetry.faults.append(f"MSP: answer to {answer.command} is too short")
 
     def _on_boxes(self, payload: bytes, now_ns: int) -> None:
         self._boxes = payload
@@ -137,5 +137,5 @@ class MspProtocol:
 
 
 def _flagged(values: Iterable[T], flags: int) -> Iterator[T]:
-    """Return those values whose bit is set in the flags."""
+    """Return the values whose bit is set in the flags."""
     return (value for bit, value in enumerate(values) if flags >> bit & 1)

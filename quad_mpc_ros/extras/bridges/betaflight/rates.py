@@ -1,6 +1,6 @@
-"""The curves from a stick to a body rate, and the pulse that asks for a rate.
+"""Rate curves from stick to body rate, and the pulse for a body rate.
 
-After the firmware's ``rc.c``. Numbers are those of its command line (``roll_rc_rate``,
+As in the firmware's ``rc.c``, with the numbers of its command line (``roll_rc_rate``,
 ``roll_srate``, ``roll_expo``).
 """
 
@@ -30,7 +30,7 @@ class RateCurve:
     limit: float = 1998.0
 
     def rate(self, stick: Array) -> Array:
-        """Return the body rate [rad/s] of positions of the stick (n,) in [0, 1]."""
+        """Return the body rates (n,) [rad/s] of stick positions (n,) in [0, 1]."""
         match self.kind:
             case "ACTUAL":
                 degrees = self._actual(stick)
@@ -39,7 +39,7 @@ class RateCurve:
             case "QUICK":
                 degrees = self._quick(stick)
             case _:
-                raise ValueError(f"rates of type {self.kind}")
+                raise ValueError(f"rates type {self.kind}")
         return np.radians(np.minimum(degrees, self.limit))
 
     def _actual(self, stick: Array) -> Array:
@@ -64,14 +64,14 @@ class RateCurve:
 
 
 class Stick:
-    """The way back, for an axis: which pulse asks for a rate."""
+    """The inverse of the rate curve of an axis."""
 
     def __init__(self, curve: RateCurve) -> None:
-        """Tabulate a curve at every microsecond."""
+        """Tabulate a curve every microsecond."""
         self._offsets = np.arange(SPAN + 1.0)
         self._rates = curve.rate(self._offsets / SPAN)
 
     def pulse(self, rate: float) -> float:
-        """Return the pulse width [us] whose rate is nearest, the end of the way beyond it."""
+        """Return the pulse width [us] for a body rate [rad/s], saturated at full stick."""
         offset = float(np.interp(abs(rate), self._rates, self._offsets))
         return MIDDLE + math.copysign(offset, rate)

@@ -1,4 +1,4 @@
-"""A Crazyflie over radio, USB or UDP, by CRTP: rates and thrust out, telemetry back."""
+"""A Crazyflie over radio, USB or UDP with CRTP: rates and thrust out, telemetry in."""
 
 from quad_mpc_ros.extras.bridges.crazyflie.bridge import CrazyflieBridge
 

@@ -1,9 +1,9 @@
-"""The rules: how it is unlocked and armed, and what happens when commands stop.
+"""Crazyflie bridge: unlocking, arming, and loss of commands.
 
-The firmware takes rates of the setpoint of old, keeps the thrust locked until it has seen a
-setpoint of nothing, levels after half a second without setpoints, and after two seconds in flight
-stops its motors and **locks itself until it is restarted**. So when the MPC's commands stop, the
-bridge asks the firmware to land by itself, which it can as long as odometry comes.
+The firmware keeps the thrust locked until it receives a setpoint of zeros. Without setpoints the
+firmware levels after half a second, stops the motors after two seconds in flight and **is locked
+until a restart**. So if the MPC's commands stop, the bridge requests a landing by the firmware,
+which needs odometry.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _SECOND = 1_000_000_000
 _LOCK_TIMEOUT_NS = 2 * _SECOND
 _TELEMETRY_PERIOD_NS = _SECOND
 _ODOMETRY_TIMEOUT_NS = _SECOND // 5
-# The radio may lose one.
+# The radio may lose a packet.
 _UNLOCKING_SETPOINTS = 3
 _SETPOINT_TIMEOUT = 0.1  # s until the firmware's own commander takes over
 _MIN_HEADING_RATIO = 0.25  # nose 60 degrees up or down: the heading turns with anything
@@ -38,7 +38,7 @@ _HOLD_DURATION, _MIN_LANDING_DURATION = 1.0, 1.0  # s
 
 
 class CrazyflieBridge(Bridge):
-    """Rates and thrust out by CRTP, telemetry in; odometry from an estimator beside it."""
+    """Rates and thrust out, telemetry in, over CRTP; odometry from another node."""
 
     name = "crazyflie_bridge"
     packages = ("nav_msgs", "cflib")
@@ -58,10 +58,10 @@ class CrazyflieBridge(Bridge):
         self._sent_ns: int | None = None
         self._pose_ns: int | None = None
         self._ground_height = 0.0
-        self._is_left = True  # to the firmware's own commander, or none
+        self._is_left = True  # to the firmware's own commander, or to no one yet
 
     def exchange(self, received: bytes, *, now_ns: int) -> bytes:
-        """Take packets, ask for what is missing, and pass on where the vehicle is."""
+        """Receive packets, send requests, and forward the pose to the onboard estimator."""
         for packet in self._reader.read(received):
             self._session.receive(packet, now_ns=now_ns)
         telemetry = self._session.telemetry
@@ -77,7 +77,7 @@ class CrazyflieBridge(Bridge):
         return b"".join(packet.framed() for packet in packets)
 
     def landed(self, *, now_ns: int) -> bool | None:
-        """Return whether the supervisor reports that it does not fly."""
+        """Return whether the supervisor reports that the vehicle does not fly."""
         telemetry = self._session.telemetry
         if is_old(telemetry.received_ns, now_ns, _TELEMETRY_PERIOD_NS):
             return None
@@ -88,7 +88,7 @@ class CrazyflieBridge(Bridge):
         if is_old(telemetry.received_ns, now_ns, _TELEMETRY_PERIOD_NS):
             return Stack(fault=f"no telemetry within 1 s from {self._config.uri}")
         if not telemetry.takes_rates:
-            return Stack(fault="the Crazyflie has not confirmed its modes of rates yet")
+            return Stack(fault="the Crazyflie has not confirmed its rate modes yet")
         if telemetry.info & crtp.IS_TUMBLED:
             return Stack(fault="the Crazyflie is upside down")
         if telemetry.info & crtp.IS_LOCKED:
@@ -101,14 +101,14 @@ class CrazyflieBridge(Bridge):
         return self._sent_ns is not None and self._unlocking == 0
 
     def _arm(self, wanted: bool) -> Response:
-        """Arm or disarm; firmware without arming stops by a setpoint of nothing."""
+        """Arm or disarm; firmware without arming stops with a setpoint of zeros."""
         if wanted:
             return Response(
-                accepted=True, text="asked for arming", messages=[_sent(crtp.arm(True))]
+                accepted=True, text="requested arming", messages=[_sent(crtp.arm(True))]
             )
         self._is_left = True
         messages = [_sent(crtp.arm(False)), _sent(_ZERO_SETPOINT)]
-        return Response(accepted=True, text="asked for disarming", messages=messages)
+        return Response(accepted=True, text="requested disarming", messages=messages)
 
     def _reports_armed(self, wanted: bool, now_ns: int) -> bool | None:
         telemetry = self._session.telemetry
@@ -117,7 +117,7 @@ class CrazyflieBridge(Bridge):
         return crtp.is_armed(telemetry.info, wanted=wanted)
 
     def _switch_back(self, now_ns: int) -> Response:
-        """Let the firmware's own commander hold it: silence alone would stop the motors."""
+        """Let the firmware hold the position: without setpoints it would stop the motors."""
         if self._is_left:
             return Response(accepted=True, text="released")
         self._is_left = True
@@ -127,11 +127,11 @@ class CrazyflieBridge(Bridge):
             if self.landed(now_ns=now_ns)
             else [stop, crtp.stay(duration=_HOLD_DURATION)]
         )
-        text = "asked to hold position by itself"
+        text = "requested position hold"
         return Response(accepted=True, text=text, messages=[_sent(each) for each in packets])
 
     def _update_ground(self, odometry: OdometrySample, now_ns: int) -> None:
-        """Remember the height of the ground; the supervisor reports whether it stands."""
+        """Store the height of the ground; the supervisor reports whether the vehicle flies."""
         if self.landed(now_ns=now_ns):
             self._ground_height = float(odometry.p_WB[2])
 
@@ -151,10 +151,10 @@ class CrazyflieBridge(Bridge):
         return [_sent(setpoint)]
 
     def _heading_rate(self, command: CommandSample) -> float:
-        """Return how fast the commanded body rates turn the heading [rad/s].
+        """Return the heading rate [rad/s] of the commanded body rates.
 
-        The firmware turns a heading that it then holds: a body rate of 0 about z would not be
-        followed by a vehicle that leans and turns about y.
+        The firmware controls the heading. With a body rate of 0 about z, the heading of a tilted
+        vehicle that turns about y still changes.
         """
         if self._newest is None:
             return float(command.w_WB_B[2])
@@ -163,7 +163,7 @@ class CrazyflieBridge(Bridge):
         return float(up_B[1:] @ command.w_WB_B[1:]) / share
 
     def _external(self, now_ns: int) -> list[crtp.Packet]:
-        """Return the newest pose for the estimator on board, when it is due."""
+        """Return the newest pose for the onboard estimator, when due."""
         period_ns = round(_SECOND / self._config.external_rate)
         odometry, seen_ns = self._recent(now_ns), self._newest_ns
         if self._config.external == "none" or odometry is None or seen_ns is None:
@@ -176,7 +176,7 @@ class CrazyflieBridge(Bridge):
         return [crtp.external_pose(odometry.p_WB, odometry.q_WB_xyzw)]
 
     def _landing(self, now_ns: int) -> list[crtp.Packet]:
-        """Return the request to land, once after the MPC's commands have stopped in flight."""
+        """Return the request to land, once after the MPC's commands stop in flight."""
         lost_ns = round(self._config.lost.after * _SECOND)
         if self._is_left or not is_old(self._sent_ns, now_ns, lost_ns):
             return []
@@ -186,14 +186,14 @@ class CrazyflieBridge(Bridge):
             return []
         above = float(odometry.p_WB[2]) - self._ground_height
         duration = max(above / self._config.lost.descent, _MIN_LANDING_DURATION)
-        self._warnings.append("commands lost: the firmware is asked to land by itself")
+        self._warnings.append("commands lost: requesting landing from the firmware")
         return [
             crtp.stop_setpoints(remain_valid=_SETPOINT_TIMEOUT),
             crtp.land(height=self._ground_height, duration=duration),
         ]
 
     def _recent(self, now_ns: int) -> OdometrySample | None:
-        """Return the newest odometry, None where it is old."""
+        """Return the newest odometry; None if it is old."""
         return None if is_old(self._newest_ns, now_ns, _ODOMETRY_TIMEOUT_NS) else self._newest
 
 

@@ -11,20 +11,20 @@ from quad_mpc_ros.ros.bridges.config import EstimatorConfig
 
 @dataclass(frozen=True, kw_only=True)
 class CrazyflieLossParameters(Configuration):
-    """What the firmware is asked to do when the commands of the MPC stop in flight."""
+    """Landing by the firmware when the MPC's commands stop in flight."""
 
     owner = "lost"
 
     after: float = parameter(
         0.15,
-        doc="Without a command for so long the firmware is asked to land by itself, if odometry "
-        "still comes; it holds the last rates until it is asked, or for 0.5 s.",
+        doc="Time without commands after which the bridge requests landing, if odometry still "
+        "arrives. Until then, and for at most 0.5 s, the firmware holds the last rates.",
         unit="s",
         above=0.0,
         maximum=0.5,
     )
     descent: float = parameter(
-        0.3, doc="How fast it then sinks to where it last stood.", unit="m/s", above=0.0
+        0.3, doc="Descent speed, down to the last height on the ground.", unit="m/s", above=0.0
     )
 
 
@@ -36,13 +36,15 @@ class CrazyflieConfig(EstimatorConfig):
 
     uri: str = parameter(
         "radio://0/80/2M/E7E7E7E7E7",
-        doc="Address of the Crazyflie as cflib writes it: radio://, usb:// or udp://.",
+        doc="Address of the Crazyflie in cflib's format: radio://, usb:// or udp://.",
     )
     external: str = parameter(
         "pose",
-        doc="What of that odometry is sent to the estimator on board: pose, position, or none, "
-        "where the estimator on board is its source.",
+        doc="Part of the odometry that is sent to the onboard estimator: pose, position, or none "
+        "if the onboard estimator is the source of the odometry.",
         choices=("pose", "position", "none"),
     )
-    external_rate: float = parameter(50.0, doc="How often.", unit="Hz", minimum=1.0, maximum=200.0)
+    external_rate: float = parameter(
+        50.0, doc="Rate of external poses.", unit="Hz", minimum=1.0, maximum=200.0
+    )
     lost: CrazyflieLossParameters = dataclasses.field(default_factory=CrazyflieLossParameters)

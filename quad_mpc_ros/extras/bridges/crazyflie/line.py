@@ -1,4 +1,4 @@
-"""A link to a Crazyflie by cflib."""
+"""Link to a Crazyflie with cflib."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ _MAX_QUEUED = 64  # packets
 
 @dataclass(frozen=True, kw_only=True)
 class CrazyflieLink:
-    """A link to a Crazyflie in place of a serial line, by its address as cflib writes it."""
+    """A link to a Crazyflie instead of a serial line, with an address in cflib's format."""
 
     uri: str
     period: float = 0.005
-    """How often it is read [s]."""
+    """Reading period [s]."""
 
     def open(self) -> CrazyflieLine:
-        """Return the line to it."""
+        """Open the link."""
         return CrazyflieLine(self)
 
 
 class CrazyflieLine(ReconnectingLine):
-    """Packets, each after its length."""
+    """A stream of packets, each preceded by its length."""
 
     def __init__(self, link: CrazyflieLink) -> None:
         super().__init__(link.uri)
@@ -43,7 +43,7 @@ class CrazyflieLine(ReconnectingLine):
         self._reader = crtp.PacketReader()
 
     def read(self) -> bytes:
-        """Return what has come, each packet after its length."""
+        """Return received packets, each preceded by its length."""
         if self._driver is None and not self._reconnect():
             return b""
         found = b""
@@ -57,7 +57,7 @@ class CrazyflieLine(ReconnectingLine):
         return found
 
     def write(self, data: bytes) -> None:
-        """Send packets, each after its length."""
+        """Send packets, each preceded by its length."""
         for packet in self._reader.read(data):
             if self._sender is not None:
                 self._sender.put(packet)
@@ -69,18 +69,18 @@ class CrazyflieLine(ReconnectingLine):
             sender.join()
 
     def _open(self) -> None:
-        self._errors = deque(maxlen=1)  # of this driver alone, whose own thread adds to it
+        self._errors = deque(maxlen=1)  # only of this driver, whose thread appends to it
         try:
             driver = self._crtp.get_link_driver(self._name, None, self._errors.append)
         except Exception as error:
             raise OSError(error) from error
         if driver is None:
-            raise OSError("expected radio://, usb:// or udp:// as cflib writes them")
+            raise OSError("expected radio://, usb:// or udp:// in cflib's format")
         self._driver, self._sender = driver, _Sender(driver)
         self._sender.start()
 
     def _release(self) -> _Sender | None:
-        """Let the sender close the driver, which may take a second."""
+        """Let the sender close the driver, which can take a second."""
         sender, self._driver, self._sender = self._sender, None, None
         if sender is not None:
             sender.put(None)
@@ -88,7 +88,7 @@ class CrazyflieLine(ReconnectingLine):
 
 
 class _Sender(threading.Thread):
-    """Sends packets of one driver: a radio keeps its caller waiting until it gets an answer."""
+    """Sends packets in a thread, because a radio blocks its caller until it receives an answer."""
 
     def __init__(self, driver: Any) -> None:
         super().__init__(daemon=True)
@@ -97,7 +97,7 @@ class _Sender(threading.Thread):
         self._waiting: queue.Queue[crtp.Packet | None] = queue.Queue(_MAX_QUEUED)
 
     def put(self, packet: crtp.Packet | None) -> None:
-        """Send a packet after those that wait, or None to end; the oldest makes room."""
+        """Queue a packet, or None to end; drop the oldest packet of a full queue."""
         while True:
             try:
                 self._waiting.put_nowait(packet)
@@ -107,7 +107,7 @@ class _Sender(threading.Thread):
                     self._waiting.get_nowait()
 
     def run(self) -> None:
-        """Send until the end, and close the driver."""
+        """Send packets until the end, then close the driver."""
         while (packet := self._waiting.get()) is not None:
             self._driver.send_packet(self._packet(packet.header, packet.data))
         self._driver.close()

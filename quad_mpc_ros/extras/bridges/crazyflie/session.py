@@ -1,8 +1,8 @@
-"""What the bridge asks of the firmware before it flies, and what the firmware then reports.
+"""Preparation of the firmware, and its telemetry.
 
-The setpoint of old is one of rates only where three parameters say so: they are set by name, and
-again after a restart. What is logged is asked for by number, so the names of the variables are
-read one after the other until those that count are found.
+The legacy setpoint contains rates only if three parameters are set, again after each restart. Log
+variables are requested by number, so names are read one by one until the required variables are
+found.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ _LOG_VARIABLES = (_STATE, _VOLTAGE)
 _LOG_BLOCK = 1
 _LOG_PERIOD = 0.1  # s
 _RETRY_NS = 200_000_000
-_MAX_PENDING = 4  # questions underway: more than the firmware's queues hold would be lost
-_SESSION_TIMEOUT_NS = 1_000_000_000  # then it has been restarted, or is out of reach
+_MAX_PENDING = 4  # pending requests: the firmware's queues would lose more
+_SESSION_TIMEOUT_NS = 1_000_000_000  # then the firmware was restarted, or is out of reach
 
 
 @dataclass(kw_only=True)
 class CrazyflieTelemetry:
-    """What the firmware has reported; ``info`` are bits of the supervisor."""
+    """Telemetry of the firmware; ``info`` are bits of the supervisor."""
 
     received_ns: int | None = None
     info: int = 0
@@ -36,7 +36,7 @@ class CrazyflieTelemetry:
 
 @dataclass(kw_only=True)
 class _Preparation:
-    """How far the preparation is: modes not set yet, variables found, those asked for and when."""
+    """Progress of the preparation: unset modes, found variables, pending requests with times."""
 
     unset: set[str] = field(default_factory=lambda: set(_RATE_MODES))
     count: int | None = None
@@ -48,12 +48,12 @@ class _Preparation:
 
     @property
     def is_searched(self) -> bool:
-        """Whether nothing more is to be found."""
+        """Whether all variables were found or read."""
         found = all(name in self.variables for name in _LOG_VARIABLES)
         return found or (self.count is not None and len(self.seen) >= self.count)
 
     def questions(self, now_ns: int) -> Iterator[crtp.Packet]:
-        """Ask for the names that are unknown, a few at a time."""
+        """Request unknown names, a few at a time."""
         late = [n for n, asked_ns in self.asked_ns.items() if abs(now_ns - asked_ns) > _RETRY_NS]
         new = (n for n in range(self.count or 0) if n not in self.seen and n not in self.asked_ns)
         room = max(_MAX_PENDING - len(self.asked_ns), 0)
@@ -63,14 +63,14 @@ class _Preparation:
 
 
 class Session:
-    """Prepares a Crazyflie, and again after it has been silent."""
+    """Prepares a Crazyflie, again after each silence."""
 
     def __init__(self) -> None:
         self.telemetry = CrazyflieTelemetry()
         self._progress = _Preparation()
 
     def receive(self, packet: crtp.Packet, *, now_ns: int) -> None:
-        """Take a packet from the firmware."""
+        """Receive a packet from the firmware."""
         progress = self._progress
         for name in _RATE_MODES:
             error = crtp.parameter_answer(packet, name)
@@ -93,7 +93,7 @@ class Session:
             telemetry.voltage = values.get(_VOLTAGE, 0.0)
 
     def requests(self, *, now_ns: int) -> Iterator[crtp.Packet]:
-        """Yield what is to be asked now."""
+        """Yield the requests that are due."""
         self._begin_after_silence(now_ns)
         progress = self._progress
         if progress.unset and self._due("modes", now_ns):
@@ -132,7 +132,7 @@ class Session:
 
     def _start_of_log(self) -> Iterator[crtp.Packet]:
         if _STATE not in self._progress.variables:
-            self.telemetry.faults.append(f"the firmware has no log variable {_STATE}: update it")
+            self.telemetry.faults.append(f"update the firmware: no log variable {_STATE}")
             return
         self._progress.block = tuple(self._progress.variables.values())
         yield crtp.log_block(_LOG_BLOCK, self._progress.block)

@@ -1,5 +1,4 @@
-"""How much a configuration bears before a disturbed vehicle does not come back to its hover.
+"""Margins of a configuration: model errors from which a disturbed vehicle still recovers.
 
-:func:`.rehearsal.rehearse` flies and searches, :mod:`.verdict` says what it means,
-:mod:`.figure` draws it.
+:func:`.rehearsal.rehearse` flies and searches the limits, :mod:`.verdict` evaluates the limits.
 """

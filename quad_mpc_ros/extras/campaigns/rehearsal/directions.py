@@ -1,4 +1,4 @@
-"""In which ways a vehicle may differ from the guess, and how much is enough."""
+"""Model errors of a rehearsal, and the margins that are needed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Literal
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 _LAG_TEXT = (
-    "measure lags and delay with quad_mpc identify (docs/howto/identify.md), fly the weights of "
+    "measure lags and delay with quad_mpc identify (docs/howto/identify.md), use the weights of "
     "default, or raise R of the body rates (docs/howto/tune.md)"
 )
 _MASS_TEXT = "weigh the vehicle, and set thrust_curve from a thrust stand or its hover throttle"
@@ -16,17 +16,17 @@ _MASS_TEXT = "weigh the vehicle, and set thrust_curve from a thrust stand or its
 
 @dataclass(frozen=True, kw_only=True)
 class Direction:
-    """One way in which the simulated vehicle differs from what was guessed.
+    """A difference between the simulated and the configured vehicle.
 
     Attributes:
-        name: What it is called in tables.
-        parameter: The parameter of the simulator that changes.
-        change: Whether a difference is added to it, or multiplies it by one more than itself.
-        sign: Which way it changes.
-        most: How far is searched, in s or as a share.
-        ready: The margin that makes ready to fly.
-        marginal: The least margin to fly at all, with care.
-        advice: What to do where the margin is too small.
+        name: Name in tables.
+        parameter: Parameter of the simulator that changes.
+        change: ``plus`` adds the difference, ``times`` scales by 1 plus the difference.
+        sign: Sign of the difference.
+        most: Largest difference, in s or as a share.
+        ready: Margin needed to be ready to fly.
+        marginal: Smallest margin for a careful flight.
+        advice: Remedy for a margin that is too small.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Direction:
     advice: str
 
     def changed(self, nominal: Any, by: float) -> Any:
-        """Return the parameter of a vehicle that differs by so much."""
+        """Return the parameter of a vehicle with a difference."""
         if self.change == "times":
             return nominal * (1.0 + self.sign * by)
         if isinstance(nominal, tuple):
@@ -87,10 +87,9 @@ _DIRECTIONS = (
 
 
 def directions_of(simulator: SimulatorConfig) -> list[Direction]:
-    """Return the directions in which a simulated vehicle can differ.
+    """Return the possible differences of a simulated vehicle.
 
-    A plant with lags of its own has no parameters for them. A delay that is modelled may also be
-    shorter, by all of it at most.
+    Plants with their own lags have no parameters for them. A modelled delay may also be shorter.
     """
     own = simulator.entry().has_own
     found = [each for each in _DIRECTIONS if each.parameter not in own]
@@ -104,7 +103,7 @@ def directions_of(simulator: SimulatorConfig) -> list[Direction]:
             most=delay,
             ready=min(0.04, delay),
             marginal=min(0.015, delay),
-            advice="guess a shorter input_delay (docs/tutorials/first_flight.md)",
+            advice="configure a shorter input_delay (docs/tutorials/first_flight.md)",
         )
         found.insert(len(found) - 3, shorter)
     return found

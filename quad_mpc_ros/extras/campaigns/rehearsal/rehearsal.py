@@ -1,4 +1,4 @@
-"""Flying disturbed vehicles that differ from the guess more and more, until one is lost."""
+"""Flights of disturbed vehicles with increasing model errors, until one does not recover."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from quad_mpc_ros.simulation.config import SimulatorConfig
 
 VEHICLES = 6
 _BISECTION_STEPS = 5
-_RECOVERED_ERROR = 0.5  # m at most over the last seconds of a vehicle that came back
+_RECOVERED_ERROR = 0.5  # m at most in the last seconds, of a vehicle that recovered
 _RECOVERED_TILT = 0.26  # rad; tilted further in hover it oscillates
 _DURATION, _SETTLE_TIME = 8.0, 5.5  # s
 
@@ -34,14 +34,14 @@ DISTURBED: dict[str, Any] = {
         "simulator.gust_intensity": 0.5,
     },
     "vary": {
-        # About the hover at 2 m: off by a metre or so, pushed, tilted.
+        # Around the hover at 2 m: displaced by about a metre, moving, tilted.
         "simulator.initial_position": {"uniform": [[-1.0, -1.0, 1.5], [1.0, 1.0, 2.5]]},
         "simulator.initial_velocity": {"uniform": [[-1.0, -1.0, -0.5], [1.0, 1.0, 0.5]]},
         "simulator.initial_attitude": {"attitude": [0.26, 0.0]},
         "simulator.seed": {"integers": [0, 1000000]},
     },
 }
-"""The disturbed vehicles, the same in every direction: a campaign of hovers."""
+"""Campaign of the disturbed vehicles, equal for all model errors."""
 
 _ASSIGNED_CHANGES = (
     "reference.trajectory=hover",
@@ -53,9 +53,9 @@ _ASSIGNED_CHANGES = (
 
 @dataclass(frozen=True, kw_only=True)
 class Flown:
-    """One disturbed vehicle: how far off it was in the end [m], and why it was lost, if it was.
+    """A disturbed vehicle: its final error [m], and the reason if it did not recover.
 
-    ``parameter_file`` flies it again.
+    ``parameter_file`` repeats the flight.
     """
 
     number: int
@@ -66,23 +66,23 @@ class Flown:
 
 @dataclass(frozen=True, kw_only=True)
 class Point:
-    """All disturbed vehicles that differ from the guess by so much."""
+    """All disturbed vehicles with a model error ``by``."""
 
     by: float
     flown: Sequence[Flown]
 
     @property
     def lost(self) -> list[Flown]:
-        """Those that did not come back."""
+        """Vehicles that did not recover."""
         return [each for each in self.flown if each.lost]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Limit:
-    """How far one direction holds: all points that were flown, in order of their difference.
+    """The tolerated model error of one direction, with all flown points in order.
 
-    ``margin`` is the largest difference up to which every vehicle came back, ``bounded`` whether
-    one was lost beyond it; else it is as far as was searched.
+    ``margin`` is the largest difference with which every vehicle recovered. ``bounded`` is whether
+    a vehicle did not recover beyond the margin; otherwise ``margin`` is the end of the search.
     """
 
     direction: Direction
@@ -98,36 +98,36 @@ class Limit:
 
     @property
     def first_lost(self) -> Flown | None:
-        """A vehicle that was lost just beyond the margin."""
+        """A vehicle that did not recover just beyond the margin."""
         return next((point.lost[0] for point in self.points if point.lost), None)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rehearsal:
-    """What was flown: the vehicles as guessed, and the limits; without where those were lost."""
+    """The vehicles as configured, and the limits; empty if a vehicle did not recover."""
 
     guess: Point
     limits: Sequence[Limit]
 
 
 Observer = Callable[[str], None]
-"""Called with what is flown next."""
+"""Called with a text about the next flights."""
 
 
 def rehearse(
     config: Sequence[str], assignments: Sequence[str], engine: LocalWorkers, observe: Observer
 ) -> Rehearsal:
-    """Fly the guess and, where it holds, search the limit of each direction by bisection.
+    """Fly the vehicles as configured, then search the limit of each direction by bisection.
 
     ``config`` are parameter files and presets, ``assignments`` are ``node.parameter=value``. The
-    same arguments give the same rehearsal, on any number of workers. Raises :class:`UserError`.
+    result does not depend on the number of workers. Raises :class:`UserError`.
     """
 
     def fly(*changes: str) -> list[Flown]:
         campaign = disturbed_campaign(config, [*assignments, *changes])
         return _flown(campaign, engine)
 
-    observe("as guessed")
+    observe("as configured")
     simulator = disturbed_campaign(config, assignments).base["simulator"]
     assert isinstance(simulator, SimulatorConfig)
     guess = Point(by=0.0, flown=fly())
@@ -147,7 +147,7 @@ def rehearse(
 
 
 def limit_of(direction: Direction, guess: Point, fly: Callable[[float], Point]) -> Limit:
-    """Return the limit of a direction by bisection between the guess and the most."""
+    """Return the limit of a direction by bisection."""
     farthest = fly(direction.most)
     points = [guess, farthest]
     held, lost = (0.0, direction.most) if farthest.lost else (direction.most, direction.most)
@@ -186,15 +186,15 @@ def _judged(flight: FlownFlight) -> Flown:
 
 
 def _why_lost(row: Any) -> str:
-    """Return why a vehicle counts as lost, empty if it came back."""
+    """Return why a vehicle did not recover, else an empty string."""
     if row.get("error"):
         return str(row["error"])
     if row["crashed"]:
         return crash_text(row["crash"], row["crash_time_s"])
     if row["fallbacks"]:
-        return f"the failsafe took over, for {row['fallbacks']} commands"
+        return f"the failsafe was active {row['fallbacks']} times"
     if row["settled_error_max_m"] > _RECOVERED_ERROR:
-        return f"it was still {row['settled_error_max_m']:.1f} m off after {_SETTLE_TIME:g} s"
+        return f"error {row['settled_error_max_m']:.1f} m after {_SETTLE_TIME:g} s"
     if row["settled_tilt_max_rad"] > _RECOVERED_TILT:
-        return f"it still swayed by {row['settled_tilt_max_rad']:.2f} rad after {_SETTLE_TIME:g} s"
+        return f"tilt {row['settled_tilt_max_rad']:.2f} rad after {_SETTLE_TIME:g} s"
     return ""

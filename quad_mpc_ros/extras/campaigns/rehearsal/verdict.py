@@ -1,4 +1,4 @@
-"""What a rehearsal means: ready, marginal or not ready, why, and what to do."""
+"""Verdict of a rehearsal: ready, marginal or not ready, with reasons and advice."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ READY, MARGINAL, NOT_READY = "ready", "marginal", "not ready"
 
 @dataclass(frozen=True, kw_only=True)
 class RehearsalVerdict:
-    """The verdict in a word, the reasons for it, and what to do about them."""
+    """The verdict in a word, its reasons, and advice."""
 
     word: str
     reasons: Sequence[str]
@@ -22,19 +22,18 @@ class RehearsalVerdict:
 
 
 def verdict_on(rehearsal: Rehearsal) -> RehearsalVerdict:
-    """Return what a rehearsal means."""
+    """Return the verdict of a rehearsal."""
     guess = rehearsal.guess
     if guess.lost:
         return RehearsalVerdict(
             word=NOT_READY,
             reasons=[
-                f"as guessed, {len(guess.lost)} of {len(guess.flown)} disturbed vehicles did not "
-                f"come back: vehicle {guess.lost[0].number}: {guess.lost[0].lost}"
+                f"as configured, {len(guess.lost)} of {len(guess.flown)} disturbed vehicles did "
+                f"not recover: vehicle {guess.lost[0].number}: {guess.lost[0].lost}"
             ],
             advice=[
-                "compare the guesses of the vehicle file with the table of "
-                "docs/tutorials/first_flight.md",
-                "fly the weights of default, or set omega_max and limits.tilt_max lower "
+                "compare the vehicle file with the table of docs/tutorials/first_flight.md",
+                "use the weights of default, or set omega_max and limits.tilt_max lower "
                 "(docs/howto/tune.md)",
             ],
         )
@@ -43,17 +42,17 @@ def verdict_on(rehearsal: Rehearsal) -> RehearsalVerdict:
     return RehearsalVerdict(
         word=NOT_READY if tiny else MARGINAL if small else READY,
         reasons=[_reason(limit) for limit in small]
-        or ["every disturbed vehicle came back, with the margins of the table"],
+        or ["every disturbed vehicle recovered, with the margins of the table"],
         advice=list(dict.fromkeys(limit.direction.advice for limit in small))
-        or ["bench without propellers, then hover (docs/tutorials/first_flight.md)"],
+        or ["test on the bench without propellers, then hover (docs/tutorials/first_flight.md)"],
     )
 
 
 def _reason(limit: Limit) -> str:
     direction, lost = limit.direction, limit.first_lost
-    why = f", where vehicle {lost.number} was lost: {lost.lost}" if lost is not None else ""
+    why = f"; beyond, vehicle {lost.number}: {lost.lost}" if lost is not None else ""
     return (
-        f"{direction.name}: it bears {direction.text(limit.margin)}, {READY} is "
+        f"{direction.name}: margin {direction.text(limit.margin)}, needed "
         f"{direction.text(direction.ready)}{why}"
     )
 
@@ -68,7 +67,7 @@ def rehearsal_table(rehearsal: Rehearsal) -> str:
 
 
 def rehearsal_figures(rehearsal: Rehearsal) -> dict[str, Any]:
-    """Return verdict, margins and every vehicle flown, as JSON holds them."""
+    """Return verdict, margins and all vehicles for JSON."""
     verdict = verdict_on(rehearsal)
     return {
         "verdict": verdict.word,

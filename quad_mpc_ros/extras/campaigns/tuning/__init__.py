@@ -1,1 +1,1 @@
-"""Tuning the controller by campaigns: Optuna proposes, the campaigns judge, a front remains."""
+"""Tuning of the controller: Optuna proposes parameters, campaigns evaluate them."""

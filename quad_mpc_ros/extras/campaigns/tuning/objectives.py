@@ -1,9 +1,8 @@
-"""What a study makes small: statistics of figures over the flights of a campaign.
+"""Objectives of a study: statistics of figures over the flights of a campaign.
 
-A flight is lost if it crashed or ended with an error. It counts as much as ``lost`` says, and no
-flight counts more, so that a flight that is lost never improves an objective: neither beside the
-same flight flown, however badly, nor by the figure of its short life. A figure that is missing
-counts as a lost flight.
+A flight is lost if it crashed or ended with an error. The value of a lost flight is ``lost``, also
+the maximum for all other flights, so that a lost flight never improves an objective. A missing
+figure counts as a lost flight.
 """
 
 from __future__ import annotations
@@ -32,21 +31,21 @@ STATISTICS: Mapping[str, Callable[[Sequence[float]], float]] = {
 }
 
 _CRASH_VALUES = {"_m": 5.0, "_rad": math.pi, "_fraction": 1.0}
-"""What a lost flight counts where nothing is said. Farther than 5 m away is a crash."""
+"""Default values of a lost flight, by unit. A distance above 5 m is a crash."""
 
 _GIVE_UP_TOLERANCE = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
 class Objective:
-    """One number of a trial; least is best.
+    """A number to minimise.
 
     Attributes:
-        campaign: The name of the campaign.
-        figure: A figure of its table, or ``crashed``: 1 for a lost flight, 0 for any other.
-        of: Which of :data:`STATISTICS`, over all flights.
-        lost: What a lost flight counts, and the most that any counts.
-        tolerance: Which share above the least is as good as the least when one is chosen.
+        campaign: Name of the campaign.
+        figure: Column of the table, or ``crashed``: 1 for a lost flight, 0 otherwise.
+        of: One of :data:`STATISTICS`, over all flights.
+        lost: Value of a lost flight, and maximum for all other flights.
+        tolerance: Share above the minimum that counts as equal when the best trial is chosen.
     """
 
     campaign: str
@@ -57,15 +56,15 @@ class Objective:
 
     @property
     def name(self) -> str:
-        """The name of its column."""
+        """The name of the column."""
         return f"{self.campaign}.{self.figure}.{self.of}"
 
     def value(self, rows: Sequence[Row]) -> float:
-        """Return its value of some flights; of none, that of flights that are all lost."""
+        """Return the value for some flights; without flights, the value of a lost flight."""
         return STATISTICS[self.of]([self._counted(row) for row in rows] or [self.lost])
 
     def described(self) -> dict[str, Any]:
-        """Return what a file says of it."""
+        """Return the entry of a file."""
         keys = ("campaign", "figure", "of", "lost", "tolerance")
         return {key: getattr(self, key) for key in keys}
 
@@ -84,23 +83,20 @@ def is_lost(row: Row) -> bool:
 
 
 def check_measured(objectives: Sequence[Objective], rows: Mapping[str, Sequence[Row]]) -> None:
-    """Refuse a figure that none of a campaign's flights has, of those that were not lost.
-
-    Raises :class:`UserError`.
-    """
+    """Raise :class:`UserError` for a figure that no flight has, except for lost flights."""
     for objective in objectives:
         flown = [row for row in rows.get(objective.campaign, ()) if not is_lost(row)]
         if objective.figure == CRASHED or not flown:
             continue
         if all(row.get(objective.figure) is None for row in flown):
             raise UserError(
-                f"objectives: {objective.figure}: no flight of {objective.campaign} has it: "
-                "name another figure"
+                f"objectives: {objective.figure}: no flight of {objective.campaign} has this "
+                "figure: choose another"
             )
 
 
 def read_objectives(given: Any, campaigns: Mapping[str, Campaign]) -> tuple[Objective, ...]:
-    """Return the objectives that a file lists. Raises :class:`UserError`."""
+    """Return the objectives in a file. Raises :class:`UserError`."""
     if not isinstance(given, list) or not given:
         raise ConfigurationError("objectives", given, "a list: - {campaign: …, figure: …, of: …}")
     found = tuple(
@@ -110,7 +106,7 @@ def read_objectives(given: Any, campaigns: Mapping[str, Campaign]) -> tuple[Obje
     names = [objective.name for objective in found]
     for name in names:
         if names.count(name) > 1:
-            raise UserError(f"objectives: {name} is there twice: leave one out")
+            raise UserError(f"objectives: duplicate {name}: remove one of them")
     return found
 
 
@@ -146,7 +142,7 @@ def _lost(where: str, figure: str, given: Mapping[Any, Any]) -> float:
     for unit, value in _CRASH_VALUES.items():
         if figure.endswith(unit):
             return value
-    raise UserError(f"{where}: lost: expected a number: what a lost flight counts as {figure}")
+    raise UserError(f"{where}: lost: expected a number, the {figure} of a crashed flight")
 
 
 def _figures(campaign: Campaign) -> tuple[str, ...]:

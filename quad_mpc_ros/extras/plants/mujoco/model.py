@@ -1,7 +1,7 @@
-"""The model of MuJoCo for a configured plant, in its own format (MJCF).
+"""The MuJoCo model of a configured plant, in MuJoCo's format (MJCF).
 
-The frame of the vehicle's body is at its centre of mass C, so that what MuJoCo integrates is the
-state of the plant ``rotors``. Names of geoms begin with what they are part of.
+The frame of the vehicle's body is at its centre of mass C, so that MuJoCo integrates the state of
+the plant ``rotors``. The name of a geom begins with the name of its object.
 """
 
 from __future__ import annotations
@@ -21,39 +21,50 @@ from quad_mpc_ros.simulation.mujoco_parameters import (
 
 VEHICLE, PAYLOAD, DECK, CABLE = "vehicle", "payload", "deck", "cable"
 HEAVE, PITCH, ROLL = "heave", "pitch", "roll"
-FOOT, HULL, ROTOR, GROUND, WALL = "foot", "hull", "rotor", "ground", "wall"
+FOOT, HULL, ROTOR, GROUND = "foot", "hull", "rotor", "ground"
 SURFACES = 1
-"""Group of the geoms that carry: ground, deck and walls."""
+"""Group of the geoms on which a vehicle can stand: ground and deck."""
 DECK_INERTIA = 1e4
-"""Mass [kg] and inertia [kg m^2] of the deck, so large that nothing on it moves it."""
+"""Mass [kg] and inertia [kg m^2] of the deck, so large that contacts do not move it."""
 
 _DECK_THICKNESS = 0.05  # m
 _ROTOR_THICKNESS = 0.01  # m
-# Of the rotors' distances, and of the clearance: a box below the origin of the body.
+_FOOT_RADIUS = 0.005  # m
+PAYLOAD_RADIUS = 0.01  # m
+# Shares of the rotors' distances and of the clearance: a box below the origin of the body.
 _HULL_SIZE, _HULL_HEIGHT = 0.5, 0.4
-# How a force that keeps apart grows with depth, in MuJoCo's terms (solimp): what stands sinks by
+# How the contact force grows with depth (MuJoCo's solimp): a standing vehicle sinks by
 # (1 - d) / d g T^2 for the time constant T, a hundredth of a millimetre.
 _IMPEDANCE = (0.95, 0.99, 0.001)
-_CABLE_TIME_CONSTANT = 0.004  # s, in which the limit of its length pulls back; four steps
+_CABLE_TIME_CONSTANT = 0.004  # s, of the limit of its length; four steps
 
-# What slips is slowed at this rate, up to friction's bound [1/s]. As fast as what sinks is pushed
-# out (2 / T, MuJoCo's default), slipping would lift what slips off the ground and let it chatter:
-# an effect of its convex contacts; slower, what sticks would creep.
+# Slipping is slowed at this rate, up to the bound of friction [1/s]. With MuJoCo's default, 2 / T,
+# a slipping vehicle would lift off and chatter, an effect of the convex contacts. With a lower
+# rate a sticking vehicle would creep.
 _SLIP_RATE = 20.0
 
 
 def up_of(ground: GroundParameters) -> Array:
-    """Return the direction (3,) that is normal to the ground, upwards, in the world."""
-    return np.asarray(_turn_of(ground)[:, 2])
+    """Return the upward normal (3,) of the ground in the world."""
+    return np.asarray(_rotation_of(ground)[:, 2])
 
 
 def model_of(config: MujocoParameters, *, mass: float) -> str:
-    """Return the model for a vehicle of a true mass [kg]."""
+    """Return the MJCF model for a vehicle with a true mass [kg]."""
     root = ET.Element("mujoco", model="quad_mpc_ros")
     _settings(root, config)
     world = ET.SubElement(root, "worldbody")
     ET.SubElement(world, "light", pos="0 0 10", dir="0.2 0.1 -1", directional="true")
-    _surfaces(world, config)
+    _geom(
+        world,
+        GROUND,
+        "plane",
+        size=(0.0, 0.0, 1.0),
+        pos=-config.airframe.clearance * up_of(config.mujoco.ground),
+        quat=_wxyz(_rotation_of(config.mujoco.ground)),
+        rgba=".75 .78 .75 1",
+        group=str(SURFACES),
+    )
     _vehicle(world, config, mass=mass)
     if config.mujoco.payload.mass > 0.0:
         _payload(root, world, config)
@@ -70,51 +81,16 @@ def _settings(root: ET.Element, config: MujocoParameters) -> None:
         gravity=_text((0.0, 0.0, -config.gravity)),
         integrator="RK4",
         cone="elliptic",  # friction alike in all directions
-        impratio="100",  # what sticks does not creep
+        impratio="100",  # a sticking vehicle does not creep
         tolerance="1e-10",
     )
     # A simulation that diverges must stay visible, not restart.
     ET.SubElement(option, "flag", autoreset="disable")
-    # Only what is said to can meet.
+    # Only the contact pairs below can touch.
     ET.SubElement(ET.SubElement(root, "default"), "geom", contype="0", conaffinity="0")
     visual = ET.SubElement(root, "visual")
     ET.SubElement(visual, "global", offwidth="1920", offheight="1080")
     ET.SubElement(visual, "headlight", ambient="0.4 0.4 0.4", diffuse="0.5 0.5 0.5")
-    assets = ET.SubElement(root, "asset")
-    checks = {"rgb1": ".75 .78 .75", "rgb2": ".6 .65 .6", "width": "256", "height": "256"}
-    ET.SubElement(assets, "texture", checks, name="checks", type="2d", builtin="checker")
-    sky = {"rgb1": ".7 .8 .95", "rgb2": ".95 .97 1", "width": "64", "height": "64"}
-    ET.SubElement(assets, "texture", sky, name="sky", type="skybox", builtin="gradient")
-    for name in (GROUND, DECK):
-        ET.SubElement(assets, "material", name=name, texture="checks", texrepeat="2 2")
-    assets[-2].set("texuniform", "true")
-
-
-def _surfaces(world: ET.Element, config: MujocoParameters) -> None:
-    ground, walls = config.mujoco.ground, config.mujoco.walls
-    clearance = config.airframe.clearance
-    _geom(
-        world,
-        GROUND,
-        "plane",
-        size=(0.0, 0.0, 1.0),
-        pos=-clearance * up_of(ground),
-        quat=_wxyz(_turn_of(ground)),
-        material=GROUND,
-        group=str(SURFACES),
-    )
-    lists = zip(walls.x, walls.y, walls.heading, walls.length, strict=True)
-    for number, (x, y, heading, length) in enumerate(lists):
-        _geom(
-            world,
-            f"{WALL}{number}",
-            "box",
-            size=(0.5 * length, 0.5 * walls.thickness, 0.5 * walls.height),
-            pos=(x, y, 0.5 * walls.height),
-            quat=_wxyz(so3.exp(np.array([0.0, 0.0, heading]))),
-            rgba=".8 .6 .5 1",
-            group=str(SURFACES),
-        )
 
 
 def _vehicle(world: ET.Element, config: MujocoParameters, *, mass: float) -> None:
@@ -124,10 +100,12 @@ def _vehicle(world: ET.Element, config: MujocoParameters, *, mass: float) -> Non
     ET.SubElement(body, "freejoint", name=VEHICLE)
     inertia = {"mass": _text((mass,)), "fullinertia": _text(airframe.inertia)}
     ET.SubElement(body, "inertial", inertia, pos="0 0 0")
-    clearance, radius = airframe.clearance, config.mujoco.gear.foot_radius
+    clearance = airframe.clearance
     for number, (x, y) in enumerate(_feet(config)):
-        place = np.array([x, y, radius - clearance]) - center
-        _geom(body, f"{FOOT}{number}", "sphere", size=(radius,), pos=place, rgba=".1 .1 .1 1")
+        place = np.array([x, y, _FOOT_RADIUS - clearance]) - center
+        _geom(
+            body, f"{FOOT}{number}", "sphere", size=(_FOOT_RADIUS,), pos=place, rgba=".1 .1 .1 1"
+        )
         ends = (*place, *(np.array([0.5 * x, 0.5 * y, 0.0]) - center))
         _geom(body, f"leg{number}", "capsule", size=(0.003,), fromto=ends, rgba=".3 .3 .3 1")
     span = np.array([max(np.ptp(rotors.x), 0.01), max(np.ptp(rotors.y), 0.01)])
@@ -135,16 +113,14 @@ def _vehicle(world: ET.Element, config: MujocoParameters, *, mass: float) -> Non
     size = (*(0.5 * _HULL_SIZE * span), 0.5 * height)
     middle = np.array([np.mean(rotors.x), np.mean(rotors.y), -0.5 * height]) - center
     _geom(body, HULL, "box", size=size, pos=middle, rgba=".2 .35 .7 1")
-    places = zip(rotors.x, rotors.y, rotors.z, rotors.tilt_x, rotors.tilt_y, strict=True)
-    for number, (x, y, z, tilt_x, tilt_y) in enumerate(places):
+    for number, (x, y, z) in enumerate(zip(rotors.x, rotors.y, rotors.z, strict=True)):
         _geom(
             body,
             f"{ROTOR}{number}",
-            "ellipsoid",  # of cylinders parallel to a plane MuJoCo finds some below it
+            "ellipsoid",  # MuJoCo finds cylinders parallel to a plane below the plane by rounding
             size=(rotors.radius, rotors.radius, 0.5 * _ROTOR_THICKNESS),
             pos=np.array([x, y, z]) - center,
-            quat=_wxyz(so3.exp(np.array([tilt_x, tilt_y, 0.0]))),
-            rgba=".9 .4 .2 .6" if x > 0.0 else ".5 .5 .5 .6",  # those in front are orange
+            rgba=".9 .4 .2 .6" if x > 0.0 else ".5 .5 .5 .6",  # the front rotors are orange
         )
     hook = np.array(config.mujoco.payload.attachment) - center
     ET.SubElement(body, "site", name="hook", pos=_text(hook), size="0.002")
@@ -163,10 +139,10 @@ def _payload(root: ET.Element, world: ET.Element, config: MujocoParameters) -> N
     payload = config.mujoco.payload
     body = ET.SubElement(world, "body", name=PAYLOAD)
     ET.SubElement(body, "freejoint", name=PAYLOAD)
-    sphere = 0.4 * payload.mass * payload.radius**2
+    sphere = 0.4 * payload.mass * PAYLOAD_RADIUS**2
     inertia = {"mass": _text((payload.mass,)), "diaginertia": _text([sphere] * 3)}
     ET.SubElement(body, "inertial", inertia, pos="0 0 0")
-    _geom(body, PAYLOAD, "sphere", size=(payload.radius,), rgba=".7 .1 .1 1")
+    _geom(body, PAYLOAD, "sphere", size=(PAYLOAD_RADIUS,), rgba=".7 .1 .1 1")
     ET.SubElement(body, "site", name="eye", size="0.002")
     cable = ET.SubElement(
         ET.SubElement(root, "tendon"),
@@ -184,7 +160,7 @@ def _payload(root: ET.Element, world: ET.Element, config: MujocoParameters) -> N
 
 
 def _deck(world: ET.Element, config: MujocoParameters) -> None:
-    """Add the deck: moments of inertia that are alike, so that its motions do not couple."""
+    """Add the deck, with equal moments of inertia, so that its motions do not couple."""
     deck = config.mujoco.deck
     body = ET.SubElement(world, "body", name=DECK, pos=_text(deck.position), gravcomp="1")
     ET.SubElement(body, "joint", name=HEAVE, type="slide", axis="0 0 1")
@@ -199,15 +175,15 @@ def _deck(world: ET.Element, config: MujocoParameters) -> None:
         "box",
         size=(0.5 * length, 0.5 * width, 0.5 * _DECK_THICKNESS),
         pos=(0.0, 0.0, -0.5 * _DECK_THICKNESS),
-        material=DECK,
+        rgba=".6 .65 .6 1",
         group=str(SURFACES),
     )
 
 
 def _contacts(root: ET.Element, contact: ContactParameters) -> None:
-    """Add what can meet: parts of the vehicle and load with surfaces, and with each other."""
+    """Add the contact pairs of vehicle, load and surfaces."""
     names = [geom.get("name", "") for geom in root.iter("geom")]
-    surfaces = [name for name in names if name.startswith((GROUND, DECK, WALL))]
+    surfaces = [name for name in names if name.startswith((GROUND, DECK))]
     parts = [name for name in names if name.startswith((FOOT, HULL, ROTOR))]
     loads = [name for name in names if name == PAYLOAD]
     pairs = ET.SubElement(root, "contact")
@@ -235,14 +211,14 @@ def _geom(parent: ET.Element, name: str, kind: str, **attributes: str | Iterable
     ET.SubElement(parent, "geom", texts, name=name, type=kind)
 
 
-def _turn_of(ground: GroundParameters) -> Array:
-    """Return the rotation (3, 3) that turns level ground into the slope."""
+def _rotation_of(ground: GroundParameters) -> Array:
+    """Return the rotation (3, 3) from level ground to the slope."""
     way = ground.slope_heading
     return so3.exp(ground.slope * np.array([np.sin(way), -np.cos(way), 0.0]))
 
 
 def _wxyz(rotation: Array) -> Array:
-    """Return a rotation (3, 3) as MuJoCo takes it (4,)."""
+    """Return a rotation (3, 3) as a quaternion w, x, y, z (4,), as MuJoCo expects it."""
     return np.roll(so3.quaternion_xyzw_from_rotation(rotation), 1)
 
 

@@ -1,7 +1,8 @@
-"""The vehicle among what there is to touch, as MuJoCo moves it."""
+"""The vehicle and the objects around it, simulated by MuJoCo."""
 
 from __future__ import annotations
 
+import importlib
 import math
 from typing import Any
 
@@ -11,41 +12,40 @@ from numpy.typing import NDArray
 from quad_mpc_ros.configuration import ConfigurationError, UserError
 from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.extras.plants.mujoco import deck, model
+from quad_mpc_ros.extras.plants.mujoco import model
+from quad_mpc_ros.extras.plants.mujoco.deck import deck_motions
 from quad_mpc_ros.extras.plants.mujoco.drive import Drive
-from quad_mpc_ros.extras.plants.mujoco.installation import mujoco_module
 from quad_mpc_ros.simulation.mujoco_parameters import MujocoParameters
 from quad_mpc_ros.simulation.rotors.state import BodyState
 
-# Of the coordinates of a free joint: place and attitude, velocity in the world, rates in the body.
+# Coordinates of a free joint: position and attitude; velocity in the world, rates in the body.
 _POSITION, _ATTITUDE_WXYZ = slice(0, 3), slice(3, 7)
 _LINEAR, _ANGULAR = slice(0, 3), slice(3, 6)
 _XYZW = [1, 2, 3, 0]  # of w, x, y, z
 _DOWN = np.array([0.0, 0.0, -1.0])
-_MAX_OVERLAP = 1e-3  # m that things may overlap at the start
+_MAX_OVERLAP = 1e-3  # m, at the start
 _GROUP_COUNT = 6  # of geoms in MuJoCo
-_AXIS_COUNT, _WRENCH_SIZE = 3, 6
 
 
 class MujocoScene:
     """MuJoCo's model and state; times in seconds from the start of the plant."""
 
     def __init__(self, config: MujocoParameters, *, mass: float) -> None:
-        """Build it for a vehicle of a true mass [kg].
+        """Build the model for a vehicle with a true mass [kg].
 
-        Raises :class:`UserError` where MuJoCo is not installed, :class:`ConfigurationError` for an
-        inertia that no body has.
+        Raises :class:`UserError` if MuJoCo is not installed, :class:`ConfigurationError` for an
+        impossible inertia.
         """
-        self._mujoco = mujoco_module()
+        self._mujoco = _mujoco_module()
         self.mjcf = model.model_of(config, mass=mass)
-        """The model in MuJoCo's format, which its viewer opens."""
+        """The model in MuJoCo's format, for MuJoCo's viewer."""
         try:
             self.model: Any = self._mujoco.MjModel.from_xml_string(self.mjcf)
         except ValueError as error:  # the rest of the model cannot be wrong
             raise ConfigurationError(
                 "simulator.airframe.inertia",
                 config.airframe.inertia,
-                f"one that MuJoCo takes ({' '.join(str(error).split())})",
+                f"an inertia that MuJoCo accepts ({' '.join(str(error).split())})",
             ) from error
         self.data: Any = self._mujoco.MjData(self.model)
         self._config = config
@@ -62,17 +62,18 @@ class MujocoScene:
         )
         self._is_foot = np.array([name.startswith(model.FOOT) for name in self._geom_names])
         self._touched = np.zeros(self.model.ngeom, bool)
-        self._sways = self._deck_joints()
+        motions = deck_motions(config.mujoco.deck) if config.mujoco.deck.exists else {}
+        self._deck_joints = [(self.data.joint(name), sine) for name, sine in motions.items()]
 
-    def put(self, body: RecordArray[BodyState], *, seconds: float) -> None:
-        """Put the vehicle where a state says, and the load below it, at rest with it.
+    def put(self, body: RecordArray[BodyState]) -> None:
+        """Set the initial state of the vehicle, with the load at rest below it.
 
-        Raises :class:`ConfigurationError` where something would begin inside of something else.
+        Raises :class:`ConfigurationError` if objects overlap.
         """
         self._place[:], self._velocity[:] = body["p_WC"], body["v_WC_W"]
         self._attitude[:] = np.roll(body["q_WB_xyzw"], 1)
         self._rates[:] = body["w_WB_B"]
-        self._move_deck(seconds, duration=self.model.opt.timestep)
+        self._move_deck(0.0, duration=self.model.opt.timestep)
         if self._config.mujoco.payload.mass > 0.0:
             self._hang_payload()
         self._mujoco.mj_forward(self.model, self.data)
@@ -82,7 +83,7 @@ class MujocoScene:
                 raise ConfigurationError(
                     "simulator.initial_position",
                     self._config.initial_position,
-                    f"a start at which nothing overlaps: {first} and {second} do by "
+                    f"a start without overlaps: {first} and {second} overlap by "
                     f"{-contact.dist:.3f} m",
                 )
 
@@ -94,7 +95,7 @@ class MujocoScene:
         at: float,
         duration: float,
     ) -> None:
-        """Move everything over a step that begins at a time; write the vehicle's state.
+        """Advance everything by a step from a time [s] on; write the vehicle's state.
 
         Raises :class:`UserError` when the motion diverges.
         """
@@ -112,7 +113,7 @@ class MujocoScene:
             )
 
     def ground_below(self, p_WC: Array) -> float:
-        """Return the height of the origin of a vehicle that stands below a place (3,) [m]."""
+        """Return the height [m] of the origin of a vehicle standing below a position (3,) [m]."""
         geom = np.zeros(1, np.int32)
         distance = self._mujoco.mj_ray(
             self.model, self.data, p_WC, _DOWN, self._carrying, True, -1, geom
@@ -120,11 +121,11 @@ class MujocoScene:
         return float(p_WC[2] - max(distance, 0.0) + self._config.airframe.clearance)
 
     def touching(self) -> frozenset[str]:
-        """Return which parts of the vehicle touch anything: ``foot0``, ``hull``, ``rotor2``…"""
+        """Return the parts of the vehicle in contact: ``foot0``, ``hull``, ``rotor2``…"""
         return self._parts_of(np.unique(self.data.contact.geom))
 
     def touched(self) -> frozenset[str]:
-        """Return which have since this was asked last; a bounce is over in milliseconds."""
+        """Return the parts in contact since the last call; a bounce takes milliseconds."""
         geoms = np.flatnonzero(self._touched)
         self._touched[:] = False
         return self._parts_of(geoms)
@@ -136,52 +137,31 @@ class MujocoScene:
         """Return whether a foot touches anything."""
         return bool(self._is_foot[self.data.contact.geom].any())
 
-    def contact_force(self) -> Array:
-        """Return the force (3,) of all contacts on the vehicle, in the world [N]."""
-        total, wrench = np.zeros(3), np.zeros(_WRENCH_SIZE)
-        for number, contact in enumerate(self.data.contact):
-            self._mujoco.mj_contactForce(self.model, self.data, number, wrench)
-            # In the frame of the contact, whose rows are its axes, from the first to the second.
-            force_W = contact.frame.reshape(_AXIS_COUNT, _AXIS_COUNT).T @ wrench[_LINEAR]
-            first, second = contact.geom
-            total += force_W * (int(self._is_part[second]) - int(self._is_part[first]))
-        return total
-
-    def cable_tension(self) -> float:
-        """Return the force in the cable [N]; 0 without one."""
-        kind = self._mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON
-        return float(self.data.efc_force[self.data.efc_type == kind].sum())
-
-    def payload_place(self) -> Array:
-        """Return where the middle of the load is (3,) [m]; raises ``KeyError`` without one."""
-        return np.array(self.data.body(model.PAYLOAD).xpos)
-
-    def _deck_joints(self) -> list[tuple[Any, deck.Sine]]:
-        """Return each joint of the deck with its motion."""
-        given = self._config.mujoco.deck
-        if not given.exists:
-            return []
-        sines = {
-            model.HEAVE: deck.heave(given),
-            model.PITCH: deck.pitch(given),
-            model.ROLL: deck.roll(given),
-        }
-        return [(self.data.joint(name), sine) for name, sine in sines.items()]
-
     def _move_deck(self, seconds: float, *, duration: float) -> None:
-        """Put the deck where it is at a time, and push it as it moves over the next step."""
-        for joint, sine in self._sways:
-            sway = sine.at(seconds, duration=duration)
-            joint.qpos[:], joint.qvel[:] = sway.value, sway.rate
-            joint.qfrc_applied[:] = model.DECK_INERTIA * sway.acceleration
+        """Set the deck's state at a time, and the force that moves it over the next step."""
+        for joint, sine in self._deck_joints:
+            rate, rate_after = sine.rate(seconds), sine.rate(seconds + duration)
+            joint.qpos[:], joint.qvel[:] = sine.value(seconds), rate
+            joint.qfrc_applied[:] = model.DECK_INERTIA * ((rate_after - rate) / duration)
 
     def _hang_payload(self) -> None:
-        """Put the load below the vehicle: at the cable's end, or on what is above that."""
-        given = self._config.mujoco.payload
+        """Place the load below the vehicle, at the end of the cable or on the surface below."""
+        length = self._config.mujoco.payload.cable_length
         self._mujoco.mj_kinematics(self.model, self.data)
         hook = np.array(self.data.site("hook").xpos)
         surface = self.ground_below(hook) - self._config.airframe.clearance
-        place = hook + _DOWN * min(given.cable_length, hook[2] - surface - given.radius)
+        place = hook + _DOWN * min(length, hook[2] - surface - model.PAYLOAD_RADIUS)
         payload = self.data.joint(model.PAYLOAD)
         payload.qpos[:] = [*place, 1.0, 0.0, 0.0, 0.0]
         payload.qvel[_LINEAR] = self._velocity
+
+
+def _mujoco_module() -> Any:
+    """Return the module ``mujoco``; raises :class:`UserError` if not installed."""
+    try:
+        return importlib.import_module("mujoco")
+    except ImportError as error:
+        raise UserError(
+            f"simulator.plant: mujoco cannot be imported ({error}); "
+            "install it with: pip install 'quad_mpc_ros[mujoco]'"
+        ) from error

@@ -13,7 +13,7 @@ _WHEEL = "casadi==3.6.7"  # the version in acados' wheel, which replaces files o
 
 
 def casadi() -> Any:
-    """Return the module. Raises :class:`UserError` if it cannot plan."""
+    """Return the module. Raises :class:`UserError` if CasADi cannot plan."""
     fault = casadi_fault()
     if fault is not None:
         raise UserError(f"plan: {fault}")
@@ -29,7 +29,7 @@ def casadi_fault() -> str | None:
     try:
         module = importlib.import_module("casadi")
     except ImportError:
-        return "CasADi is not installed, expected pip install casadi (the extra plan)"
+        return "CasADi is not installed; install it with: pip install casadi (the extra plan)"
     version = str(module.__version__)
     try:
         installed = importlib.metadata.version("casadi")
@@ -39,6 +39,6 @@ def casadi_fault() -> str | None:
         return None
     replaced = "" if installed == version else f" in place of {installed}"
     return (
-        f"given CasADi {version}{replaced}, of another package and without IPOPT (as acados' "
-        f"wheel brings it), expected a whole one: pip install --force-reinstall --no-deps {_WHEEL}"
+        f"given CasADi {version}{replaced}, without IPOPT (from acados' wheel, for example), "
+        f"expected a complete CasADi: pip install --force-reinstall --no-deps {_WHEEL}"
     )

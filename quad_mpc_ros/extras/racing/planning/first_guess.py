@@ -1,8 +1,8 @@
-"""First guess of the optimiser: the course flown by a point mass, with attitudes of its thrust.
+"""Initial guess of the optimiser: a point mass on the course, with attitudes from its thrust.
 
-A point mass that accelerates in any direction is solved for in a second, and is near the plan of
-the vehicle. Its thrust is smoothed over the time in which a vehicle turns. The body follows the
-thrust with the shortest rotations, without rotation about it.
+The motion of a point mass is found within a second and is near the plan of the vehicle. Its thrust
+is smoothed over the time in which a vehicle turns. The body follows the thrust with the shortest
+rotations, without rotation about the thrust.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def flown_by_a_point(
 ) -> Nodes:
     """Return the time-optimal motion of a point mass: states p, v; inputs a.
 
-    If the optimiser fails, it returns straight lines at a safe speed.
+    If the optimiser fails, straight lines at a safe speed are returned.
     """
     ca = casadi()
     x, u, h = ca.SX.sym("x", 6), ca.SX.sym("u", 3), ca.SX.sym("h")

@@ -34,9 +34,9 @@ class Goal:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CourseLeg:
-    """A leg to a position (3,) [m]: its goal, whether it ends at rest, the weight of its time.
+    """A leg to a position (3,) [m]: goal, whether the leg ends at rest, and weight of its time.
 
-    A leg without a goal stops the vehicle behind a course that ends in flight.
+    A leg without a goal stops the vehicle after a course that ends in flight.
     """
 
     p_WB: Array
@@ -58,8 +58,8 @@ def legs_of(course: Course, *, margin: float, radius: float) -> list[CourseLeg]:
         half = min(gate.half_width, gate.half_height)
         if half <= kept:
             raise UserError(
-                f"{course.source}: gates[{course.numbers[i]}]: unreachable: half of its opening "
-                f"is {half:g} m, what is kept from its edge {kept:.3g} m; lower --gate-margin"
+                f"{course.source}: gates[{course.numbers[i]}]: unreachable: half of the opening "
+                f"is {half:g} m, the margin {kept:.3g} m; lower --gate-margin"
             )
         goal = _gate_goal(gate, margin=kept, direction=places[i + 1] - places[i])
         legs.append(CourseLeg(p_WB=gate.p_WG, goal=goal, at_rest=False, weight=_ROUTE_WEIGHT))

@@ -13,8 +13,7 @@ from quad_mpc_ros.references.feasibility import FeasibilityParameters
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.rotors.mixer import allocation
 
-ROTORS_PLANT = "rotors"
-MODELS = ("rates", "rotors")
+_ROTORS_PLANT = "rotors"
 _MIN_THRUST_RATIO = 0.02  # of the weight: without thrust the attitude is undefined
 
 
@@ -57,9 +56,9 @@ class PlannedVehicle:
 def planned_vehicle(
     mpc: MpcConfig, simulator: SimulatorConfig, limits: FeasibilityParameters
 ) -> PlannedVehicle:
-    """Return the vehicle with the limits of the MPC and ``limits``, less the margin.
+    """Return the vehicle with the limits of the MPC and ``limits``, minus the margin.
 
-    The tighter bounds of both apply, and those of each rotor if the simulator has the plant
+    The tighter bounds of both apply, and bounds of each rotor if the simulator has the plant
     ``rotors``. ``limit_margin`` is the unused share between hover and each bound.
     """
     vehicle, share = mpc.vehicle(), 1.0 - limits.limit_margin
@@ -70,14 +69,14 @@ def planned_vehicle(
     )
     least, greatest = (vehicle.thrust(throttle) / vehicle.mass for throttle in throttles)
     rotors = None
-    if simulator.plant == ROTORS_PLANT:
+    if simulator.plant == _ROTORS_PLANT:
         rotors = _rotors(simulator, share=share, weight=vehicle.mass * vehicle.gravity)
     omega_max = share * np.minimum(mpc.omega_max, limits.omega_max)
     if greatest <= 1.05 * vehicle.gravity:
         raise ConfigurationError(
             f"{limits.owner}.limit_margin",
             limits.limit_margin,
-            f"one that leaves thrust to climb: {greatest:.3g} m/s^2 are left of {mpc.gravity:g}",
+            f"a value that leaves thrust to climb: {greatest:.3g} m/s^2 of {mpc.gravity:g} remain",
         )
     return PlannedVehicle(
         mass=vehicle.mass,
@@ -103,7 +102,7 @@ def _rotors(simulator: SimulatorConfig, *, share: float, weight: float) -> Rotor
     ]
     if not bounds[0] < hover < bounds[1]:
         raise UserError(
-            f"simulator.rotors.speed_max: its thrust {bounds[1]:.3g} N does not carry the vehicle"
+            f"simulator.rotors.speed_max: {bounds[1]:.3g} N of thrust do not lift the vehicle"
         )
     xx, yy, zz, xy, xz, yz = body.inertia
     return RotorLimits(

@@ -1,15 +1,10 @@
 """The equations of motion of a plan, in CasADi: one step and its bounds.
 
-Both models have the states position, velocity, quaternion q_WB (w, x, y, z) and body rates:
+The states are position, velocity, quaternion q_WB (w, x, y, z), body rates and thrust over mass.
+The inputs are commanded body rates and thrust over mass, with first-order lags as in the MPC's
+model. If the rotors are known, each rotor's thrust is bounded, too.
 
-- ``rotors``: the inputs are the thrusts of the rotors, which change at once, as in P. Foehn,
-  A. Romero, D. Scaramuzza, "Time-optimal planning for quadrotor waypoint flight", Science Robotics
-  2021;
-- ``rates``: the inputs are commanded body rates and thrust over mass, with first-order lags as in
-  the MPC's model. The thrust over mass is a state. If the rotors are known, each rotor's thrust is
-  bounded, too.
-
-Inputs are held over a step. Lags are solved exactly, the rest with Runge-Kutta steps of order 4.
+Inputs are held over a step. Lags are exact, the rest uses Runge-Kutta steps of order 4.
 """
 
 from __future__ import annotations
@@ -26,7 +21,7 @@ from quad_mpc_ros.extras.racing.planning.limits import PlannedVehicle, RotorLimi
 P, V, Q, W, F = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13), slice(13, 14)
 """Slices of position, velocity, quaternion, body rates and thrust over mass in a state."""
 THRUST = slice(3, 4)
-"""Slice of the thrust over mass in the inputs of ``rates``."""
+"""Slice of the thrust over mass in the inputs."""
 
 _MIN_LAG = 0.002  # s
 _SUBSTEPS = 2  # Runge-Kutta steps in one
@@ -39,9 +34,9 @@ class Model:
     """Functions of a state (nx,), inputs (nu,) and a time [s], and bounds.
 
     ``step(x, u, h)`` is the state after ``h``; ``acceleration(x, u)`` (3,) is in the world;
-    ``path(x, u, h)`` (nc,) of a step is bounded by ``path_bounds``, as are the inputs by
-    ``input_bounds`` and the states by ``state_bounds``, each (lower, upper). ``hover`` are the
-    inputs of hover, ``scale`` the natural sizes of the inputs.
+    ``path(x, u, h)`` (nc,) of a step is bounded by ``path_bounds``, the inputs by ``input_bounds``
+    and the states by ``state_bounds``, each (lower, upper). ``scale`` are the natural sizes of the
+    inputs.
     """
 
     step: Any
@@ -50,7 +45,6 @@ class Model:
     path_bounds: tuple[Array, Array]
     input_bounds: tuple[Array, Array]
     state_bounds: tuple[Array, Array]
-    hover: Array
     scale: Array
 
     @property
@@ -58,14 +52,9 @@ class Model:
         """Number of states."""
         return len(self.state_bounds[0])
 
-    @property
-    def nu(self) -> int:
-        """Number of inputs."""
-        return len(self.hover)
 
-
-def rates_model(vehicle: PlannedVehicle) -> Model:
-    """Return the model with body rates and thrust as inputs, with lags."""
+def model_of(vehicle: PlannedVehicle) -> Model:
+    """Return the equations of motion of a vehicle."""
     ca = casadi()
     x, u, h = ca.SX.sym("x", 14), ca.SX.sym("u", 4), ca.SX.sym("h")
     lags = np.maximum([*vehicle.rate_time_constant, vehicle.thrust_time_constant], _MIN_LAG)
@@ -100,40 +89,7 @@ def rates_model(vehicle: PlannedVehicle) -> Model:
         path_bounds=bounds,
         input_bounds=(lower, upper),
         state_bounds=(np.append(_free_body(-1.0), lower), np.append(_free_body(1.0), upper)),
-        hover=np.array([0.0, 0.0, 0.0, vehicle.gravity]),
         scale=np.append(vehicle.omega_max, greatest),
-    )
-
-
-def rotors_model(vehicle: PlannedVehicle, rotors: RotorLimits) -> Model:
-    """Return the model with the rotors' thrusts as inputs."""
-    ca = casadi()
-    count = rotors.allocation.shape[1]
-    x, u, h = ca.SX.sym("x", 13), ca.SX.sym("u", count), ca.SX.sym("h")
-    wrench = ca.DM(rotors.allocation) @ u
-    thrust = wrench[0] / vehicle.mass
-
-    def rate(y: Any, time: Any) -> Any:
-        turn = ca.solve(
-            ca.DM(rotors.inertia), wrench[1:4] - ca.cross(y[W], ca.DM(rotors.inertia) @ y[W])
-        )
-        return ca.vertcat(_motion(y[0:10], ca.vertcat(y[W], thrust), vehicle), turn)
-
-    end = x
-    for _ in range(_SUBSTEPS):
-        end = _runge_kutta(rate, end, h / _SUBSTEPS)
-    end = ca.vertcat(end[0:6], end[6:10] / ca.norm_2(end[6:10]), end[W])
-    acceleration = _motion(x[0:10], ca.vertcat(x[W], thrust), vehicle)[3:6]
-    bound = vehicle.omega_max
-    return Model(
-        step=ca.Function("step", [x, u, h], [end]),
-        acceleration=ca.Function("a", [x, u], [acceleration]),
-        path=ca.Function("path", [x, u, h], [thrust]),
-        path_bounds=(np.array([vehicle.least]), np.array([vehicle.greatest])),
-        input_bounds=(np.full(count, rotors.least), np.full(count, rotors.greatest)),
-        state_bounds=(np.append(_free_body(-1.0), -bound), np.append(_free_body(1.0), bound)),
-        hover=np.full(count, vehicle.mass * vehicle.gravity / count),
-        scale=np.full(count, rotors.greatest),
     )
 
 

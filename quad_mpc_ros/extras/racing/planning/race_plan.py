@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from quad_mpc_ros.configuration import ArgumentError, UserError
+from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.configuration.arguments import instance, number
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array
@@ -19,19 +19,16 @@ from quad_mpc_ros.extras.racing.planning.first_guess import (
     with_attitudes,
 )
 from quad_mpc_ros.extras.racing.planning.legs import CourseLeg, legs_of
-from quad_mpc_ros.extras.racing.planning.limits import MODELS, PlannedVehicle, planned_vehicle
+from quad_mpc_ros.extras.racing.planning.limits import PlannedVehicle, planned_vehicle
 from quad_mpc_ros.extras.racing.planning.model import (
-    THRUST,
     F,
     Model,
     P,
     Q,
     V,
     W,
-    rates_model,
-    rotors_model,
+    model_of,
 )
-from quad_mpc_ros.extras.racing.planning.settings import PlanSettings
 from quad_mpc_ros.extras.racing.planning.transcription import (
     Dynamics,
     Nodes,
@@ -78,7 +75,7 @@ class RacePlan:
         return PlannedMotion(self.table)
 
     def write(self, path: str | Path) -> None:
-        """Write it as a file for ``reference.file``. Raises ``OSError``."""
+        """Write the plan as a file for ``reference.file``. Raises ``OSError``."""
         Path(path).write_text(self.table.text(), encoding="utf-8")
 
 
@@ -88,7 +85,6 @@ def plan_race(
     simulator: SimulatorConfig | None = None,
     reference: ReferenceConfig | None = None,
     *,
-    model: str = "rates",
     gate_margin: float = 0.0,
     radius: float = 0.0,
     step: float = 0.05,
@@ -101,19 +97,17 @@ def plan_race(
         mpc: Parameters of the MPC: mass, thrust, drag, lags and bounds of the commands.
         simulator: With the plant ``rotors``, bounds of each rotor.
         reference: Further bounds, and their unused share (``limit_margin``).
-        model: ``rates``: body rates and thrust are commanded and lag; ``rotors``: the thrusts of
-            the rotors change at once, as in published plans.
         gate_margin: Distance to the edges of the gates [m].
         radius: Radius of the vehicle, additional distance to the frames of planar gates [m].
         step: Longest step between nodes [s].
-        progress: Called with stage, iteration, time so far [s] and variables.
+        progress: Called with stage, iteration, planned time [s] and variables.
 
     Returns:
-        The plan: its ``race_time``, its ``table``, its ``trajectory()``, and ``write(path)``.
+        The plan, with ``race_time``, ``table``, ``trajectory()`` and ``write(path)``.
 
     Raises:
         UserError: The course is invalid, no plan was found, or CasADi is not installed.
-        ArgumentError: An argument is of another type.
+        ArgumentError: An argument has another type.
 
     Example:
         >>> plan = plan_race("seven_gates", *load_config("vehicles/cpc"))
@@ -127,33 +121,15 @@ def plan_race(
         reference = ReferenceConfig()
     instance(simulator, "simulator", SimulatorConfig)
     instance(reference, "reference", ReferenceConfig)
-    if model not in MODELS:
-        raise ArgumentError("model", model, " or ".join(MODELS))
     gate_margin = number(gate_margin, "gate_margin", least=0.0, below=100.0)
     radius = number(radius, "radius", least=0.0, below=10.0)
     step = number(step, "step", above=0.004, below=0.5)
     course = gates if isinstance(gates, Course) else read_course(gates)
     vehicle = planned_vehicle(mpc, simulator, reference)
-    if model == "rotors" and vehicle.rotors is None:
-        raise ArgumentError(
-            "model", model, "rates: the configuration has no rotors (simulator.plant: rotors)"
-        )
     legs = legs_of(course, margin=gate_margin, radius=radius)
-    settings = PlanSettings(
-        vehicle=vehicle, model=model, gate_margin=gate_margin, radius=radius, step=step
-    )
-    equations = equations_of(settings)
-    solved = _solved(course, legs, vehicle, equations, step=step, progress=progress)
-    return _plan(course, legs, settings, equations, solved)
-
-
-def equations_of(settings: PlanSettings) -> Model:
-    """Return the equations of motion of a plan."""
-    vehicle = settings.vehicle
-    if settings.model == "rotors":
-        assert vehicle.rotors is not None
-        return rotors_model(vehicle, vehicle.rotors)
-    return rates_model(vehicle)
+    model = model_of(vehicle)
+    solved = _solved(course, legs, vehicle, model, step=step, progress=progress)
+    return _plan(course, legs, vehicle, model, solved)
 
 
 def _solved(
@@ -165,13 +141,14 @@ def _solved(
     step: float,
     progress: ProgressCallback | None,
 ) -> Solved:
-    lowest = lowest_of(course)
+    lowest = _lowest(course)
     point = flown_by_a_point(course, legs, vehicle, lowest=lowest, progress=progress)
-    dynamics = dynamics_of(model, first=_at_rest(course, vehicle, model), lowest=lowest)
+    first = _at_rest(course, vehicle, model)
+    dynamics = _dynamics(model, first=first, gravity=vehicle.gravity, lowest=lowest)
     failed = ""
     for longest_step in (step, 0.7 * step):
         posed = with_attitudes(point, vehicle, yaw=course.start_yaw, longest_step=longest_step)
-        guess = guess_of(posed, model, vehicle)
+        guess = _guess(posed)
         solved = solve(
             legs,
             dynamics,
@@ -184,25 +161,24 @@ def _solved(
             return solved
         failed = f"{solved.status} after {solved.iterations} iterations"
     raise UserError(
-        f"{course.source}: no plan found ({failed}): check that the gates are reachable in order, "
-        "the openings larger than the margin, and the limits those of the vehicle"
+        f"{course.source}: no plan found ({failed}): check that the gates are reachable in "
+        "order, the openings are larger than the margin, and the limits are the vehicle's"
     )
 
 
-def lowest_of(course: Course) -> float:
+def _lowest(course: Course) -> float:
     """Return the lowest height of a plan [m]."""
     heights = [place[2] for place in course.places()]
     return float(min(_MIN_HEIGHT, course.start[2], *(_HEIGHT_RATIO * each for each in heights)))
 
 
-def dynamics_of(model: Model, *, first: Array, lowest: float) -> Dynamics:
+def _dynamics(model: Model, *, first: Array, gravity: float, lowest: float) -> Dynamics:
     """Return the dynamics from a first state (nx,) to level rest, above ``lowest`` [m]."""
     low, high = (np.array(bounds) for bounds in model.state_bounds)
     low[P][2] = lowest
     last = np.full(model.nx, np.nan)
     last[V], last[W], last[Q][1:3] = 0.0, 0.0, 0.0
-    if model.nx > F.start:
-        last[F] = model.hover[THRUST]
+    last[F] = gravity
     return Dynamics(
         step=model.step,
         path=model.path,
@@ -221,49 +197,36 @@ def _at_rest(course: Course, vehicle: PlannedVehicle, model: Model) -> Array:
     first[V], first[W] = 0.0, 0.0
     first[P] = course.start
     first[Q] = np.cos(0.5 * course.start_yaw), 0.0, 0.0, np.sin(0.5 * course.start_yaw)
-    if model.nx > F.start:
-        first[F] = vehicle.gravity
+    first[F] = vehicle.gravity
     return first
 
 
-def guess_of(posed: PosedMotion, model: Model, vehicle: PlannedVehicle) -> Nodes:
-    """Return a motion as states and inputs of a model."""
-    states = np.column_stack((posed.p, posed.v, posed.q_wxyz, posed.w))
-    thrust = posed.thrust[:, None]
-    if model.nx > F.start:
-        states = np.column_stack((states, thrust))
-        inputs = np.column_stack((posed.w, thrust))[:-1]
-    else:
-        inputs = thrust[:-1] / vehicle.gravity * model.hover
+def _guess(posed: PosedMotion) -> Nodes:
+    """Return a motion as states and inputs of the model."""
+    states = np.column_stack((posed.p, posed.v, posed.q_wxyz, posed.w, posed.thrust))
+    inputs = np.column_stack((posed.w, posed.thrust))[:-1]
     return Nodes(states=states, inputs=inputs, durations=posed.durations, counts=posed.counts)
 
 
 def _plan(
-    course: Course, legs: list[CourseLeg], settings: PlanSettings, model: Model, solved: Solved
+    course: Course, legs: list[CourseLeg], vehicle: PlannedVehicle, model: Model, solved: Solved
 ) -> RacePlan:
     nodes = solved.nodes
-    table = table_of(model, nodes, settings, source=f"the plan of {course.source}")
+    table = _table(model, nodes, source=f"the plan of {course.source}")
     raced = sum(leg.goal is not None for leg in legs)
     return RacePlan(
         course=course,
         table=table,
         nodes=nodes,
-        vehicle=settings.vehicle,
+        vehicle=vehicle,
         race_time=float(nodes.times[nodes.ends[raced - 1]]),
         lap=passages(course, seconds=table.seconds, p_WB=table.p_WB),
         iterations=solved.iterations,
     )
 
 
-def table_of(
-    model: Model,
-    nodes: Nodes,
-    settings: PlanSettings,
-    *,
-    source: str,
-    rests: tuple[bool, bool] = (True, True),
-) -> MotionTable:
-    """Return the motion between the nodes in rows, using the model of the plan."""
+def _table(model: Model, nodes: Nodes, *, source: str) -> MotionTable:
+    """Return the motion, sampled between the nodes with the model of the plan."""
     counts = np.ceil(nodes.steps / _ROW_PERIOD - 1e-9).astype(int)
     owner = np.repeat(np.arange(len(counts)), counts)
     place = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -281,6 +244,4 @@ def table_of(
         a_WB_W=a,
         q_WB_xyzw=q_xyzw / np.linalg.norm(q_xyzw, axis=1, keepdims=True),
         w_WB_B=x[:, W],
-        planned_with=settings.text(),
-        rests=rests,
     )

@@ -1,8 +1,8 @@
 """A course as a nonlinear program by direct multiple shooting, solved with IPOPT.
 
 Each leg has a fixed number of steps of equal, free duration. This replaces the complementarity
-constraints of Foehn et al. (2021), with which the optimiser chooses the step of a gate. The
-duration of a leg is a state of every node, so that the constraints couple only neighbours.
+constraints of Foehn et al. (2021), which let the optimiser choose the step of a gate. The duration
+of a leg is a state of every node, so that the constraints couple only neighbours.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Dynamics:
     ``step(x, u, h)`` and ``path(x, u, h)`` are CasADi functions; states, inputs and path have
     bounds (lower, upper). Finite values of ``first`` and ``last`` fix the first state and states
     at rest. ``scale`` (nu,) are natural sizes of the inputs, ``smoothing`` [s] is the cost of a
-    squared change of an input by its size.
+    squared change of an input, relative to its size.
     """
 
     step: Any
@@ -91,7 +91,7 @@ def solve(
     most_iterations: int,
     progress: ProgressCallback | None = None,
 ) -> Solved:
-    """Return the motion with the least weighted time along the legs, from a first guess.
+    """Return the motion with the least weighted time along the legs, from an initial guess.
 
     An exception of ``progress`` ends the search and is raised.
     """
@@ -213,7 +213,7 @@ def _add_motion(
 
 
 def _add_goal(rows: _Constraints, goal: Goal, states: Any, end: int) -> None:
-    """Add the constraints at the end of a leg; a gate is passed from its front."""
+    """Add the constraints at the end of a leg; a gate is passed from the front."""
     rows.add(goal.expressions(states[0:3, end], states[3:6, end]), goal.lower, goal.upper)
     if goal.depth is None:
         return

@@ -1,7 +1,7 @@
 """Rules of the MAVLink bridge: requests to the autopilot, engagement and setpoints.
 
 Engaged or not, the bridge sends a heartbeat as an onboard computer and requests the vehicle's
-time, parameters and messages. It sends setpoints only in response to commands.
+time, parameters and messages. Setpoints are sent only in response to commands.
 
 ``docs/measurements/flight_stacks.md`` has the measured ages of the autopilot's messages.
 """
@@ -12,10 +12,8 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.messages.conversions import NewMessage
-from quad_mpc_ros.ros.bridges.ardupilot import cosine_of_tilt
 from quad_mpc_ros.ros.bridges.bridge import (
     FORCED,
     Bridge,
@@ -27,7 +25,7 @@ from quad_mpc_ros.ros.bridges.bridge import (
 from quad_mpc_ros.ros.bridges.handover import HandoverState, LatestStatus, Stack, is_old
 from quad_mpc_ros.ros.bridges.line import Line
 from quad_mpc_ros.ros.bridges.mavlink import codec
-from quad_mpc_ros.ros.bridges.mavlink.autopilots import AUTOPILOTS, Autopilot
+from quad_mpc_ros.ros.bridges.mavlink.autopilots import AUTOPILOTS, Autopilot, cosine_of_tilt
 from quad_mpc_ros.ros.bridges.mavlink.codec import Codec
 from quad_mpc_ros.ros.bridges.mavlink.config import MavlinkConfig
 from quad_mpc_ros.ros.bridges.mavlink.link import (
@@ -86,7 +84,6 @@ class MavlinkBridge(Bridge):
         self._land = LatestStatus(timeout=_LAND_TIMEOUT)
         self._attitude = LatestStatus(timeout=_ODOMETRY_TIMEOUT)
         self._own_odometry = LatestStatus(timeout=_ODOMETRY_TIMEOUT)
-        self._odometries: list[tuple[OdometrySample, EstimateReset | None]] = []
         self._resets: int | None = None
         self._system, self._was_failing = config.target_system, False
         self._text, self._flown = "", False
@@ -117,13 +114,8 @@ class MavlinkBridge(Bridge):
         due = self._due(now_ns) + self._due_landed(now_ns)
         return b"".join(map(self._codec.packed, due))
 
-    def take_odometries(self) -> list[tuple[OdometrySample, EstimateReset | None]]:
-        """Return the odometries since the last call, each with its announced reset or None."""
-        odometries, self._odometries = self._odometries, []
-        return odometries
-
     def landed(self, *, now_ns: int) -> bool | None:
-        """Return the state of the land detector, or, without it, one derived from arming."""
+        """Return the state of the land detector, or else a state derived from arming."""
         land = self._land.value(now_ns=now_ns)
         if land is None or land.landed_state == 0:
             return super().landed(now_ns=now_ns)
@@ -263,10 +255,8 @@ class MavlinkBridge(Bridge):
         if odometry is not None:
             stamp_ns = odometry.stamp_ns + self._time.offset_ns
             odometry = dataclasses.replace(odometry, stamp_ns=stamp_ns)
-        passed = self._passed_on(odometry, now_ns=now_ns, cause=cause)
-        if passed is not None:
+        if self._passed_on(odometry, now_ns=now_ns, cause=cause) is not None:
             self._done_ns["state"] = now_ns
-            self._odometries.append((passed, self.announced_reset))
 
     def _on_sys_status(self, message: Any, now_ns: int) -> None:
         self._receive_voltage(1e-3 * int(message.voltage_battery), now_ns)
@@ -275,11 +265,11 @@ class MavlinkBridge(Bridge):
         autopilot = self._autopilot
         if autopilot is None:
             return
-        was_complete = self._settings.are_complete
         name, value = codec.parameter_of(message, by_bytes=autopilot.by_bytes)
-        if self._settings.receive(name, value) and (was_complete or self._settings.are_complete):
-            hover = self.thrust.stack_throttle(self._config.vehicle().hover_throttle)
-            self._warnings += autopilot.advice(self._settings.values, hover=hover)
+        changed = self._settings.receive(name, value)
+        warning = autopilot.hold_warning(self._settings.values)
+        if changed and name == autopilot.hold_setting and warning is not None:
+            self._warnings.append(warning)
 
     def _on_target(self, message: Any, now_ns: int) -> None:
         land = self._land.value(now_ns=now_ns)
@@ -316,7 +306,7 @@ class MavlinkBridge(Bridge):
         goes_on = message.id != 0 and len(text) == _TEXT_CHUNK_LENGTH
         if message.severity <= _WARNING_SEVERITY and not goes_on:
             whole = self._text[:_MAX_WARNING_LENGTH].strip()  # PX4's event texts end in a tab
-            self._warnings.append(f"the autopilot says: {whole}")
+            self._warnings.append(f"the autopilot reports: {whole}")
             if self._arming is not None and self.arming_outcome(now_ns=now_ns) is None:
                 self._reasons.append(whole)
 
@@ -366,11 +356,11 @@ class MavlinkBridge(Bridge):
             self._landed_since_ns = now_ns
         if now_ns - self._landed_since_ns < round(wait * _SECOND):
             return []
-        self._handover.release("released after landing, to LAND, in which ArduPilot disarms")
+        self._handover.release("released after landing, to mode LAND, which disarms")
         return [self._command(codec.DO_SET_MODE, *autopilot.landed_mode)]
 
     def _is_due(self, what: str, period_ns: int, now_ns: int) -> bool:
-        """Return whether a periodic action is due, and note it as done."""
+        """Return whether a periodic action is due, and record it as done."""
         before_ns = self._done_ns.get(what)
         if before_ns is not None and abs(now_ns - before_ns) < period_ns:
             return False

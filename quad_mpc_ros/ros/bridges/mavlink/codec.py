@@ -41,7 +41,7 @@ def dialect() -> Any:
 
 
 class Codec:
-    """One end of a connection: parses messages and numbers sent ones."""
+    """One end of a connection: parses messages and numbers sent messages."""
 
     def __init__(self, *, system: int) -> None:
         """Initialise for the system that the onboard computer belongs to."""
@@ -94,8 +94,8 @@ def odometry_from_odometry(message: Any) -> OdometrySample:
 def odometry_from_position_and_attitude(position: Any, attitude: Any) -> OdometrySample | None:
     """Return the odometry of a ``LOCAL_POSITION_NED`` and an ``ATTITUDE_QUATERNION``.
 
-    The stamp is that of the position [vehicle's clock]; body rates predict the attitude to it.
-    Returns None if they differ by more than 50 ms. Raises ``ValueError`` for an invalid attitude.
+    Body rates predict the attitude to the stamp of the position [vehicle's clock]. Returns None if
+    stamps differ by more than 50 ms. Raises ``ValueError`` for an invalid attitude.
     """
     stamp_ns = _MILLISECOND * int(position.time_boot_ms)
     apart_ns = stamp_ns - _MILLISECOND * int(attitude.time_boot_ms)

@@ -17,11 +17,11 @@ class MavlinkConfig(EstimatorConfig):
 
     device: str = parameter(
         "udpin:127.0.0.1:14540",
-        doc="Where the autopilot is: a serial port like /dev/ttyACM0, udpin:HOST:PORT to be "
-        "called at, udpout:HOST:PORT or tcp:HOST:PORT to call.",
+        doc="Connection to the autopilot: a serial port like /dev/ttyACM0, udpin:HOST:PORT to "
+        "listen, udpout:HOST:PORT or tcp:HOST:PORT to connect.",
     )
     baud: int = parameter(
-        921600, doc="Speed of a serial port.", unit="bit/s", minimum=9600, maximum=4000000
+        921600, doc="Baud rate of a serial port.", unit="bit/s", minimum=9600, maximum=4000000
     )
     target_system: int = parameter(
         0,
@@ -31,30 +31,30 @@ class MavlinkConfig(EstimatorConfig):
     )
     state_rate: float = parameter(
         100.0,
-        doc="How often the state is asked for.",
+        doc="Requested rate of the vehicle's state.",
         unit="Hz",
         minimum=10.0,
         maximum=400.0,
     )
     odometry_topic: str = parameter(
         "",
-        doc="Topic of an estimator's nav_msgs/Odometry, in ENU, in place of the autopilot's "
-        "state; empty for that.",
+        doc="Topic of an estimator's nav_msgs/Odometry, in ENU, which replaces the autopilot's "
+        "state; empty uses the autopilot's state.",
     )
     guided_mode: str = parameter(
         "GUIDED",
-        doc="ArduPilot: the mode in which it is flown; GUIDED_NOGPS needs no position of its own.",
+        doc="ArduPilot: the mode for setpoints; GUIDED_NOGPS needs no position estimate.",
         choices=("GUIDED", "GUIDED_NOGPS"),
     )
     release_mode: str = parameter(
         "LOITER",
-        doc="ArduPilot: the mode after ~/engage false. LOITER and ALT_HOLD want a pilot's sticks.",
+        doc="ArduPilot: the mode after ~/engage false. LOITER and ALT_HOLD need a pilot's sticks.",
         choices=("LOITER", "BRAKE", "ALT_HOLD", "LAND", "RTL"),
     )
     land_mode_after: float = parameter(
         1.0,
-        doc="ArduPilot: once the MPC has landed and knows it stands for so long, it is switched "
-        "to LAND, for in guided modes ArduPilot does not notice, and does not disarm; 0 is never.",
+        doc="ArduPilot: time on the ground after which the bridge requests LAND, because guided "
+        "modes neither detect a landing nor disarm; 0 disables the request.",
         unit="s",
         minimum=0.0,
         maximum=60.0,

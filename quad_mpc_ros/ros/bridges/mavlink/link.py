@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 
+import numpy as np
+
 from quad_mpc_ros.ros.bridges.mavlink.autopilots import SetpointEcho
 
 _SECOND = 1_000_000_000
@@ -20,7 +22,7 @@ class VehicleClock:
     """Offset of the vehicle's clock, measured with TIMESYNC.
 
     The vehicle reads its clock between request and response. So every response, even a late one,
-    bounds the offset from both sides, whatever the drift of the clocks.
+    bounds the offset from both sides, for any drift of the clocks.
     """
 
     def __init__(self) -> None:
@@ -30,7 +32,7 @@ class VehicleClock:
         self._request_times: deque[int] = deque(maxlen=_MAX_REQUESTS)
 
     def note_request(self, *, now_ns: int) -> None:
-        """Note that a request is sent now."""
+        """Record that a request is sent now."""
         self._request_times.append(now_ns)
 
     def receive(self, *, sent_ns: int, vehicle_ns: int, now_ns: int) -> None:
@@ -54,7 +56,7 @@ class AutopilotParameters:
 
     @property
     def are_complete(self) -> bool:
-        """Whether each was received, or requested often enough without response."""
+        """Whether each parameter was received, or requested often enough without response."""
         return all(
             name in self.values or count >= _MAX_REQUESTS for name, count in self._requests.items()
         )
@@ -85,8 +87,8 @@ class AutopilotParameters:
 class OtherSetpointSources:
     """Detects that the vehicle follows setpoints of another sender.
 
-    An autopilot that has left the mode follows its own setpoints, and reports these before the
-    mode. So foreign targets are only a suspicion until the next report of the mode.
+    An autopilot that has left the setpoint mode follows its own setpoints, and reports these
+    before its mode. So foreign targets are only a suspicion until the next report of the mode.
     """
 
     def __init__(self) -> None:
@@ -97,7 +99,7 @@ class OtherSetpointSources:
         """Whether a report of the mode is needed for the decision."""
 
     def note_setpoint(self, setpoint: SetpointEcho, *, now_ns: int) -> None:
-        """Note a sent setpoint."""
+        """Record a sent setpoint."""
         self._sent.append((now_ns, setpoint))
         while abs(now_ns - self._sent[0][0]) > _MEMORY_NS:
             self._sent.popleft()
@@ -107,7 +109,7 @@ class OtherSetpointSources:
         recent = [each for sent_ns, each in self._sent if abs(now_ns - sent_ns) <= _MEMORY_NS]
         if not recent or now_ns - self._sent[0][0] < _MIN_HISTORY_NS:
             return
-        if any(each.matches(target) for each in recent):
+        if np.isclose(recent, target, rtol=1e-5, atol=1e-5).all(axis=1).any():
             return
         self._foreign_ns.append(now_ns)
         often = len(self._foreign_ns) == _MAX_FOREIGN
@@ -115,16 +117,16 @@ class OtherSetpointSources:
             self.suspected = True
 
     def resolve(self, *, takes_setpoints: bool, now_ns: int) -> None:
-        """Decide a suspicion with the mode that is reported now."""
+        """Decide a suspicion with the currently reported mode."""
         if not self.suspected:
             return
         if takes_setpoints:
-            self.note_sender("it follows setpoints that were not sent here", now_ns=now_ns)
+            self.note_sender("the vehicle follows setpoints of another sender", now_ns=now_ns)
         self.suspected = False
         self._foreign_ns.clear()
 
     def note_sender(self, why: str, *, now_ns: int) -> None:
-        """Note that another sender sends setpoints."""
+        """Record that another sender sends setpoints."""
         self._found = now_ns, why
 
     def fault(self, *, now_ns: int) -> str:

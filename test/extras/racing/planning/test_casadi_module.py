@@ -28,7 +28,7 @@ def looked_up_again() -> Iterator[None]:
         ("3.8.2", True, "given CasADi 3.6.7 in place of 3.8.2, "),  # ends in a crash
     ],
 )
-def test_plan_refuses_a_casadi_that_acados_has_replaced(
+def test_rejects_a_casadi_without_ipopt_from_acados(
     installed: str,
     has_ipopt: bool,
     given: str,
@@ -45,7 +45,7 @@ def test_plan_refuses_a_casadi_that_acados_has_replaced(
     assert line.endswith("pip install --force-reinstall --no-deps casadi==3.6.7")
 
 
-def test_no_fault_is_found_in_a_whole_casadi(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_accepts_a_complete_casadi(monkeypatch: pytest.MonkeyPatch) -> None:
     module = SimpleNamespace(__version__="3.6.7", has_nlpsol=lambda name: name == "ipopt")
     monkeypatch.setitem(sys.modules, "casadi", module)
     monkeypatch.setattr(importlib.metadata, "version", lambda _: "3.6.7")

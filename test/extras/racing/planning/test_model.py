@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros import load_config
 from quad_mpc_ros.extras.racing.planning.limits import planned_vehicle
-from quad_mpc_ros.extras.racing.planning.model import F, P, Q, V, W, rates_model
+from quad_mpc_ros.extras.racing.planning.model import F, P, Q, V, W, model_of
 
 pytest.importorskip("casadi")
 
@@ -28,7 +28,7 @@ def test_a_step_agrees_with_the_integrated_equations(seed: int) -> None:
     random = np.random.default_rng(seed)
     config = load_config("agile", assignments=[*AIR, *LAGS])
     vehicle = config.mpc.vehicle()
-    model = rates_model(planned_vehicle(config.mpc, config.simulator, config.reference))
+    model = model_of(planned_vehicle(config.mpc, config.simulator, config.reference))
     q = Rotation.random(random_state=seed)
     x = np.concatenate(
         (

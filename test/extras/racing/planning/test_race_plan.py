@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from race_plans import random_course
 
 from quad_mpc_ros import load_config, simulate, summarise
-from quad_mpc_ros.configuration import ArgumentError, UserError
+from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.extras.racing.gates import course_from, read_course
 from quad_mpc_ros.extras.racing.planning.race_plan import RacePlan, plan_race
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
@@ -39,24 +39,20 @@ def vehicle(*assignments: str) -> FlightConfig:
 
 
 @functools.cache
-def short(model: str, *assignments: str, margin: float = 0.1) -> RacePlan:
-    return plan_race(
-        course_from(SHORT), *vehicle(*assignments), model=model, gate_margin=margin, step=0.06
-    )
+def short(*assignments: str) -> RacePlan:
+    return plan_race(course_from(SHORT), *vehicle(*assignments), gate_margin=0.1, step=0.06)
 
 
 @pytest.mark.parametrize("assignments", [(), tuple(DRAG)])
-@pytest.mark.parametrize("model", ["rates", "rotors"])
-def test_a_quadrotor_of_its_own_equations_flies_the_plan(
-    model: str, assignments: tuple[str, ...]
+def test_independent_equations_of_motion_agree_with_the_plan(
+    assignments: tuple[str, ...],
 ) -> None:
-    found = check(short(model, *assignments), vehicle(*assignments))
+    found = check(short(*assignments), vehicle(*assignments))
     assert found.good, found
 
 
-@pytest.mark.parametrize("model", ["rates", "rotors"])
-def test_gates_are_passed_with_their_margin_in_the_right_direction(model: str) -> None:
-    plan = short(model)
+def test_gates_are_passed_with_their_margin_in_the_right_direction() -> None:
+    plan = short()
     assert plan.lap.missed == 0
     times = np.array([passage.time for passage in plan.lap.passages], dtype=np.float64)
     for gate, time in zip(plan.course.gates, times, strict=True):
@@ -68,9 +64,8 @@ def test_gates_are_passed_with_their_margin_in_the_right_direction(model: str) -
         assert gate.room(offset)[0] > 0.1 - 2e-3
 
 
-@pytest.mark.parametrize("model", ["rates", "rotors"])
-def test_it_begins_and_ends_hovering(model: str) -> None:
-    table = short(model).table
+def test_starts_and_ends_in_hover() -> None:
+    table = short().table
     assert_allclose(table.p_WB[[0, -1]], [[0.0, 0.0, 1.0], [-2.0, 4.0, 1.0]], atol=1e-5)
     assert_allclose(table.v_WB_W[[0, -1]], 0.0, atol=1e-5)
     assert_allclose(table.q_WB_xyzw[0], [0.0, 0.0, np.sin(0.25), np.cos(0.25)], atol=1e-5)
@@ -78,37 +73,32 @@ def test_it_begins_and_ends_hovering(model: str) -> None:
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.15])
-def test_it_passes_the_check_of_references_with_its_margin(margin: float) -> None:
+def test_passes_check_reference_with_its_margin(margin: float) -> None:
     assignment = f"reference.limit_margin={margin}"
     config = vehicle(assignment)
     bounds = dataclasses.replace(
         config.reference, omega_max=tuple(w + 0.02 for w in config.mpc.omega_max)
     )
-    verdict = judged(short("rates", assignment).trajectory(), bounds)
+    verdict = judged(short(assignment).trajectory(), bounds)
     assert verdict.feasible, verdict.reason()
 
 
-def test_lags_and_a_margin_cost_time() -> None:
-    times = [
-        short("rotors").race_time,
-        short("rates").race_time,
-        short("rates", "reference.limit_margin=0.15").race_time,
-    ]
-    assert times == sorted(times)
-    assert times[-1] < 1.25 * times[0]
+def test_a_larger_margin_makes_the_race_slower() -> None:
+    slower = short("reference.limit_margin=0.15").race_time
+    assert short().race_time < slower < 1.25 * short().race_time
 
 
-def test_same_input_same_plan() -> None:
+def test_planning_is_deterministic() -> None:
     again = plan_race(course_from(SHORT), *vehicle(), gate_margin=0.1, step=0.06)
-    assert_array_equal(again.table.p_WB, short("rates").table.p_WB)
+    assert_array_equal(again.table.p_WB, short().table.p_WB)
 
 
-def test_without_an_end_it_comes_to_rest_behind_the_last_gate() -> None:
+def test_without_an_end_comes_to_rest_after_the_last_gate() -> None:
     course = course_from({key: value for key, value in SHORT.items() if key != "end"})
     plan = plan_race(course, *vehicle(), step=0.06)
     assert plan.race_time < plan.nodes.times[-1] - 0.3
     assert plan.lap.time == pytest.approx(plan.race_time, abs=0.01)
-    assert plan.race_time < short("rates").race_time
+    assert plan.race_time < short().race_time
     assert check(plan, vehicle()).good
 
 
@@ -118,12 +108,10 @@ def test_without_rotors_throttle_and_rates_are_the_limits() -> None:
     assert plan.vehicle.rotors is None and plan.lap.missed == 0
     table = plan.table
     assert np.all(np.abs(table.w_WB_B) <= np.array(config.mpc.omega_max) + 1e-3)
-    with pytest.raises(ArgumentError, match="has no rotors"):
-        plan_race(course_from(SHORT), *config, model="rotors")
 
 
-def test_it_is_flown_through_every_gate() -> None:
-    plan = short("rates", "reference.limit_margin=0.1")
+def test_flown_plan_passes_every_gate() -> None:
+    plan = short("reference.limit_margin=0.1")
     settings = ("reference.advanced.window_step=0.02",)
     config = load_config("agile", "vehicles/cpc", assignments=settings)
     reference = dataclasses.replace(config.reference, gates=str(SHORT))
@@ -145,26 +133,24 @@ def test_it_is_flown_through_every_gate() -> None:
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"gate_margin": 0.4}, r"gates\[2\]: unreachable: half of its opening is 0.3 m"),
-        ({"model": "points"}, "model: given 'points', expected rates or rotors"),
+        ({"gate_margin": 0.4}, r"gates\[2\]: unreachable: half of the opening is 0.3 m"),
         ({"step": 0.0}, "step: given 0.0"),
     ],
 )
-def test_refuses_in_a_sentence(changes: dict[str, Any], reason: str) -> None:
+def test_rejects_bad_input_in_one_line(changes: dict[str, Any], reason: str) -> None:
     with pytest.raises(UserError, match=reason):
         plan_race(course_from(SHORT), *vehicle(), **changes)
 
 
 def test_a_margin_that_leaves_no_thrust_is_refused() -> None:
-    with pytest.raises(UserError, match=r"limit_margin: given 0.99, expected one that leaves"):
+    with pytest.raises(UserError, match=r"limit_margin: given 0.99, expected a value that leaves"):
         plan_race(course_from(SHORT), *vehicle("reference.limit_margin=0.99"))
 
 
-@pytest.mark.parametrize(("model", "longest"), [("rates", 17.5), ("rotors", 17.4)])
-def test_split_s_is_faster_than_published(model: str, longest: float) -> None:
+def test_split_s_is_faster_than_published() -> None:
     """Published: 17.56 s (Foehn et al. 2021), planned for some 50 minutes."""
-    plan = plan_race(read_course("split_s"), *vehicle(), model=model)
-    assert plan.race_time < longest
+    plan = plan_race(read_course("split_s"), *vehicle())
+    assert plan.race_time < 17.5
     assert check(plan, vehicle()).good
 
 

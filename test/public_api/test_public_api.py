@@ -25,7 +25,7 @@ INIT = Path(quad_mpc_ros.__file__)
 
 # What none who only controls should have to load.
 # PyYAML is not among it: Numba itself imports that where it is installed.
-HEAVY = {"matplotlib", "mcap", "mpl_toolkits", "pandas", "plotly", "rclpy", "rosbags", "zstandard"}
+HEAVY = {"matplotlib", "mcap", "mpl_toolkits", "pandas", "rclpy", "rosbags", "zstandard"}
 CONTROL = "Controller, CommandSample, MpcConfig, OdometrySample, ReferenceWindow, Vehicle, so3"
 
 
@@ -83,7 +83,7 @@ for name in quad_mpc_ros.__all__:
     assert ended.stdout.split() == [], ended.stderr
 
 
-def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
+def test_unknown_name_raises_attribute_error() -> None:
     with pytest.raises(AttributeError, match="has no attribute 'Kontroller'"):
         _ = quad_mpc_ros.Kontroller  # type: ignore[attr-defined]
 
@@ -109,7 +109,7 @@ def test_the_package_is_typed() -> None:
 
 
 def test_a_program_of_a_user_is_type_checked(tmp_path: Path) -> None:
-    """A face of ``Any`` would let the mistakes in it pass."""
+    """A public API typed ``Any`` would let mistakes in calls pass."""
     pytest.importorskip("mypy")
     program = tmp_path / "program.py"
     program.write_text(
@@ -136,7 +136,7 @@ def test_a_program_of_a_user_is_type_checked(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "module", ["", *sorted({f".{name}" for name in vars(quad_mpc_ros)["_MODULES"].values()})]
 )
-def test_examples_in_docstrings_come_true(module: str) -> None:
+def test_docstring_examples_pass(module: str) -> None:
     found = importlib.import_module(f"quad_mpc_ros{module}")
     names = {name: getattr(quad_mpc_ros, name) for name in quad_mpc_ros.__all__}
     failed, _ = doctest.testmod(found, extraglobs=names, optionflags=doctest.ELLIPSIS)

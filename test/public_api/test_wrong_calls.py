@@ -29,7 +29,7 @@ def test_an_odometry_of_another_shape_is_refused(name: str, size: int) -> None:
         OdometrySample(stamp_ns=1, **{**GOOD, name: np.zeros(size)})
 
 
-def test_numbers_that_are_not_finite_are_left_to_the_ladder() -> None:
+def test_nonfinite_numbers_are_handled_by_the_safety_ladder() -> None:
     odometry = OdometrySample(stamp_ns=1, **{**GOOD, "v_WB_B": np.full(3, np.nan)})
     controller = Controller(MpcConfig())
     assert controller.step(odometry, ReferenceWindow.hover([0.0, 0.0, 1.0])) is None
@@ -49,7 +49,7 @@ def test_numbers_that_are_not_finite_are_left_to_the_ladder() -> None:
     ],
     ids=["strided", "read-only", "single precision", "big-endian", "list", "tuple"],
 )
-def test_what_can_be_converted_flies_as_what_need_not_be(given: Any) -> None:
+def test_converted_arguments_give_identical_results(given: Any) -> None:
     commands = []
     for rates in (GOOD["w_WB_B"], given):
         controller = Controller(MpcConfig())
@@ -60,7 +60,7 @@ def test_what_can_be_converted_flies_as_what_need_not_be(given: Any) -> None:
     assert commands[0] == commands[1]
 
 
-def test_what_has_the_right_type_is_not_copied() -> None:
+def test_arguments_of_the_right_type_are_not_copied() -> None:
     odometry = OdometrySample(stamp_ns=1, **GOOD)
     assert all(getattr(odometry, name) is given for name, given in GOOD.items())
 
@@ -104,6 +104,6 @@ def test_what_has_the_right_type_is_not_copied() -> None:
         ),
     ],
 )
-def test_says_what_was_given_and_what_was_expected(call: Callable[[], Any], message: str) -> None:
+def test_error_names_given_and_expected_values(call: Callable[[], Any], message: str) -> None:
     with pytest.raises(ArgumentError, match=message):
         call()
