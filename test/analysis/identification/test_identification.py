@@ -449,10 +449,16 @@ def off(found: Identification) -> dict[str, list[tuple[float, float]]]:
     return errors
 
 
+@functools.cache
+def each_axis_identified(seed: int) -> Identification:
+    """Return what is found in twenty noisy seconds."""
+    return identified(noisy(flown(**EACH_AXIS, duration=20.0, seed=seed), seed=seed))
+
+
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_twenty_noisy_seconds_identify_drag_and_lag_of_each_axis(seed: int) -> None:
     """Within twice of the intervals: one of twenty is outside of its own."""
-    errors = off(identified(noisy(flown(**EACH_AXIS, duration=20.0, seed=seed), seed=seed)))
+    errors = off(each_axis_identified(seed))
     assert all(error <= 2.0 * width for each in errors.values() for error, width in each)
     lags = (*errors["rate_time_constant"], *errors["thrust_time_constant"], *errors["input_delay"])
     assert all(width <= 0.004 for _, width in lags)
@@ -475,7 +481,7 @@ def test_distinguishes_rotor_drag_from_body_drag() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_is_not_estimated_as_rotor_drag(seed: int) -> None:
     """The estimates before the drag is fixed are not used either."""
-    found = identified(noisy(flown(**EACH_AXIS, duration=20.0, seed=seed), seed=seed))
+    found = each_axis_identified(seed)
     assert not any(estimate.observable for estimate in found.rotor_drag)
     assert "rotor_drag" not in identification_table(found, GIVEN, command_age=float("nan"))
     text = parameter_file(found, GIVEN, bag=Path("bag"), keep="mass")
@@ -484,7 +490,7 @@ def test_noise_is_not_estimated_as_rotor_drag(seed: int) -> None:
 
 def test_writes_small_numbers_as_yaml_numbers() -> None:
     """YAML takes 1e-07 for text."""
-    found = identified(noisy(flown(**EACH_AXIS)))
+    found = each_axis_identified(0)
     little = dataclasses.replace(found.drag[0], value=1.2e-7, observable=True)
     found = dataclasses.replace(found, drag=(little, *found.drag[1:]))
     text = parameter_file(found, GIVEN, bag=Path("bag"), keep="mass")
@@ -550,8 +556,7 @@ def test_refuses_a_value_at_a_bound() -> None:
 def test_confidence_intervals_have_the_stated_coverage() -> None:
     inside = {name: np.zeros(len(truth), dtype=int) for name, truth in THE_TRUTH.items()}
     for seed in range(20):
-        flight = flown(**EACH_AXIS, duration=20.0, seed=seed)
-        for name, each in off(identified(noisy(flight, seed=seed))).items():
+        for name, each in off(each_axis_identified(seed)).items():
             inside[name] += [error <= width for error, width in each]
     # Of 20 intervals of 95 %, fewer than 17 hold the truth less than twice in a hundred times.
     assert {name for name, count in inside.items() if count.min() < 17} == set(), inside
