@@ -25,7 +25,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from peers.peer import Effort, NewPeer, PeerKind, PeerUnavailableError
+from peers.peer import (
+    SOFT_LIMITS,
+    Effort,
+    NewPeer,
+    PeerKind,
+    PeerUnavailableError,
+    soft_limits_of,
+)
 
 from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.control.config import MpcConfig
@@ -44,10 +51,9 @@ REFERENCE_SIZE = 3 + 3 + 9 + INPUT_SIZE
 # One step of order 4 a stage. At rates up to their bounds it was measured to err less in position
 # and velocity than four of the manifold formulation's substeps; more would only cost acados time.
 _RUNGE_KUTTA_STEPS = 1
-SOFT = ("tilt_max", "speed_max")
-"""The limits that are stated as soft constraints, the tilt in two rows, the speed in one."""
-# Of breaking one, per rad and per m/s. The manifold formulation computes them for each problem;
-# these are its values in all but one of twenty steps of the square.
+# Of breaking a soft limit, per rad and per m/s. The manifold formulation computes them for each
+# problem; these are its values in all but one of twenty steps of the square. The tilt has two
+# rows, the speed one. In the order of SOFT_LIMITS.
 _PRICES = np.array([100.0, 60.0])
 _SQUARES = _PRICES * np.array([1.0, 1.0 / 6.0])
 _SOLVED = 0  # acados' status
@@ -72,7 +78,7 @@ class AcadosPeer:
         self._references = np.zeros((self._steps + 1, REFERENCE_SIZE))
         self._u_min = np.array([config.throttle_min, *(-w for w in config.omega_max)])
         self._u_max = np.array([config.throttle_max, *config.omega_max])
-        self._limits = config.limits
+        self._limits, self._soft_limits = config.limits, soft_limits_of(config)
         self._q_xyzw: Array | None = None
         self._status = _SOLVED
         solver.reset()
@@ -128,7 +134,7 @@ class AcadosPeer:
         references[1:, 3:6] = points.v_WB_W[ends]
         references[1:, 6:15] = points.R_WB[ends].reshape(-1, 9)
 
-        if self._limits.in_use:
+        if self._soft_limits:
             self._set_limits(references[1:], p_WB)
 
         thrust = self._vehicle.mass * self._vehicle.specific_thrust(
@@ -149,11 +155,11 @@ class AcadosPeer:
         distance = self._limits.position_error_max
         references[:, 0:3] += (1.0 - distance / np.maximum(far, distance)) * away
         most = []
-        if "tilt_max" in self._limits.in_use:
+        if "tilt_max" in self._soft_limits:
             own = np.arccos(np.clip(references[:, 14], -1.0, 1.0))
             tilt = np.maximum(self._limits.tilt_max, own + TILT_MARGIN)
             most += 2 * [np.where(tilt < 0.5 * np.pi, np.sin(tilt), FREE)]
-        if "speed_max" in self._limits.in_use:
+        if "speed_max" in self._soft_limits:
             own = np.linalg.norm(references[:, 3:6], axis=1)
             most.append(np.maximum(self._limits.speed_max, own + SPEED_MARGIN))
         for stage, bound in enumerate(np.stack(most, axis=1), start=1):
@@ -345,7 +351,7 @@ def _set_limits(casadi: Any, problem: Any, config: MpcConfig) -> None:
     The tilt as the components of up along the body's x and y axes: a square about the disc, and
     not its angle, which has no gradient where the vehicle is level.
     """
-    used = [name for name in SOFT if name in config.limits.in_use]
+    used = soft_limits_of(config)
     if not used:
         return
     x, bounds, cost = problem.model.x, problem.constraints, problem.cost
@@ -354,7 +360,7 @@ def _set_limits(casadi: Any, problem: Any, config: MpcConfig) -> None:
     rows = {"tilt_max": [up[0], up[1]], "speed_max": [speed]}
     expression = casadi.vertcat(*(row for name in used for row in rows[name]))
     problem.model.con_h_expr = problem.model.con_h_expr_e = expression
-    of = [SOFT.index(name) for name in used for _ in rows[name]]
+    of = [SOFT_LIMITS.index(name) for name in used for _ in rows[name]]
     count, free = len(of), np.full(len(of), FREE)
     bounds.lh = bounds.lh_e = -free
     bounds.uh = bounds.uh_e = free

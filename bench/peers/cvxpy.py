@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from peers.peer import Effort, NewPeer, PeerKind, PeerUnavailableError
+from peers.peer import Effort, NewPeer, PeerKind, PeerUnavailableError, soft_limits_of
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
@@ -40,8 +40,8 @@ class CvxpyPeer:
         self._delay_compensation = DelayCompensation(config)
         self._problem = FORMULATIONS[config.formulation](config)
         self._pattern = self._problem.pattern()
-        if config.limits.in_use:
-            name = f"{config.limits.owner}.{config.limits.in_use[0]}"
+        if limits := soft_limits_of(config):
+            name = f"{config.limits.owner}.{limits[0]}"
             raise PeerUnavailableError(f"the cvxpy peer has no {name}: --set {name}=0")
         self._effort = Effort(solved=False, iterations=0, solve_time=0.0)
 

@@ -41,6 +41,14 @@ NewPeer = Callable[[], Peer]
 """Makes a peer for one flight."""
 
 
+SOFT_LIMITS = ("tilt_max", "speed_max")
+
+
+def soft_limits_of(config: MpcConfig) -> list[str]:
+    """Return the names of the soft limits of the plan that are active."""
+    return [name for name in SOFT_LIMITS if getattr(config.limits, name) > 0.0]
+
+
 class PeerUnavailableError(Exception):
     """A peer cannot fly here; the message gives the reason and what to install."""
 

@@ -29,10 +29,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     add_campaign_options(parser, "campaign")
     parser.add_argument(
-        "--flights",
-        type=int,
-        metavar="N",
-        help="number of flights; overrides the file",
+        "--flights", type=int, metavar="N", help="number of flights; overrides the file"
     )
     parser.add_argument("--seed", type=int, metavar="N", help="seed; overrides the file")
 

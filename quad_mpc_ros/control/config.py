@@ -177,12 +177,6 @@ class PlanLimitParameters(Configuration):
         above=0.0,
     )
 
-    @property
-    def in_use(self) -> list[str]:
-        """The names of the active limits."""
-        names = ("tilt_max", "speed_max")
-        return [name for name in names if getattr(self, name) > 0.0]
-
 
 @dataclass(frozen=True, kw_only=True)
 class ContouringParameters(Configuration):

@@ -22,7 +22,6 @@ _SOLVED = int(osqp.SolverStatus.OSQP_SOLVED)
 _SOLVED_INACCURATE = int(osqp.SolverStatus.OSQP_SOLVED_INACCURATE)
 _OUT_OF_TIME = int(osqp.SolverStatus.OSQP_TIME_LIMIT_REACHED)
 _INTERRUPTED = int(osqp.SolverStatus.OSQP_SIGINT)
-OUT_OF_ITERATIONS = int(osqp.SolverStatus.OSQP_MAX_ITER_REACHED)
 
 
 class QpSolution(NamedTuple):

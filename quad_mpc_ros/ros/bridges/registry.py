@@ -15,15 +15,6 @@ from quad_mpc_ros.configuration.extension import BRIDGES
 from quad_mpc_ros.configuration.spelling import did_you_mean
 
 
-def bridge_packages() -> dict[str, str]:
-    """Return the ROS package of each registered bridge by name, without loading bridges."""
-    return {
-        entry.name: entry.dist.name.replace("-", "_")
-        for entry in _entries()
-        if entry.dist is not None
-    }
-
-
 def bridge_configurations() -> dict[str, type[Configuration]]:
     """Return the parameters of each loadable bridge by node name."""
     found: dict[str, type[Configuration]] = {}
