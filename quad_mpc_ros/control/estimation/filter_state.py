@@ -44,6 +44,7 @@ class LowpassedRates(Record):
     measured: Vector3  # rad/s
     last: Vector3  # rad/s, previous measurement, unfiltered
     change: Vector3  # rad/s, between the last two measurements
+    skipped: int  # whether the last measurement was an outlier
 
 
 class Filter(Record):

@@ -24,6 +24,7 @@ _LOWPASS_TIME = 0.1  # s, low-pass of commands and rates
 # Of the angular acceleration: shortest time of a correction, and the lag that halves it.
 _CORRECTION_TIME, _CORRECTED_LAG = 0.05, 0.1  # s
 _RATE_NOISE = 0.02  # rad/s / sqrt(Hz), measurement noise of a rate
+_OUTLIER = 2.0  # rad/s, change of the rates that neither commands nor their last change explain
 
 
 @compiled
@@ -32,8 +33,11 @@ def update_rates(state: Filter, after: StateRecord, acting: Acting, mode: Update
     x, P, noise, n = state.rates.x, state.rates.P, state.process_noise.rates, RATES.size
     if P[RATES.lag, RATES.lag] + P[RATES.lag + YAW, RATES.lag + YAW] <= 0.0:
         return
-    duration, off = acting.durations.sum(), _interpolation_error(state.lowpass, after.w_WB_B)
-    lowpass = _lowpassed(state.lowpass, acting, after.w_WB_B)
+    duration, w_WB_B = acting.durations.sum(), after.w_WB_B.copy()
+    if _is_outlier(state.lowpass, acting, w_WB_B):
+        w_WB_B[:] = state.lowpass.last
+    off = _interpolation_error(state.lowpass, w_WB_B)
+    lowpass = _lowpassed(state.lowpass, acting, w_WB_B)
     if mode in (UpdateMode.HOLD, UpdateMode.REJECT):
         take_rates(state)
         return
@@ -109,6 +113,22 @@ def track_acceleration(
         missed = (after.w_WB_B[axis] - w) / max(duration, _CORRECTION_TIME)
         share = lag / (lag + _CORRECTED_LAG)
         after.angular_acceleration[axis] = acceleration + share * missed
+
+
+@compiled
+def _is_outlier(lowpass: LowpassedRates, acting: Acting, measured: Array) -> bool:
+    """Whether measured rates (3,) jump without a cause; of two in a row the second is not.
+
+    A rate loop moves the rates towards its command, and goes on as it did before.
+    """
+    largest = 0.0
+    for k in range(3):
+        i, last = U_RATE + k, lowpass.last[k]
+        cause = max(abs(lowpass.command[i] - last), np.abs(acting.commands[:, i] - last).max())
+        largest = max(largest, abs(measured[k] - last) - 2.0 * (cause + abs(lowpass.change[k])))
+    is_outlier = largest > _OUTLIER and not lowpass.skipped
+    lowpass.skipped = int(is_outlier)
+    return is_outlier
 
 
 @compiled

@@ -113,6 +113,21 @@ def test_identifies_rate_loops_that_ring_or_are_slow(gain: float, rotor_lag: flo
     np.testing.assert_allclose(learned.torque_time_constants, rotor_lag, rtol=0.1)
 
 
+@pytest.mark.parametrize("outlier", [3.0, 6.0, -100.0])
+def test_single_wrong_rates_do_not_change_the_lag(outlier: float) -> None:
+    """As in a hover with one sample in ten of another unit."""
+    commands = 0.1 * np.random.default_rng(0).normal(size=500)
+    true = rates_of_a_loop(commands, gain=1.0 / 0.07, rotor_lag=0.02)
+    wrong = true.copy()
+    wrong[100::10] += outlier
+    nominal = parameters_of(Vehicle(), ActuatorLags(rate=0.07, torque=0.02, thrust=0.04))[()]
+    for rates in (true, wrong):
+        same = np.column_stack([rates] * 3)
+        learned = Rates(nominal, delay=USUAL_DELAY).follow(same_rates(commands), same)[-1]
+        np.testing.assert_allclose(learned.rate_time_constants, 0.07, rtol=0.1)
+        np.testing.assert_allclose(learned.torque_time_constants, 0.02, rtol=0.1)
+
+
 @pytest.mark.parametrize("gain", [60.0, 100.0])
 def test_short_lag_is_estimated_down_to_a_fifth_of_the_configured(gain: float) -> None:
     """A racer's lag is far below the default of 70 ms; the estimate ends at a fifth of it."""

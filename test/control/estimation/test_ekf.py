@@ -22,7 +22,7 @@ from quad_mpc_ros.control.model.state import Input, State
 from quad_mpc_ros.control.model.vehicle import ActuatorLags, Vehicle
 
 VEHICLE = Vehicle()
-PERIOD, FINE = 0.02, 20
+PERIOD, FINE = 0.02, 10
 HOVER = VEHICLE.hover_throttle
 REST = (0.0, 0.0, 0.0)
 
