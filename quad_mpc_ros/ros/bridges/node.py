@@ -26,12 +26,12 @@ from quad_mpc_ros.ros.bridges.bridge import (
     Subscription,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.bridges.thrust import thrust_map_findings
 from quad_mpc_ros.ros.clocks import SteadyTime, create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.preflight.finding import Level
 from quad_mpc_ros.ros.preflight.own import LANDED_KEY, STACK_FAULT_KEY
-from quad_mpc_ros.ros.preflight.thrust_map import thrust_map_findings
 from quad_mpc_ros.ros.repeated_warnings import RepeatedWarnings
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.vehicle_watch import VehicleWatch

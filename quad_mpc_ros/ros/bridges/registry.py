@@ -15,6 +15,12 @@ from quad_mpc_ros.configuration.extension import BRIDGES
 from quad_mpc_ros.configuration.spelling import did_you_mean
 
 
+def bridge_packages() -> dict[str, str]:
+    """Return the ROS package of each registered bridge by name, without loading bridges."""
+    packages = {each.name: each.dist.name for each in _entries() if each.dist is not None}
+    return {name: package.replace("-", "_") for name, package in packages.items()}
+
+
 def bridge_configurations() -> dict[str, type[Configuration]]:
     """Return the parameters of each loadable bridge by node name."""
     found: dict[str, type[Configuration]] = {}

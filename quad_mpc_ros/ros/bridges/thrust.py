@@ -7,8 +7,10 @@ import numpy as np
 from quad_mpc_ros.control.model.vehicle import inverse_throttle_curve
 from quad_mpc_ros.control.model.voltage import SmoothedVoltage, measured_voltage
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.preflight.finding import Finding, error, warning
 
 _BATTERY_SCALE_LIMITS = (0.5, 1.5)
+_MAX_HOVER_THROTTLE = 0.8  # of the stack's throttle
 
 
 class ThrustMap:
@@ -72,3 +74,27 @@ class ThrustMap:
             a, b, c = self._parameters.motor_curve if is_own else self._model.thrust_curve
             throttle = inverse_throttle_curve(a, b, c, thrust / self._model.motor_count)
         return min(max(throttle, 0.0), 1.0)
+
+
+def thrust_map_findings(bridge: BridgeConfig) -> list[Finding]:
+    """Return a finding if the stack's hover throttle is out of range or near the upper end."""
+    kind, weight = bridge.thrust_map.kind, bridge.mass * bridge.gravity
+    hover = ThrustMap(bridge).stack_throttle(bridge.vehicle().hover_throttle)
+    remedy = "check thrust_map against mass and thrust_curve"
+    if not 0.0 < hover < 1.0:
+        return [
+            error(
+                f"thrust map ({kind}): given hover throttle {hover:g} for a weight of "
+                f"{weight:.3g} N, expected 0 to 1",
+                remedy,
+            )
+        ]
+    if hover > _MAX_HOVER_THROTTLE:
+        return [
+            warning(
+                f"thrust map ({kind}): hover at the stack's throttle {hover:.2f}, expected "
+                f"{_MAX_HOVER_THROTTLE:g} or less",
+                remedy,
+            )
+        ]
+    return []

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from quad_mpc_ros.configuration.vehicle import describes_vehicle
 from quad_mpc_ros.messages.diagnostics import ERROR, OK
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE
+from quad_mpc_ros.ros.bridges.thrust import thrust_map_findings
 from quad_mpc_ros.ros.preflight.facts import (
     MPC_NODE,
     REFERENCE_NODE,
@@ -30,7 +31,6 @@ from quad_mpc_ros.ros.preflight.own import (
     throttle_findings,
 )
 from quad_mpc_ros.ros.preflight.reference import fence_findings, limits_findings
-from quad_mpc_ros.ros.preflight.thrust_map import thrust_map_findings
 from quad_mpc_ros.ros.preflight.vehicles import vehicle_findings
 
 _ANY_BRIDGE, _NO_BRIDGE = "", "none"

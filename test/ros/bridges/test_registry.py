@@ -18,7 +18,7 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.configuration.extension import BRIDGES
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.ros.bridges.bridge import Bridge, OutgoingMessage
-from quad_mpc_ros.ros.bridges.registry import load_bridge
+from quad_mpc_ros.ros.bridges.registry import bridge_packages, load_bridge
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -40,6 +40,8 @@ def test_other_packages_add_theirs(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert load_bridge("kite").name == "kite_bridge"
     with pytest.raises(UserError, match="ghost_bridge: not_there:GhostBridge cannot be loaded"):
         load_bridge("ghost")
+    assert bridge_packages()["kite_bridge"] == "some_body"
+    assert bridge_packages()["rates_bridge"] == "quad_mpc_ros"
 
 
 def test_the_bridge_of_contributing_passes_commands_on() -> None:
