@@ -35,8 +35,8 @@ class Topic:
         return replace(self, reliable=True, latched=True, depth=depth)
 
 
-LOCKSTEP_DEPTH = 10
-"""Number of odometries in lockstep after which the simulator waits for all subscribers."""
+LOCKSTEP_DEPTH = 20
+"""History of a publisher in lockstep. The simulator waits for subscribers after half as many."""
 
 ODOMETRY = Topic(name="odom", type_name="nav_msgs/msg/Odometry", single_source=True)
 COMMAND = Topic(name="command", type_name="geometry_msgs/msg/TwistStamped", single_source=True)
@@ -107,7 +107,7 @@ STATS = Topic(
 )
 DIAGNOSTICS = Topic(name="/diagnostics", type_name=STATS.type_name, reliable=True, depth=10)
 CLOCK = Topic(name="/clock", type_name="rosgraph_msgs/msg/Clock", optional=True)
-# Of every node of ROS: which of its parameters were set, and to what.
+# Changed parameters of all ROS nodes, with their new values.
 PARAMETER_EVENTS = Topic(
     name="/parameter_events", type_name="rcl_interfaces/msg/ParameterEvent", reliable=True
 )

@@ -44,6 +44,9 @@ _STARTUP_TIMEOUT = 900.0
 _LOG_PERIOD = 5.0
 # s: a longer wait for subscribers is logged; a signal ends it after this time.
 _CONFIRMATION_PERIOD = 1.0
+# Answers to odometries before the last confirmation may still be on the way. The first one waits
+# for a full history, after which Fast DDS acknowledges each message at once.
+_CONFIRM_AFTER = LOCKSTEP_DEPTH // 2
 _REQUIRED_TOPICS = {"mpc": COMMAND, "reference": REFERENCE}
 # s: polling period in real time if odometries leave at irregular times
 _POLL_PERIOD = 1e-3
@@ -96,7 +99,7 @@ class Lockstep:
         self._awaited: SentOdometry | None = None
         self._waiting_since = self._started = self._sent = 0.0
         self._peers: list[tuple[str, str]] = []  # matched peers at that time
-        self._unconfirmed = 0  # odometries, and measurements of the accelerometer in tens
+        self._unconfirmed = -_CONFIRM_AFTER  # odometries and fifths of IMU samples
 
     def start(self) -> None:
         """Send the first odometry."""
@@ -116,11 +119,11 @@ class Lockstep:
             self._node.await_subscribers()
             self._node.finish()
             return
-        if self._unconfirmed >= LOCKSTEP_DEPTH:
+        if self._unconfirmed >= _CONFIRM_AFTER:
             if not self._node.await_subscribers():
                 return
             self._unconfirmed = 0
-        self._unconfirmed += 1 + len(self._awaited.imu) // LOCKSTEP_DEPTH
+        self._unconfirmed += 1 + len(self._awaited.imu) // 5
         self._waiting_since = time.monotonic()
         self._send(self._awaited)
 
@@ -238,8 +241,8 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
     def await_subscribers(self) -> bool:
         """Wait until all reliable subscribers, also the recorder, have every odometry.
 
-        The earlier messages of other nodes have then also arrived: shared memory has one queue of
-        512 messages per process, and drops further messages. Returns false if the flight ends.
+        Shared memory has one queue of 512 messages per process, and drops further messages.
+        Returns false if the flight ends.
         """
         timeout, started = self.config.lockstep_timeout, time.monotonic()
         period = Duration(seconds=min(_CONFIRMATION_PERIOD, timeout))
@@ -253,7 +256,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
                 )
                 return False
             self.get_logger().info(
-                f"waiting for a subscriber of {self._odometry.topic_name} that is behind",
+                f"waiting for a slow subscriber of {self._odometry.topic_name}",
                 throttle_duration_sec=_LOG_PERIOD,
             )
         return True
