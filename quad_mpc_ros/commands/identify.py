@@ -21,7 +21,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "Estimate lags of body rates and thrust, input delay, thrust per mass and drag from "
         "commands and odometry of a flight, and with a recorded battery the effect of the "
         "voltage on the thrust. Print the vehicle file (ROS parameters below /**) on standard "
-        "output, and a table of estimates with 95 % intervals on standard error."
+        "output, and a table of estimates with 95 % confidence intervals on stderr."
     )
     recording.add_options(parser)
     parser.add_argument(

@@ -97,7 +97,7 @@ def _held(path: Path) -> Iterator[None]:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise UserError(
-                f"{path.parent}: another quad_mpc tune runs in this folder: wait for its end"
+                f"{path.parent}: another quad_mpc tune runs in this folder: wait until it ends"
             ) from None
         yield
 

@@ -468,7 +468,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
 
     @property
     def lags(self) -> ActuatorLags:
-        """How throttle and body rates follow their commands."""
+        """Lags of throttle and body rates."""
         return ActuatorLags(
             thrust=self.thrust_time_constant,
             thrust_down=self.thrust_time_constant_down,

@@ -60,7 +60,7 @@ class Controller:
         guide: Guide for obstacles or gates, None without a guide.
 
     The constructor, :meth:`step` and :meth:`replace_last_command` raise :class:`.ArgumentError`, a
-    ``ValueError``, for an argument of another type; other methods check no types. Unusable
+    ``ValueError``, for an argument of a wrong type; other methods check no types. Unusable
     odometry and references are ignored: :meth:`take_warnings` returns the reason, and the last
     valid inputs stay in use.
 

@@ -228,7 +228,7 @@ def written_diagnostics(
 
 
 def written_battery(voltage: float, *, stamp_ns: int) -> bytes:
-    """Return a ``sensor_msgs/BatteryState`` of a voltage [V]; other fields are unmeasured."""
+    """Return a ``sensor_msgs/BatteryState`` with a voltage [V]; other fields are unknown."""
     measured = struct.pack("<7f4B2I", voltage, *[math.nan] * 6, 0, 0, 0, True, 0, 0)
     return _LITTLE_ENDIAN + _stamp(stamp_ns) + _chunk("") + measured + _chunk("") + _chunk("")[:-3]
 

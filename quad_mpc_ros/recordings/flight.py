@@ -206,7 +206,7 @@ class ReferenceSampler:
     """Samples the reference at the stamps of odometries, given its windows one by one.
 
     At each stamp the active window is the last window stamped no later; before the first window,
-    the first window. Of windows with equal stamps the last is used; a window stamped before an
+    the first window. The last of windows with equal stamps is used; a window stamped before an
     earlier window was resent and is omitted.
     """
 

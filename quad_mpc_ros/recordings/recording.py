@@ -101,8 +101,8 @@ class Recording:
 
         The flight ends with the last usable odometry; later stamps are omitted, because the
         controller's watchdog acts when a simulator has ended. Odometry and references that the
-        controller rejects (not finite, no unit quaternion) are omitted, too. Of resent messages,
-        as in lockstep, the first is used.
+        controller rejects (not finite, no unit quaternion) are omitted, too. If messages
+        were resent, as in lockstep, the first is used.
 
         Raises:
             BagError: The bag has no usable odometry, or a topic of this package twice.

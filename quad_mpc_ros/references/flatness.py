@@ -1,6 +1,6 @@
 """Differential flatness with drag: from a path and a yaw to attitude, body rates and thrust.
 
-The model is the controller's: dv/dt = g + (T/m) z_B - mu v, so the thrust over mass must be the
+The model is the controller's: dv/dt = g + (T/m) z_B - mu v, so the specific thrust must be the
 specific force f = a + mu v + g e_3. This force determines the direction z_B = f/|f| of the body's
 z axis and, through df/dt = j + mu a, its rotation. The rotation about z_B remains free.
 
@@ -40,7 +40,7 @@ from numpy.typing import ArrayLike
 from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.control.lie import Array, so3
 
-# Below this thrust over mass [m/s^2] the vehicle falls freely, and may do so in any attitude.
+# Below this specific thrust [m/s^2] the vehicle falls freely, and may do so in any attitude.
 _MIN_FORCE = 1e-3
 _REVERSAL_COSINE = -0.99  # cosine of a turn in 2 ms that is none
 _UPSIDE_DOWN_COSINE = -1.0 + 1e-9  # cosine of the tilt
@@ -158,7 +158,7 @@ class _Motion:
         )
 
     def thrust_rate(self, inputs: FlatInputs, drag: Array, drag_rate: Array) -> Array:
-        """Return the time derivative of the thrust over mass (n,) [m/s^3].
+        """Return the time derivative of the specific thrust (n,) [m/s^3].
 
         Derivative of z'(a + g e_3) + mu_z u_z, with u = R' v.
         """
@@ -259,7 +259,7 @@ def thrust_axis(
     drag_rate: float | Array = 0.0,
     seconds: Array | None = None,
 ) -> tuple[Array, Array, Array]:
-    """Return the thrust's direction (n, 3), its time derivative (n, 3), and thrust over mass (n,).
+    """Return the thrust's direction (n, 3), its time derivative (n, 3), and specific thrust (n,).
 
     ``drag`` [1/s] and its rate of change [1/s^2] are one number, or one for each time (n, 1).
     Raises ``ValueError`` in free fall, with the first time if ``seconds`` (n,) are given.
@@ -271,8 +271,8 @@ def thrust_axis(
     if falls.any():
         when = "" if seconds is None else f"at {seconds[np.argmax(falls)]:.3f} s "
         raise ValueError(
-            f"{when}thrust over mass from {np.min(thrust):.3g} to {np.max(thrust):.3g} m/s^2, "
-            f"where only finite values above {_MIN_FORCE:g} (not in free fall) have an attitude"
+            f"{when}specific thrust {np.min(thrust):.3g} to {np.max(thrust):.3g} m/s^2, expected "
+            f"finite values above {_MIN_FORCE:g}: in free fall the attitude is undefined"
         )
     z = force / thrust[..., None]
     along = np.sum(z * force_rate, axis=-1, keepdims=True)

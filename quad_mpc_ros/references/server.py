@@ -158,7 +158,7 @@ class WindowsAhead:
             if not self._ahead:
                 block = [*itertools.islice(self._stamps_ns, _BLOCK_SIZE)]
                 if not block:
-                    raise ValueError(f"no future stamp is {stamp_ns} ns")
+                    raise ValueError(f"{stamp_ns} ns is not a remaining stamp")
                 self._ahead.extend(self._server.windows(block))
             window = self._ahead.popleft()
             if window.stamp_ns == stamp_ns:

@@ -20,7 +20,7 @@ from quad_mpc_ros.references.smooth_turn import SmoothTurn
 from quad_mpc_ros.references.trajectory import TrajectoryParameters
 
 Thrust = Callable[[Array], tuple[Array, Array]]
-"""Returns the thrust over mass (n, 3) [m/s^2] at times (n,) [s], and its time derivative."""
+"""Returns the specific thrust (n, 3) [m/s^2] at times (n,) [s], and its time derivative."""
 
 _TOLERANCE = 1e-11
 _UP = np.array([0.0, 0.0, 1.0])
@@ -105,7 +105,7 @@ class ThrustPath:
 def _mean_drag(config: TurnParameters, force: Array, force_rate: Array) -> tuple[Array, Array]:
     """Return the mean drag across the thrust [1/s] and its rate [1/s^2], (n, 1) each.
 
-    The drag is from the body, and from the rotors at their speed under thrusts over mass ``force``
+    The drag is from the body, and from the rotors at their speed with specific thrusts ``force``
     (n, 3) [m/s^2] with the rates ``force_rate``.
     """
     (x, y, _), (rotors_x, rotors_y, _) = per_axis(config.drag), per_axis(config.rotor_drag)

@@ -1,4 +1,4 @@
 """ROS 2 nodes and bridges: all code that imports rclpy, also lifecycle, parameters and spinning.
 
-It may import recordings, simulation and the layers below. Only commands may import it.
+``ros`` may import recordings, simulation and the layers below. Only commands may import ``ros``.
 """

@@ -135,7 +135,7 @@ class InternalPlant(DelayedPlant):
         return Input(throttle=float(self._x["throttle"]), w_WB_B=self._x["w_WB_B"].copy())
 
     def odometry(self, stamp_ns: int) -> OdometrySample:
-        """Return the true odometry under a stamp."""
+        """Return the true odometry with the given stamp."""
         measured = Measured.zeros()
         motion.measure(self._x, measured)
         return odometry_of(measured, self._config, stamp_ns=stamp_ns)

@@ -1,6 +1,6 @@
 """The parameters of the plant ``mujoco``, in addition to those of the plant ``rotors``.
 
-The origin of a vehicle that stands on level ground is at height 0 of the world: the ground is
+The origin of a vehicle at rest on level ground is at height 0 of the world: the ground is
 ``airframe.clearance`` below.
 """
 

@@ -31,7 +31,7 @@ class Plant(Protocol):
         """Advance to a time; a past time changes nothing."""
 
     def odometry(self, stamp_ns: int) -> OdometrySample:
-        """Return the true odometry under a stamp."""
+        """Return the true odometry with the given stamp."""
 
 
 @runtime_checkable

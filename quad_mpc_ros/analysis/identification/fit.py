@@ -56,8 +56,8 @@ _DELAYS = np.arange(0.0, 0.301, 0.02)
 class _ParameterRange(NamedTuple):
     """Search range and natural size of a parameter.
 
-    The parameter is not observable if half of its 95 % interval exceeds both ``share`` of its
-    value and ``vague``.
+    The parameter is not observable if half of its 95 % confidence interval exceeds both ``share``
+    of its value and ``vague``.
     """
 
     lowest: float
@@ -127,7 +127,7 @@ class _Spread:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Fit:
-    """Parameters, and halves of their 95 % intervals, joint and individual, all (p,)."""
+    """Parameters; halves of their 95 % confidence intervals, joint and individual; all (p,)."""
 
     theta: Array
     half_width: Array
@@ -179,7 +179,7 @@ def identify(recording: Recording) -> Identification:
 
     Returns:
         Time constants and delay [s], thrust per mass relative to the recorded vehicle, drag [1/s],
-        each with its 95 % interval.
+        each with its 95 % confidence interval.
 
     Raises:
         BagError: The recording has too little flight under commands.
@@ -429,7 +429,7 @@ def _fitted(model: ResponseModel, start: Array, spread: _Spread, free: NDArray[n
 def _half_widths(
     model: ResponseModel, theta: Array, spread: _Spread, fitted: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Return half of the 95 % intervals of fitted parameters, joint and individual.
+    """Return half of the 95 % confidence intervals of fitted parameters, joint and individual.
 
     Neighbouring residuals are correlated (gusts, effects that are not modelled), so their number
     overstates the information. The covariance is the sandwich H^-1 M H^-1 (Huber 1967; White 1980)

@@ -9,7 +9,7 @@ from quad_mpc_ros.control.lie import Array
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterEstimate:
-    """A fitted value with half of its 95 % interval.
+    """A fitted value with half of its 95 % confidence interval.
 
     ``seen``: the flight excites the parameter. ``observable``: the interval is narrow enough to be
     useful; excitation alone is not enough. ``at_bound``: the value is at a bound of the search and

@@ -12,8 +12,8 @@ equations). docs/explanation/estimation.md explains how the states are distingui
 
     z_p = p + n,   z_v = v + b + n,   z_w = w + n,   z_f = R' (dv/dt - g) + a + n
 
-****k and d_z** are not separately observable at hover, only the sum k T/m + d_z = g. Their process
-noise separates them: wind changes, a thrust deficit lasts. ****Drag** is distinguished from wind
+**k and d_z** are not separately observable at hover, only the sum k T/m + d_z = g. Their process
+noise separates them: wind changes, a thrust deficit lasts. **Drag** is distinguished from wind
 by motion, and only considered at low speed. **A velocity bias** is distinguished by the change of
 the position. :mod:`.update_mode` selects what an odometry may change. A time constant of zero
 means no lag and stays zero. The input delay is not estimated (``docs/howto/tune.md``): an

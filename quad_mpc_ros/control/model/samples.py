@@ -84,7 +84,7 @@ class OdometrySample:
             frame_id: The world frame.
 
         Raises:
-            ArgumentError: An argument is of another type or shape.
+            ArgumentError: An argument has the wrong type or shape.
         """
         return cls(
             stamp_ns=stamp_ns,
@@ -165,7 +165,7 @@ class CommandSample:
         """Return the command of another program, with converted numbers.
 
         Raises:
-            ArgumentError: A field is of another type or shape.
+            ArgumentError: A field has the wrong type or shape.
         """
         return CommandSample(
             stamp_ns=stamp(self.stamp_ns, "stamp_ns"),
@@ -241,7 +241,7 @@ class ReferenceWindow:
             frame_id: The world frame.
 
         Raises:
-            ArgumentError: An argument is of another type or shape, or out of range.
+            ArgumentError: An argument has the wrong type or shape, or is out of range.
 
         Example:
             >>> ReferenceWindow.hover([0.0, 0.0, 2.0]).p_WB

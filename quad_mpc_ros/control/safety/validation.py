@@ -72,7 +72,7 @@ def pose_fault(
 
 
 def coverage_fault(window: ReferenceWindow, stamp_ns: int, *, tolerance_ns: int) -> str | None:
-    """Return why a reference does not cover a time: ended before, or begins later."""
+    """Return why a reference does not cover a time, or None if it does."""
     begins_ns = window.stamp_ns + int(window.offset_ns[0])
     ends_ns = window.stamp_ns + int(window.offset_ns[-1])
     if stamp_ns - ends_ns > tolerance_ns:

@@ -2,7 +2,7 @@
 
 The safety pilot arms and hands over with switches of the RC transmitter; ROS topics cannot. Once
 engaged, the bridge sends fresh commands. The firmware applies a command only when a frame of the
-receiver arrives. It falls back to RC after 100 ms without commands, until the next one.
+receiver arrives. Without commands for 100 ms, the firmware uses RC until the next one.
 ``offboard`` of the status means that commands arrive, ``rc_override`` that RC overrides them.
 
 Fields and constants as in https://github.com/rosflight/rosflight_ros_pkgs (rosflight_msgs) and

@@ -59,7 +59,7 @@ _MIN_PATH_SEPARATION = 0.5  # m, between paths on different sides of an obstacle
 _MAX_TRACKING_ERROR = 0.3  # m, from the vehicle to the guide
 # Error of the predicted speed of moving obstacles, over the speed.
 _RELATIVE_SPEED_ERROR = 0.1
-# Of static obstacles: drift since their last detection [m/s], and its longest duration [s].
+# Static obstacles: drift since their last detection [m/s], and its longest duration [s].
 _POSITION_DRIFT, _MAX_AGE = 0.05, 2.0  # m/s
 _PLAN_DRIFT = 0.3  # m/s, position error of neighbours over the age of their plan
 _MIN_SPEED = 0.3  # m/s, of paths to a moving reference

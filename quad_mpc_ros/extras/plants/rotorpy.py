@@ -54,7 +54,7 @@ class RotorpyPlant(DelayedPlant):
         return State(p_WB=self._state["x"].copy(), v_WB_B=R_WB.T @ self._state["v"], R_WB=R_WB)
 
     def odometry(self, stamp_ns: int) -> OdometrySample:
-        """Return the true odometry under a stamp."""
+        """Return the true odometry with the given stamp."""
         return odometry_from_state(
             self.state,
             w_WB_B=self._state["w"].copy(),

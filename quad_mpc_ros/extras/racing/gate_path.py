@@ -32,9 +32,7 @@ def gates_path(config: GateParameters) -> Path | PlannedMotion:
     """
     course = configured_course(config)
     if course is None:
-        raise ConfigurationError(
-            f"{config.owner}.gates", config.gates, "a file of gates to fly through"
-        )
+        raise ConfigurationError(f"{config.owner}.gates", config.gates, "a gate file")
     if config.file:
         plan = csv_path(dataclasses.replace(config, origin=(0.0, 0.0)))  # in the course's frame
         _check_passes(plan, course, config)

@@ -51,7 +51,7 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
         wall_seconds: Wall-clock duration of the flight [s], if known.
 
     Raises:
-        ArgumentError: An argument is of another type.
+        ArgumentError: An argument has the wrong type.
 
     Returns:
         Values for strict JSON: missing data are None, never NaN.

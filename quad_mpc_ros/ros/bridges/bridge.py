@@ -16,11 +16,11 @@ Every bridge obeys these rules:
 - The bridge arms and switches modes only on request, and sends nothing before a request to engage.
   (ArduPilot is set to its landing mode after a landing, because it does not disarm otherwise.)
 - The bridge refuses to engage and to arm if the vehicle would jump. The release is permanent if
-another source takes over or commands have stopped (:mod:`.handover`).
+  another source takes over or commands have stopped (:mod:`.handover`).
 - Disarming is forced: the motors stop also in the air. The bridge releases the vehicle at once. A
   bridge that cannot disarm its stack refuses and names the tool that can.
 - The bridge reports whether the vehicle executes commands. Until then, the reference waits at the
-vehicle and the MPC does not estimate. The bridge reports whether the vehicle has landed, if known.
+  vehicle and the MPC does not estimate. If known, the bridge reports whether the vehicle landed.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ _REFUSAL_REASON_NS = 500_000_000  # for texts with the reason of a refusal
 class Subscription:
     """A topic of the stack and the function that receives its messages.
 
-    ``receive`` is called with a message and its time of arrival [ns]. It may return the received
-    odometry, which :meth:`Bridge.take_odometries` returns as well.
+    ``receive`` is called with a message and its time of arrival [ns]. ``receive`` may return
+    the received odometry, which :meth:`Bridge.take_odometries` returns as well.
     """
 
     topic: Topic
@@ -198,7 +198,7 @@ class Bridge(ABC):
     def exchange(self, received: bytes, *, now_ns: int) -> bytes:
         """Process bytes from the line and return bytes to send; called every few milliseconds.
 
-        This is called only if the bridge has a ``line``.
+        The method is called only if the bridge has a ``line``.
         """
         return b""
 

@@ -137,8 +137,8 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             except AttributeError:
                 package = type_name.partition("/")[0]
                 raise UserError(
-                    f"{bridge.name}: the installed {package} has no {type_name}, the package is "
-                    f"of another release: {bridge.how_to_get}"
+                    f"{bridge.name}: the installed {package} is another release, "
+                    f"without {type_name}: {bridge.how_to_get}"
                 ) from None
 
     def _on_command(self, message: Any) -> None:

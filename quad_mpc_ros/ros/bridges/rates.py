@@ -50,7 +50,7 @@ class RatesConfig(EstimatorConfig):
 
     thrust_unit: str = parameter(
         "normalised",
-        doc="Unit of the thrust in twist.linear.z: newton, mps2 (thrust over mass), or "
+        doc="Unit of the thrust in twist.linear.z: newton, mps2 (specific thrust), or "
         "normalised, a throttle in [0, 1].",
         choices=("newton", "mps2", "normalised"),
     )

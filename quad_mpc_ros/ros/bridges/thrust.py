@@ -27,7 +27,7 @@ class ThrustMap:
         return max(self._model.thrust(model_throttle), 0.0)
 
     def specific_thrust(self, model_throttle: float) -> float:
-        """Return the thrust over mass [m/s^2] at the MPC's throttle."""
+        """Return the specific thrust [m/s^2] at the MPC's throttle."""
         return self.thrust_newton(model_throttle) / self._model.mass
 
     def stack_throttle(self, model_throttle: float) -> float:

@@ -162,7 +162,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._publish_ground()
 
     def loss_in_flight(self) -> str | None:
-        """Return that commands stop; None if not engaged or landed."""
+        """Return the consequence of stopping; None if not engaged or landed."""
         if self._engaged is False or self._controller.ground_state.is_on_ground:
             return None
         return "stopped publishing commands; the autopilot's failsafe takes over"
@@ -287,7 +287,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         """Detect and log other command publishers and a ringing or slow rate loop."""
         duplicates = self._ownership.fault() if self.active else ""
         if duplicates and duplicates != self._duplicates:
-            self.get_logger().warning(f"{duplicates}; this node flies on")
+            self.get_logger().warning(f"{duplicates}; this node keeps commanding")
         self._duplicates = duplicates
         # Once a second: the figures of a tick are computed when they are first read.
         fault = None if self._tick is None else self._rate_loop.check(self._tick.stats)

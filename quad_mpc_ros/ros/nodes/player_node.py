@@ -147,10 +147,10 @@ class PlayerNode(ReportingNode[PlayerConfig]):
 
     def _at_end(self, problem: Exception | None) -> None:
         if isinstance(problem, BagError):
-            self.get_logger().fatal(f"playing ended: {problem}")
+            self.get_logger().fatal(f"playback ended: {problem}")
             self.exit_code = EXIT_BAD_INPUT
         elif problem is not None:
-            self.get_logger().fatal(f"playing ended: {problem!r}")
+            self.get_logger().fatal(f"playback ended: {problem!r}")
             self.exit_code = 1
         else:
             self._await_acknowledgement()

@@ -121,7 +121,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             self._time.pause(self._now_ns())
 
     def loss_in_flight(self) -> str | None:
-        """Return that windows stop; None while no trajectory is flown."""
+        """Return the consequence of stopping; None if no trajectory is flown."""
         if not self._live.started or self._live.mode(self._flight_ns()) == GROUND:
             return None
         return "stopped publishing the reference; the MPC's failsafe takes over"
@@ -240,7 +240,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         frame_id, velocity, turn = conversions.twist_from_message(message)
         if frame_id not in ("", _BODY_FRAME, self._config.frame_id):
             raise ValueError(
-                f"frame {frame_id!r}, expected {_BODY_FRAME!r} (where the nose points) or "
+                f"frame {frame_id!r}, expected {_BODY_FRAME!r} (body axes) or "
                 f"{self._config.frame_id!r}"
             )
         return VelocityCommand(

@@ -51,7 +51,7 @@ def nodes(facts: Facts) -> list[Finding]:
     found += [
         error(
             f"{name}: {node.fault}",
-            "read the log of the node: it might be compiling, or be of another release",
+            "read the log of the node: it might be compiling, or run another release",
         )
         for name, node in facts.nodes.items()
         if node.fault

@@ -84,7 +84,7 @@ class RotorsPlant(DelayedPlant):
         return battery.voltage_full * equations.charge(self._body, self._speeds, self._craft)
 
     def odometry(self, stamp_ns: int) -> OdometrySample:
-        """Return the true odometry under a stamp."""
+        """Return the true odometry with the given stamp."""
         return odometry_of(self._measured(), self._config, stamp_ns=stamp_ns)
 
     def _measured(self) -> RecordArray[Measured]:

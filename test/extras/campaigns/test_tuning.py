@@ -375,7 +375,7 @@ def test_file_of_the_study_is_complete(tmp_path: Path) -> None:
 BAD = {
     "of the plant": (
         ("mpc.terminal_weight: {uniform", "simulator.mass: {uniform"),
-        "search: simulator.mass: expected mpc.PARAMETER",
+        "search: simulator.mass: expected a parameter of the MPC, mpc.PARAMETER",
     ),
     "unknown parameter": (
         ("mpc.terminal_weight: {uniform", "mpc.terminal_wait: {uniform"),
@@ -396,7 +396,7 @@ BAD = {
     ),
     "two beginnings": (
         ("objectives:", "  other: {flights: 1, reference: hover}\nobjectives:"),
-        "the campaigns begin with 3.5 and 10.0",
+        "the campaigns start with 3.5 and 10.0",
     ),
     "no such campaign": (("campaign: many", "campaign: few"), "given 'few', expected one of many"),
     "no such figure": (("settled_error_mean_m", "beauty"), "given 'beauty', expected one of"),

@@ -283,8 +283,8 @@ def test_messages_of_another_release_are_refused_in_one_line(
     assert run_bridge(OldBridge, ["--ros-args"]) == 2
     (line,) = capfd.readouterr().err.splitlines()
     assert line == (
-        "error: old_bridge: the installed std_srvs has no std_srvs/srv/Nonesuch, the package is "
-        "of another release: build the release of the vehicle"
+        "error: old_bridge: the installed std_srvs is another release, without "
+        "std_srvs/srv/Nonesuch: build the release of the vehicle"
     )
 
 

@@ -1,4 +1,4 @@
-"""The flights of one trial, to the end or until too many are lost."""
+"""The flights of one trial, until the end or until too many crashed."""
 
 from __future__ import annotations
 

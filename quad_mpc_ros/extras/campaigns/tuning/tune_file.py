@@ -123,7 +123,7 @@ def _search(given: Mapping[Any, Any], campaigns: Mapping[str, Campaign]) -> dict
     first, *others = campaigns.values()
     for name in given:
         if not str(name).startswith("mpc."):
-            raise UserError(f"search: {name}: expected mpc.PARAMETER, of the controller")
+            raise UserError(f"search: {name}: expected a parameter of the MPC, mpc.PARAMETER")
     search = read_variations("search", given, {"mpc": first.base["mpc"]})
     parameters = {target.parameter for target in SearchSpace(search, first).targets}
     for parameter in parameters:
@@ -136,8 +136,8 @@ def _search(given: Mapping[Any, Any], campaigns: Mapping[str, Campaign]) -> dict
             mine, theirs = (value_in(target, each.base) for each in (first, other))
             if mine != theirs:
                 raise UserError(
-                    f"search: mpc.{parameter}: the campaigns begin with {mine} and {theirs}: "
-                    "set equal values"
+                    f"search: mpc.{parameter}: the campaigns start with {mine} and {theirs}: "
+                    "set the same value in all campaigns"
                 )
     return search
 

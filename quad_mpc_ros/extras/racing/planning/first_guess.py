@@ -97,7 +97,7 @@ def _straight(start: Array, legs: Sequence[CourseLeg], *, acceleration: float) -
 class PosedMotion:
     """A motion of the vehicle at n nodes, from flatness.
 
-    ``p``, ``v``, ``w`` (n, 3), ``q_wxyz`` (n, 4), ``thrust`` (n,) over mass.
+    ``p``, ``v``, ``w`` (n, 3), ``q_wxyz`` (n, 4), specific ``thrust`` (n,).
     """
 
     p: Array
@@ -147,7 +147,7 @@ def _sampled(times: Array, knots: Array, values: Array) -> Array:
 
 
 def _smoothed_force(point: Nodes, times: Array, vehicle: PlannedVehicle) -> Array:
-    """Return the running mean of the force over mass (n, 3) at times; hover at both ends."""
+    """Return the running mean of the specific force (n, 3) at times; hover at both ends."""
     count = max(int(point.times[-1] / _FINE_STEP), 2)
     fine = np.linspace(0.0, point.times[-1], count)
     held = np.clip(np.searchsorted(point.times, fine, side="right") - 1, 0, len(point.inputs) - 1)

@@ -37,7 +37,7 @@ class PlannedVehicle:
 
     ``drag`` and ``rotor_drag`` (3,) [1/s], ``translational_lift`` [1/m], lags [s] with
     ``rate_time_constant`` (3,), ``omega_max`` (3,) [rad/s]; ``least`` and ``greatest`` bound the
-    thrust over mass [m/s^2]. ``rotors`` is None if unknown.
+    specific thrust [m/s^2]. ``rotors`` is None if unknown.
     """
 
     mass: float

@@ -1,7 +1,7 @@
 """The equations of motion of a plan, in CasADi: one step and its bounds.
 
-The states are position, velocity, quaternion q_WB (w, x, y, z), body rates and thrust over mass.
-The inputs are commanded body rates and thrust over mass, with first-order lags as in the MPC's
+The states are position, velocity, quaternion q_WB (w, x, y, z), body rates and specific thrust.
+The inputs are commanded body rates and specific thrust, with first-order lags as in the MPC's
 model. If the rotors are known, each rotor's thrust is bounded, too.
 
 Inputs are held over a step. Lags are exact, the rest uses Runge-Kutta steps of order 4.
@@ -19,9 +19,9 @@ from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
 from quad_mpc_ros.extras.racing.planning.limits import PlannedVehicle, RotorLimits
 
 P, V, Q, W, F = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13), slice(13, 14)
-"""Slices of position, velocity, quaternion, body rates and thrust over mass in a state."""
+"""Slices of position, velocity, quaternion, body rates and specific thrust in a state."""
 THRUST = slice(3, 4)
-"""Slice of the thrust over mass in the inputs."""
+"""Slice of the specific thrust in the inputs."""
 
 _MIN_LAG = 0.002  # s
 _SUBSTEPS = 2  # Runge-Kutta steps in one
@@ -124,7 +124,7 @@ def _motion(y: Any, turning: Any, vehicle: PlannedVehicle) -> Any:
 def _rotor_thrusts(
     lagging: Any, wanted: Any, lags: Array, vehicle: PlannedVehicle, rotors: RotorLimits
 ) -> Any:
-    """Return the rotors' thrusts required for body rates and thrust over mass."""
+    """Return the rotors' thrusts required for body rates and specific thrust."""
     ca = casadi()
     inertia, w = ca.DM(rotors.inertia), lagging[0:3]
     turn = ((wanted - lagging) / lags)[0:3]

@@ -1,6 +1,6 @@
 """A course as a nonlinear program by direct multiple shooting, solved with IPOPT.
 
-Each leg has a fixed number of steps of equal, free duration. This replaces the complementarity
+Each leg has a fixed number of steps of equal, free duration. Fixed numbers replace complementarity
 constraints of Foehn et al. (2021), which let the optimiser choose the step of a gate. The duration
 of a leg is a state of every node, so that the constraints couple only neighbours.
 """
