@@ -55,7 +55,7 @@ def test_smooth_path_turns_to_pass_in_the_direction_of_a_gate() -> None:
 
 
 def test_course_is_needed() -> None:
-    with pytest.raises(ConfigurationError, match=r"reference.gates: given '', expected a file"):
+    with pytest.raises(ConfigurationError, match="given '', expected a gate file"):
         configured_trajectory(ReferenceConfig(trajectory="gates"))
 
 
