@@ -34,7 +34,8 @@ def update_rates(state: Filter, after: StateRecord, acting: Acting, mode: Update
     if P[RATES.lag, RATES.lag] + P[RATES.lag + YAW, RATES.lag + YAW] <= 0.0:
         return
     duration, w_WB_B = acting.durations.sum(), after.w_WB_B.copy()
-    if _is_outlier(state.lowpass, acting, w_WB_B):
+    state.lowpass.skipped = int(_is_outlier(state.lowpass, acting, w_WB_B))
+    if state.lowpass.skipped:
         w_WB_B[:] = state.lowpass.last
     off = _interpolation_error(state.lowpass, w_WB_B)
     lowpass = _lowpassed(state.lowpass, acting, w_WB_B)
@@ -126,9 +127,7 @@ def _is_outlier(lowpass: LowpassedRates, acting: Acting, measured: Array) -> boo
         i, last = U_RATE + k, lowpass.last[k]
         cause = max(abs(lowpass.command[i] - last), np.abs(acting.commands[:, i] - last).max())
         largest = max(largest, abs(measured[k] - last) - 2.0 * (cause + abs(lowpass.change[k])))
-    is_outlier = largest > _OUTLIER and not lowpass.skipped
-    lowpass.skipped = int(is_outlier)
-    return is_outlier
+    return largest > _OUTLIER and not lowpass.skipped
 
 
 @compiled

@@ -46,7 +46,7 @@ _LOG_PERIOD = 5.0
 _CONFIRMATION_PERIOD = 1.0
 # Answers to odometries before the last confirmation may still be on the way. The first one waits
 # for a full history, after which Fast DDS acknowledges each message at once.
-_CONFIRM_AFTER = LOCKSTEP_DEPTH // 2
+_CONFIRM_AFTER, _IMU_PER_ODOMETRY = LOCKSTEP_DEPTH // 2, IMU.depth // LOCKSTEP_DEPTH
 _REQUIRED_TOPICS = {"mpc": COMMAND, "reference": REFERENCE}
 # s: polling period in real time if odometries leave at irregular times
 _POLL_PERIOD = 1e-3
@@ -99,7 +99,7 @@ class Lockstep:
         self._awaited: SentOdometry | None = None
         self._waiting_since = self._started = self._sent = 0.0
         self._peers: list[tuple[str, str]] = []  # matched peers at that time
-        self._unconfirmed = -_CONFIRM_AFTER  # odometries and fifths of IMU samples
+        self._unconfirmed = -_CONFIRM_AFTER  # odometries, with the IMU samples beside them
 
     def start(self) -> None:
         """Send the first odometry."""
@@ -123,7 +123,7 @@ class Lockstep:
             if not self._node.await_subscribers():
                 return
             self._unconfirmed = 0
-        self._unconfirmed += 1 + len(self._awaited.imu) // 5
+        self._unconfirmed += 1 + len(self._awaited.imu) // _IMU_PER_ODOMETRY
         self._waiting_since = time.monotonic()
         self._send(self._awaited)
 
