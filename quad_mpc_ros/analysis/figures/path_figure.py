@@ -40,8 +40,8 @@ def write_path(flight: Flight, path: Path) -> Path:
     space.draw_gates(axes, course, zorder=_MARKS)
     side = float(np.max(upper - lower))
     space.draw_vehicles(axes, flight.p_WB, flight.q_WB_xyzw, side=side, zorder=_VEHICLES)
-    style.legend(axes)
-    return style.save(figure, path)
+    style.legend(axes, above=space.top_of(axes))
+    return style.save(figure, path, cropped=True)
 
 
 def _draw_reference(axes: Any, flight: Flight) -> None:

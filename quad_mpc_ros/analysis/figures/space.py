@@ -62,6 +62,16 @@ def draw_room(
     return axes
 
 
+def top_of(axes: Any) -> float:
+    """Return the height of the drawn box in 3D axes, as a share of the height of the axes."""
+    from mpl_toolkits.mplot3d.proj3d import proj_transform
+
+    corners = np.meshgrid(axes.get_xlim(), axes.get_ylim(), axes.get_zlim())
+    x, y, _ = proj_transform(*(side.ravel() for side in corners), axes.get_proj())
+    to_axes = axes.transData - axes.transAxes
+    return float(to_axes.transform(np.column_stack((x, y)))[:, 1].max())
+
+
 def draw_coloured_by_speed(
     figure: Any, axes: Any, p_WB: Array, speed: Array, *, zorder: int
 ) -> None:

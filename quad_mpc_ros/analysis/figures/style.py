@@ -5,9 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
 
 FLOWN = "#0072B2"
 REFERENCE = "#E69F00"
@@ -17,6 +20,7 @@ FAINT = "#B8B8B8"
 GRID = "#E4E4E4"
 
 _DPI = 200
+_MARGIN = 0.05  # inch, around what is drawn in a cropped figure
 
 
 def new_figure(width: float, height: float, *, dpi: int = _DPI) -> Figure:
@@ -54,14 +58,14 @@ def title(axes: Axes, text: str) -> None:
     axes.set_title(text, loc="left", fontsize=11, color=INK, fontweight="bold", parse_math=False)
 
 
-def legend(axes: Axes) -> None:
-    """Put the legend above axes, on the right, where the legend hides no curve."""
+def legend(axes: Axes, *, above: float = 1.0) -> None:
+    """Put the legend above a height of the axes, on the right, where the legend hides no curve."""
     handles, labels = axes.get_legend_handles_labels()
     axes.legend(
         handles,
         labels,
         loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
+        bbox_to_anchor=(1.0, above),
         ncols=max(len(labels), 1),
         frameon=False,
         fontsize=8,
@@ -76,8 +80,24 @@ def rgb(colour: str) -> tuple[float, float, float]:
     return red / 255, green / 255, blue / 255
 
 
-def save(figure: Figure, path: Path) -> Path:
-    """Write a figure as PNG, create missing folders, and return the path."""
+def save(figure: Figure, path: Path, *, cropped: bool = False) -> Path:
+    """Write a figure as PNG, create missing folders, and return the path.
+
+    A ``cropped`` figure has no white rows above and below.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, format="png")
+    figure.savefig(path, format="png", bbox_inches=_drawn_part(figure) if cropped else None)
     return path
+
+
+def _drawn_part(figure: Figure) -> Bbox:
+    """Return the part [inch] of a figure from its first to its last drawn row."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.transforms import Bbox
+
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())[..., :3]
+    rows = np.flatnonzero((pixels < 255).any(axis=(1, 2)))
+    top, bottom = (len(pixels) - rows[[0, -1]]) / figure.dpi + np.array([_MARGIN, -_MARGIN])
+    return Bbox.from_extents(0.0, bottom, figure.get_figwidth(), top)

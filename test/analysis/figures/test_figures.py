@@ -63,7 +63,9 @@ def test_no_line_is_drawn_where_odometry_is_missing(
             assert curve.time[place + 1] >= end
 
     figures: dict[str, Figure] = {}
-    monkeypatch.setattr(style, "save", lambda figure, path: figures.update({path.stem: figure}))
+    monkeypatch.setattr(
+        style, "save", lambda figure, path, **_: figures.update({path.stem: figure})
+    )
     write_figures(flight, tmp_path)
     path = figures.pop("path").axes[0]
     for axes in (axes for figure in figures.values() for axes in figure.axes):
@@ -99,6 +101,16 @@ def test_five_figures_are_not_empty(circling: Flight, tmp_path: Path) -> None:
         assert fraction_of(path, style.FLOWN) > 1e-3, path
     assert fraction_of(paths[3], style.BOUND) > 5e-4
     assert fraction_of(paths[4], style.BOUND) > 1e-4  # waypoints
+
+
+def test_figure_of_a_flat_flight_has_no_white_bands(circling: Flight, tmp_path: Path) -> None:
+    flat = replace(circling, p_WB=circling.p_WB * np.array([10.0, 10.0, 1.0]))
+    write_figures(flat, tmp_path)
+    rows = np.flatnonzero((imread(tmp_path / "path.png")[..., :3] < 1.0).any(axis=(1, 2)))
+    height = len(imread(tmp_path / "path.png"))
+    assert rows[0] < 0.03 * height
+    assert rows[-1] > 0.97 * height
+    assert np.diff(rows).max() < 0.1 * height
 
 
 def test_draws_flights_with_missing_data(
