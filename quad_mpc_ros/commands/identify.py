@@ -104,6 +104,6 @@ def _bridge(options: argparse.Namespace, run: RecordedRun) -> Mapping[str, Any]:
     from quad_mpc_ros.ros.bridges.config import BridgeConfig
 
     schema = {**SCHEMA, "bridge": BridgeConfig}
-    given = files.collected(options.config, [], schema=schema)["bridge"]
+    given = files.collected(options.config, schema=schema)["bridge"]
     BridgeConfig.build(given)
     return {**recorded_bridge(run.parameters), **given}

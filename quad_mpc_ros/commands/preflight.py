@@ -91,4 +91,4 @@ def _stated(sources: Sequence[str]) -> dict[str, dict[str, Any]]:
 
     schema = node_configurations()
     files.load(sources, [], schema=schema)
-    return files.collected(sources, [], schema=schema)
+    return files.collected(sources, schema=schema)

@@ -110,7 +110,8 @@ class ParameterSpec:
     def _canonical(self, value: object) -> Any:
         """Return a scalar in its canonical type; ``ValueError`` if it is not allowed."""
         kind = self.kind.removesuffix("_array")
-        if not isinstance(value, _TYPES[kind]) or isinstance(value, bool) != (kind == "bool"):
+        expected = (int, float) if kind == "double" else _TYPES[kind]
+        if not isinstance(value, expected) or isinstance(value, bool) != (kind == "bool"):
             raise ValueError
         if self.choices is not None and value not in self.choices:
             raise ValueError
@@ -157,16 +158,13 @@ class Configuration:
     """Parameter by which a section also sets the node's share of the vehicle file."""
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            spec = _own_specs(type(self)).get(field.name)
-            if spec is not None:
-                value = spec.validated(getattr(self, field.name), owner=self.owner)
-                object.__setattr__(self, field.name, value)
-                continue
-            group, value = _group_of(type(self), field), getattr(self, field.name)
+        for name, spec in _own_specs(type(self)).items():
+            value = spec.validated(getattr(self, name), owner=self.owner)
+            object.__setattr__(self, name, value)
+        for name, group in _groups(type(self)).items():
+            value, expected = getattr(self, name), f"parameters of {group.__name__}"
             if not isinstance(value, group):
-                name = f"{self.owner}.{field.name}"
-                raise ConfigurationError(name, value, f"parameters of {group.__name__}")
+                raise ConfigurationError(f"{self.owner}.{name}", value, expected)
         self.check()
 
     def check(self) -> None:
@@ -188,10 +186,8 @@ class Configuration:
         paths = {spec.name: spec.path for spec in cls.specs()}
         for name, value in values.items():
             if name not in paths:
-                known = set(paths)
-                raise ConfigurationError(
-                    f"{cls.owner}.{name}", value, f"a known parameter{_suggestion(name, known)}"
-                )
+                near = did_you_mean(name, paths) or f" (one of {', '.join(sorted(paths))})"
+                raise ConfigurationError(f"{cls.owner}.{name}", value, f"a known parameter{near}")
         return cls.built({paths[name]: value for name, value in values.items()})
 
     @classmethod
@@ -203,18 +199,12 @@ class Configuration:
     def built(cls, values: Mapping[str, object]) -> Self:
         """Return the parameter set with values, keyed by the path of their field."""
         arguments: dict[str, Any] = {}
-        for field in dataclasses.fields(cls):
-            if field.name in _own_specs(cls):
-                if field.name in values:
-                    arguments[field.name] = values[field.name]
-                continue
-            prefix = f"{field.name}."
-            inner = {
-                path.removeprefix(prefix): value
-                for path, value in values.items()
-                if path.startswith(prefix)
-            }
-            arguments[field.name] = _group_of(cls, field).built(inner)
+        inner: dict[str, dict[str, object]] = {name: {} for name in _groups(cls)}
+        for path, value in values.items():
+            name, _, rest = path.partition(".")
+            (inner[name] if rest else arguments)[rest or name] = value
+        for name, group in _groups(cls).items():
+            arguments[name] = group.built(inner[name])
         return cls(**arguments)
 
     @classmethod
@@ -261,14 +251,8 @@ _NOUNS = {
 
 _COMPARISONS = {">=": operator.ge, ">": operator.gt, "<=": operator.le, "<": operator.lt}
 
-_TYPES: dict[str, tuple[type, ...]] = {
-    "double": (int, float),
-    "integer": (int,),
-    "bool": (bool,),
-    "string": (str,),
-}
-
-_KINDS: dict[Any, str] = {float: "double", int: "integer", bool: "bool", str: "string"}
+_TYPES: dict[str, type] = {"double": float, "integer": int, "bool": bool, "string": str}
+_KINDS: dict[Any, str] = {kind: name for name, kind in _TYPES.items()}
 
 
 def _kind_of(annotation: Any) -> str:
@@ -279,22 +263,18 @@ def _kind_of(annotation: Any) -> str:
     return _KINDS[annotation]
 
 
-def _specs_of(cls: type[Configuration]) -> tuple[ParameterSpec, ...]:
+def _find_specs(cls: Any) -> tuple[ParameterSpec, ...]:
     found: list[ParameterSpec] = []
     for field in dataclasses.fields(cls):
-        spec = _own_specs(cls).get(field.name)
-        if spec is not None:
-            found.append(spec)
-        else:
-            group = _group_of(cls, field)
-            found.extend(
-                dataclasses.replace(inner, path=f"{field.name}.{inner.path}")
-                for inner in group.specs()
-            )
+        if (group := _groups(cls).get(field.name)) is None:
+            found.append(_own_specs(cls)[field.name])
+            continue
+        for inner in group.specs():
+            found.append(dataclasses.replace(inner, path=f"{field.name}.{inner.path}"))
     return tuple(sorted(found, key=lambda spec: spec.advanced))
 
 
-def _own_specs_of(cls: type[Configuration]) -> dict[str, ParameterSpec]:
+def _find_own_specs(cls: Any) -> dict[str, ParameterSpec]:
     """Return the specifications of the fields that are parameters and not groups, by name."""
     hints = _type_hints(cls)
     declared = {field.name: field.metadata.get(_METADATA_KEY) for field in dataclasses.fields(cls)}
@@ -307,18 +287,18 @@ def _own_specs_of(cls: type[Configuration]) -> dict[str, ParameterSpec]:
     }
 
 
+def _find_groups(cls: Any) -> dict[str, type[Configuration]]:
+    """Return the types of the fields that are groups, by name."""
+    names = [field.name for field in dataclasses.fields(cls) if field.name not in _own_specs(cls)]
+    groups = {name: _type_hints(cls)[name] for name in names}
+    for name, group in groups.items():
+        if not (isinstance(group, type) and issubclass(group, Configuration)):
+            raise TypeError(f"{cls.__name__}.{name} is neither a parameter nor a group")
+    return groups
+
+
 # Cached for each class, as the computation takes milliseconds.
 _type_hints: Callable[[Any], dict[str, Any]] = functools.cache(get_type_hints)
-_specs: Callable[[Any], tuple[ParameterSpec, ...]] = functools.cache(_specs_of)
-_own_specs: Callable[[Any], dict[str, ParameterSpec]] = functools.cache(_own_specs_of)
-
-
-def _group_of(cls: type[Configuration], field: dataclasses.Field[Any]) -> type[Configuration]:
-    group = _type_hints(cls)[field.name]
-    if not (isinstance(group, type) and issubclass(group, Configuration)):
-        raise TypeError(f"{cls.__name__}.{field.name} is neither a parameter nor a group")
-    return group
-
-
-def _suggestion(name: str, known: set[str]) -> str:
-    return did_you_mean(name, known) or f" (one of {', '.join(sorted(known))})"
+_specs: Callable[[Any], tuple[ParameterSpec, ...]] = functools.cache(_find_specs)
+_own_specs: Callable[[Any], dict[str, ParameterSpec]] = functools.cache(_find_own_specs)
+_groups: Callable[[Any], dict[str, type[Configuration]]] = functools.cache(_find_groups)

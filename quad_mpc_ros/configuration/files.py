@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import NoneType
+from types import MappingProxyType, NoneType
 from typing import Any
 
 import yaml
@@ -21,7 +21,7 @@ from quad_mpc_ros.configuration import ros_yaml
 from quad_mpc_ros.configuration.errors import ConfigurationError, UserError, text_of
 from quad_mpc_ros.configuration.extension import ExtensibleConfiguration
 from quad_mpc_ros.configuration.fields import Configuration
-from quad_mpc_ros.configuration.spelling import did_you_mean, nearest
+from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.configuration.vehicle import VEHICLE, describes_vehicle
 
 Schema = Mapping[str, type[Configuration]]
@@ -32,10 +32,6 @@ _PARAMETERS = "ros__parameters"
 # Set by ROS or by the launch file, not part of the configuration.
 _OF_ROS = ("use_sim_time", "start_type_description_service")
 _GROUP_OF_ROS = "qos_overrides."
-# ROS does not accept a key that begins with the key of parameters.
-_NODE_PART = rf"(?:\*\*?|(?!{_PARAMETERS})[A-Za-z_]\w{{0,99}})"
-_NODE = re.compile(rf"/?{_NODE_PART}(?:/{_NODE_PART}){{0,2}}", re.ASCII)
-_NODE_WORDS = "up to three names of letters, digits and _, or * or **, with one / between them"
 # Nodes that are valid in a file for all nodes, but not in the schema.
 _OTHER_NODES, _BRIDGE_SUFFIX = ("player", "visualisation"), "_bridge"
 
@@ -45,7 +41,7 @@ def load(
     assignments: Sequence[str],
     *,
     schema: Schema,
-    base: Mapping[str, Mapping[str, Any]] | None = None,
+    base: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> dict[str, Configuration]:
     """Return the configuration of every node of the schema, later sources over earlier ones.
 
@@ -53,7 +49,7 @@ def load(
     presets, ``assignments`` are ``node.parameter=value`` and have precedence. Raises
     :class:`UserError` for an unreadable file and :class:`ConfigurationError` for its content.
     """
-    values, origins = _collected(sources, assignments, schema=schema, base=base)
+    values, origins = _collected(sources, assignments, schema, base)
     built = {}
     for node, kind in schema.items():
         try:
@@ -66,26 +62,25 @@ def load(
 
 def collected(
     sources: Sequence[str],
-    assignments: Sequence[str],
+    assignments: Sequence[str] = (),
     *,
     schema: Schema,
-    base: Mapping[str, Mapping[str, Any]] | None = None,
+    base: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> dict[str, dict[str, Any]]:
-    """Return the unvalidated parameters of every node of the schema.
+    """Return the unvalidated parameters of every node of the schema; arguments as in :func:`load`.
 
-    Arguments as in :func:`load`. Each node gets its share of the parameters for every node
-    (``/**``); parameters of a named node have precedence, in any order. Raises :class:`UserError`
-    for an unreadable file or an unknown parameter.
+    Each node gets its share of the parameters for every node (``/**``); parameters of a named node
+    have precedence, in any order. Raises :class:`UserError` for an unreadable file or an unknown
+    parameter.
     """
-    return _collected(sources, assignments, schema=schema, base=base)[0]
+    return _collected(sources, assignments, schema, base)[0]
 
 
 def _collected(
     sources: Sequence[str],
     assignments: Sequence[str],
-    *,
     schema: Schema,
-    base: Mapping[str, Mapping[str, Any]] | None,
+    base: Mapping[str, Mapping[str, Any]],
 ) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, str]]]:
     """Return parameters by node, and the file of each parameter, if any."""
     common: dict[str, Any] = {}
@@ -108,25 +103,18 @@ def _collected(
         values[node][name] = value
         origins[node].pop(name, None)
     merged = {
-        node: {**(base or {}).get(node, {}), **kind.share(common, values[node]), **values[node]}
+        node: {**base.get(node, {}), **kind.share(common, values[node]), **values[node]}
         for node, kind in schema.items()
     }
     for node, kind in schema.items():
         if not issubclass(kind, ExtensibleConfiguration):  # its choice may follow
-            _refuse_unknown_of(kind, merged[node], origins[node])
+            known = {spec.name for spec in kind.specs()}
+            for name in origins[node].keys() & merged[node].keys() - known:
+                try:
+                    kind.build({name: merged[node][name]})
+                except ConfigurationError as error:
+                    raise error.located(origins[node][name]) from error
     return merged, origins
-
-
-def _refuse_unknown_of(
-    kind: type[Configuration], values: Mapping[str, Any], origins: Mapping[str, str]
-) -> None:
-    """Reject unknown parameters of a node, with the name of the file."""
-    known = {spec.name for spec in kind.specs()}
-    for name in origins.keys() & values.keys() - known:
-        try:
-            kind.build({name: values[name]})
-        except ConfigurationError as error:
-            raise error.located(origins[name]) from error
 
 
 def dump(node: str, values: Mapping[str, Any]) -> str:
@@ -192,37 +180,22 @@ def expanded(given: str) -> Path:
 
 
 def is_file(path: Path) -> bool:
-    """Return whether a file exists; False for an invalid path."""
-    try:
-        return path.is_file()
-    except OSError:
-        return False
+    """Return whether a file exists; False for an invalid path, for which ``Path`` raises."""
+    return os.path.isfile(path)  # noqa: PTH113
 
 
 def parameter_file(option: str, given: str) -> Path:
     """Return the path of a parameter file; raise :class:`UserError` unless it exists.
 
-    ``option`` is the name of the option. The error suggests the nearest existing name.
+    ``option`` is the name of the option.
     """
     path = Path(given)
     if is_file(path):
         return path
     reason = "is a folder" if path.is_dir() else "does not exist"
     raise UserError(
-        f"{option}: given {given!r}, which {reason}, expected the path of a ROS parameter "
-        f"file{_nearest_file(path)}"
+        f"{option}: given {given!r}, which {reason}, expected the path of a ROS parameter file"
     )
-
-
-def _nearest_file(path: Path) -> str:
-    """Return the nearest file of the same folder or preset, as a hint."""
-    try:
-        beside = {file.stem: file for file in path.parent.glob("*.y*ml") if file.is_file()}
-    except OSError:
-        beside = {}
-    there = {**presets(), **beside}
-    near = nearest(path.stem, there)  # endings are alike
-    return f" (did you mean {there[near]}?)" if near else ""
 
 
 def _located(source: str) -> Path:
@@ -234,14 +207,15 @@ def _located(source: str) -> Path:
         return shipped[source]
     raise UserError(
         f"--config: given {source!r}, expected a parameter file or a preset "
-        f"({', '.join(shipped)}){_nearest_file(path)}"
+        f"({', '.join(shipped)}){did_you_mean(source, shipped)}"
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterSection:
-    """Parameters of a file under one key, by dotted names."""
+    """Parameters under one key, by dotted names; ``origin`` is the file, or the option ``-p``."""
 
+    origin: str
     key: str
     values: Mapping[str, Any]
 
@@ -265,7 +239,7 @@ class ParameterSection:
 def sections(path: Path) -> list[ParameterSection]:
     """Return the sections of a parameter file; raise :class:`UserError` for invalid content.
 
-    Namespaces may be nested or joined by ``/``. Content that ROS rejects or misreads is rejected.
+    Namespaces may be nested or joined by ``/``. Content that ROS misreads is rejected.
     """
     content = ros_yaml.read_file(path)
     if content is None:
@@ -296,15 +270,8 @@ def _sections(content: Mapping[Any, Any], within: str, path: Path) -> Iterator[P
                 raise UserError(f"{path}: expected a node's name above '{_PARAMETERS}:'")
             if not isinstance(inner, dict):
                 raise UserError(f"{path}: {within}: expected parameters below '{_PARAMETERS}:'")
-            if not _NODE.fullmatch(within):
-                raise UserError(f"{path}: given node {within!r}, expected {_NODE_WORDS}")
-            if name != list(content)[-1]:  # ROS then fails with an internal error
-                other = f"{list(content)[-1]!r} after '{_PARAMETERS}:'"
-                raise UserError(
-                    f"{path}: {within}: given {other}, expected parameters alone; write the node "
-                    "at the left margin, like '/**/mpc:'"
-                )
-            yield ParameterSection(key=within, values=_parameters(inner, f"{path}: {within}"))
+            values = _parameters(inner, f"{path}: {within}")
+            yield ParameterSection(origin=str(path), key=within, values=values)
         elif isinstance(inner, dict) and inner:
             yield from _sections(inner, key, path)
         else:

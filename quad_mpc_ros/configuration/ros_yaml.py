@@ -10,9 +10,7 @@ other than ``!!str`` are ignored. Duplicate names are rejected, too.
 
 from __future__ import annotations
 
-import math
 import re
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -25,42 +23,26 @@ _TRUE = ("Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"
 _FALSE = ("N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF")
 _BOOLS = {**dict.fromkeys(_TRUE, True), **dict.fromkeys(_FALSE, False)}
 
-_INTEGERS = {
-    16: re.compile(r"[+-]?0[xX][0-9a-fA-F]+"),
-    8: re.compile(r"[+-]?0[0-7]*"),
-    10: re.compile(r"[+-]?[1-9][0-9]*"),
-}
-_DECIMAL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
-_INFINITE = re.compile(r"([+-]?)(?:\.(?:inf|Inf|INF)|(?i:inf|infinity))")
-_NOT_A_NUMBER = re.compile(r"\.(?:nan|NaN|NAN)|[+-]?(?i:nan)")
-
-_MAX_DIGITS = 100  # Python refuses to convert thousands of digits
+# At most 100 digits: Python refuses to convert thousands of digits.
+_INTEGER = re.compile(r"[+-]?(?:(0[xX])[0-9a-fA-F]{1,100}|(0)[0-7]{0,100}|[1-9][0-9]{0,100})")
+_REAL = re.compile(
+    r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+    r"|[+-]?(?:\.(?:inf|Inf|INF)|(?i:inf|infinity|nan))|\.(?:nan|NaN|NAN)"
+)
 
 _PLAIN_TAG = "!plain"
 _TEXT_TAG = "tag:yaml.org,2002:str"
-_TOML_ERROR = "this is a TOML file, expected YAML"
 
 
 def scalar(word: str) -> bool | int | float | str:
     """Return the value of a word without quotes."""
     if word in _BOOLS:
         return _BOOLS[word]
-    for base, form in _INTEGERS.items():
-        if form.fullmatch(word) and len(word) <= _MAX_DIGITS:
-            value = int(word, base)
-            if -(2**63) <= value < 2**63:
-                return value
-    number = _real(word)
-    return word if number is None else number
-
-
-def _real(word: str) -> float | None:
-    """Return the real number that a word represents, else None."""
-    if infinite := _INFINITE.fullmatch(word):
-        return -math.inf if infinite[1] == "-" else math.inf
-    if _NOT_A_NUMBER.fullmatch(word):
-        return math.nan
-    return float(word) if _DECIMAL.fullmatch(word) else None
+    if found := _INTEGER.fullmatch(word):
+        value = int(word, 16 if found[1] else 8 if found[2] else 10)
+        if -(2**63) <= value < 2**63:
+            return value
+    return float(re.sub(r"\.(?=[inIN])", "", word)) if _REAL.fullmatch(word) else word
 
 
 class _Loader(yaml.SafeLoader):
@@ -83,7 +65,7 @@ class _Dumper(yaml.SafeDumper):
 
 
 def _value(loader: yaml.SafeLoader, node: yaml.Node) -> Any:
-    """Return the value of a node, ignoring all tags except ``!!str``."""
+    """Return the value of a node, ignoring all tags except ``!!str``; names are text."""
     if isinstance(node, yaml.MappingNode):
         return _mapping(loader, node)
     if isinstance(node, yaml.SequenceNode):
@@ -96,7 +78,6 @@ def _value(loader: yaml.SafeLoader, node: yaml.Node) -> Any:
 
 
 def _mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[str, Any]:
-    """Return a mapping with text as names."""
     made: dict[str, Any] = {}
     for key, value in node.value:
         problem = ""
@@ -131,26 +112,14 @@ def read(text: str) -> Any:
 def read_text(text: str, where: str) -> Any:
     """Parse a text; raise :class:`UserError`, which begins with ``where``."""
     try:
-        content = read(text)
+        return read(text)
     except yaml.YAMLError as error:
-        if _is_toml(text):
-            raise UserError(f"{where}: {_TOML_ERROR}") from error
         raise UserError(f"{where}: not YAML: {_reason(error)}") from error
-    if isinstance(content, str | list) and _is_toml(text):
-        raise UserError(f"{where}: {_TOML_ERROR}")
-    return content
 
 
 def read_file(path: Path) -> Any:
     """Return the content of a file; raise :class:`UserError` if reading fails."""
     return read_text(file_text(path), str(path))
-
-
-def _is_toml(text: str) -> bool:
-    try:
-        return bool(tomllib.loads(text))
-    except (ValueError, RecursionError):
-        return False
 
 
 def _reason(error: yaml.YAMLError) -> str:

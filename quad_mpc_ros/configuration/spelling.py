@@ -9,15 +9,10 @@ from collections.abc import Iterable
 _LONG_NAME = 7  # letters; shorter names may differ in one letter: mode, node
 
 
-def nearest(name: str, known: Iterable[str]) -> str | None:
-    """Return the nearest known name, None if no name is near."""
-    return next(iter(difflib.get_close_matches(name, list(known), n=1)), None)
-
-
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return the nearest name as ``' (did you mean mpc?)'``; empty if no name is near."""
-    near = nearest(name, known)
-    return f" (did you mean {near}?)" if near else ""
+    near = difflib.get_close_matches(name, list(known), n=1)
+    return f" (did you mean {near[0]}?)" if near else ""
 
 
 def meant_instead_of(name: str, known: Iterable[str]) -> str | None:
@@ -34,15 +29,11 @@ def _is_slip(name: str, meant: str) -> bool:
     a, b = (text.lower().replace("-", "").replace("_", "") for text in (name, meant))
     if [c for c in a if c.isdigit()] != [c for c in b if c.isdigit()]:
         return False
-    if _undoubled(a) == _undoubled(b):
+    if re.sub(r"(.)\1+", r"\1", a) == re.sub(r"(.)\1+", r"\1", b):  # doubled letters
         return True
     if any(a[:i] + a[i + 1] + a[i] + a[i + 2 :] == b for i in range(len(a) - 1)):
         return True
     return len(meant) >= _LONG_NAME and not _shortened(a).isdisjoint(_shortened(b))
-
-
-def _undoubled(text: str) -> str:
-    return re.sub(r"(.)\1+", r"\1", text)
 
 
 def _shortened(text: str) -> set[str]:

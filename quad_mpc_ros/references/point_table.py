@@ -23,7 +23,7 @@ import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError, UserError, files, parameter
 from quad_mpc_ros.configuration.errors import text_of
-from quad_mpc_ros.configuration.text_files import has_decimal_comma, read_csv_table
+from quad_mpc_ros.configuration.text_files import read_csv_table
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.minimum_snap import (
     End,
@@ -261,9 +261,9 @@ def _number(path: FilePath, number: int, name: str, cell: str) -> float:
     except ValueError:
         value = math.nan
     if not abs(value) <= _LARGEST:  # NaN is not
-        hint = " with a point, not with a comma" if has_decimal_comma(cell) else ""
         raise UserError(
-            f"{path}: line {number}: {name} is {text_of(cell)}, expected a finite number{hint}"
+            f"{path}: line {number}: {name} is {text_of(cell)}, expected a finite number, with a "
+            "decimal point"
         )
     return value
 

@@ -12,7 +12,6 @@ import re
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
 
 import yaml
 
@@ -30,21 +29,13 @@ _OVERRIDE_PATTERN = re.compile(r"(?:(\w+):)?([\w./]+):=(.*)", re.DOTALL)
 _OWN_NODES = ("mpc", "simulator", "reference", "recorder", "player", "visualisation")
 
 
-@dataclass(frozen=True, kw_only=True)
-class ParameterSource:
-    """One section of a file, or one ``-p``; ``origin`` is the path or the option."""
-
-    origin: str
-    section: ParameterSection
-    in_file: bool = True
-
-
 class CommandLineParameters:
     """The parameters on the command line of a process."""
 
-    def __init__(self, given: Sequence[ParameterSource], *, several: bool) -> None:
-        """Initialise with the sources; ``several``: the process has more than one node."""
-        self._sources = given
+    def __init__(self, sections: Sequence[ParameterSection], *, several: bool) -> None:
+        """Initialise with the sections; ``several``: the process has more than one node."""
+        self._sections = sections
+        self._in_files = [each for each in sections if each.origin not in _OVERRIDE_OPTIONS]
         self._several = several
 
     def of(self, name: str, namespace: str) -> dict[str, str]:
@@ -54,19 +45,25 @@ class CommandLineParameters:
         ROS reads ``mpc:`` only for the node /mpc.
         """
         full = f"{namespace.rstrip('/')}/{name}"
-        self._refuse_unread(name, full)
+        read = [each for each in self._sections if each.is_read_by(full)]
+        named = {each.origin for each in read if each.key.strip("/") not in ("**", "*")}
+        for each in self._in_files:
+            if each.key.strip("/") == name and each.origin not in named:
+                raise UserError(
+                    f"{each.origin}: '{name}:' is for the node /{name}, and ROS does not read it "
+                    f"for {full}: write '/**/{name}:', which is read in every namespace"
+                )
         found: dict[str, str] = {}
-        for each in self._sources:
-            alone = not each.in_file and not self._several
-            if each.section.is_read_by(full) and (alone or not each.section.of_any_node):
-                found |= dict.fromkeys(each.section.values, each.origin)
+        for each in read:
+            alone = each not in self._in_files and not self._several
+            if alone or not each.of_any_node:
+                found |= dict.fromkeys(each.values, each.origin)
         return found
 
     def file_of(self, name: str) -> str | None:
         """Return the last file with a parameter; None if a ``-p`` overrides it."""
-        last = (each for each in reversed(self._sources) if name in each.section.values)
-        each = next(last, None)
-        return each.origin if each is not None and each.in_file else None
+        last = next((each for each in reversed(self._sections) if name in each.values), None)
+        return last.origin if last in self._in_files else None
 
     def reject_unused_overrides(self, nodes: Mapping[str, Container[str]]) -> None:
         """Raise :class:`UserError` for a ``-p`` that no node of the process reads.
@@ -74,15 +71,15 @@ class CommandLineParameters:
         ``nodes``: the declared parameters by full node name.
         """
         expected = " or ".join(nodes)
-        for each in self._sources:
-            if each.in_file:
+        for each in self._sections:
+            if each in self._in_files:
                 continue
-            ((name, _),) = each.section.values.items()
-            readers = [known for full, known in nodes.items() if each.section.is_read_by(full)]
+            (name,) = each.values
+            readers = [known for full, known in nodes.items() if each.is_read_by(full)]
             if not readers:
                 raise UserError(
-                    f"-p {each.section.key}:{name}: ROS reads it for /{each.section.key}, "
-                    f"expected {expected}; write -p {name}:=VALUE"
+                    f"-p {each.key}:{name}: ROS reads it for /{each.key}, expected {expected}; "
+                    f"write -p {name}:=VALUE"
                 )
             of_all = files.is_of_ros(name) or describes_vehicle(name)
             if not (of_all or any(name in known for known in readers)):
@@ -90,27 +87,16 @@ class CommandLineParameters:
 
     def unread_files(self, nodes: Iterable[str]) -> list[str]:
         """Return a warning for each file without a section for any of the nodes."""
-        sections: dict[str, list[ParameterSection]] = {}
-        for each in self._sources:
-            if each.in_file:
-                sections.setdefault(each.origin, []).append(each.section)
+        keys: dict[str, list[str]] = {}
+        for each in self._in_files:
+            keys.setdefault(each.origin, []).append(each.key)
+        for each in self._in_files:
+            if any(map(each.is_read_by, nodes)):
+                keys.pop(each.origin, None)
         return [
-            f"{origin} has no parameters of {' or '.join(nodes)}, only of "
-            f"{', '.join(section.key for section in there)}"
-            for origin, there in sections.items()
-            if not any(section.is_read_by(full) for section in there for full in nodes)
+            f"{origin} has no parameters of {' or '.join(nodes)}, only of {', '.join(there)}"
+            for origin, there in keys.items()
         ]
-
-    def _refuse_unread(self, name: str, full: str) -> None:
-        for origin in dict.fromkeys(each.origin for each in self._sources if each.in_file):
-            there = [each.section for each in self._sources if each.origin == origin]
-            bare = any(section.key.strip("/") == name for section in there)
-            read = [s for s in there if s.is_read_by(full) and s.key.strip("/") not in ("**", "*")]
-            if bare and not read:
-                raise UserError(
-                    f"{origin}: '{name}:' is for the node /{name}, and ROS does not read it for "
-                    f"{full}: write '/**/{name}:', which is read in every namespace"
-                )
 
 
 _current: ContextVar[CommandLineParameters | None] = ContextVar("given_parameters", default=None)
@@ -150,15 +136,14 @@ def read_arguments(arguments: Sequence[str], *, several: bool) -> CommandLinePar
     """
     words = [word for word, for_ros in _marked(arguments) if for_ros]
     names = {found[1] for word in words if (found := _NODE_NAME_PATTERN.search(word))}
-    given: list[ParameterSource] = []
+    given: list[ParameterSection] = []
     for option, word in itertools.pairwise(words):
         if option == _FILE_OPTION:
-            there = read_parameter_file(_FILE_OPTION, word, names)
-            given += [ParameterSource(origin=word, section=section) for section in there]
+            given += read_parameter_file(_FILE_OPTION, word, names)
         elif option in _OVERRIDE_OPTIONS:
             section = _override(option, word)
             _refuse_misspelt_nodes(f"{option} {word}", [section], names)
-            given.append(ParameterSource(origin=option, section=section, in_file=False))
+            given.append(section)
     return CommandLineParameters(given, several=several)
 
 
@@ -200,7 +185,7 @@ def _override(option: str, word: str) -> ParameterSection:
     if isinstance(value, dict):
         raise UserError(f"{option} {name}: given {text!r}, expected one value or a list")
     files.refuse_what_ros_misreads(f"{option} {name}", value)
-    return ParameterSection(key=node or "/**", values={name: value})
+    return ParameterSection(origin=option, key=node or "/**", values={name: value})
 
 
 def _refuse_misspelt_nodes(
@@ -211,25 +196,9 @@ def _refuse_misspelt_nodes(
     Sections of other nodes are ignored. ``names``: names given to nodes of this process.
     """
     given = {section.node for section in there}
-    others = given - {*_OWN_NODES, *names, "*", "**"}
-    if not others:
-        return
     known = {*_OWN_NODES, *registered_names(BRIDGES)}
-    for other in sorted(others - known):
+    for other in sorted(given - known - {*names, "*", "**"}):
         meant = meant_instead_of(other, sorted(known - given))
         if meant is not None:
             (key, *_) = (section.key for section in there if section.node == other)
             raise UserError(f"{origin}: given node {key!r}, did you mean {meant}?")
-
-
-def refuse_misspelt(name: str, known: Iterable[str], *, owner: str, origin: str) -> None:
-    """Reject a parameter for all nodes that is certainly a misspelt parameter of a node.
-
-    Other names may belong to nodes of other packages and are ignored.
-    """
-    meant = meant_instead_of(name, sorted(known))
-    if meant is not None:
-        raise UserError(
-            f"{origin}: given {name}, expected a parameter of {owner} or of another node "
-            f"(did you mean {meant}?)"
-        )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import array
 from collections.abc import Callable, Mapping
+from itertools import filterfalse
 from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import (
@@ -27,9 +28,9 @@ from quad_mpc_ros.configuration import (
     files,
 )
 from quad_mpc_ros.configuration.errors import text_of
-from quad_mpc_ros.configuration.spelling import did_you_mean
+from quad_mpc_ros.configuration.spelling import did_you_mean, meant_instead_of
 from quad_mpc_ros.configuration.vehicle import describes_vehicle
-from quad_mpc_ros.ros.parameter_files import command_line_parameters, refuse_misspelt
+from quad_mpc_ros.ros.parameter_files import command_line_parameters
 
 C = TypeVar("C", bound=Configuration)
 
@@ -109,10 +110,13 @@ def _configured(configuration: type[C], given: Mapping[str, Any], node: Node) ->
         return _built(configuration, given, own)
     by_name = arguments.of(node.get_name(), node.get_namespace())
     known = {spec.name for spec in configuration.chosen_by(given).specs()}
-    for name in given.keys() - known - by_name.keys():
-        if not describes_vehicle(name):
-            origin = arguments.file_of(name) or "-p"
-            refuse_misspelt(name, known - given.keys(), owner=configuration.owner, origin=origin)
+    for name in filterfalse(describes_vehicle, given.keys() - known - by_name.keys()):
+        # Other names may belong to nodes of other packages and are ignored.
+        if meant := meant_instead_of(name, sorted(known - given.keys())):
+            raise UserError(
+                f"{arguments.file_of(name) or '-p'}: given {name}, expected a parameter of "
+                f"{configuration.owner} or of another node (did you mean {meant}?)"
+            )
     own = {
         name: value
         for name, value in given.items()

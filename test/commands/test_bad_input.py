@@ -35,17 +35,6 @@ def test_mistake_is_one_line_and_exit_code_2(
     assert not out.exists()
 
 
-def test_files_are_not_suggested_because_of_their_suffix(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for name in ("tabs.yaml", "hexacopter.yml"):
-        (tmp_path / name).write_text("")
-    assert main(["simulate", "--config", str(tmp_path / "nosuch.yaml")]) == 2
-    assert "did you mean" not in capsys.readouterr().err
-    assert main(["simulate", "--config", str(tmp_path / "hexcopter.yaml")]) == 2
-    assert f"(did you mean {tmp_path / 'hexacopter.yml'}?)" in capsys.readouterr().err
-
-
 def test_unknown_plant_is_refused_with_the_known_ones(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

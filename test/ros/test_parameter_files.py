@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import codecs
 import functools
 import gc
-import random
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,7 +11,6 @@ from pathlib import Path
 import pytest
 import rclpy
 import yaml
-from fixtures.mutations import mutated_text
 from rclpy.node import Node
 
 from quad_mpc_ros import cli
@@ -208,15 +205,11 @@ def test_a_mistake_in_a_file_is_refused_with_the_name_of_the_file(
 
 
 REFUSED_BY_ROS = {
-    "node below another": "/**: {ros__parameters: {a: 1}, mpc: {ros__parameters: {a: 2}}}",
     "mixed list": "mpc: {ros__parameters: {fence: {minimum: [-5, -5.0, 0]}}}",
     "alias": "mpc: {ros__parameters: {mass: &m 1.0, gravity: *m}}",
     "empty group": "mpc: {ros__parameters: {limits: {}, mass: 1.0}}",
     "empty name": "mpc: {ros__parameters: {'': 1.0}}",
     "no value": "mpc: {ros__parameters: {mass: }}",
-    "two slashes": "uav1//mpc: {ros__parameters: {mass: 1.0}}",
-    "slash alone": "/: {ros__parameters: {mass: 1.0}}",
-    "space in a name": "m pc: {ros__parameters: {mass: 1.0}}",
     "no node": "ros__parameters: {mass: 1.0}",
 }
 
@@ -236,29 +229,6 @@ def test_a_file_that_ros_cannot_read_is_refused_by_every_program_in_the_same_wor
     assert line.startswith(f"{file}: ")
     assert cli.main(["simulate", "--config", str(file), "--out", str(tmp_path / "run")]) == 2
     assert capfd.readouterr().err == f"error: {line}\n"
-
-
-def test_ros_reads_every_mutated_file_that_is_accepted(tmp_path: Path) -> None:
-    """Colons in words in brackets apart, which depend on libyaml's version, and two BOMs."""
-    sound = (
-        "/**:\n  ros__parameters:\n    mass: 1.0\n    fence: {minimum: [-1.0, -2.0, 0.0]}\n"
-        "uav1:\n  mpc:\n    ros__parameters:\n      control_rate: 50.0\n"
-    )
-    rng, file = random.Random(43), tmp_path / "vehicle.yaml"
-    accepted = 0
-    for _ in range(300):
-        file.write_bytes(mutated_text(sound, rng))
-        try:
-            files.sections(file)
-        except UserError:
-            continue
-        if b"12:30" in file.read_bytes() or file.read_bytes().count(codecs.BOM_UTF8) > 1:
-            continue
-        accepted += 1
-        context = rclpy.Context()
-        context.init(["--ros-args", "--params-file", str(file)])
-        context.shutdown()
-    assert accepted > 50
 
 
 OVERRIDES = {
@@ -320,9 +290,8 @@ def test_a_file_that_cannot_be_read_is_refused(
 def test_a_file_that_is_not_there_is_refused_by_every_node(
     tmp_path: Path, refusal: Callable[..., str], capfd: pytest.CaptureFixture[str]
 ) -> None:
-    written(tmp_path / "my_vehicle.yaml", **{"/**": {"mass": 0.5}})
-    wrong = ("--params-file", str(tmp_path / "my_vehcle.yaml"))
-    expected = f"did you mean {tmp_path / 'my_vehicle.yaml'}?"
+    wrong = ("--params-file", str(tmp_path / "vehicle.yaml"))
+    expected = f"given '{tmp_path / 'vehicle.yaml'}', which does not exist"
     for create in (MpcNode, ReferenceNode, functools.partial(BridgeNode, RatesBridge)):
         assert expected in refusal(create, *wrong)
     assert stack_main(["stack_node", "--ros-args", *wrong]) == 2
