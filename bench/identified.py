@@ -32,9 +32,9 @@ from quad_mpc_ros.analysis.identification.measurements import measurements_of
 from quad_mpc_ros.analysis.identification.report import parameter_file
 from quad_mpc_ros.analysis.identification.result import Identification, ParameterEstimate
 from quad_mpc_ros.configuration import ConfigurationError, per_axis
-from quad_mpc_ros.control.model.samples import CommandSample
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
-from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received
+from quad_mpc_ros.recordings.logs import Log, Received
 from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
@@ -84,7 +84,7 @@ def excited(vehicle: str, extra: Sequence[str]) -> FlightConfig:
 
 def recorded(config: FlightConfig) -> RecordedRun:
     """Return a flight as it is recorded."""
-    odometries, commands = OdometryLog(), CommandLog()
+    odometries, commands = Log(OdometrySample), Log(CommandSample)
     for step in fly(mpc=config.mpc, simulator=config.simulator, reference=config.reference):
         times = {"log_time_ns": step.sent_ns, "publish_time_ns": step.sent_ns}
         odometries.append(Received(value=step.odometry, **times))

@@ -18,11 +18,12 @@ from quad_mpc_ros.control.model.reference_window import (
     reference_points,
     sample_into,
 )
-from quad_mpc_ros.control.model.samples import ReferenceWindow
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.target import reference_throttles
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.control.safety.window_validation import reference_fault
-from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Stamps, StatsLog
+from quad_mpc_ros.control.tick import TickStats
+from quad_mpc_ros.recordings.logs import Log, Stamps
 from quad_mpc_ros.simulation.scene import Scene
 
 _CLEARANCE_SAMPLES = 5  # two odometries, at which a clearance is taken
@@ -171,23 +172,25 @@ class Flight:
         return np.asarray((stamp_ns - self.stamp_ns[0]) * 1e-9)
 
 
-def flown_arrays(odometry: OdometryLog, commands: CommandLog, ticks: StatsLog) -> dict[str, Any]:
+def flown_arrays(
+    odometry: Log[OdometrySample], commands: Log[CommandSample], ticks: Log[TickStats]
+) -> dict[str, Any]:
     """Return the odometry of a :class:`Flight`, and commands and ticks until its end."""
     stamp_ns, first = first_by_stamp(odometry.stamp_ns)
     end_ns = int(stamp_ns[-1])
     command_ns, sent = first_by_stamp(commands.stamp_ns, end_ns=end_ns)
-    figures = ticks.columns
+    figures = ticks.columns()
     _, tick = first_by_stamp(figures["stamp_ns"], end_ns=end_ns)
     names = ("p_WB", "q_WB_xyzw", "v_WB_B", "w_WB_B")
     return {
         "stamp_ns": stamp_ns,
         "publish_time_ns": odometry.publish_time_ns[first],
-        **{name: odometry.values.column(name)[first] for name in names},
+        **{name: odometry.column(name)[first] for name in names},
         "commands": CommandTrack(
             stamp_ns=command_ns,
             publish_time_ns=commands.publish_time_ns[sent],
-            throttle=commands.values.column("throttle")[sent],
-            w_WB_B=commands.values.column("w_WB_B")[sent],
+            throttle=commands.column("throttle")[sent],
+            w_WB_B=commands.column("w_WB_B")[sent],
         ),
         "stats": {name: values[tick] for name, values in figures.items()},
     }

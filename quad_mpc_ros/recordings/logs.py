@@ -7,20 +7,16 @@ are created on demand. An hour of flight as Python objects would fill the memory
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
-import operator
 import sys
-from abc import abstractmethod
 from array import array
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Self, TypeVar, get_type_hints, overload
+from typing import Any, Generic, TypeVar, get_type_hints, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.control.model.samples import CommandSample, ImuSample, OdometrySample
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import diagnostics
 
@@ -29,8 +25,7 @@ Stamps = NDArray[np.int64]
 
 _TYPE_CODES: dict[Any, str] = {int: "q", float: "d"}
 _WIDTHS = {"q_WB_xyzw": 4}  # other arrays are vectors of three
-_hints = functools.cache(get_type_hints)
-_STATS_TYPES = _hints(TickStats)
+_STATS_TYPES = get_type_hints(TickStats)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,139 +37,88 @@ class Received(Generic[T]):
     publish_time_ns: int
 
 
-class _MadeOnDemand(Sequence[T]):
-    @abstractmethod
-    def _made(self, place: int) -> T:
-        """Return the item at an index, 0 or more."""
+class Log(Sequence[Received[T]]):
+    """Values of one dataclass, which has a stamp, in the order in which they were recorded."""
 
-    @overload
-    def __getitem__(self, index: int) -> T: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[T]: ...
-
-    def __getitem__(self, index: int | slice) -> T | list[T]:
-        places = range(len(self))[index]
-        return self._made(places) if isinstance(places, int) else [*map(self._made, places)]
-
-
-class SampleColumns(_MadeOnDemand[T]):
-    """Values of one dataclass, which has a stamp, kept field by field."""
-
-    def __init__(self, kind: Callable[..., T]) -> None:
+    def __init__(self, kind: Callable[..., T], received: Iterable[Received[T]] = ()) -> None:
+        """Take the class, and existing values."""
         self._kind = kind
-        self._columns = {name: _column(name, of) for name, of in _hints(kind).items()}
-        self._fields = operator.attrgetter(*self._columns)
-        self._appends = [column.append for column in self._columns.values()]
+        types = get_type_hints(kind)
+        self._columns: dict[str, Any] = {
+            name: [] if of is str else array(_TYPE_CODES.get(of, "d"))
+            for name, of in types.items()
+        }
+        self._widths = {
+            name: _WIDTHS.get(name, 3)
+            for name, of in types.items()
+            if of is not str and of not in _TYPE_CODES
+        }
+        self._log_times, self._publish_times = array("q"), array("q")
+        for each in received:
+            self.append(each)
 
-    def add(self, value: T) -> None:
+    def append(self, received: Received[T]) -> None:
         """Add a value at the end."""
-        for append, field in zip(self._appends, self._fields(value), strict=True):
-            append(field)
+        for name, column in self._columns.items():
+            field = getattr(received.value, name)
+            if name in self._widths:
+                column.extend(field.tolist())
+            else:
+                column.append(sys.intern(field) if isinstance(field, str) else field)
+        self._log_times.append(received.log_time_ns)
+        self._publish_times.append(received.publish_time_ns)
 
     def column(self, name: str) -> NDArray[Any]:
         """Return a field of all values: numbers and texts (n,), arrays (n, k)."""
         column = self._columns[name]
-        if isinstance(column, _VectorColumn):
-            return column.rows
-        return (
-            np.array(column, dtype=np.str_) if isinstance(column, _TextColumn) else _numpy(column)
-        )
+        values = np.array(column, dtype=np.str_ if isinstance(column, list) else column.typecode)
+        return values.reshape(-1, self._widths[name]) if name in self._widths else values
 
-    def __len__(self) -> int:
-        return len(self._columns["stamp_ns"])
-
-    def _made(self, place: int) -> T:
-        return self._kind(**{name: column[place] for name, column in self._columns.items()})
-
-
-class Log(_MadeOnDemand[Received[T]]):
-    """Values with the times of their messages, in the order in which they were recorded."""
-
-    kind: ClassVar[Callable[..., Any]]
-
-    def __init__(self) -> None:
-        self.values: SampleColumns[T] = SampleColumns(self.kind)
-        self._log_times = array("q")
-        self._publish_times = array("q")
-
-    @classmethod
-    def of(cls, received: Iterable[Received[T]]) -> Self:
-        """Return a log of existing values."""
-        log = cls()
-        for each in received:
-            log.append(each)
-        return log
-
-    def append(self, received: Received[T]) -> None:
-        """Add a value at the end."""
-        self.values.add(received.value)
-        self._log_times.append(received.log_time_ns)
-        self._publish_times.append(received.publish_time_ns)
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Return all fields, keyed by name."""
+        return {name: self.column(name) for name in self._columns}
 
     @property
     def stamp_ns(self) -> Stamps:
         """Return the stamps (n,)."""
-        return self.values.column("stamp_ns")
+        return self.column("stamp_ns")
 
     @property
     def log_time_ns(self) -> Stamps:
         """Return the record times (n,)."""
-        return _numpy(self._log_times)
+        return np.array(self._log_times)
 
     @property
     def publish_time_ns(self) -> Stamps:
         """Return the publish times (n,)."""
-        return _numpy(self._publish_times)
+        return np.array(self._publish_times)
 
     def __len__(self) -> int:
         return len(self._log_times)
 
-    def _made(self, place: int) -> Received[T]:
+    @overload
+    def __getitem__(self, index: int) -> Received[T]: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Received[T]]: ...
+
+    def __getitem__(self, index: int | slice) -> Received[T] | list[Received[T]]:
+        place = range(len(self))[index]
+        if isinstance(place, range):
+            return [self[each] for each in place]
         return Received(
-            value=self.values[place],
+            value=self._kind(**{name: self._field(name, place) for name in self._columns}),
             log_time_ns=self._log_times[place],
             publish_time_ns=self._publish_times[place],
         )
 
-
-class OdometryLog(Log[OdometrySample]):
-    """Odometries."""
-
-    kind = OdometrySample
-
-
-class ImuLog(Log[ImuSample]):
-    """Samples of an accelerometer."""
-
-    kind = ImuSample
-
-
-class CommandLog(Log[CommandSample]):
-    """Commands."""
-
-    kind = CommandSample
-
-
-class StatsLog(SampleColumns[TickStats]):
-    """The figures of ticks in the order in which they were recorded."""
-
-    def __init__(self) -> None:
-        super().__init__(TickStats)
-
-    def add(self, value: TickStats) -> None:
-        """Add the figures of a tick. Raises ``ValueError`` for unusable values."""
-        if not (math.isfinite(value.odom_age_ms) and math.isfinite(value.reference_age_ms)):
-            raise ValueError("an age is not finite")
-        try:
-            super().add(value)
-        except OverflowError as error:
-            raise ValueError(str(error)) from error
-
-    @property
-    def columns(self) -> dict[str, NDArray[Any]]:
-        """Return all figures as arrays (n,) of their types, keyed by name."""
-        return {name: self.column(name) for name in self._columns}
+    def _field(self, name: str, place: int) -> Any:
+        column, width = self._columns[name], self._widths.get(name)
+        return (
+            column[place]
+            if width is None
+            else np.array(column[width * place : width * (place + 1)])
+        )
 
 
 def tick_stats(message: Any) -> TickStats:
@@ -189,42 +133,9 @@ def tick_stats(message: Any) -> TickStats:
         for field in dataclasses.fields(TickStats)
         if field.name in figures or field.default is dataclasses.MISSING
     }
-    return TickStats(**values)
-
-
-class _TextColumn(list[str]):
-    """Repeated texts, each stored once."""
-
-    def append(self, text: str) -> None:
-        super().append(sys.intern(text))
-
-
-class _VectorColumn:
-    """Arrays of one width."""
-
-    def __init__(self, width: int) -> None:
-        self._numbers = array("d")
-        self._width = width
-
-    def append(self, values: NDArray[Any]) -> None:
-        self._numbers.extend(values.tolist())
-
-    def __len__(self) -> int:
-        return len(self._numbers) // self._width
-
-    def __getitem__(self, place: int) -> NDArray[Any]:
-        return _numpy(self._numbers[place * self._width : (place + 1) * self._width])
-
-    @property
-    def rows(self) -> NDArray[Any]:
-        return _numpy(self._numbers).reshape(-1, self._width)
-
-
-def _numpy(numbers: array[Any]) -> NDArray[Any]:
-    return np.array(numbers, dtype=np.int64 if numbers.typecode == "q" else np.float64)
-
-
-def _column(name: str, kind: Any) -> array[Any] | _TextColumn | _VectorColumn:
-    if kind is str:
-        return _TextColumn()
-    return array(_TYPE_CODES[kind]) if kind in _TYPE_CODES else _VectorColumn(_WIDTHS.get(name, 3))
+    stats = TickStats(**values)
+    if not (math.isfinite(stats.odom_age_ms) and math.isfinite(stats.reference_age_ms)):
+        raise ValueError("an age is not finite")
+    if any(abs(value) >= 2**63 for value in values.values() if isinstance(value, int)):
+        raise ValueError("a whole number has more than 64 bits")
+    return stats

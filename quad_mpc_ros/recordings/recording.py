@@ -17,10 +17,11 @@ import numpy as np
 from quad_mpc_ros.configuration import BagError, Configuration, UserError, files, optional_part
 from quad_mpc_ros.configuration.arguments import instance
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.odometry_gate import NOT_ADVANCING
 from quad_mpc_ros.control.safety.validation import odometry_fault
+from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import (
     BATTERY,
@@ -37,19 +38,11 @@ from quad_mpc_ros.messages.topics import (
     STATS,
     Topic,
 )
-from quad_mpc_ros.recordings import logs
-from quad_mpc_ros.recordings.flight import (
-    Flight,
-    GatePoses,
-    ReferenceSampler,
-    flown_arrays,
-)
-from quad_mpc_ros.recordings.logs import Log, Stamps, T
+from quad_mpc_ros.recordings.flight import Flight, GatePoses, ReferenceSampler, flown_arrays
+from quad_mpc_ros.recordings.logs import Log, Received, Stamps, T, tick_stats
 from quad_mpc_ros.recordings.parameters import read_parameters, recorded_parameters
 from quad_mpc_ros.recordings.reader import CDR, BagReader, RecordedMessage, encoding_error
-from quad_mpc_ros.recordings.run import (
-    RecordedRun,
-)
+from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.references.point_table import PointTable
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.scene import Scene
@@ -117,11 +110,11 @@ class Recording:
             frame_id=mpc.odometry.frame_id if recorded else None,
             rejected=rejected,
         )
-        odometry, commands, stats = logs.OdometryLog(), logs.CommandLog(), logs.StatsLog()
+        odometry, commands, stats = Log(OdometrySample), Log(CommandSample), Log(TickStats)
         takers: dict[Topic, Taker] = {
-            ODOMETRY: _into(odometry, usable),
-            COMMAND: _into(commands, conversions.command_from_message),
-            STATS: self._figures(stats),
+            ODOMETRY: _into(odometry.append, usable),
+            COMMAND: _into(commands.append, conversions.command_from_message),
+            STATS: _into(stats.append, self._figures),
         }
         self._stream(takers)
         if len(odometry) == 0:
@@ -136,8 +129,8 @@ class Recording:
         # In a second pass, with the stamps known at which references count.
         sampler = ReferenceSampler(stamp_ns, mpc.vehicle())
         again: dict[Topic, Taker] = {
-            REFERENCE: _values(
-                conversions.reference_from_message, lambda _, window: sampler.take(window)
+            REFERENCE: _into(
+                lambda each: sampler.take(each.value), conversions.reference_from_message
             )
         }
         gates: list[GatePoses] = []
@@ -187,27 +180,27 @@ class Recording:
                 another type, or two batteries and no ``--battery-topic``.
         """
         run = RecordedRun(bag=self.path, parameters=self.parameters)
-        flown = logs.CommandLog()
+        flown = Log(CommandSample)
         named = dict(names)
         takers: dict[Topic, Taker] = {
-            ODOMETRY: _into(run.odometries, conversions.odometry_from_message),
-            REFERENCE: _into(run.windows, conversions.reference_from_message),
-            COMMAND: _into(run.commands, conversions.command_from_message),
-            ENGAGED: _into(run.engagements, lambda m: bool(m.data)),
-            LANDED: _into(run.landings, lambda m: bool(m.data)),
-            ODOMETRY_RESET: _into(run.resets, conversions.reset_from_message),
-            STATS: self._figures(run.stats),
-            IMU: _into(run.imu, conversions.imu_from_message),
+            ODOMETRY: _into(run.odometries.append, conversions.odometry_from_message),
+            REFERENCE: _into(run.windows.append, conversions.reference_from_message),
+            COMMAND: _into(run.commands.append, conversions.command_from_message),
+            ENGAGED: _into(run.engagements.append, lambda m: bool(m.data)),
+            LANDED: _into(run.landings.append, lambda m: bool(m.data)),
+            ODOMETRY_RESET: _into(run.resets.append, conversions.reset_from_message),
+            STATS: _into(run.stats.append, self._figures),
+            IMU: _into(run.imu.append, conversions.imu_from_message),
             PARAMETER_EVENTS: self._changes(run.changes),
         }
         wanted = {ODOMETRY, *topics} - {BATTERY}
         takers = {topic: take for topic, take in takers.items() if topic in wanted}
         if BATTERY in topics and (battery := self._battery(names.get(BATTERY))) is not None:
             voltage_of = operator.attrgetter(VOLTAGE_FIELDS[battery.type_name])
-            takers[battery] = _into(run.voltages, lambda m: float(voltage_of(m)))
+            takers[battery] = _into(run.voltages.append, lambda m: float(voltage_of(m)))
             named[battery] = battery.name
         if COMMAND in topics and COMMAND not in names:
-            takers[RECORDED_COMMAND] = _into(flown, conversions.command_from_message)
+            takers[RECORDED_COMMAND] = _into(flown.append, conversions.command_from_message)
         self._stream(takers, names=named)
         if not run.odometries:
             raise BagError(
@@ -240,20 +233,14 @@ class Recording:
         for message in self.bag.messages(taker_of.keys()):
             taker_of[message.topic](message)
 
-    def _figures(self, log: logs.StatsLog) -> Taker:
-        """Return a function that logs ``mpc/stats`` and rejects messages of another package."""
+    def _figures(self, message: Any) -> TickStats:
+        """Return the figures in a message, and reject messages of another package."""
+        try:
+            return tick_stats(message)
+        except (KeyError, ValueError) as error:
+            raise BagError(f"{self.path}: unusable message on /{STATS.name}: {error}") from error
 
-        def take(message: RecordedMessage) -> None:
-            try:
-                log.add(logs.tick_stats(message.message))
-            except (KeyError, ValueError) as error:
-                raise BagError(
-                    f"{self.path}: unusable message on /{STATS.name}: {error}"
-                ) from error
-
-        return take
-
-    def _changes(self, changes: list[logs.Received[Mapping[str, Any]]]) -> Taker:
+    def _changes(self, changes: list[Received[Mapping[str, Any]]]) -> Taker:
         """Return a function that collects parameter changes of the recorded controller."""
         spaces = [name.removesuffix(STATS.name) for name in self._names_of(STATS)]
 
@@ -377,26 +364,21 @@ def _gates_into(gates: list[GatePoses], *, frame_id: str) -> Taker:
     return take
 
 
-def _values(convert: Callable[[Any], T], use: Callable[[RecordedMessage, T], None]) -> Taker:
-    """Return a function that converts messages and uses the values, except invalid ones."""
+def _into(use: Callable[[Received[T]], None], convert: Callable[[Any], T]) -> Taker:
+    """Return a function that converts messages and passes the values on, except invalid ones."""
 
     def take(message: RecordedMessage) -> None:
         try:
             value = convert(message.message)
         except ValueError:
             return
-        use(message, value)
+        use(_received(message, value))
 
     return take
 
 
-def _into(values: list[logs.Received[T]] | Log[T], convert: Callable[[Any], T]) -> Taker:
-    """Return a function that appends the values of messages."""
-    return _values(convert, lambda message, value: values.append(_received(message, value)))
-
-
-def _received(message: RecordedMessage, value: T) -> logs.Received[T]:
-    return logs.Received(
+def _received(message: RecordedMessage, value: T) -> Received[T]:
+    return Received(
         value=value,
         log_time_ns=message.log_time_ns,
         publish_time_ns=message.publish_time_ns,

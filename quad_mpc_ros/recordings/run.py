@@ -8,8 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import ReferenceWindow
-from quad_mpc_ros.recordings.logs import CommandLog, ImuLog, OdometryLog, Received, StatsLog
+from quad_mpc_ros.control.model.samples import (
+    CommandSample,
+    ImuSample,
+    OdometrySample,
+    ReferenceWindow,
+)
+from quad_mpc_ros.control.tick import TickStats
+from quad_mpc_ros.recordings.logs import Log, Received
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,13 +32,13 @@ class RecordedRun:
 
     bag: Path
     parameters: Mapping[str, Mapping[str, Any]]
-    odometries: OdometryLog = field(default_factory=OdometryLog)
+    odometries: Log[OdometrySample] = field(default_factory=lambda: Log(OdometrySample))
     windows: list[Received[ReferenceWindow]] = field(default_factory=list)
-    commands: CommandLog = field(default_factory=CommandLog)
-    stats: StatsLog = field(default_factory=StatsLog)
+    commands: Log[CommandSample] = field(default_factory=lambda: Log(CommandSample))
+    stats: Log[TickStats] = field(default_factory=lambda: Log(TickStats))
     engagements: list[Received[bool]] = field(default_factory=list)
     landings: list[Received[bool]] = field(default_factory=list)
     resets: list[Received[EstimateReset]] = field(default_factory=list)
     changes: list[Received[Mapping[str, Any]]] = field(default_factory=list)
     voltages: list[Received[float]] = field(default_factory=list)
-    imu: ImuLog = field(default_factory=ImuLog)
+    imu: Log[ImuSample] = field(default_factory=lambda: Log(ImuSample))

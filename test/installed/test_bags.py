@@ -191,8 +191,8 @@ def test_resolves_recordings_of_ros2_bag_with_faults_bit_for_bit(
     assert is_whole(run)
     if is_hurried(run):
         pytest.skip("this machine is too busy: it cut a plan short in every flight")
-    assert run.stats[-1].rejected_inputs > 20
-    assert {each.source for each in run.stats} >= {"mpc", "plan", "blind"}
+    assert run.stats[-1].value.rejected_inputs > 20
+    assert {each.value.source for each in run.stats} >= {"mpc", "plan", "blind"}
     assert len(run.changes) == 5
 
     out = tmp_path / "resolved"
@@ -208,13 +208,14 @@ def is_whole(run: RecordedRun) -> bool:
     """Whether the recorder lost none of the commands, nor of the odometries answered by a plan."""
     odometries = {each.value.stamp_ns for each in run.odometries}
     # Of what was seen: what is foreseen gives a reason.
-    planned = {each.stamp_ns for each in run.stats if each.source == "mpc" and not each.reason}
-    return len(run.commands) == run.stats[-1].commands and planned <= odometries
+    stats = [each.value for each in run.stats]
+    planned = {s.stamp_ns for s in stats if s.source == "mpc" and not s.reason}
+    return len(run.commands) == run.stats[-1].value.commands and planned <= odometries
 
 
 def is_hurried(run: RecordedRun) -> bool:
     """Whether a plan took so long that the solver stopped early."""
-    return any(each.step_time_us > 1e6 * ENOUGH for each in run.stats)
+    return any(each.value.step_time_us > 1e6 * ENOUGH for each in run.stats)
 
 
 def record_flight(

@@ -9,13 +9,10 @@ import numpy as np
 import pytest
 
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
-from quad_mpc_ros.recordings.logs import (
-    CommandLog,
-    Log,
-    OdometryLog,
-    Received,
-    StatsLog,
-)
+from quad_mpc_ros.control.tick import TickStats
+from quad_mpc_ros.messages.codec import MessageDecoder
+from quad_mpc_ros.messages.diagnostics import written_stats
+from quad_mpc_ros.recordings.logs import Log, Received, tick_stats
 
 RANDOM = np.random.default_rng(5)
 
@@ -52,13 +49,13 @@ def same(a: object, b: object) -> bool:
     return True
 
 
-@pytest.mark.parametrize(("log", "make"), [(OdometryLog, odometry), (CommandLog, command)])
-def test_log_returns_its_values(log: type[Log], make: object) -> None:
+@pytest.mark.parametrize(("kind", "make"), [(OdometrySample, odometry), (CommandSample, command)])
+def test_log_returns_its_values(kind: type, make: object) -> None:
     given = [
         Received(value=make(10 - n), log_time_ns=n, publish_time_ns=2 * n)  # type: ignore[operator]
         for n in range(10)
     ]
-    kept = log.of(given)
+    kept: Log = Log(kind, given)
     assert len(kept) == 10
     for before, after in zip(given, kept, strict=True):
         assert same(before.value, after.value)
@@ -71,20 +68,19 @@ def test_log_returns_its_values(log: type[Log], make: object) -> None:
     assert kept.stamp_ns.tolist() == list(range(10, 0, -1))
     with pytest.raises(IndexError):
         kept[10]
-    assert not log()
+    assert not Log(kind)
 
 
 def test_stats_survive_the_message(build: SimpleNamespace) -> None:
     ticks = [build.tick(n, reason="r" * n, iterations=n, step_time_us=0.1 * n) for n in range(4)]
-    log = StatsLog()
-    for tick in ticks:
-        log.add(tick)
-    assert list(log) == ticks
-    assert log.columns["reason"].dtype == np.dtype("<U3")
-    assert log.columns["iterations"].tolist() == [0, 1, 2, 3]
+    log = Log(TickStats, [Received(value=t, log_time_ns=0, publish_time_ns=0) for t in ticks])
+    assert [each.value for each in log] == ticks
+    assert log.columns()["reason"].dtype == np.dtype("<U3")
+    assert log.columns()["iterations"].tolist() == [0, 1, 2, 3]
 
 
 @pytest.mark.parametrize("changes", [{"odom_age_ms": np.nan}, {"iterations": 2**70}])
 def test_refuses_unusable_stats(build: SimpleNamespace, changes: dict[str, object]) -> None:
+    data = written_stats(build.tick(0, **changes))
     with pytest.raises(ValueError):
-        StatsLog().add(build.tick(0, **changes))
+        tick_stats(MessageDecoder().decode("diagnostic_msgs/msg/DiagnosticArray", data))

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.control.model.voltage import SmoothedVoltage
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages.topics import BATTERY, COMMAND, ENGAGED
 from quad_mpc_ros.recordings.flight import first_by_stamp
-from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received, Stamps
+from quad_mpc_ros.recordings.logs import Log, Received, Stamps
 from quad_mpc_ros.recordings.run import RecordedRun
 
 RECORDED = (COMMAND, ENGAGED, BATTERY)
@@ -152,8 +153,7 @@ def measurements_of(
     stamp_ns = run.odometries.stamp_ns[places]
     time = (stamp_ns - stamp_ns[0]) * 1e-9
     p_WB, q_WB_xyzw, v, w = (
-        run.odometries.values.column(name)[places]
-        for name in ("p_WB", "q_WB_xyzw", "v_WB_B", "w_WB_B")
+        run.odometries.column(name)[places] for name in ("p_WB", "q_WB_xyzw", "v_WB_B", "w_WB_B")
     )
     R_WB = so3.rotation_from_quaternion_xyzw(q_WB_xyzw)
     if twist_frame == "child":
@@ -209,7 +209,7 @@ def recorded_voltage_map(parameters: Mapping[str, Mapping[str, Any]]) -> Voltage
     )
 
 
-def _usable_places(odometries: OdometryLog) -> NDArray[np.intp]:
+def _usable_places(odometries: Log[OdometrySample]) -> NDArray[np.intp]:
     """Return the indices of valid odometries, in order of stamps, each stamp once."""
     fit = [odometry_fault(each.value, frame_id=each.value.frame_id) is None for each in odometries]
     places = np.flatnonzero(fit)
@@ -217,9 +217,9 @@ def _usable_places(odometries: OdometryLog) -> NDArray[np.intp]:
     return places[first]
 
 
-def _usable_commands(commands: CommandLog) -> tuple[Stamps, Array, Array]:
+def _usable_commands(commands: Log[CommandSample]) -> tuple[Stamps, Array, Array]:
     """Return ascending stamps (m,), throttle (m,) and rates (m, 3) of valid commands."""
-    throttle, rates = commands.values.column("throttle"), commands.values.column("w_WB_B")
+    throttle, rates = commands.column("throttle"), commands.column("w_WB_B")
     # Comparisons with NaN are false, so NaN is invalid.
     usable = (np.abs(throttle) <= _MAX_VALUE) & np.all(np.abs(rates) <= _MAX_VALUE, axis=1)
     places = np.flatnonzero(usable)
@@ -300,6 +300,6 @@ def _reference_voltage(voltage: Array, given: VoltageMap) -> float:
     return given.battery_voltage if given.battery_voltage and not math.isnan(mean) else mean
 
 
-def _command_age(commands: CommandLog) -> float:
+def _command_age(commands: Log[CommandSample]) -> float:
     age = float(np.median((commands.publish_time_ns - commands.stamp_ns) * 1e-9))
     return age if 0.0 <= age < 1.0 else float("nan")

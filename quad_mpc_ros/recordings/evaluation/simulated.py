@@ -10,14 +10,15 @@ from quad_mpc_ros.configuration import ArgumentError, files
 from quad_mpc_ros.configuration.arguments import instance, number
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.control.model.samples import ReferenceWindow
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.recordings.flight import (
     Flight,
     ReferenceSampler,
     flown_arrays,
 )
-from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received, StatsLog, T
+from quad_mpc_ros.recordings.logs import Log, Received, T
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.path import Path
 from quad_mpc_ros.references.trajectory import Trajectory
@@ -168,7 +169,8 @@ class FlightLog:
     def __init__(self, mpc: MpcConfig, scene: Scene | None = None) -> None:
         """Take the controller, and obstacles that replace the simulator's file."""
         self._vehicle, self._scene = mpc.vehicle(), scene
-        self._odometry, self._commands, self._stats = OdometryLog(), CommandLog(), StatsLog()
+        self._odometry, self._commands = Log(OdometrySample), Log(CommandSample)
+        self._stats = Log(TickStats)
         self._windows: list[ReferenceWindow] = []
 
     def take(self, step: LoopStep) -> None:
@@ -179,7 +181,7 @@ class FlightLog:
         if step.command is not None:
             self._commands.append(_at(stamp_ns, step.command))
         if step.tick is not None:
-            self._stats.add(step.tick.stats)
+            self._stats.append(_at(stamp_ns, step.tick.stats))
 
     def flight(self, config: FlightConfig) -> Flight:
         """Return the flight of the collected steps, at least one, with its configuration."""

@@ -12,12 +12,10 @@ import dataclasses
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import (
-    CommandSample,
     ImuSample,
     OdometrySample,
     ReferenceWindow,
@@ -26,8 +24,6 @@ from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.recordings.logs import Received
 from quad_mpc_ros.recordings.parameters import recorded_parameters
 from quad_mpc_ros.recordings.run import RecordedRun
-
-S = TypeVar("S", CommandSample, ReferenceWindow)
 
 WindowSource = Callable[[int], ReferenceWindow]
 """Returns the reference window of a stamp [ns], instead of the recorded window."""
@@ -68,7 +64,7 @@ def resolve(
         warn("no imu in the recording: accelerometer_noise is ignored")
         config = dataclasses.replace(config, accelerometer_noise=0.0)
     controller = Controller(config)
-    sent = _first_by_stamp(run.commands)
+    sent = {each.value.stamp_ns: each.value for each in reversed(run.commands)}  # the first wins
     window: ReferenceWindow | None = None
     engagements, landings = deque(run.engagements), deque(run.landings)
     resets = deque(run.resets)
@@ -127,7 +123,8 @@ def _imu_until(run: RecordedRun) -> Callable[[int], Iterator[ImuSample]]:
     the stamp.
     """
     due = deque(received.value for received in run.imu)
-    had_ns = {stats.stamp_ns: stats.imu_stamp_ns for stats in run.stats if stats.imu_stamp_ns}
+    stats = [each.value for each in run.stats]
+    had_ns = {each.stamp_ns: each.imu_stamp_ns for each in stats if each.imu_stamp_ns}
 
     def until(stamp_ns: int) -> Iterator[ImuSample]:
         while due and due[0].stamp_ns <= had_ns.get(stamp_ns, stamp_ns):
@@ -181,7 +178,8 @@ def _events(run: RecordedRun, config: MpcConfig, windows: WindowSource | None) -
     if windows is not None:
         return _at_stamps(run, windows, again=True)
     if config.lockstep:
-        return _at_stamps(run, _first_by_stamp(run.windows).get, again=False)
+        first = {each.value.stamp_ns: each.value for each in reversed(run.windows)}
+        return _at_stamps(run, first.get, again=False)
     return _in_real_time(run, config)
 
 
@@ -209,7 +207,7 @@ def _in_real_time(run: RecordedRun, config: MpcConfig) -> Iterator[_Event]:
     At the recorded control rate only answered odometries are used. Without a tick the time is the
     odometry's stamp, and the window is the last recorded before.
     """
-    ticks = {stats.stamp_ns: stats for stats in run.stats}
+    ticks = {each.value.stamp_ns: each.value for each in run.stats}
     stamps = {odometry.value.stamp_ns for odometry in run.odometries}
     watched = sorted(ticks.keys() - stamps, reverse=True)
     windows = _Windows(run.windows)
@@ -272,11 +270,3 @@ class _Windows:
         before = [window for window in alike if window.publish_time_ns <= received_ns]
         found = before[-1:] or alike[:1]
         return found[0].value if found else None
-
-
-def _first_by_stamp(recorded: Sequence[Received[S]]) -> dict[int, S]:
-    """Return values by stamp; of resent values, the first."""
-    first: dict[int, S] = {}
-    for received in recorded:
-        first.setdefault(received.value.stamp_ns, received.value)
-    return first

@@ -149,7 +149,7 @@ def flown_in_real_time(
         odometries=odometries,
         windows=windows,
         commands=commands,
-        stats=[tick.stats for tick in ticks],
+        stats=[recorded(tick.stats, 0) for tick in ticks],
         parameters={"/uav1/mpc": mpc.flattened()},
         engagements=engagements,
         landings=landings,
