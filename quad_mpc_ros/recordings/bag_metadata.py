@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -38,16 +39,8 @@ def bag_of(path: Path) -> Path:
 
 def write_metadata(directory: Path, files: Sequence[McapFile]) -> None:
     """Write the ``metadata.yaml`` of a bag of these files atomically."""
-    text = _dump_yaml({METADATA_ROOT: _bag_information(files)})
-    write_atomically(directory / METADATA_FILE, text)
-
-
-def initial_information() -> str:
-    """Return the YAML that rosbag2 stores at the beginning of a file, without its messages.
-
-    An interrupted recording contains the version, too.
-    """
-    return _dump_yaml(_bag_information(()))
+    information = textwrap.indent(bag_information(files), "  ")
+    write_atomically(directory / METADATA_FILE, f"{METADATA_ROOT}:\n{information}")
 
 
 def sync_directory(directory: Path) -> None:
@@ -60,13 +53,15 @@ def sync_directory(directory: Path) -> None:
             os.close(descriptor)
 
 
-def _bag_information(files: Sequence[McapFile]) -> dict[str, object]:
-    """Return the content of ``rosbag2_bagfile_information`` for a bag of these files.
+def bag_information(files: Sequence[McapFile] = ()) -> str:
+    """Return ``rosbag2_bagfile_information`` of a bag of these files as YAML.
 
-    The keys are those of ``convert<BagMetadata>::encode`` in rosbag2_storage/yaml.hpp (Jazzy).
+    rosbag2 also stores it at the beginning of a file, without messages, so that an interrupted
+    recording contains the version. The keys are those of ``convert<BagMetadata>::encode`` in
+    rosbag2_storage/yaml.hpp (Jazzy).
     """
     names = [file.path.name for file in files]
-    return {
+    information = {
         "version": _METADATA_VERSION,
         "storage_identifier": "mcap",
         **_times(united_span(files)),
@@ -88,6 +83,8 @@ def _bag_information(files: Sequence[McapFile]) -> dict[str, object]:
         "custom_data": None,
         "ros_distro": _ROS_DISTRO,
     }
+    text: str = yaml.safe_dump(information, sort_keys=False, allow_unicode=True)
+    return text
 
 
 def _times(span: TimeSpan | None) -> dict[str, object]:
@@ -108,9 +105,3 @@ def _topic_information(name: str, topic: TopicInfo) -> dict[str, object]:
         },
         "message_count": topic.message_count,
     }
-
-
-def _dump_yaml(value: object) -> str:
-    """Return ``value`` as YAML; keys keep their order."""
-    text: str = yaml.safe_dump(value, sort_keys=False, allow_unicode=True)
-    return text

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import BinaryIO
 
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema, Statistics
+from mcap.records import Channel, Chunk, Footer, Message, Schema, Statistics
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
+from quad_mpc_ros import __version__
 from quad_mpc_ros.configuration.errors import BagError, os_reason
 
 METADATA_FILE = "metadata.yaml"
@@ -24,6 +25,8 @@ LATEST_NS = 2**63 - 1
 LONGEST_BAG_NS = 10 * 365 * 86400 * 10**9
 """Log times of a bag that are farther apart come from a clock that was not set."""
 MAGIC_SIZE = len(MCAP0_MAGIC)
+LIBRARY = f"quad_mpc_ros {__version__}"
+"""The library of the writer, in the header of a file."""
 McapMessage = tuple[Schema | None, Channel, Message]
 
 
@@ -69,8 +72,11 @@ class McapFile:
         """
         self.path = path
         with _opened(path) as stream:
+            stream.seek(-MAGIC_SIZE, io.SEEK_END)
+            is_finished = stream.tell() > 0 and stream.read() == MCAP0_MAGIC
+            stream.seek(0)
             reader = SeekingReader(stream, validate_crcs=True)
-            summary = reader.get_summary() if _is_finished(stream) else None
+            summary = reader.get_summary() if is_finished else None
             if summary is None or summary.statistics is None:
                 raise unfinished(path)
             if len(summary.channels) < summary.statistics.channel_count:
@@ -78,7 +84,9 @@ class McapFile:
             self.summary: Summary = summary
             self.statistics: Statistics = summary.statistics
             self.metadata = list(reader.iter_metadata())
-            if _compresses_messages(self.metadata):
+            # By rosbag2's copy of metadata.yaml.
+            texts = [each.metadata.get("serialized_metadata", "") for each in self.metadata]
+            if any("compression_mode: message" in text.lower() for text in texts):
                 raise OtherFormatError(path, "has messages compressed by rosbag2", _bag_of(path))
 
     @property
@@ -216,16 +224,3 @@ def _check_summary(stream: BinaryIO) -> None:
         if zlib.crc32(content) != footer.summary_crc:
             raise ValueError("wrong checksum of the index")
     stream.seek(0)
-
-
-def _compresses_messages(records: Iterable[Metadata]) -> bool:
-    """Return whether rosbag2 compressed each message, by its copy of ``metadata.yaml``."""
-    texts = (each.metadata.get("serialized_metadata", "") for each in records)
-    return any("compression_mode: message" in text.lower() for text in texts)
-
-
-def _is_finished(stream: BinaryIO) -> bool:
-    size = stream.seek(-MAGIC_SIZE, io.SEEK_END) + MAGIC_SIZE
-    end = stream.read(MAGIC_SIZE)
-    stream.seek(0)
-    return end == MCAP0_MAGIC and size > MAGIC_SIZE

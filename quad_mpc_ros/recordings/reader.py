@@ -116,9 +116,6 @@ class BagReader:
             }
         )
 
-    def _decode(self, type_name: str, data: bytes) -> Any:
-        return self._decoder.decode(type_name, data)
-
     def require_cdr(self, topics: Iterable[str]) -> None:
         """Raise :class:`BagError` for a topic with messages not encoded in CDR."""
         for topic in topics:
@@ -149,7 +146,7 @@ class BagReader:
                 log_time_ns=message.log_time,
                 publish_time_ns=message.publish_time,
                 data=message.data,
-                _decode=self._decode,
+                _decode=lambda *message: self._decoder.decode(*message),
             )
 
 
@@ -175,11 +172,8 @@ def mcap_files_in(directory: Path) -> list[Path]:
     return files
 
 
-_FILE_NUMBER = re.compile(r"_(\d+)\.mcap")
-
-
 def _number_and_name(path: Path) -> tuple[int, str]:
-    match = _FILE_NUMBER.search(path.name)
+    match = re.search(r"_(\d+)\.mcap", path.name)
     return (int(match[1]) if match else -1, path.name)
 
 
@@ -214,7 +208,7 @@ def _bag_information(metadata_path: Path) -> Mapping[str, Any]:
     try:
         content = ros_yaml.read_file(metadata_path)
     except UserError as error:
-        raise BagError(f"{error}; {_repair(metadata_path)}") from error
+        raise BagError(f"{error}; rewrite it: {repair_command(metadata_path)}") from error
     information = content.get(METADATA_ROOT) if isinstance(content, dict) else None
     if not isinstance(information, dict):
         raise _unusable(metadata_path, f"{METADATA_ROOT} is missing")
@@ -222,8 +216,4 @@ def _bag_information(metadata_path: Path) -> Mapping[str, Any]:
 
 
 def _unusable(metadata_path: Path, why: str) -> BagError:
-    return BagError(f"{metadata_path}: {why}; {_repair(metadata_path)}")
-
-
-def _repair(metadata_path: Path) -> str:
-    return f"rewrite it: {repair_command(metadata_path)}"
+    return BagError(f"{metadata_path}: {why}; rewrite it: {repair_command(metadata_path)}")

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
+import io
 import os
+import struct
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
-from mcap.records import McapRecord, Message
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC, Writer
 
 from quad_mpc_ros.configuration.errors import BagError, os_reason
 from quad_mpc_ros.recordings.bag_metadata import bag_of, sync_directory, write_metadata
 from quad_mpc_ros.recordings.mcap_file import (
     LATEST_NS,
+    LIBRARY,
     LONGEST_BAG_NS,
     MAGIC_SIZE,
     METADATA_FILE,
@@ -24,11 +31,12 @@ from quad_mpc_ros.recordings.mcap_file import (
     repair_command,
     united_span,
 )
-from quad_mpc_ros.recordings.mcap_records import WholeRecords, copy_records
 from quad_mpc_ros.recordings.reader import BagReader, mcap_files_in
 
 _BROKEN_SUFFIX = ".broken"
 _TEMPORARY_SUFFIX = ".repairing"
+_HEAD = struct.Struct("<BQ")  # opcode, length
+_ENDINGS = (0, Opcode.DATA_END, Opcode.FOOTER)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,9 +86,10 @@ def repair(path: Path) -> Repair:
         raise BagError(f"{path}: belongs to a bag; repair the bag: {repair_command(path)}")
     else:
         paths = [path]
-    damaged = [each for each in paths if not _is_whole(each)]
-    if _have_wrong_log_times(paths):
-        damaged = paths
+    whole = {each: file for each in paths if (file := _whole_file(each)) is not None}
+    span = united_span(whole.values())
+    has_wrong_times = span is not None and span.duration_ns > LONGEST_BAG_NS
+    damaged = [each for each in paths if has_wrong_times or each not in whole]
     if not damaged and (directory is None or _is_complete(directory, paths)):
         return Repair(files=(), needed=False)
     try:
@@ -110,24 +119,16 @@ def _is_complete(directory: Path, paths: Sequence[Path]) -> bool:
         return False
 
 
-def _is_whole(path: Path) -> bool:
+def _whole_file(path: Path) -> McapFile | None:
+    """Return a file, None if it is damaged."""
     try:
-        McapFile(path).verify()
+        file = McapFile(path)
+        file.verify()
     except OtherFormatError:
         raise
     except BagError:
-        return False
-    return True
-
-
-def _have_wrong_log_times(paths: Sequence[Path]) -> bool:
-    """Return whether the readable files span more time than a bag can."""
-    readable = []
-    for path in paths:
-        with contextlib.suppress(BagError):
-            readable.append(McapFile(path))
-    span = united_span(readable)
-    return span is not None and span.duration_ns > LONGEST_BAG_NS
+        return None
+    return file
 
 
 def _possible_times(paths: Sequence[Path]) -> range:
@@ -165,10 +166,12 @@ def _repaired(path: Path, possible_times: range) -> RepairedFile:
     temporary = path.with_name(f"{path.name}{_TEMPORARY_SUFFIX}")
     try:
         with path.open("rb") as damaged, temporary.open("wb") as stream:
-            _check_beginning(path, damaged.read(MAGIC_SIZE))
+            # An MCAP file may be truncated, or zeros, from its start.
+            if not MCAP0_MAGIC.startswith(damaged.read(MAGIC_SIZE).rstrip(b"\0")):
+                raise BagError(f"{path}: is not an MCAP file")
             records = WholeRecords(damaged)
             writer = Writer(stream, enable_data_crcs=True)
-            message_count = copy_records(_with_possible_times(records, possible_times), writer)
+            message_count = _copy_records(_with_possible_times(records, possible_times), writer)
             stream.flush()
             os.fsync(stream.fileno())
     except BaseException:
@@ -192,12 +195,6 @@ def _place_for_original(path: Path) -> Path:
     return original
 
 
-def _check_beginning(path: Path, start: bytes) -> None:
-    """Reject other files than MCAP; an MCAP file may be truncated, or zeros, from its start."""
-    if not MCAP0_MAGIC.startswith(start.rstrip(b"\0")):
-        raise BagError(f"{path}: is not an MCAP file")
-
-
 def _replace_metadata(directory: Path, paths: Sequence[Path]) -> None:
     """Write ``metadata.yaml``; keep the old file under another name."""
     path = directory / METADATA_FILE
@@ -205,3 +202,79 @@ def _replace_metadata(directory: Path, paths: Sequence[Path]) -> None:
         path.rename(_place_for_original(path))
     write_metadata(directory, [McapFile(each) for each in paths])
     sync_directory(directory)
+
+
+class WholeRecords:
+    """The complete records of a file, also from inside chunks.
+
+    A truncated chunk, or a chunk with a wrong checksum or content, is omitted. The index is not
+    read.
+    """
+
+    def __init__(self, stream: BinaryIO) -> None:
+        """Take an MCAP file with a valid beginning, at any position."""
+        self._stream = stream
+        self.damaged_chunks = 0
+        """Omitted chunks so far."""
+
+    def __iter__(self) -> Iterator[McapRecord]:
+        size = self._stream.seek(0, io.SEEK_END)
+        self._stream.seek(MAGIC_SIZE)
+        while len(head := self._stream.read(_HEAD.size)) == _HEAD.size:
+            opcode, length = _HEAD.unpack(head)
+            if opcode in _ENDINGS:
+                return
+            body = self._stream.read(min(length, size))  # a damaged length can be astronomic
+            if len(body) < length:
+                return
+            reader = StreamReader(io.BytesIO(head + body), skip_magic=True, validate_crcs=True)
+            records: list[McapRecord] = []
+            try:
+                with suppress(EndOfFile):
+                    records.extend(reader.records)
+            except Exception:  # the parsers of mcap, zstd and lz4 raise anything on damaged bytes
+                self.damaged_chunks += 1
+            else:
+                yield from records
+
+
+def _copy_records(records: Iterable[McapRecord], writer: Writer) -> int:
+    """Write the records of a ROS 2 file into a new file; return the number of messages.
+
+    Schemas and channels may get other numbers.
+    """
+    count, schema_ids, channel_ids = 0, {0: 0}, dict[int, int]()  # 0 is no schema
+    writer.start(profile="ros2", library=LIBRARY)
+    for record in records:
+        if isinstance(record, Schema) and record.id not in schema_ids:
+            schema_ids[record.id] = writer.register_schema(
+                name=record.name, encoding=record.encoding, data=record.data
+            )
+        elif isinstance(record, Channel) and record.id not in channel_ids:
+            channel_ids[record.id] = writer.register_channel(
+                topic=record.topic,
+                message_encoding=record.message_encoding,
+                schema_id=schema_ids.get(record.schema_id, 0),
+                metadata=record.metadata,
+            )
+        elif isinstance(record, Message) and record.channel_id in channel_ids:
+            count += 1
+            writer.add_message(
+                channel_id=channel_ids[record.channel_id],
+                log_time=record.log_time,
+                data=record.data,
+                publish_time=record.publish_time,
+                sequence=record.sequence,
+            )
+        elif isinstance(record, Metadata):
+            writer.add_metadata(record.name, record.metadata)
+        elif isinstance(record, Attachment):
+            writer.add_attachment(
+                create_time=record.create_time,
+                log_time=record.log_time,
+                name=record.name,
+                media_type=record.media_type,
+                data=record.data,
+            )
+    writer.finish()  # type: ignore[no-untyped-call]
+    return count

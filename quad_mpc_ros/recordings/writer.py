@@ -13,13 +13,8 @@ from rosbags.interfaces import Qos
 
 from quad_mpc_ros.configuration.errors import BagError, os_reason
 from quad_mpc_ros.messages.schemas import MSG_ENCODING, schema_for
-from quad_mpc_ros.recordings.bag_metadata import (
-    initial_information,
-    sync_directory,
-    write_metadata,
-)
-from quad_mpc_ros.recordings.mcap_file import LATEST_NS, McapFile
-from quad_mpc_ros.recordings.mcap_records import LIBRARY
+from quad_mpc_ros.recordings.bag_metadata import bag_information, sync_directory, write_metadata
+from quad_mpc_ros.recordings.mcap_file import LATEST_NS, LIBRARY, McapFile
 from quad_mpc_ros.recordings.qos import qos_text
 
 Compression = Literal["none", "zstd", "lz4"]
@@ -75,7 +70,7 @@ class BagWriter:
         )
         with self._disk():
             self._mcap.start(profile="ros2", library=LIBRARY)
-            self._mcap.add_metadata("rosbag2", {"serialized_metadata": initial_information()})
+            self._mcap.add_metadata("rosbag2", {"serialized_metadata": bag_information()})
         self.flush()
         if durable:
             sync_directory(directory)

@@ -21,10 +21,9 @@ from rosbags.interfaces import QosHistory, QosReliability
 
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.messages.schemas import schema_for
-from quad_mpc_ros.recordings.mcap_records import WholeRecords
 from quad_mpc_ros.recordings.qos import offered_qos
 from quad_mpc_ros.recordings.reader import BagReader
-from quad_mpc_ros.recordings.repair import repair
+from quad_mpc_ros.recordings.repair import WholeRecords, repair
 from quad_mpc_ros.recordings.writer import FLUSH_PERIOD_S, BagWriter
 
 WriteFlight = Callable[[BagWriter, int], None]
