@@ -249,7 +249,7 @@ def _bag_commands(path: Path) -> None:
         refusal = error
     else:
         BagReader(path)
-        if repair(path).needed:
+        if repair(path) is not None:
             raise AssertionError("a repaired bag needs another repair")
     if refusal is not None:
         raise refusal

@@ -26,9 +26,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Repair the bag; return the exit code."""
     done = repair(options.bag)
-    for file in done.files:
+    for file in done or ():
         print(_repaired(file))
-    if not done.needed:
+    if done is None:
         print("nothing to repair")
     elif options.bag.is_dir():
         print("metadata.yaml written")

@@ -51,11 +51,7 @@ def run(options: argparse.Namespace) -> int:
     """Fit, print the table on standard error, write; return the exit code."""
     from quad_mpc_ros.analysis.identification.figure import write_fit_figure
     from quad_mpc_ros.analysis.identification.fit import fit
-    from quad_mpc_ros.analysis.identification.measurements import (
-        RECORDED,
-        measurements_of,
-        recorded_voltage_map,
-    )
+    from quad_mpc_ros.analysis.identification.measurements import RECORDED, measurements_of
     from quad_mpc_ros.analysis.identification.report import identification_table, parameter_file
     from quad_mpc_ros.control.config import MpcConfig
     from quad_mpc_ros.recordings.recording import Recording
@@ -70,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
         run,
         vehicle=mpc.vehicle(),
         twist_frame=mpc.odometry.twist_frame,
-        voltage_map=recorded_voltage_map({"bridge": bridge}),
+        bridge=bridge,
     )
     if run.voltages and not data.knows_voltage:
         print(

@@ -53,7 +53,8 @@ def run(options: argparse.Namespace) -> int:
         PlayerConfig.build(given)
     except ConfigurationError as error:
         name = error.name.removeprefix("player.")
-        raise error.of_option(_OPTION_NAMES.get(name, f"--{name}")) from error
+        option = _OPTION_NAMES.get(name, f"--{name}")
+        raise ConfigurationError(option, error.given, error.expected) from error
     require_ros("replay")
     values = {**given, "progress": True}
     with tempfile.TemporaryDirectory() as folder:

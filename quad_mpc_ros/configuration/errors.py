@@ -23,15 +23,8 @@ class ArgumentError(UserError, ValueError):
 
     def located(self, where: str) -> ConfigurationError:
         """Return the same error with the origin of the value before the message."""
-        return self._with_message(f"{where}: {self}")
-
-    def of_option(self, option: str) -> ConfigurationError:
-        """Return the same error with the name of the option instead of the parameter."""
-        return self._with_message(str(self).replace(self.name, option, 1))
-
-    def _with_message(self, message: str) -> ConfigurationError:
         other = ConfigurationError(self.name, self.given, self.expected)
-        other.args = (message,)
+        other.args = (f"{where}: {self}",)
         return other
 
 

@@ -122,11 +122,7 @@ def dump(node: str, values: Mapping[str, Any]) -> str:
 
     Empty lists are omitted: ROS cannot infer their type.
     """
-    listed = {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in values.items()
-        if value not in ((), [])
-    }
+    listed = {name: value for name, value in values.items() if value not in ((), [])}
     return ros_yaml.written({node: {_PARAMETERS: listed}}, default_flow_style=None)
 
 
@@ -137,8 +133,7 @@ def is_of_ros(name: str) -> bool:
 
 def value_text(value: Any) -> str:
     """Return a value as text that YAML reads back exactly."""
-    listed = list(value) if isinstance(value, tuple) else value
-    return ros_yaml.written([listed], default_flow_style=True, width=math.inf).strip()[1:-1]
+    return ros_yaml.written([value], default_flow_style=True, width=math.inf).strip()[1:-1]
 
 
 def presets() -> dict[str, Path]:

@@ -253,10 +253,11 @@ def parameter_changes_from_message(message: Any) -> tuple[str, dict[str, Any]]:
 
     Parameters that were only declared are omitted.
     """
-    values = {
-        str(parameter.name): parameter_value(parameter.value)
-        for parameter in message.changed_parameters
-    }
+    values = {}
+    for parameter in message.changed_parameters:
+        if field := _PARAMETER_FIELDS[parameter.value.type]:
+            value = getattr(parameter.value, field)
+            values[str(parameter.name)] = value.tolist() if hasattr(value, "tolist") else value
     return str(message.node), values
 
 
@@ -265,15 +266,7 @@ _PARAMETER_FIELDS = (
     *("byte_array_value", "bool_array_value", "integer_array_value"),
     *("double_array_value", "string_array_value"),
 )
-"""The field of a ``rcl_interfaces/ParameterValue`` with the value, by its type."""
-
-
-def parameter_value(message: Any) -> Any:
-    """Return the value of a ``rcl_interfaces/ParameterValue``, None if not set."""
-    if not message.type:
-        return None
-    value = getattr(message, _PARAMETER_FIELDS[message.type])
-    return value.tolist() if hasattr(value, "tolist") else value
+"""The field of a ``rcl_interfaces/ParameterValue`` with the value, by its type; 0 is not set."""
 
 
 def fill_reset(message: Any, reset: EstimateReset) -> None:

@@ -65,7 +65,21 @@ class TimedPath:
 
 def markers_from_message(message: Any) -> list[Marker]:
     """Return the markers of a ``visualization_msgs/MarkerArray``."""
-    return [_marker(each) for each in message.markers]
+    return [
+        Marker(
+            stamp_ns=nanoseconds(each.header.stamp),
+            frame_id=each.header.frame_id,
+            name=(each.ns, each.id),
+            kind=each.type,
+            action=each.action,
+            p=vector(each.pose.position),
+            q_xyzw=quaternion(each.pose.orientation),
+            scale=vector(each.scale),
+            lifetime_ns=nanoseconds(each.lifetime),
+            points=np.array([vector(point) for point in each.points]).reshape(-1, 3),
+        )
+        for each in message.markers
+    ]
 
 
 def path_from_message(message: Any) -> TimedPath:
@@ -90,19 +104,3 @@ def transforms_from_message(message: Any) -> list[Transform]:
         )
         for each in message.transforms
     ]
-
-
-def _marker(message: Any) -> Marker:
-    points = [(point.x, point.y, point.z) for point in message.points]
-    return Marker(
-        stamp_ns=nanoseconds(message.header.stamp),
-        frame_id=message.header.frame_id,
-        name=(message.ns, message.id),
-        kind=message.type,
-        action=message.action,
-        p=vector(message.pose.position),
-        q_xyzw=quaternion(message.pose.orientation),
-        scale=vector(message.scale),
-        lifetime_ns=nanoseconds(message.lifetime),
-        points=np.array(points, dtype=np.float64).reshape(-1, 3),
-    )

@@ -27,7 +27,6 @@ class MessageSchema:
     newline is added at the end.
     """
 
-    type_name: str
     text: str
     type_hash: str
 
@@ -45,13 +44,14 @@ def schema_for(type_name: str) -> MessageSchema:
     package, name = match.groups()
     try:
         text = _full_text(package, name, seen=set())
-        type_hash = _installed_hash(package, name)
+        hashes = json.loads(_installed_file(package, f"{name}.json"))["type_hashes"]
     except _NotInstalledError:
         schema = _jazzy_schema(type_name)
         if schema is None:
             raise
         return schema
-    return MessageSchema(type_name=type_name, text=text, type_hash=type_hash)
+    type_hash = next(each["hash_string"] for each in hashes if each["type_name"] == type_name)
+    return MessageSchema(text=text, type_hash=type_hash)
 
 
 _TYPE_NAME = re.compile(r"([a-zA-Z0-9_]+)/msg/([a-zA-Z0-9_]+)")
@@ -80,8 +80,7 @@ def _jazzy_schema(type_name: str) -> MessageSchema | None:
     if type_name not in store.fielddefs:
         return None
     text, _ = store.generate_msgdef(type_name, ros_version=2)
-    type_hash = store.hash_rihs01(type_name)
-    return MessageSchema(type_name=type_name, text=text, type_hash=type_hash)
+    return MessageSchema(text=text, type_hash=store.hash_rihs01(type_name))
 
 
 def _full_text(package: str, name: str, *, seen: set[str]) -> str:
@@ -93,12 +92,6 @@ def _full_text(package: str, name: str, *, seen: set[str]) -> str:
             parts.append(f"\n{'=' * 80}\nMSG: {dependency}\n")
             parts.append(_full_text(*dependency.split("/", 1), seen=seen))
     return "".join(parts)
-
-
-def _installed_hash(package: str, name: str) -> str:
-    description = json.loads(_installed_file(package, f"{name}.json"))
-    hashes = {each["type_name"]: each["hash_string"] for each in description["type_hashes"]}
-    return str(hashes[f"{package}/msg/{name}"])
 
 
 def _installed_file(package: str, file_name: str) -> bytes:

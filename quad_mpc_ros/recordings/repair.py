@@ -50,15 +50,7 @@ class RepairedFile:
     """Omitted chunks with a wrong checksum or content."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Repair:
-    """The result of a repair; ``metadata.yaml`` is new if a repair was ``needed``."""
-
-    files: Sequence[RepairedFile]
-    needed: bool
-
-
-def repair(path: Path) -> Repair:
+def repair(path: Path) -> list[RepairedFile] | None:
     """Complete a bag that was left by a killed recorder or a power failure at ``path``.
 
     Each MCAP file without end, with a wrong checksum, without message index or with wrong log
@@ -66,8 +58,8 @@ def repair(path: Path) -> Repair:
     time that is decades off becomes the publish time or, if this is also wrong, the log time of
     the previous message. ``metadata.yaml`` is written if a file was rewritten, or if it is
     missing, unusable or does not list the existing files; the old file is kept as
-    ``metadata.yaml.broken``. An intact bag is not changed. An interrupted repair keeps the
-    originals and can be repeated.
+    ``metadata.yaml.broken``. An interrupted repair keeps the originals and can be repeated. An
+    intact bag is not changed, and the result is None.
 
     Raises :class:`BagError` for anything but a bag, and for disk errors; the recording is never
     overwritten.
@@ -91,7 +83,7 @@ def repair(path: Path) -> Repair:
     has_wrong_times = span is not None and span.duration_ns > LONGEST_BAG_NS
     damaged = [each for each in paths if has_wrong_times or each not in whole]
     if not damaged and (directory is None or _is_complete(directory, paths)):
-        return Repair(files=(), needed=False)
+        return None
     try:
         possible_times = _possible_times(paths) if damaged else range(0)
         repaired = [_repaired(each, possible_times) for each in damaged]
@@ -99,7 +91,7 @@ def repair(path: Path) -> Repair:
             _replace_metadata(directory, paths)
     except OSError as error:
         raise BagError(f"{path}: cannot be repaired: {os_reason(error)}") from error
-    return Repair(files=repaired, needed=True)
+    return repaired
 
 
 def _undo_interrupted_repair(directory: Path) -> None:

@@ -121,7 +121,7 @@ def test_a_cut_inside_the_summary_loses_no_message(tmp_path: Path) -> None:
 
 def test_leaves_a_complete_bag_unchanged(flight_bag: Path) -> None:
     before = {path.name: path.read_bytes() for path in flight_bag.iterdir()}
-    assert not repair(flight_bag).needed
+    assert repair(flight_bag) is None
     assert {path.name: path.read_bytes() for path in flight_bag.iterdir()} == before
 
 
@@ -156,7 +156,7 @@ def test_drops_only_the_damaged_chunk(tmp_path: Path) -> None:
     content[content.index(clock_data(15)) + 5] ^= 0x10
     file.write_bytes(content)
 
-    (repaired,) = repair(bag).files
+    (repaired,) = repair(bag) or ()
 
     assert repaired.damaged_chunks == 1
     assert numbers(bag) == [*range(10), *range(20, 40)]
@@ -287,7 +287,7 @@ def test_completes_metadata_with_an_empty_storage_identifier(flight_bag: Path) -
     )
     with pytest.raises(BagError, match=r"storage_identifier is empty.*: quad_mpc bag repair"):
         BagReader(flight_bag)
-    assert repair(flight_bag).files == []
+    assert repair(flight_bag) == []
     assert len(list(BagReader(flight_bag).messages())) == 15
     with AnyReader([flight_bag]) as reader:
         assert reader.message_count == 15
@@ -357,7 +357,7 @@ def test_corrects_log_times_of_a_clock_that_was_not_set(tmp_path: Path, wrong: i
     expected = [start + 2, start + 2, *range(start + 2, start + 9), start + 8]
     assert [each.log_time_ns for each in messages[:10]] == expected
     assert all(each.log_time_ns == each.publish_time_ns for each in messages)
-    assert not repair(bag).needed
+    assert repair(bag) is None
 
 
 def test_repairs_a_corrupt_file_among_sound_ones(tmp_path: Path) -> None:
@@ -372,7 +372,7 @@ def test_repairs_a_corrupt_file_among_sound_ones(tmp_path: Path) -> None:
     metadata = bag / "metadata.yaml"
     lines = metadata.read_text().splitlines(keepends=True)
     metadata.write_text("".join(line for line in lines if "- split_1.mcap" not in line))
-    damaged = repair(bag).files
+    damaged = repair(bag) or []
     assert [each.path for each in damaged] == [file]
     kept = numbers(bag)
     assert kept == sorted(set(kept)) and {*range(20), *range(42, 60)} <= {*kept}

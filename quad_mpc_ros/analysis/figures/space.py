@@ -79,12 +79,16 @@ def draw_coloured_by_speed(
 
     The line is interrupted where a position is not a number.
     """
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
     from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
 
+    # Viridis without its lightest yellow, which is invisible on white.
+    colours = ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.92, 256)))
     pieces = np.stack((p_WB[:-1], p_WB[1:]), axis=1)
     whole = np.isfinite(pieces).all(axis=(1, 2))
     line = Line3DCollection(
-        pieces[whole], cmap=_speed_colours(), linewidth=3.0, capstyle="round", zorder=zorder
+        pieces[whole], cmap=colours, linewidth=3.0, capstyle="round", zorder=zorder
     )
     line.set_array(speed[1:][whole])
     axes.add_collection(line)
@@ -92,14 +96,6 @@ def draw_coloured_by_speed(
     bar.outline.set_visible(False)
     bar.set_label("speed [m/s]", fontsize=9, color=style.INK)
     bar.ax.tick_params(labelsize=8, labelcolor=style.INK, color=style.FAINT)
-
-
-def _speed_colours() -> Any:
-    """Return viridis without its lightest yellow, which is invisible on white."""
-    from matplotlib import colormaps
-    from matplotlib.colors import ListedColormap
-
-    return ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.92, 256)))
 
 
 def draw_vehicles(axes: Any, p_WB: Array, q_WB_xyzw: Array, *, side: float, zorder: int) -> None:
@@ -145,19 +141,13 @@ def gate_points(course: Course | None) -> Array:
 def drawn_gates(course: Course) -> list[tuple[int, Gate]]:
     """Return the gates of a course with their numbers, once for each position."""
     drawn: list[tuple[int, Gate]] = []
-    for number, gate in sorted(zip(course.numbers, course.gates, strict=True), key=_number):
-        stood = [other for own, other in drawn if own == number]
-        if not any(_are_together(gate, other) for other in stood):
+    for number, gate in sorted(
+        zip(course.numbers, course.gates, strict=True), key=lambda numbered: numbered[0]
+    ):
+        stood = [other.corners() for own, other in drawn if own == number]
+        if all(np.abs(gate.corners() - other).max() >= _MIN_SHIFT for other in stood):
             drawn.append((number, gate))
     return drawn
-
-
-def _number(numbered: tuple[int, Gate]) -> int:
-    return numbered[0]
-
-
-def _are_together(one: Gate, other: Gate) -> bool:
-    return float(np.abs(one.corners() - other.corners()).max()) < _MIN_SHIFT
 
 
 def draw_gates(axes: Any, course: Course | None, *, zorder: int) -> None:

@@ -16,7 +16,7 @@ from quad_mpc_ros.analysis.identification.measurements import (
     RECORDED,
     Measurements,
     measurements_of,
-    recorded_voltage_map,
+    recorded_bridge,
 )
 from quad_mpc_ros.analysis.identification.model import (
     ACCELERATION,
@@ -192,7 +192,7 @@ def identify(recording: Recording) -> Identification:
         run,
         vehicle=given.vehicle(),
         twist_frame=given.odometry.twist_frame,
-        voltage_map=recorded_voltage_map(run.parameters),
+        bridge=recorded_bridge(run.parameters),
     )
     return fit(measured, given=given)
 
@@ -227,6 +227,7 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
         for name in ("rate_tau", "torque_tau", "rate_gain", "drag", "rotor_drag")
     }
     rates, velocity = model.residuals(theta)
+    measured_rates = data.w_WB_B[model.usable]
     return Identification(
         rate_time_constant=axes["rate_tau"],
         torque_time_constant=axes["torque_tau"],
@@ -242,7 +243,9 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
         rate_residual=_root_mean_square(rates),
         velocity_residual=_root_mean_square(velocity[model.in_window > 0.0]),
         misfit=_misfit(model, data, rates, velocity),
-        rates=_rate_course(model, data, theta),
+        rates=FittedCourse(
+            time=data.time[model.usable], measured=measured_rates, fitted=measured_rates - rates
+        ),
         specific_force=_specific_force(model, data, theta),
         flown=measured.flown,
         fitted=data.flown,
@@ -486,14 +489,6 @@ def _variances(H: Array, M: Array, sizes: Array) -> Array:
     return np.asarray(np.maximum(np.diag(inverse @ M @ inverse), np.diag(inverse)))
 
 
-def _rate_course(model: ResponseModel, data: Measurements, theta: Array) -> FittedCourse:
-    followed = model.rates(theta)
-    fitted = theta[RATE_GAIN] * followed + theta[RATE_BIAS]
-    return FittedCourse(
-        time=data.time[model.usable], measured=data.w_WB_B[model.usable], fitted=fitted
-    )
-
-
 def _specific_force(model: ResponseModel, data: Measurements, theta: Array) -> FittedCourse:
     """Return the specific force along the thrust axis (n, 1), averaged over a few odometries."""
     stride = max(1, round(_AVERAGING_TIME / data.period))
@@ -511,18 +506,14 @@ def _specific_force(model: ResponseModel, data: Measurements, theta: Array) -> F
         moved = sums[first + stride] - sums[first]
         return np.asarray(np.einsum("ni,ni->n", moved, axis) / duration)[:, None]
 
-    whole = _whole(model, first, stride)
+    # Intervals in usable windows.
+    sums = np.concatenate(([0.0], np.cumsum(model.in_window)))
+    whole = sums[first + stride + 1] - sums[first] >= stride + 1
     return FittedCourse(
         time=(data.time[first] + 0.5 * duration)[whole],
         measured=along(measured)[whole],
         fitted=along(fitted)[whole],
     )
-
-
-def _whole(model: ResponseModel, first: NDArray[np.intp], stride: int) -> NDArray[np.bool_]:
-    """Return which intervals from ``first`` on are in usable windows."""
-    sums = np.concatenate(([0.0], np.cumsum(model.in_window)))
-    return np.asarray(sums[first + stride + 1] - sums[first] >= stride + 1)
 
 
 def _root_mean_square(values: Array) -> float:

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -38,27 +39,6 @@ _MIN_DATA = 50
 _BLOCK_DURATION = 5.0  # s, of the parts of a long flight
 _PER_ODOMETRY = ("time", "p_WB", "v_WB_W", "R_WB", "w_WB_B", "voltage")
 _PER_COMMAND = ("command_time", "throttle", "w_command")
-
-
-@dataclass(frozen=True, kw_only=True)
-class VoltageMap:
-    """Voltage compensation of the bridge in the flight: ``thrust_map`` of its parameters.
-
-    The bridge scaled the thrust by (voltage / ``battery_voltage`` [V]) to the power
-    ``battery_exponent``. A voltage or an exponent of 0 disables the compensation.
-    """
-
-    battery_voltage: float = 0.0
-    battery_exponent: float = 0.0
-
-    @property
-    def compensated(self) -> float:
-        """Exponent of the voltage with which commands were compensated."""
-        return self.battery_exponent if self.battery_voltage > 0.0 else 0.0
-
-
-NO_VOLTAGE_MAP = VoltageMap()
-"""The map of a flight without compensation."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,11 +114,14 @@ def measurements_of(
     *,
     vehicle: Vehicle,
     twist_frame: str,
-    voltage_map: VoltageMap = NO_VOLTAGE_MAP,
+    bridge: Mapping[str, Any] = MappingProxyType({}),
 ) -> Measurements:
     """Return the measurements of a recording with the twist in the ``child`` or ``world`` frame.
 
-    Raises :class:`BagError` without commands, or with too little flight under commands.
+    ``bridge`` are the parameters of the bridge: it scaled the thrust by (voltage /
+    ``thrust_map.battery_voltage`` [V]) to the power ``thrust_map.battery_exponent``. A voltage or
+    an exponent of 0 disables this compensation. Raises :class:`BagError` without commands, or with
+    too little flight under commands.
     """
     places = _usable_places(run.odometries)
     command_ns, throttle, w_command = _usable_commands(run.commands)
@@ -172,6 +155,10 @@ def measurements_of(
             f"{time[-1]:.3f} s, and commands were active for {np.mean(acting):.0%} of them"
         )
     voltage = _smoothed(run.voltages, recorded_ns, usable=usable)
+    mean_voltage = float(np.mean(voltage[usable]))
+    map_voltage = float(bridge.get("thrust_map.battery_voltage") or 0.0)
+    exponent = float(bridge.get("thrust_map.battery_exponent", 0.0))
+    age = float(np.median((run.commands.publish_time_ns - run.commands.stamp_ns) * 1e-9))
     return Measurements(
         time=time,
         p_WB=p_WB,
@@ -182,11 +169,13 @@ def measurements_of(
         throttle=np.clip(throttle, 0.0, 1.0),
         w_command=np.ascontiguousarray(w_command),
         usable=usable,
-        command_age=_command_age(run.commands),
+        command_age=age if 0.0 <= age < 1.0 else math.nan,
         vehicle=vehicle,
         voltage=voltage,
-        reference_voltage=_reference_voltage(voltage[usable], voltage_map),
-        compensated=voltage_map.compensated,
+        reference_voltage=mean_voltage
+        if math.isnan(mean_voltage)
+        else map_voltage or mean_voltage,
+        compensated=exponent if map_voltage > 0.0 else 0.0,
     )
 
 
@@ -196,17 +185,6 @@ def recorded_bridge(parameters: Mapping[str, Mapping[str, Any]]) -> Mapping[str,
         if any(name.startswith("thrust_map.") for name in values):
             return values
     return {}
-
-
-def recorded_voltage_map(parameters: Mapping[str, Mapping[str, Any]]) -> VoltageMap:
-    """Return the voltage compensation of the recorded bridge; none without a bridge."""
-    values = recorded_bridge(parameters)
-    if not values.get("thrust_map.battery_voltage"):
-        return NO_VOLTAGE_MAP
-    return VoltageMap(
-        battery_voltage=float(values["thrust_map.battery_voltage"]),
-        battery_exponent=float(values.get("thrust_map.battery_exponent", 0.0)),
-    )
 
 
 def _usable_places(odometries: Log[OdometrySample]) -> NDArray[np.intp]:
@@ -292,14 +270,3 @@ def _smoothed(
     if np.any(away[usable] > _VOLTAGE_AGE * 1e9):
         return np.full(len(recorded_ns), np.nan)
     return np.array(values)[place]
-
-
-def _reference_voltage(voltage: Array, given: VoltageMap) -> float:
-    """Return the voltage of the map, or the mean of the flight; NaN without voltage [V]."""
-    mean = float(np.mean(voltage))
-    return given.battery_voltage if given.battery_voltage and not math.isnan(mean) else mean
-
-
-def _command_age(commands: Log[CommandSample]) -> float:
-    age = float(np.median((commands.publish_time_ns - commands.stamp_ns) * 1e-9))
-    return age if 0.0 <= age < 1.0 else float("nan")

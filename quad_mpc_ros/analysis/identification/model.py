@@ -18,7 +18,7 @@ over windows, each with a separate start: errors do not accumulate, and nothing 
 from __future__ import annotations
 
 import functools
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -127,8 +127,7 @@ class ResponseModel:
         mean, mean_square = lag.means(start - delay, duration)
         a, b, c = vehicle.thrust_curve
         thrust = vehicle.motor_count * (a * mean_square + b * mean + c)[:, 0]
-        rates = _Rates(self._rate_lag(theta), theta[RATE_GAIN])
-        axis = self._thrust_axis(rates, delay, start, duration, interval)
+        axis = self._thrust_axis(theta, start, duration, interval)
         push = (duration * thrust / vehicle.mass)[:, None] * axis
         speed = np.sqrt(np.maximum(thrust, 0.0) / (vehicle.mass * vehicle.gravity))
         *impulse, turned = (
@@ -138,12 +137,7 @@ class ResponseModel:
         return np.column_stack(impulse), turned / self._interval
 
     def _thrust_axis(
-        self,
-        rates: _Rates,
-        delay: float,
-        start: Array,
-        duration: Array,
-        interval: NDArray[np.intp],
+        self, theta: Array, start: Array, duration: Array, interval: NDArray[np.intp]
     ) -> Array:
         """Return the thrust direction in the world in the middle of intervals (k, 3).
 
@@ -152,8 +146,9 @@ class ResponseModel:
         is distributed evenly.
         """
         half = 0.5 * duration
-        first = half[:, None] * rates.means(start - delay, half)
-        second = half[:, None] * rates.means(start + half - delay, half)
+        lag, angle = self._rate_lag(theta), half[:, None] * theta[RATE_GAIN]
+        first = angle * lag.means(start - theta[DELAY], half)[0]
+        second = angle * lag.means(start + half - theta[DELAY], half)[0]
         turned = np.concatenate((np.zeros((1, 3)), np.cumsum(first + second, axis=0)))
         begins = np.searchsorted(interval, np.arange(len(self._interval) + 1))
         whole = turned[begins[1:]] - turned[begins[:-1]]
@@ -263,17 +258,6 @@ class ResponseModel:
         return LaggedCommands(
             data.command_time, command, time_constant=time_constant, torque_time_constant=torque
         )
-
-
-class _Rates(NamedTuple):
-    """Modelled body rates with a gain for each axis."""
-
-    lag: LaggedCommands
-    gain: Array
-
-    def means(self, time: Array, duration: Array) -> Array:
-        """Return the means (n, 3) [rad/s] over intervals without a new command."""
-        return np.asarray(self.gain * self.lag.means(time, duration)[0])
 
 
 def _key(time_constants: ArrayLike) -> tuple[float, ...]:

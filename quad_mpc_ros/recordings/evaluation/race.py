@@ -10,8 +10,6 @@ from quad_mpc_ros.recordings.parameters import recorded_parameters
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.course import Course
 
-_GATES_PARAMETER = f"{ReferenceConfig.owner}.gates"
-
 
 def race_figures(flight: Flight) -> dict[str, Any]:
     """Return ``gates``, each passage with its time, and ``lap_time_s``; None without a course.
@@ -19,10 +17,8 @@ def race_figures(flight: Flight) -> dict[str, Any]:
     A moved gate is evaluated at its reported pose at the time of the passage. Raises
     :class:`UserError` for a flight with a course if racing is not installed.
     """
-    if not _has_course(flight):
-        return {"gates": None, "lap_time_s": None}
-    figures: dict[str, Any] = optional_part("race_figures", needed_by=_GATES_PARAMETER)(flight)
-    return figures
+    figures: dict[str, Any] | None = _racing("race_figures", flight)
+    return figures or {"gates": None, "lap_time_s": None}
 
 
 def drawn_course(flight: Flight) -> Course | None:
@@ -31,11 +27,12 @@ def drawn_course(flight: Flight) -> Course | None:
     A gate that was not passed has its last reported pose. None without a course; raises like
     :func:`race_figures`.
     """
-    if not _has_course(flight):
-        return None
-    course: Course | None = optional_part("drawn_course", needed_by=_GATES_PARAMETER)(flight)
+    course: Course | None = _racing("drawn_course", flight)
     return course
 
 
-def _has_course(flight: Flight) -> bool:
-    return bool(recorded_parameters(flight.parameters, ReferenceConfig).get("gates"))
+def _racing(part: str, flight: Flight) -> Any:
+    """Return what a part of racing finds in a flight; None without a course."""
+    if not recorded_parameters(flight.parameters, ReferenceConfig).get("gates"):
+        return None
+    return optional_part(part, needed_by=f"{ReferenceConfig.owner}.gates")(flight)

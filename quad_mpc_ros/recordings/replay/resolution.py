@@ -211,7 +211,9 @@ def _in_real_time(run: RecordedRun, config: MpcConfig) -> Iterator[_Event]:
     stamps = {odometry.value.stamp_ns for odometry in run.odometries}
     watched = sorted(ticks.keys() - stamps, reverse=True)
     windows = _Windows(run.windows)
-    answered_only = bool(ticks) and _recorded_rate(run) == config.control_rate
+    recorded = recorded_parameters(run.parameters, MpcConfig)
+    rate = recorded.get("control_rate", MpcConfig().control_rate)
+    answered_only = bool(ticks) and rate == config.control_rate
 
     def unseen(stamp_ns: int) -> _Event:
         tick = ticks[stamp_ns]
@@ -242,11 +244,6 @@ def _in_real_time(run: RecordedRun, config: MpcConfig) -> Iterator[_Event]:
             window_ns=window_ns,
             answered=tick is not None,
         )
-
-
-def _recorded_rate(run: RecordedRun) -> float:
-    recorded = recorded_parameters(run.parameters, MpcConfig)
-    return float(recorded.get("control_rate", MpcConfig().control_rate))
 
 
 class _Windows:

@@ -21,8 +21,12 @@ from quad_mpc_ros.messages.topics import CLOCK
 from quad_mpc_ros.recordings.config import PlayerConfig
 from quad_mpc_ros.recordings.qos import parse_qos_text
 from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
-from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline
-from quad_mpc_ros.recordings.replay.playback_threads import PlaybackThread, read_ahead
+from quad_mpc_ros.recordings.replay.playback import (
+    Playback,
+    PlaybackThread,
+    PlaybackTimeline,
+    read_ahead,
+)
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
 from quad_mpc_ros.ros.nodes.bag_qos import playback_profile
@@ -88,7 +92,7 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         )
         if self._playback.finished:
             raise BagError(f"{config.bag}: no message after {config.start:g} s on these topics")
-        self._thread = PlaybackThread(self._playback, timeline, at_end=self._at_end)
+        self._thread = PlaybackThread(self._playback, at_end=self._at_end)
         for name, paused in (("pause", True), ("resume", False)):
             serve = functools.partial(self._set_paused, paused)
             self.create_service(Trigger, f"~/{name}", serve)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,9 +19,7 @@ from scipy.signal import lfilter
 
 from quad_mpc_ros.analysis.identification.fit import fit
 from quad_mpc_ros.analysis.identification.measurements import (
-    NO_VOLTAGE_MAP,
     Measurements,
-    VoltageMap,
     measurements_of,
 )
 from quad_mpc_ros.analysis.identification.model import EXPONENT, SCALE, Parameters, ResponseModel
@@ -91,14 +91,14 @@ def truth(run: RecordedRun, *, reference: float) -> Truth:
     return Truth(float(power), math.exp(offset + power * math.log(reference)))
 
 
-def measured(run: RecordedRun, voltage_map: VoltageMap = NO_VOLTAGE_MAP) -> Measurements:
-    return measurements_of(
-        run, vehicle=GIVEN.vehicle(), twist_frame="child", voltage_map=voltage_map
-    )
+def measured(run: RecordedRun, bridge: Mapping[str, float] = MappingProxyType({})) -> Measurements:
+    return measurements_of(run, vehicle=GIVEN.vehicle(), twist_frame="child", bridge=bridge)
 
 
-def identified(run: RecordedRun, voltage_map: VoltageMap = NO_VOLTAGE_MAP) -> Identification:
-    return fit(measured(run, voltage_map), given=GIVEN)
+def identified(
+    run: RecordedRun, bridge: Mapping[str, float] = MappingProxyType({})
+) -> Identification:
+    return fit(measured(run, bridge), given=GIVEN)
 
 
 def texts(found: Identification) -> tuple[str, str]:
@@ -158,7 +158,7 @@ def test_exponent_includes_the_compensation_of_the_bridge() -> None:
     without_map = identified(run).over_voltage
     assert without_map is not None
     assert without_map.exponent.value == pytest.approx(0.0, abs=0.1)
-    bridge = VoltageMap(battery_voltage=16.0, battery_exponent=2.0)
+    bridge = {"thrust_map.battery_voltage": 16.0, "thrust_map.battery_exponent": 2.0}
     found = identified(run, bridge)
     over = found.over_voltage
     assert over is not None
@@ -233,7 +233,7 @@ def test_refuses_an_exponent_at_a_bound() -> None:
 
 
 def test_derivatives_match_finite_differences_of_the_residuals() -> None:
-    model = ResponseModel(measured(flown(duration=8.0, capacity=CAPACITY), VoltageMap()))
+    model = ResponseModel(measured(flown(duration=8.0, capacity=CAPACITY)))
     assert model.parameters == EXPONENT + 1
     parameters = Parameters.zeros(1)
     given = parameters[0]

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
-from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline
-from quad_mpc_ros.recordings.replay.playback_threads import read_ahead
+from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline, read_ahead
 from quad_mpc_ros.recordings.writer import BagWriter
 
 CLOCK = "rosgraph_msgs/msg/Clock"
