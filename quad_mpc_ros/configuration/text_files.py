@@ -4,18 +4,10 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import NamedTuple
 
 from quad_mpc_ros.configuration.errors import UserError, os_reason
 
 _COMMENT = "#"
-
-
-class CsvRow(NamedTuple):
-    """The cells of a row without surrounding spaces, and the number of its last line, from 1."""
-
-    line: int
-    cells: list[str]
 
 
 def file_text(path: Path) -> str:
@@ -30,8 +22,10 @@ def file_text(path: Path) -> str:
         ) from error
 
 
-def read_csv_table(path: Path) -> list[CsvRow]:
+def read_csv_table(path: Path) -> list[tuple[int, list[str]]]:
     """Return the rows of a table, without empty lines and comments.
+
+    Each is the number of its last line, from 1, and its cells without surrounding spaces.
 
     Raises :class:`UserError` for a file that cannot be read and for unclosed quotes.
     """
@@ -46,7 +40,7 @@ def read_csv_table(path: Path) -> list[CsvRow]:
     try:
         for cells in reader:
             stripped = [cell.strip() for cell in cells]
-            rows.append(CsvRow(lines[reader.line_num - 1][0], stripped))
+            rows.append((lines[reader.line_num - 1][0], stripped))
     except csv.Error as error:
         line = lines[max(reader.line_num, 1) - 1][0]
         raise UserError(f"{path}: line {line}: {error}") from error

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from scipy.spatial import ConvexHull
 
 from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.messages import cdr
-from quad_mpc_ros.messages.corridor import corridor_from_message, written_corridor
-from quad_mpc_ros.messages.free_region import corridor_edges, edges
+from quad_mpc_ros.messages.corridor import (
+    corridor_edges,
+    corridor_from_message,
+    edges,
+    written_corridor,
+)
 from quad_mpc_ros.messages.topics import CORRIDOR
 from quad_mpc_ros.ros.messages import message_in
 
 HERE = np.array([1.0, -2.0, 3.0])
 CUT = (np.array([[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]]), np.array([1.5, 1.4]))
-
-
-def test_region_without_half_spaces_is_a_cube() -> None:
-    found = edges(np.zeros((0, 3)), np.zeros(0), inside=HERE, reach=1.0)
-    assert len(found) == 12
-    assert np.linalg.norm(found[:, 1] - found[:, 0], axis=1) == pytest.approx(np.full(12, 2.0))
 
 
 def test_edges_are_on_two_planes_and_inside_of_the_others() -> None:
@@ -40,13 +37,6 @@ def test_corners_and_edges_are_those_of_the_hull() -> None:
     assert len(corners) - len(found) + len(faces) == 2
 
 
-def test_a_plane_given_twice_adds_no_edge() -> None:
-    normals, offsets = CUT
-    once = edges(normals, offsets, inside=HERE, reach=1.0)
-    twice = edges(np.tile(normals, (2, 1)), np.tile(offsets, 2), inside=HERE, reach=1.0)
-    assert len(once) == len(twice)
-
-
 def test_no_region_around_an_outside_position() -> None:
     assert len(edges(*CUT, inside=HERE + np.array([1.0, 0.0, 0.0]), reach=1.0)) == 0
 
@@ -60,9 +50,9 @@ def test_corridor_message_round_trip() -> None:
     data = written_corridor(corridor, stamp_ns=9, frame_id="odom")
     found = corridor_from_message(message_in(CORRIDOR, data))
     assert cdr.header_stamp_ns(data) == 9
-    assert found.stage.tolist() == [0, 2, 2] and found.offsets.tolist() == [2.5, 1.5, 4.0]
-    assert found.of_stage(2)[0].tolist() == [[1.0, 0.0, 0.0]] * 2
+    assert found["stage"].tolist() == [0, 2, 2] and found["offset"].tolist() == [2.5, 1.5, 4.0]
+    assert found["normal_x"].tolist() == [1.0, 1.0, 1.0]
     assert len(corridor_edges(found, np.zeros((4, 3)))) == 12
     empty = written_corridor(None, stamp_ns=9, frame_id="odom")
     none = corridor_from_message(message_in(CORRIDOR, empty))
-    assert len(none.offsets) == 0 and len(corridor_edges(none, np.zeros((4, 3)))) == 0
+    assert len(none) == 0 and len(corridor_edges(none, np.zeros((4, 3)))) == 0

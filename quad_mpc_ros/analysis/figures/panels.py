@@ -54,10 +54,6 @@ class Panel:
     logarithmic: bool = False
     levels: Sequence[str] = ()
 
-    def curve(self, name: str) -> Curve:
-        """Return a curve by its name; raises ``KeyError`` if the curve does not exist."""
-        return {curve.name: curve for curve in self.curves}[name]
-
 
 def position_panels(flight: Flight) -> list[Panel]:
     """Return Figure 4 of the paper: x, y and z in the world."""

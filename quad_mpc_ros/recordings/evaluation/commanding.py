@@ -97,9 +97,3 @@ def _fence_margin(flight: Flight) -> float | None:
     low, high = flight.mpc.fence.walls
     to_walls: Array = np.minimum(flight.p_WB - low, high - flight.p_WB)
     return float(to_walls.min())
-
-
-def last_count(flight: Flight, name: str) -> int:
-    """Return a counter of ``mpc/stats`` at the end of the flight, 0 if not recorded."""
-    values = flight.stats[name]
-    return int(values[-1]) if len(values) else 0

@@ -14,7 +14,6 @@ from quad_mpc_ros.recordings.evaluation.commanding import (
     FALLBACKS,
     commanding,
     estimated,
-    last_count,
     margins,
 )
 from quad_mpc_ros.recordings.evaluation.crash import collision_of, crash_figures, crash_of
@@ -25,6 +24,7 @@ from quad_mpc_ros.recordings.evaluation.waypoints import waypoints
 from quad_mpc_ros.recordings.flight import Flight
 
 NOT_FAILED = ["solved", "not run"]
+_COUNTERS = ("estimate_resets", "rejected_inputs", "stage_errors")  # of mpc/stats, until the end
 _SATURATION_TOLERANCE = 1e-3  # rad/s: rates closer to a bound are saturated
 _DEADLINE_TOLERANCE = 0.4  # of a control period: as much as the controller itself forgives
 
@@ -95,9 +95,7 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
         **race,
         **task_figures(flight, race),
         "progress_delay_max_s": _behind(flight),
-        "estimate_resets": last_count(flight, "estimate_resets"),
-        "rejected_inputs": last_count(flight, "rejected_inputs"),
-        "stage_errors": last_count(flight, "stage_errors"),
+        **{name: int(flight.stats[name][-1:].sum()) for name in _COUNTERS},
         "commanding": commanding(flight),
         "margins": margins(flight),
         "estimated": estimated(flight),

@@ -7,15 +7,15 @@ import functools
 import sys
 from typing import Any
 
+from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 
 from quad_mpc_ros.configuration import optional_part
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import conversions, markers
-from quad_mpc_ros.messages.corridor import HalfSpaces, corridor_from_message
+from quad_mpc_ros.messages.corridor import corridor_edges, corridor_from_message
 from quad_mpc_ros.messages.diagnostics import OK, WARN
-from quad_mpc_ros.messages.free_region import corridor_edges
 from quad_mpc_ros.messages.markers import Trail, VisualisationConfig
 from quad_mpc_ros.messages.topics import (
     COMMAND,
@@ -44,7 +44,7 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         self._command: CommandSample | None = None
         self._plan: Any = None
         self._has_new_odometry = False
-        self._corridor: HalfSpaces | None = None
+        self._corridor: NDArray[Any] | None = None
         course = _course(self.config)
         self._gates = [] if course is None else [gate.corners() for gate in course.once().values()]
 

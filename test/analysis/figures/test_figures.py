@@ -134,7 +134,7 @@ def test_obstacles_are_drawn_with_the_distance_to_them(circling: Flight, tmp_pat
     assert fraction_of(paths[-2], style.FLOWN) > 1e-3
     # On a circle of 1 m about the pillar, 0.7 m from its surface.
     (panel, *_) = clearance_panels(among)
-    assert panel.curve("flown").values == pytest.approx(0.7 - among.mpc.radius, abs=1e-3)
+    assert panel.curves[-1].values == pytest.approx(0.7 - among.mpc.radius, abs=1e-3)
     assert clearance_panels(circling) == []
 
 
@@ -143,9 +143,9 @@ class TestAttitude:
         """Once round, the same attitude is reached as the negative of the quaternion."""
         w, *_, z = attitude_panels(circling)
         turned = np.linspace(0.0, np.pi, 300)
-        assert w.curve("flown").values == pytest.approx(np.cos(turned))
-        assert z.curve("flown").values == pytest.approx(np.sin(turned))
-        assert np.all(w.curve("reference").values == 1.0)
+        assert w.curves[-1].values == pytest.approx(np.cos(turned))
+        assert z.curves[-1].values == pytest.approx(np.sin(turned))
+        assert np.all(w.curves[0].values == 1.0)
 
     def test_continues_the_sign_of_a_source_with_positive_w(
         self, make_flight: FlightMaker, circling: Flight
@@ -153,20 +153,20 @@ class TestAttitude:
         q = circling.q_WB_xyzw * np.where(circling.q_WB_xyzw[:, 3:] < 0.0, -1.0, 1.0)
         assert np.abs(np.diff(q, axis=0)).max() > 1.9  # the jump that is no motion
         panels = attitude_panels(make_flight(300, q_WB_xyzw=q))
-        flown = [panel.curve("flown").values for panel in panels]
+        flown = [panel.curves[-1].values for panel in panels]
         assert max(np.abs(np.diff(values)).max() for values in flown) < 0.02
         assert flown[0][-1] == pytest.approx(-1.0)
 
 
 def test_inputs_are_held_within_the_bounds_of_the_controller(circling: Flight) -> None:
     panels = input_panels(circling)
-    assert all(panel.curve("commanded").held for panel in panels)
+    assert all(panel.curves[-1].held for panel in panels)
     assert [panel.bounds for panel in panels] == [
         (0.0, 1.0),
         *((-limit * np.pi, limit * np.pi) for limit in (6.0, 6.0, 3.0)),
     ]
-    assert panels[3].curve("commanded").values.tolist() == [2.0] * 300
-    assert not any(panel.curve("flown").held for panel in velocity_panels(circling))
+    assert panels[3].curves[-1].values.tolist() == [2.0] * 300
+    assert not any(panel.curves[-1].held for panel in velocity_panels(circling))
 
 
 def test_draws_vehicles_evenly_along_a_path(monkeypatch: pytest.MonkeyPatch) -> None:
