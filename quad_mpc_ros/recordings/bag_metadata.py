@@ -15,7 +15,6 @@ from quad_mpc_ros.recordings.mcap_file import (
     METADATA_FILE,
     McapFile,
     TimeSpan,
-    TopicInfo,
     topics_in,
     united_span,
 )
@@ -67,7 +66,17 @@ def bag_information(files: Sequence[McapFile] = ()) -> str:
         **_times(united_span(files)),
         "message_count": sum(file.statistics.message_count for file in files),
         "topics_with_message_count": [
-            _topic_information(name, topic) for name, topic in topics_in(files).items()
+            {
+                "topic_metadata": {
+                    "name": name,
+                    "type": topic.type_name,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": qos_entries(parse_qos_text(topic.qos_profiles)),
+                    "type_description_hash": topic.type_hash,
+                },
+                "message_count": topic.message_count,
+            }
+            for name, topic in topics_in(files).items()
         ],
         "compression_format": "",  # of rosbag2; that of MCAP's chunks is in the files
         "compression_mode": "",
@@ -91,17 +100,4 @@ def _times(span: TimeSpan | None) -> dict[str, object]:
     return {
         "duration": {"nanoseconds": span.duration_ns if span else 0},
         "starting_time": {"nanoseconds_since_epoch": span.start_ns if span else _NEVER_NS},
-    }
-
-
-def _topic_information(name: str, topic: TopicInfo) -> dict[str, object]:
-    return {
-        "topic_metadata": {
-            "name": name,
-            "type": topic.type_name,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": qos_entries(parse_qos_text(topic.qos_profiles)),
-            "type_description_hash": topic.type_hash,
-        },
-        "message_count": topic.message_count,
     }

@@ -105,35 +105,27 @@ def _configured(configuration: type[C], given: Mapping[str, Any], node: Node) ->
     arguments of the process; otherwise all other parameters count as given by name.
     """
     arguments = command_line_parameters()
-    if arguments is None:
-        own = {name: value for name, value in given.items() if not describes_vehicle(name)}
-        return _built(configuration, given, own)
-    by_name = arguments.of(node.get_name(), node.get_namespace())
+    by_name = {} if arguments is None else arguments.of(node.get_name(), node.get_namespace())
     known = {spec.name for spec in configuration.chosen_by(given).specs()}
-    for name in filterfalse(describes_vehicle, given.keys() - known - by_name.keys()):
-        # Other names may belong to nodes of other packages and are ignored.
-        if meant := meant_instead_of(name, sorted(known - given.keys())):
-            raise UserError(
-                f"{arguments.file_of(name) or '-p'}: given {name}, expected a parameter of "
-                f"{configuration.owner} or of another node (did you mean {meant}?)"
-            )
+    if arguments is not None:
+        for name in filterfalse(describes_vehicle, given.keys() - known - by_name.keys()):
+            # Other names may belong to nodes of other packages and are ignored.
+            if meant := meant_instead_of(name, sorted(known - given.keys())):
+                raise UserError(
+                    f"{arguments.file_of(name) or '-p'}: given {name}, expected a parameter of "
+                    f"{configuration.owner} or of another node (did you mean {meant}?)"
+                )
+    common = {name: value for name, value in given.items() if describes_vehicle(name)}
     own = {
         name: value
         for name, value in given.items()
-        if name in by_name or (name in known and not describes_vehicle(name))
+        if name in by_name or (name not in common and (arguments is None or name in known))
     }
     try:
-        return _built(configuration, given, own)
+        return configuration.build({**configuration.share(common, own), **own})
     except ConfigurationError as error:
-        file = arguments.file_of(error.name.partition(".")[2])
-        raise UserError(f"{file}: {error}") if file is not None else error from error
-
-
-def _built(configuration: type[C], given: Mapping[str, Any], own: Mapping[str, Any]) -> C:
-    common = {
-        name: value for name, value in given.items() if name not in own and describes_vehicle(name)
-    }
-    return configuration.build({**configuration.share(common, own), **own})
+        file = arguments and arguments.file_of(error.name.partition(".")[2])
+        raise UserError(f"{file}: {error}") if file else error from error
 
 
 class ManagedParameters(Generic[C]):
