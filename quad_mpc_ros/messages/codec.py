@@ -2,26 +2,12 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping
 from typing import Any
 
 from rosbags import typesys
-from rosbags.serde import SerdeError
 
 from quad_mpc_ros.configuration import BagError
-
-# What rosbags' generated code lets through for bytes that do not fit the type, and for a type
-# that uses an undefined one.
-_ENCODING_ERRORS = (
-    SerdeError,
-    struct.error,
-    AttributeError,
-    LookupError,
-    OverflowError,
-    TypeError,
-    ValueError,
-)
 
 
 class MessageDecoder:
@@ -50,7 +36,8 @@ class MessageDecoder:
         try:
             # A bytearray makes the arrays of the message writable.
             return self._store.deserialize_cdr(memoryview(bytearray(data)), type_name)
-        except _ENCODING_ERRORS as error:
+        # rosbags' generated code raises anything for bytes that do not fit the type.
+        except Exception as error:
             raise BagError(f"cannot decode a {type_name}: {error}") from error
 
     def _register(self, type_name: str, text: str) -> None:

@@ -7,7 +7,6 @@ import random
 import string
 from typing import Any
 
-import numpy as np
 import pytest
 from fixtures.messages import RECORDED_TYPES, empty, encoded
 from hypothesis import given, settings
@@ -107,20 +106,3 @@ def test_damaged_bytes_decode_or_are_refused(
         DECODER.decode(type_name, bytes(damaged))
     except BagError as error:
         assert "\n" not in str(error)
-
-
-def test_decodes_a_given_type() -> None:
-    decoder = MessageDecoder({"lab_msgs/msg/Gains": "float64[] k\n"})
-    data = b"\x00\x01\x00\x00" + b"\x01\x00\x00\x00" + bytes(4) + np.float64(2.5).tobytes()
-    assert decoder.decode("lab_msgs/msg/Gains", data).k.tolist() == [2.5]
-
-
-@pytest.mark.parametrize(
-    ("type_name", "text"),
-    [("std_msgs/msg/Header", "string frame_id\n"), ("lab_msgs/msg/Gains", "float64[ k\n")],
-)
-def test_refuses_a_definition_that_differs_or_is_broken(type_name: str, text: str) -> None:
-    decoder = MessageDecoder({type_name: text})
-    for _ in range(2):
-        with pytest.raises(BagError, match=f"schema of {type_name}"):
-            decoder.decode(type_name, b"")

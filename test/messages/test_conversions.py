@@ -15,31 +15,6 @@ from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.ros.messages import new_message
 
 
-def test_odometry_fields() -> None:
-    message = new_message("nav_msgs/msg/Odometry")
-    odometry = OdometrySample(
-        stamp_ns=12_000_000_345,
-        p_WB=np.array([1.0, 2.0, 3.0]),
-        q_WB_xyzw=np.array([0.1, 0.2, 0.3, 0.9]),
-        v_WB_B=np.array([4.0, 5.0, 6.0]),
-        w_WB_B=np.array([7.0, 8.0, 9.0]),
-        frame_id="map",
-        child_frame_id="uav",
-    )
-
-    conversions.fill_odometry(message, odometry)
-
-    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (12, 345)
-    assert (message.header.frame_id, message.child_frame_id) == ("map", "uav")
-    pose, twist = message.pose.pose, message.twist.twist
-    assert (pose.position.x, pose.position.y, pose.position.z) == (1.0, 2.0, 3.0)
-    q = pose.orientation
-    assert (q.x, q.y, q.z, q.w) == (0.1, 0.2, 0.3, 0.9)
-    assert (twist.linear.x, twist.linear.y, twist.linear.z) == (4.0, 5.0, 6.0)
-    assert (twist.angular.x, twist.angular.y, twist.angular.z) == (7.0, 8.0, 9.0)
-    _assert_same(conversions.odometry_from_message(message), odometry)
-
-
 def test_velocity_variance_survives_the_message() -> None:
     message = new_message("nav_msgs/msg/Odometry")
     sample = dataclasses.replace(OdometrySample.at_rest([0.0, 0.0, 1.0]), v_variance=0.1)

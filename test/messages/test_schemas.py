@@ -64,22 +64,6 @@ def install(prefix: Path, reference: str, text: str) -> None:
     (folder / f"{name}.json").write_text(json.dumps({"type_hashes": hashes}))
 
 
-def test_test_vector_of_rosbag2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """``can_find_msg_deps`` in rosbag2_cpp/test/.../test_local_message_definition_source.cpp."""
-    install(tmp_path, "rosbag2_test_msgdefs/ComplexMsg", "rosbag2_test_msgdefs/BasicMsg b\n")
-    install(tmp_path, "rosbag2_test_msgdefs/BasicMsg", "float32 c\n")
-    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path}")
-    schema = schema_for("rosbag2_test_msgdefs/msg/ComplexMsg")
-    assert schema.text == (
-        "rosbag2_test_msgdefs/BasicMsg b\n"
-        "\n"
-        "================================================================================\n"
-        "MSG: rosbag2_test_msgdefs/BasicMsg\n"
-        "float32 c\n"
-    )
-    assert schema.type_hash == "RIHS01_ComplexMsg"
-
-
 def test_each_dependency_once_depth_first_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

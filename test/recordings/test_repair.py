@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import yaml
 from mcap.reader import make_reader
-from mcap.records import Footer
-from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.highlevel import AnyReader
 
@@ -100,23 +97,6 @@ def test_keeps_every_whole_message_of_a_cut_file(tmp_path: Path, compression: Co
         assert summary.statistics.message_count == len(kept)
         assert (bag / f"{mcap.name}.broken").read_bytes() == content[:length]
     assert kept_counts == {0, 10, 20, 30, 35}
-
-
-def test_a_cut_inside_the_summary_loses_no_message(tmp_path: Path) -> None:
-    """mcap#1474: a copy that is incomplete by its last bytes, with metadata.yaml beside it."""
-    write_clocks(tmp_path / "bag", 35)
-    content = (tmp_path / "bag" / "bag_0.mcap").read_bytes()
-    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as stream:
-        footer = [each for each in StreamReader(stream).records if isinstance(each, Footer)]
-    for length in range(footer[0].summary_start, len(content), 67):
-        bag = shutil.copytree(tmp_path / "bag", tmp_path / f"cut{length}")
-        (bag / "bag_0.mcap").write_bytes(content[:length])
-        with pytest.raises(
-            BagError, match=f"is unfinished; complete it: quad_mpc bag repair {bag}"
-        ):
-            BagReader(bag)
-        repair(bag)
-        assert numbers(bag) == list(range(35))
 
 
 def test_leaves_a_complete_bag_unchanged(flight_bag: Path) -> None:

@@ -357,13 +357,6 @@ def test_reports_a_file_without_a_section_for_the_node(tmp_path: Path) -> None:
     assert given.unread_files(["/uav1/mpc", "/planner"]) == []
 
 
-@pytest.mark.parametrize("node", ["mpc", "simulator", "recorder", "visualisation", "px4_bridge"])
-def test_launch_parameter_file_applies_to_every_node(node: str) -> None:
-    path = str(files.presets()["default"])
-    given = read_arguments(["--ros-args", "--params-file", path], several=False)
-    assert given.unread_files([f"/uav1/{node}"]) == []
-
-
 def test_vehicle_file_applies_to_every_node(tmp_path: Path) -> None:
     vehicle = {"mass": 0.5, "omega_max": [8.0, 8.0, 4.0], "throttle_max": 0.9, "drag": 0.3}
     path = written(

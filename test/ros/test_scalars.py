@@ -88,15 +88,6 @@ def test_assignments_have_the_types_of_ros_overrides(word: str) -> None:
     assert alike(values["mpc"]["x"], to_ros("-p", f"x:={word}"))
 
 
-def test_numbers_without_a_dot_are_numbers_for_the_command_line(tmp_path: Path) -> None:
-    file = tmp_path / "vehicle.yaml"
-    file.write_text("/**: {ros__parameters: {mass: 4e-1, omega_max: [1e1, 1e1, 5.0]}}\n")
-    loaded = files.load([str(file)], ["mpc.Q=[1e1,1,1,1,1,1,5e-2,0,0]"], schema=SCHEMA)["mpc"]
-    assert loaded.flattened()["mass"] == 0.4
-    assert loaded.flattened()["omega_max"] == (10.0, 10.0, 5.0)
-    assert loaded.flattened()["Q"][6] == 0.05
-
-
 def test_names_are_always_text(tmp_path: Path) -> None:
     file = tmp_path / "names.yaml"
     file.write_text("mpc: {ros__parameters: {x: 1, y: 2, on: {1e3: 3}}}\n")
