@@ -18,6 +18,7 @@ from quad_mpc_ros.recordings.reader import RecordedMessage
 T = TypeVar("T")
 
 _S = 1_000_000_000
+_READ_AHEAD_MESSAGES = 1000
 
 
 class PlaybackTimeline:
@@ -53,7 +54,10 @@ class PlaybackTimeline:
 
 
 class Playback:
-    """Publishes messages when due, and the recorded time at regular intervals. Never waits."""
+    """Publishes messages when due, and the recorded time at regular intervals.
+
+    Only waits for messages that are still being read; :meth:`close` ends reading.
+    """
 
     def __init__(
         self,
@@ -65,8 +69,9 @@ class Playback:
         clock_rate: float,
     ) -> None:
         """``publish_clock`` gets the recorded time at ``clock_rate`` [Hz]; 0 disables it."""
-        self._messages = messages
-        self._next = next(messages, None)
+        self._messages = read_ahead(messages, depth=_READ_AHEAD_MESSAGES)
+        self.close = self._messages.close
+        self._next = next(self._messages, None)
         self.timeline = timeline
         self._publish = publish
         self._publish_clock = publish_clock
@@ -139,6 +144,7 @@ class PlaybackThread:
             self._changed.notify()
         if self._thread.is_alive():
             self._thread.join()
+        self._playback.close()
 
     def _run(self) -> None:
         problem: Exception | None = None

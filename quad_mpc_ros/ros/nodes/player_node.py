@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import sys
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,19 +21,13 @@ from quad_mpc_ros.messages.topics import CLOCK
 from quad_mpc_ros.recordings.config import PlayerConfig
 from quad_mpc_ros.recordings.qos import parse_qos_text
 from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
-from quad_mpc_ros.recordings.replay.playback import (
-    Playback,
-    PlaybackThread,
-    PlaybackTimeline,
-    read_ahead,
-)
+from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackThread, PlaybackTimeline
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
 from quad_mpc_ros.ros.nodes.bag_qos import playback_profile
 from quad_mpc_ros.ros.nodes.played_topics import played_topics
 from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run, stop
 
-_READ_AHEAD_MESSAGES = 1000
 _ACKNOWLEDGE_TIMEOUT = Duration(seconds=2)
 _PROGRESS_PERIOD = 0.5
 # Reading ahead must not delay a due message: Python's default of 5 ms is a quarter of a period
@@ -47,7 +41,6 @@ class PlayerNode(ReportingNode[PlayerConfig]):
 
     def __init__(self) -> None:
         self._thread: PlaybackThread | None = None
-        self._read_ahead: Generator[RecordedMessage, None, None] | None = None
         super().__init__("player", PlayerConfig)
         try:
             self._prepare()
@@ -74,9 +67,6 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         }
         self._clock_output = self._clock_publisher()
         self._clock_message = new_message(CLOCK.type_name)
-        self._read_ahead = read_ahead(
-            reader.messages(topics, from_ns=self._start_ns), depth=_READ_AHEAD_MESSAGES
-        )
         timeline = PlaybackTimeline(
             recorded_ns=self._start_ns,
             steady_ns=time.monotonic_ns() + round(config.delay * _NS_PER_S),
@@ -84,15 +74,15 @@ class PlayerNode(ReportingNode[PlayerConfig]):
             paused=config.paused,
         )
         self._playback = Playback(
-            self._read_ahead,
+            reader.messages(topics, from_ns=self._start_ns),
             timeline=timeline,
             publish=self._publish,
             publish_clock=self._publish_clock,
             clock_rate=config.clock_rate,
         )
+        self._thread = PlaybackThread(self._playback, at_end=self._at_end)
         if self._playback.finished:
             raise BagError(f"{config.bag}: no message after {config.start:g} s on these topics")
-        self._thread = PlaybackThread(self._playback, at_end=self._at_end)
         for name, paused in (("pause", True), ("resume", False)):
             serve = functools.partial(self._set_paused, paused)
             self.create_service(Trigger, f"~/{name}", serve)
@@ -114,8 +104,6 @@ class PlayerNode(ReportingNode[PlayerConfig]):
     def _end_threads(self) -> None:
         if self._thread is not None:
             self._thread.stop()
-        if self._read_ahead is not None:
-            self._read_ahead.close()
 
     def _clock_publisher(self) -> Publisher | None:
         if not self.config.clock_rate:

@@ -7,7 +7,6 @@ import functools
 import sys
 from typing import Any
 
-from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 
 from quad_mpc_ros.configuration import optional_part
@@ -44,7 +43,7 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         self._command: CommandSample | None = None
         self._plan: Any = None
         self._has_new_odometry = False
-        self._corridor: NDArray[Any] | None = None
+        self._corridor: Any = None
         course = _course(self.config)
         self._gates = [] if course is None else [gate.corners() for gate in course.once().values()]
 
