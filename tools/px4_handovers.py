@@ -35,7 +35,7 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.reference_window import sample
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.messages.topics import ENGAGED, ODOMETRY, REFERENCE
-from quad_mpc_ros.ros.bridges.line import Line
+from quad_mpc_ros.ros.bridges.line import line_to
 from quad_mpc_ros.ros.bridges.mavlink import codec
 from quad_mpc_ros.ros.messages import message_class, odometry_in, qos_of, reference_in
 from quad_mpc_ros.ros.spin import fastest_executor
@@ -62,7 +62,7 @@ class Station:
     """A ground station: the state of PX4, and the commands of a pilot."""
 
     def __init__(self, device: str) -> None:
-        self._line = Line(device=device, baud=0).open()
+        self._line = line_to(device, 0)
         self._codec = codec.Codec(system=255)
         self._requested = 0.0
         self.system, self.mode, self.armed = 0, (0, 0), False

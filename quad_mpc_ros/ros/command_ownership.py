@@ -27,7 +27,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from quad_mpc_ros.messages.topics import DIAGNOSTICS
-from quad_mpc_ros.ros.messages import decoded
+from quad_mpc_ros.ros.messages import message_in
 
 _TOPIC, _INSTANCE, _SINCE = "commands.topic", "commands.instance", "commands.since_ns"
 _CLAIM, _GRANTED = "commands.claim", "commands.granted"
@@ -134,7 +134,7 @@ class CommandOwnership:
             self.note_message()
         if _TOPIC_MARK not in data or self._publisher is None:
             return ""
-        for status in decoded(DIAGNOSTICS, data).status:
+        for status in message_in(DIAGNOSTICS, data).status:
             values = {entry.key: entry.value for entry in status.values}
             instance, since = values.get(_INSTANCE, self._instance), values.get(_SINCE, "")
             if values.get(_TOPIC) != self._publisher.topic_name or instance == self._instance:

@@ -56,19 +56,22 @@ class _Endpoint(NamedTuple):
             return int(self.entity.get_subscription_count())
         return int(self.entity.get_publisher_count())
 
-    def known_peer_count(self, node: Node) -> int:
-        """Return the number of peers in the graph, matched or not."""
-        if isinstance(self.entity, Publisher):
-            return int(node.count_subscribers(self.entity.topic_name))
-        return int(node.count_publishers(self.entity.topic_name))
-
     def known_peers(self, node: Node) -> list[TopicEndpointInfo]:
         """Return the peers in the graph, matched or not."""
         if isinstance(self.entity, Publisher):
             return list(node.get_subscriptions_info_by_topic(self.entity.topic_name))
         return list(node.get_publishers_info_by_topic(self.entity.topic_name))
 
-    def mismatch_with(self, peer: TopicEndpointInfo) -> str:
+    def mismatches(self, node: Node) -> list[str]:
+        """Return the reasons why known peers cannot be matched, each once."""
+        name = self.entity.topic_name
+        publishes = isinstance(self.entity, Publisher)
+        known = node.count_subscribers(name) if publishes else node.count_publishers(name)
+        if self.peer_count() >= known:  # as usual: the list of peers takes longer
+            return []
+        return sorted({why for peer in self.known_peers(node) if (why := self.mismatch(peer))})
+
+    def mismatch(self, peer: TopicEndpointInfo) -> str:
         """Return the reason why a peer cannot be matched, or an empty string."""
         publishes = isinstance(self.entity, Publisher)
         node = f"{peer.node_namespace.rstrip('/')}/{peer.node_name}"
@@ -95,7 +98,6 @@ class HealthReporter:
         self._endpoints: dict[str, _Endpoint] = {}
         self._reported_peers: list[tuple[str, str]] = []
         self._reported_s = 0.0
-        self._unmatched: set[str] = set()
         self._mismatches: list[str] = []
         self._logged: set[str] = set()
         self.vehicle: Mapping[str, Any] = {}
@@ -169,7 +171,7 @@ class HealthReporter:
 
     def duplicate_publishers(self) -> str:
         """Return the topics with duplicate publishers, or an empty string."""
-        duplicate_publishers = [
+        found = [
             f"{count} publishers on {name}"
             for name, endpoint in sorted(self._endpoints.items())
             if isinstance(endpoint.entity, Subscription)
@@ -177,7 +179,7 @@ class HealthReporter:
             and endpoint.topic.single_source
             and (count := endpoint.peer_count()) > 1
         ]
-        return f"{', '.join(duplicate_publishers)}, expected one" if duplicate_publishers else ""
+        return f"{', '.join(found)}, expected one" if found else ""
 
     def publishers_of(self, topic: Topic) -> str:
         """Return a text with the publishers of a subscribed topic and their incompatibilities."""
@@ -185,7 +187,7 @@ class HealthReporter:
         name, found = str(endpoint.entity.topic_name), endpoint.known_peers(self._node)
         if not found:
             return f"no publisher on {name}"
-        mismatches = [why for each in found if (why := endpoint.mismatch_with(each))]
+        mismatches = [why for each in found if (why := endpoint.mismatch(each))]
         count = f"{len(found)} publisher{'s' if len(found) > 1 else ''} on {name}"
         if mismatches:
             return f"{count}, not received: {'; '.join(mismatches)}"
@@ -194,9 +196,7 @@ class HealthReporter:
     def _with_faults(self, health: Health) -> Health:
         """Return the health with duplicate publishers, different vehicles, incompatible peers."""
         vehicles = self.watch.fault() if self.watch is not None else ""
-        faults = [
-            each for each in (self.duplicate_publishers(), vehicles, *self._mismatches) if each
-        ]
+        faults = list(filter(None, (self.duplicate_publishers(), vehicles, *self._mismatches)))
         if not faults:
             return health
         text = "; ".join([*faults, health.text])
@@ -220,28 +220,16 @@ class HealthReporter:
             self.report()
 
     def _find_mismatches(self) -> None:
-        """Find peers that are not matched after a period; log each once."""
-        unmatched = {
-            name
-            for name, endpoint in self._endpoints.items()
-            if endpoint.peer_count() < endpoint.known_peer_count(self._node)
-        }
+        """Find peers that cannot be matched; log each once."""
         self._mismatches = [
-            f"{name}: {mismatch_with}; messages are not delivered"
-            for name in sorted(unmatched & self._unmatched)
-            for mismatch_with in self._mismatches_of(name)
+            f"{name}: {why}; messages are not delivered"
+            for name, endpoint in sorted(self._endpoints.items())
+            for why in endpoint.mismatches(self._node)
         ]
         for mismatch in self._mismatches:
             if mismatch not in self._logged:
                 self._logged.add(mismatch)
                 self._node.get_logger().warning(mismatch)
-        self._unmatched = unmatched
-
-    def _mismatches_of(self, name: str) -> list[str]:
-        """Return the incompatibilities of an endpoint's peers, each kind once."""
-        endpoint = self._endpoints[name]
-        peers = endpoint.known_peers(self._node)
-        return sorted({why for peer in peers if (why := endpoint.mismatch_with(peer))})
 
 
 class ReportingNode(ParameterNode, Generic[C]):

@@ -30,15 +30,10 @@ def new_message(type_name: str) -> Any:
     return message_class(type_name)()
 
 
-def decoded(topic: Topic, data: bytes) -> Any:
-    """Return the message of a topic that was received raw."""
-    return deserialize_message(data, message_class(topic.type_name))
-
-
 def odometry_in(data: bytes) -> OdometrySample:
     """Return an odometry that was received raw.
 
-    Raises :class:`UnreadableError` for invalid bytes.
+    Raises ``ValueError`` for invalid bytes.
     """
     found = cdr.read_odometry(data)
     return found or conversions.odometry_from_message(message_in(ODOMETRY, data))
@@ -47,8 +42,7 @@ def odometry_in(data: bytes) -> OdometrySample:
 def imu_in(data: bytes) -> ImuSample:
     """Return the sample of an IMU message that was received raw.
 
-    Raises :class:`UnreadableError` for other bytes, ``ValueError`` for a message without
-    acceleration.
+    Raises ``ValueError`` for invalid bytes and for a message without acceleration.
     """
     return conversions.imu_from_message(message_in(IMU, data))
 
@@ -56,25 +50,21 @@ def imu_in(data: bytes) -> ImuSample:
 def reference_in(data: bytes) -> ReferenceWindow:
     """Return a reference that was received raw.
 
-    Raises :class:`UnreadableError` for other bytes, ``ValueError`` for a point without transform.
+    Raises ``ValueError`` for invalid bytes and for a point without transform.
     """
     found = cdr.read_reference(data)
     return found or conversions.reference_from_message(message_in(REFERENCE, data))
 
 
-class UnreadableError(ValueError):
-    """Bytes that are not a message of the expected type."""
-
-
 def message_in(topic: Topic, data: bytes) -> Any:
     """Return the message of a topic that was received raw.
 
-    Raises :class:`UnreadableError` for invalid bytes.
+    Raises ``ValueError`` for invalid bytes.
     """
     try:
-        return decoded(topic, data)
+        return deserialize_message(data, message_class(topic.type_name))
     except Exception as error:  # rclpy raises various types
-        raise UnreadableError(f"{topic.name}: not a valid {topic.type_name}: {error}") from error
+        raise ValueError(f"{topic.name}: not a valid {topic.type_name}: {error}") from error
 
 
 def qos_of(topic: Topic) -> QoSProfile:

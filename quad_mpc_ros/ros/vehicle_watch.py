@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from quad_mpc_ros.configuration.vehicle import disagreements
 from quad_mpc_ros.messages.topics import DIAGNOSTICS
-from quad_mpc_ros.ros.messages import decoded
+from quad_mpc_ros.ros.messages import message_in
 from quad_mpc_ros.ros.preflight.finding import Finding
 from quad_mpc_ros.ros.preflight.vehicles import carried_differently
 
@@ -33,7 +33,7 @@ class VehicleWatch:
         """Process a raw message of ``/diagnostics``; log new differences."""
         if _VEHICLE_MARK not in data:  # other nodes report there, too
             return
-        for status in decoded(DIAGNOSTICS, data).status:
+        for status in message_in(DIAGNOSTICS, data).status:
             namespace, _, name = status.name.rpartition("/")
             if (namespace or "/") != self._node.get_namespace() or name == self._node.get_name():
                 continue

@@ -47,7 +47,7 @@ from quad_mpc_ros.ros.bridges.handover import (
     HandoverState,
     Stack,
 )
-from quad_mpc_ros.ros.bridges.line import LineFactory
+from quad_mpc_ros.ros.bridges.line import ReconnectingLine
 from quad_mpc_ros.ros.bridges.odometry import OdometryStamps
 from quad_mpc_ros.ros.bridges.thrust import ThrustMap
 
@@ -138,7 +138,7 @@ class Bridge(ABC):
     pilot_switches_mode: bool = False
     """Whether a pilot switches the stack to setpoints, so that the switch has no timeout."""
 
-    line: LineFactory | None = None
+    line: ReconnectingLine | None = None
     """The line to the stack, None for a stack with topics."""
 
     subscriptions: Sequence[Subscription]

@@ -12,8 +12,7 @@ import math
 import socket
 import time
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 RECONNECT_PERIOD = 1.0  # s
 NETWORK_PREFIXES = "udpin:", "udpout:", "tcp:"
@@ -31,33 +30,21 @@ def address_of(device: str) -> tuple[str, int] | None:
     return parts[1], int(parts[2])
 
 
-@dataclass(frozen=True, kw_only=True)
-class Line:
-    """A line to the stack: a serial port, or ``udpin:HOST:PORT`` and the like."""
-
-    device: str
-    baud: int
-    period: float = 0.005
-    """Time between two reads [s]."""
-
-    def open(self) -> ReconnectingLine:
-        """Return the line; it connects when it is first read."""
-        return NetworkLine(self) if self.device.startswith(NETWORK_PREFIXES) else SerialLine(self)
-
-
-class LineFactory(Protocol):
-    """Description of a line: a :class:`Line` or another kind of line."""
-
-    @property
-    def period(self) -> float:
-        """Time between two reads [s]."""
-
-    def open(self) -> ReconnectingLine:
-        """Return the line; it connects when it is first read."""
+def line_to(device: str, baud: int) -> ReconnectingLine:
+    """Return the line to a serial port, or to ``udpin:HOST:PORT`` and the like."""
+    if device.startswith(NETWORK_PREFIXES):
+        return NetworkLine(device)
+    return SerialLine(device, baud)
 
 
 class ReconnectingLine(ABC):
-    """A line that reads and writes without blocking; ``fault`` is the reason if it cannot."""
+    """A line that reads and writes without blocking; ``fault`` is the reason if it cannot.
+
+    The line connects when it is first read.
+    """
+
+    period = 0.005
+    """Time between two reads [s]."""
 
     def __init__(self, name: str) -> None:
         self.fault = ""
@@ -103,10 +90,10 @@ class ReconnectingLine(ABC):
 class SerialLine(ReconnectingLine):
     """A serial port."""
 
-    def __init__(self, line: Line) -> None:
-        super().__init__(line.device)
-        self._serial = importlib.import_module("serial")
-        self._line = line
+    def __init__(self, device: str, baud: int) -> None:
+        super().__init__(device)
+        self._baud = baud
+        self._serial: Any = None
         self._port: Any = None
 
     def read(self) -> bytes:
@@ -137,21 +124,22 @@ class SerialLine(ReconnectingLine):
             self._port = None
 
     def _open(self) -> None:
+        self._serial = importlib.import_module("serial")
         self._port = self._serial.Serial(
-            self._line.device, self._line.baud, timeout=0, write_timeout=0.01, exclusive=True
+            self._name, self._baud, timeout=0, write_timeout=0.01, exclusive=True
         )
 
 
 class NetworkLine(ReconnectingLine):
     """A UDP or TCP connection."""
 
-    def __init__(self, line: Line) -> None:
-        address = address_of(line.device)
+    def __init__(self, device: str) -> None:
+        address = address_of(device)
         if address is None:
-            raise ValueError(f"{line.device}: expected a protocol, a host and a port")
-        super().__init__(line.device)
+            raise ValueError(f"{device}: expected a protocol, a host and a port")
+        super().__init__(device)
         self._address = address
-        self._is_server, self._is_stream = line.device.startswith("udpin:"), line.device[0] == "t"
+        self._is_server, self._is_stream = device.startswith("udpin:"), device[0] == "t"
         self._socket: socket.socket | None = None
         self._caller: tuple[tuple[str, int], float] | None = None  # with its last time
 

@@ -75,7 +75,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             name: self.create_client(message_class(type_name), name)
             for name, type_name in self._bridge.services
         }
-        self._own_findings = thrust_map_findings(self.config)
+        self._own_findings = list(thrust_map_findings(self.config))
         for finding in self._own_findings:
             self.get_logger().warning(finding.text)
         self._vehicles = VehicleWatch(self, self.config.vehicle_values())
@@ -100,10 +100,9 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self._answer_arm, arm.send_response = arm.send_response, self._hold_answer
         self._held_answers: list[tuple[Any, Any]] = []
         create_steady_timer(self, _OUTCOME_PERIOD, self._answer_held)
-        line = self._bridge.line
-        self._line = None if line is None else line.open()
-        if line is not None:
-            create_steady_timer(self, line.period, self._on_line)
+        self._line = self._bridge.line
+        if self._line is not None:
+            create_steady_timer(self, self._line.period, self._on_line)
 
     def destroy_node(self) -> None:
         """Close the line as well."""

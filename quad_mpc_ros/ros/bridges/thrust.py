@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from quad_mpc_ros.control.model.vehicle import inverse_throttle_curve
@@ -76,25 +78,20 @@ class ThrustMap:
         return min(max(throttle, 0.0), 1.0)
 
 
-def thrust_map_findings(bridge: BridgeConfig) -> list[Finding]:
-    """Return a finding if the stack's hover throttle is out of range or near the upper end."""
+def thrust_map_findings(bridge: BridgeConfig) -> Iterator[Finding]:
+    """Yield a finding if the stack's hover throttle is out of range or near the upper end."""
     kind, weight = bridge.thrust_map.kind, bridge.mass * bridge.gravity
     hover = ThrustMap(bridge).stack_throttle(bridge.vehicle().hover_throttle)
     remedy = "check thrust_map against mass and thrust_curve"
     if not 0.0 < hover < 1.0:
-        return [
-            error(
-                f"thrust map ({kind}): given hover throttle {hover:g} for a weight of "
-                f"{weight:.3g} N, expected 0 to 1",
-                remedy,
-            )
-        ]
-    if hover > _MAX_HOVER_THROTTLE:
-        return [
-            warning(
-                f"thrust map ({kind}): hover at the stack's throttle {hover:.2f}, expected "
-                f"{_MAX_HOVER_THROTTLE:g} or less",
-                remedy,
-            )
-        ]
-    return []
+        yield error(
+            f"thrust map ({kind}): given hover throttle {hover:g} for a weight of "
+            f"{weight:.3g} N, expected 0 to 1",
+            remedy,
+        )
+    elif hover > _MAX_HOVER_THROTTLE:
+        yield warning(
+            f"thrust map ({kind}): hover at the stack's throttle {hover:.2f}, expected "
+            f"{_MAX_HOVER_THROTTLE:g} or less",
+            remedy,
+        )

@@ -7,16 +7,9 @@ for. Playing such a bag in lockstep would never end.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 Write = Callable[[int], None]
 """Writes a message with a time of reception [ns]."""
-
-
-class _Held(NamedTuple):
-    published_ns: int
-    received_ns: int
-    write: Write
 
 
 class PublishedOrder:
@@ -26,33 +19,32 @@ class PublishedOrder:
     """
 
     def __init__(self) -> None:
-        self._older: list[_Held] = []
-        self._newer: list[_Held] = []
+        self._held: list[tuple[int, int, Write]] = []  # time of publication, of reception
+        self._due_ns = 0  # newest publication at the last call of write_older
         self._newest_ns = 0  # time of reception of written messages
 
     def add(self, published_ns: int, received_ns: int, write: Write) -> None:
         """Add a message: its time of publication (system clock), and of reception (recording)."""
-        self._newer.append(_Held(published_ns, received_ns, write))
+        self._held.append((published_ns, received_ns, write))
 
     def write_older(self) -> None:
         """Write the messages published before those added since the last call.
 
         Call this periodically: messages late by more than a period stay out of order.
         """
-        newest_ns = max((held.published_ns for held in self._older), default=0)
-        held = self._older + self._newer
-        self._write([each for each in held if each.published_ns <= newest_ns])
-        self._older = [each for each in held if each.published_ns > newest_ns]
-        self._newer = []
+        due = [each for each in self._held if each[0] <= self._due_ns]
+        self._held = [each for each in self._held if each[0] > self._due_ns]
+        self._due_ns = max((each[0] for each in self._held), default=0)
+        self._write(due)
 
     def write_all(self) -> None:
         """Write all held messages."""
-        self._write(self._older + self._newer)
-        self._older, self._newer = [], []
+        held, self._held = self._held, []
+        self._write(held)
 
-    def _write(self, messages: list[_Held]) -> None:
-        received = sorted(each.received_ns for each in messages)
-        messages = sorted(messages, key=lambda each: each.published_ns)
-        for message, received_ns in zip(messages, received, strict=True):
+    def _write(self, messages: list[tuple[int, int, Write]]) -> None:
+        received = sorted(received_ns for _, received_ns, _ in messages)
+        ordered = sorted(messages, key=lambda each: each[0])
+        for (_, _, write), received_ns in zip(ordered, received, strict=True):
             self._newest_ns = max(received_ns, self._newest_ns)
-            message.write(self._newest_ns)
+            write(self._newest_ns)

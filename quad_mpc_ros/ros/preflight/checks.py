@@ -6,7 +6,7 @@ does not apply.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from quad_mpc_ros.configuration.vehicle import describes_vehicle
 from quad_mpc_ros.messages.diagnostics import ERROR, OK
@@ -17,6 +17,7 @@ from quad_mpc_ros.ros.preflight.facts import (
     REFERENCE_NODE,
     SIMULATOR_NODE,
     Facts,
+    NodeFacts,
 )
 from quad_mpc_ros.ros.preflight.finding import Finding, error, ok, unknown, warning
 from quad_mpc_ros.ros.preflight.odometry import (
@@ -43,72 +44,54 @@ def findings(facts: Facts) -> list[tuple[str, Finding]]:
 
 def nodes(facts: Facts) -> list[Finding]:
     """Check that the nodes run, once each, and are active."""
-    found = [
-        error(f"{node.count} nodes are called {name}", "stop all but one, or use namespaces")
-        for name, node in facts.nodes.items()
-        if node.count > 1
-    ]
-    found += [
-        error(
-            f"{name}: {node.fault}",
-            "read the log of the node: it might be compiling, or run another release",
-        )
-        for name, node in facts.nodes.items()
-        if node.fault
-    ]
-    found += [*_missing(facts), *_inactive(facts)]
-    found += [
-        (error if node.level >= ERROR else warning)(
-            f"{name}: {node.health}", "look up the message in docs/reference/diagnostics.md"
-        )
-        for name, node in facts.nodes.items()
-        if name in (MPC_NODE, REFERENCE_NODE, SIMULATOR_NODE)
-        and node.state in ("", "active")
-        and node.level > OK
-    ]
+    found = list(_missing(facts))
+    for name, node in facts.nodes.items():
+        found += _faults(name, node)
     if found:
         return found
     return [ok(", ".join(f"{name} {node.state}".strip() for name, node in facts.nodes.items()))]
 
 
-def _missing(facts: Facts) -> list[Finding]:
-    found = []
-    if MPC_NODE not in facts.nodes:
-        found.append(
-            error(
-                "no mpc node in this namespace",
-                "start it; compare --namespace, ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE",
-            )
+def _faults(name: str, node: NodeFacts) -> Iterator[Finding]:
+    """Yield the problems of a running node."""
+    if node.count > 1:
+        yield error(f"{node.count} nodes are called {name}", "stop all but one, or use namespaces")
+    if node.fault:
+        yield error(
+            f"{name}: {node.fault}",
+            "read the log of the node: it might be compiling, or run another release",
         )
-    if REFERENCE_NODE not in facts.nodes and not facts.peers(MPC_NODE, REFERENCE.name):
-        found.append(error("no reference node", "start it, or publish reference yourself"))
-    bridges = facts.bridges
-    if facts.bridge not in (_ANY_BRIDGE, _NO_BRIDGE) and facts.bridge not in bridges:
-        there = f", there is {', '.join(bridges)}" if bridges else ""
-        found.append(error(f"{facts.bridge} does not run{there}", "start it, or change --bridge"))
-    if facts.bridge == _NO_BRIDGE and bridges:
-        found.append(
-            error(f"{', '.join(bridges)} runs, expected no bridge", "stop it, or omit --bridge")
-        )
-    if facts.bridge == _ANY_BRIDGE and not bridges and SIMULATOR_NODE not in facts.nodes:
-        found.append(
-            warning(
-                "neither a bridge nor a simulator runs",
-                "start one, or use --bridge none if your autopilot subscribes to the commands",
-            )
-        )
-    return found
-
-
-def _inactive(facts: Facts) -> list[Finding]:
-    return [
-        error(
+    if name in (MPC_NODE, REFERENCE_NODE) and node.state != "active":
+        yield error(
             f"{name} is not active: {node.health or 'it has not reported its health'}",
             "fix the reason; docs/reference/lifecycle.md explains manual activation",
         )
-        for name, node in facts.nodes.items()
-        if name in (MPC_NODE, REFERENCE_NODE) and node.state != "active"
-    ]
+    elif name in (MPC_NODE, REFERENCE_NODE, SIMULATOR_NODE) and node.level > OK:
+        judged = error if node.level >= ERROR else warning
+        yield judged(
+            f"{name}: {node.health}", "look up the message in docs/reference/diagnostics.md"
+        )
+
+
+def _missing(facts: Facts) -> Iterator[Finding]:
+    if MPC_NODE not in facts.nodes:
+        yield error(
+            "no mpc node in this namespace",
+            "start it; compare --namespace, ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE",
+        )
+    if REFERENCE_NODE not in facts.nodes and not facts.peers(MPC_NODE, REFERENCE.name):
+        yield error("no reference node", "start it, or publish reference yourself")
+    bridges = facts.bridges
+    if facts.bridge not in (_ANY_BRIDGE, _NO_BRIDGE) and facts.bridge not in bridges:
+        there = f", there is {', '.join(bridges)}" if bridges else ""
+        yield error(f"{facts.bridge} does not run{there}", "start it, or change --bridge")
+    if facts.bridge == _NO_BRIDGE and bridges:
+        yield error(f"{', '.join(bridges)} runs, expected no bridge", "stop it, or omit --bridge")
+    if facts.bridge == _ANY_BRIDGE and not bridges and SIMULATOR_NODE not in facts.nodes:
+        yield warning(
+            "neither a bridge nor a simulator runs",
+            "start one, or use --bridge none if your autopilot subscribes to the commands",
+        )
 
 
 def vehicles(facts: Facts) -> list[Finding]:
@@ -135,17 +118,15 @@ def file(facts: Facts) -> list[Finding]:
         compared.append(name)
         held = node.config.flattened()
         wanted = type(node.config).build({**held, **stated}).flattened()
-        for parameter in stated:
-            if held[parameter] == wanted[parameter]:
-                continue
-            judged = error if describes_vehicle(parameter) else warning
-            found.append(
-                judged(
-                    f"{name} has {parameter} {_shown(held[parameter])}, the file "
-                    f"{_shown(wanted[parameter])}",
-                    f"start {name} with the file",
-                )
+        found += [
+            (error if describes_vehicle(parameter) else warning)(
+                f"{name} has {parameter} {_shown(held[parameter])}, the file "
+                f"{_shown(wanted[parameter])}",
+                f"start {name} with the file",
             )
+            for parameter in stated
+            if held[parameter] != wanted[parameter]
+        ]
     if not compared:
         return [unknown("no running node has parameters of the file")]
     return found or [ok(f"{', '.join(compared)} match the file")]
@@ -156,7 +137,7 @@ def throttle(facts: Facts) -> list[Finding]:
     mpc = facts.mpc
     if mpc is None:
         return [_NO_MPC]
-    found = throttle_findings(mpc)
+    found = list(throttle_findings(mpc))
     for config in facts.bridge_configs.values():
         found += thrust_map_findings(config)
     hover = mpc.vehicle().hover_throttle
@@ -196,16 +177,11 @@ def stack(facts: Facts) -> list[Finding]:
         return [unknown(f"{name} has not reported its health") for name in facts.bridges]
     found = []
     for name, node in reported.items():
-        fault = node.values.get(STACK_FAULT_KEY, "")
-        if fault:
+        if fault := node.values.get(STACK_FAULT_KEY, ""):
             found.append(error(f"{name}: {fault}", "see its page in docs/howto/stacks"))
         elif node.values.get(LANDED_KEY) == "false":
-            found.append(
-                warning(
-                    f"{name} reports that the vehicle is flying",
-                    "land it: several checks need a vehicle at rest on the ground",
-                )
-            )
+            remedy = "land it: several checks need a vehicle at rest on the ground"
+            found.append(warning(f"{name} reports that the vehicle is flying", remedy))
     return found or [ok(f"{', '.join(reported)}: the stack reports its state")]
 
 
@@ -213,7 +189,7 @@ def lags(facts: Facts) -> list[Finding]:
     """Check that the lags of the vehicle are modelled."""
     if facts.mpc is None or not facts.bridges:
         return []
-    return lag_findings(facts.mpc) or [ok("modelled")]
+    return list(lag_findings(facts.mpc)) or [ok("modelled")]
 
 
 Check = Callable[[Facts], Sequence[Finding]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -44,33 +44,34 @@ def rate_findings(facts: Facts) -> list[Finding]:
         return [error(NOT_ADVANCING, "set header.stamp to the time of each measurement")]
     if mpc is None or (len(arrivals) < _MIN_ODOMETRIES and duration < _MIN_DURATION):
         return [unknown(f"{len(arrivals)} odometries received, too few to measure the rate")]
-    rate, found = len(steps) / duration, []
-    if rate < _MIN_RATE_RATIO * mpc.control_rate:
-        found.append(
-            warning(
-                f"odometry arrives at {rate:.1f} Hz, mpc.control_rate is {mpc.control_rate:g} "
-                "Hz: commands are sent at the lower rate",
-                "increase the rate of the source, or reduce control_rate",
-            )
-        )
-    if max(steps) > mpc.odom_timeout:
-        found.append(
-            warning(
-                f"gap of {max(steps):.2f} s between two odometries, mpc.odom_timeout is "
-                f"{mpc.odom_timeout:g} s",
-                "check the source for delays and the link for lost messages",
-            )
-        )
+    rate = len(steps) / duration
     latencies = [1e-9 * (each.at_ns - each.odometry.stamp_ns) for each in arrivals]
     jitter = max(statistics.pstdev(steps), statistics.pstdev(latencies))
-    if jitter > _MAX_JITTER_RATIO * duration / len(steps):
-        found.append(
-            warning(
-                f"odometry arrives at {rate:.1f} Hz with a jitter of {1e3 * jitter:.0f} ms",
-                "check the load of the computer and the link",
-            )
-        )
+    found = list(_irregularities(mpc, rate, gap=max(steps), jitter=jitter))
     return found or [ok(f"{rate:.1f} Hz, jitter {1e3 * jitter:.1f} ms")]
+
+
+def _irregularities(
+    mpc: MpcConfig, rate: float, *, gap: float, jitter: float
+) -> Iterator[Finding]:
+    """Yield warnings for a low rate [Hz], a long gap [s] and jitter [s]."""
+    if rate < _MIN_RATE_RATIO * mpc.control_rate:
+        yield warning(
+            f"odometry arrives at {rate:.1f} Hz, mpc.control_rate is {mpc.control_rate:g} "
+            "Hz: commands are sent at the lower rate",
+            "increase the rate of the source, or reduce control_rate",
+        )
+    if gap > mpc.odom_timeout:
+        yield warning(
+            f"gap of {gap:.2f} s between two odometries, mpc.odom_timeout is "
+            f"{mpc.odom_timeout:g} s",
+            "check the source for delays and the link for lost messages",
+        )
+    if jitter > _MAX_JITTER_RATIO / rate:
+        yield warning(
+            f"odometry arrives at {rate:.1f} Hz with a jitter of {1e3 * jitter:.0f} ms",
+            "check the load of the computer and the link",
+        )
 
 
 def clock_findings(facts: Facts) -> list[Finding]:
@@ -122,7 +123,7 @@ def motion_findings(facts: Facts) -> list[Finding]:
         return found
     p_WB = np.array([each.odometry.p_WB for each in arrivals])
     if float(np.abs(p_WB - p_WB.mean(axis=0)).max()) < _REST_RADIUS:
-        return _at_rest(mpc, arrivals) or [ok("at rest and level; twist agrees")]
+        return list(_at_rest(mpc, arrivals)) or [ok("at rest and level; twist agrees")]
     samples = [each.odometry for each in arrivals]
     turned = mpc.odometry.twist_frame == "world"
     samples = [with_body_twist(each) if turned else each for each in samples]
@@ -150,8 +151,8 @@ def _refused(mpc: MpcConfig, arrivals: Sequence[Arrival]) -> list[Finding]:
     ]
 
 
-def _at_rest(mpc: MpcConfig, arrivals: Sequence[Arrival]) -> list[Finding]:
-    """Return contradictions in the odometry of a vehicle at rest."""
+def _at_rest(mpc: MpcConfig, arrivals: Sequence[Arrival]) -> Iterator[Finding]:
+    """Yield contradictions in the odometry of a vehicle at rest."""
     samples = [each.odometry for each in arrivals]
     v = np.array([each.v_WB_B for each in samples])
     if mpc.odometry.twist_frame == "child":
@@ -160,26 +161,18 @@ def _at_rest(mpc: MpcConfig, arrivals: Sequence[Arrival]) -> list[Finding]:
     speed = float(np.linalg.norm(v.mean(axis=0)))
     turn = float(np.linalg.norm(np.mean([each.w_WB_B for each in samples], axis=0)))
     tilt = math.acos(min(max(statistics.fmean(each.up for each in samples), -1.0), 1.0))
-    found = []
     if speed > _REST_SPEED:
-        found.append(
-            error(
-                f"the position does not change, but the twist reports {speed:.2f} m/s",
-                "fix the twist",
-            )
+        yield error(
+            f"the position does not change, but the twist reports {speed:.2f} m/s",
+            "fix the twist",
         )
     if turn > _REST_RATE:
-        found.append(
-            error(
-                f"the attitude does not change, but the twist reports {turn:.2f} rad/s",
-                "calibrate the gyroscope, or fix the twist",
-            )
+        yield error(
+            f"the attitude does not change, but the twist reports {turn:.2f} rad/s",
+            "calibrate the gyroscope, or fix the twist",
         )
     if tilt > _REST_TILT:
-        found.append(
-            warning(
-                f"the vehicle rests with a tilt of {tilt:.2f} rad, expected <= {_REST_TILT:g}",
-                "place the vehicle level; if it is level, the frames are not ENU and FLU",
-            )
+        yield warning(
+            f"the vehicle rests with a tilt of {tilt:.2f} rad, expected <= {_REST_TILT:g}",
+            "place the vehicle level; if it is level, the frames are not ENU and FLU",
         )
-    return found

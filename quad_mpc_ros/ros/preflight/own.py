@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 from quad_mpc_ros.configuration import Configuration
@@ -27,83 +28,66 @@ _MIN_FREE_BYTES = 1_000_000_000
 def own_findings(config: Configuration) -> list[Finding]:
     """Return the findings in a node's own parameters."""
     if isinstance(config, MpcConfig):
-        lags = [] if config.lockstep else lag_findings(config)
+        lags = () if config.lockstep else lag_findings(config)
         return [*lags, *throttle_findings(config), *limit_findings(config)]
     if isinstance(config, RecorderConfig):
-        place = bag_place(config)
-        return disk_findings(place, free_bytes(place))
+        return list(_disk_findings(bag_place(config)))
     return []
 
 
-def lag_findings(mpc: MpcConfig) -> list[Finding]:
-    """Return a warning for lags that are not modelled."""
-    if not mpc.unmodelled_lags:
-        return []
-    return [
-        warning(
+def lag_findings(mpc: MpcConfig) -> Iterator[Finding]:
+    """Yield a warning for lags that are not modelled."""
+    if mpc.unmodelled_lags:
+        yield warning(
             f"{', '.join(mpc.unmodelled_lags)} = 0: every real vehicle lags, and a vehicle that "
             "lags more than modelled oscillates",
             "set an estimate, and after a first flight the result of quad_mpc identify",
         )
-    ]
 
 
-def throttle_findings(mpc: MpcConfig) -> list[Finding]:
-    """Return warnings for throttle bounds with little margin around hover."""
+def throttle_findings(mpc: MpcConfig) -> Iterator[Finding]:
+    """Yield warnings for throttle bounds with little margin around hover."""
     weight = mpc.mass * mpc.gravity
     lift, idle = mpc.thrust(mpc.throttle_max) / weight, mpc.thrust(mpc.throttle_min) / weight
     tilt = mpc.limits.tilt_max
-    found = []
     if lift < _MIN_LIFT:
-        found.append(
-            warning(
-                f"at throttle_max {mpc.throttle_max:g} the motors lift {lift:.2f} times the "
-                f"weight, expected {_MIN_LIFT:g} or more",
-                "check mass, motor_count and thrust_curve, or raise throttle_max",
-            )
+        yield warning(
+            f"at throttle_max {mpc.throttle_max:g} the motors lift {lift:.2f} times the "
+            f"weight, expected {_MIN_LIFT:g} or more",
+            "check mass, motor_count and thrust_curve, or raise throttle_max",
         )
     elif mpc.on_manifold and 0.0 < tilt < math.pi and lift * math.cos(tilt) < 1.0:
-        found.append(
-            warning(
-                f"at limits.tilt_max {tilt:g} rad and throttle_max {mpc.throttle_max:g} the "
-                f"motors lift {max(lift * math.cos(tilt), 0.0):.2f} times the weight: the vehicle "
-                "would sink",
-                f"set limits.tilt_max below {math.acos(1.0 / lift):.2f}",
-            )
+        yield warning(
+            f"at limits.tilt_max {tilt:g} rad and throttle_max {mpc.throttle_max:g} the "
+            f"motors lift {max(lift * math.cos(tilt), 0.0):.2f} times the weight: the vehicle "
+            "would sink",
+            f"set limits.tilt_max below {math.acos(1.0 / lift):.2f}",
         )
     if idle > _MAX_IDLE:
-        found.append(
-            warning(
-                f"at throttle_min {mpc.throttle_min:g} the motors still lift {idle:.2f} times the "
-                f"weight, expected {_MAX_IDLE:g} or less: the vehicle hardly descends",
-                "reduce throttle_min",
-            )
+        yield warning(
+            f"at throttle_min {mpc.throttle_min:g} the motors still lift {idle:.2f} times the "
+            f"weight, expected {_MAX_IDLE:g} or less: the vehicle hardly descends",
+            "reduce throttle_min",
         )
-    return found
 
 
-def limit_findings(mpc: MpcConfig) -> list[Finding]:
-    """Return warnings for limits of the plan beyond the envelope."""
+def limit_findings(mpc: MpcConfig) -> Iterator[Finding]:
+    """Yield warnings for limits of the plan beyond the envelope."""
     envelope, limits = mpc.envelope, mpc.limits
     planned = [("omega_max", max(mpc.omega_max), "envelope.rate_max", envelope.rate_max, "rad/s")]
     if mpc.on_manifold:
         # A plan without limit is unlimited; so is a tilt of pi.
         tilt = limits.tilt_max or math.pi
         planned.append(("limits.tilt_max", tilt, "envelope.tilt_max", envelope.tilt_max, "rad"))
-        if limits.speed_max:
-            speed = envelope.speed_max
-            planned.append(
-                ("limits.speed_max", limits.speed_max, "envelope.speed_max", speed, "m/s")
+        speed = envelope.speed_max
+        planned.append(("limits.speed_max", limits.speed_max, "envelope.speed_max", speed, "m/s"))
+    for name, value, bound, most, unit in planned:
+        if value > most:
+            yield warning(
+                f"{name} allows {value:.3g} {unit} in the plan, {bound} is {most:.3g} with action "
+                f"{envelope.action}",
+                f"set {name} below {bound}",
             )
-    return [
-        warning(
-            f"{name} allows {value:.3g} {unit} in the plan, {bound} is {most:.3g} with action "
-            f"{envelope.action}",
-            f"set {name} below {bound}",
-        )
-        for name, value, bound, most, unit in planned
-        if value > most
-    ]
 
 
 def bag_place(recorder: RecorderConfig) -> Path:
@@ -120,14 +104,12 @@ def free_bytes(place: Path) -> int:
         return 0
 
 
-def disk_findings(place: Path, free: int) -> list[Finding]:
-    """Return a warning if the free space [bytes] is low."""
-    if free >= _MIN_FREE_BYTES:
-        return []
-    return [
-        warning(
+def _disk_findings(place: Path) -> Iterator[Finding]:
+    """Yield a warning if the free space is low."""
+    free = free_bytes(place)
+    if free < _MIN_FREE_BYTES:
+        yield warning(
             f"{free / 1e6:.0f} MB free for the bag in {place}, expected "
             f"{_MIN_FREE_BYTES / 1e6:.0f} MB",
             "delete old bags, or set recorder.directory to another disk",
         )
-    ]

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from quad_mpc_ros.control.config import EnvelopeParameters
+from quad_mpc_ros.control.config import EnvelopeParameters, MpcConfig
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.flight_limits import FlightLimits
-from quad_mpc_ros.control.safety.ladder import Action, Breach
+from quad_mpc_ros.control.safety.ladder import Action
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import judged_trajectory
 from quad_mpc_ros.references.point_table import BagReader
@@ -49,30 +49,30 @@ def sample_reference(config: ReferenceConfig, *, read_bag: BagReader) -> Referen
 
 def limits_findings(facts: Facts) -> list[Finding]:
     """Check that the reference's limits are inside the plan's and the envelope's."""
-    mpc, reference = facts.mpc, facts.reference
-    if mpc is None:
+    if facts.mpc is None:
         return [_UNKNOWN]
-    found = limit_findings(mpc)
-    if reference is not None:
-        speed, envelope = reference.max_speed, mpc.envelope
-        if speed > envelope.speed_max:
-            judged = warning if envelope.action == "warn" else error
-            found.append(
-                judged(
-                    f"reference.max_speed is {speed:g} m/s, mpc.envelope.speed_max "
-                    f"{envelope.speed_max:g} with action {envelope.action}",
-                    "reduce max_speed, or increase envelope.speed_max",
-                )
-            )
-        elif 0.0 < mpc.limits.speed_max < speed:
-            found.append(
-                warning(
-                    f"reference.max_speed is {speed:g} m/s, mpc.limits.speed_max "
-                    f"{mpc.limits.speed_max:g}: the MPC falls behind",
-                    "reduce max_speed, or increase limits.speed_max",
-                )
-            )
+    found = [*limit_findings(facts.mpc), *_speed_findings(facts.mpc, facts.reference)]
     return found or [ok("of reference, plan and envelope are consistent")]
+
+
+def _speed_findings(mpc: MpcConfig, reference: ReferenceConfig | None) -> Iterator[Finding]:
+    """Yield an error or a warning if the reference is faster than envelope or plan."""
+    if reference is None:
+        return
+    speed, envelope = reference.max_speed, mpc.envelope
+    if speed > envelope.speed_max:
+        judged = warning if envelope.action == "warn" else error
+        yield judged(
+            f"reference.max_speed is {speed:g} m/s, mpc.envelope.speed_max "
+            f"{envelope.speed_max:g} with action {envelope.action}",
+            "reduce max_speed, or increase envelope.speed_max",
+        )
+    elif 0.0 < mpc.limits.speed_max < speed:
+        yield warning(
+            f"reference.max_speed is {speed:g} m/s, mpc.limits.speed_max "
+            f"{mpc.limits.speed_max:g}: the MPC falls behind",
+            "reduce max_speed, or increase limits.speed_max",
+        )
 
 
 def fence_findings(facts: Facts) -> list[Finding]:
@@ -87,8 +87,9 @@ def fence_findings(facts: Facts) -> list[Finding]:
     found = []
     limits = FlightLimits(mpc)
     for name, samples, remedy in _checked_samples(facts):
-        breach = _worst_breach(limits, samples)
-        if breach is not None:
+        breaches = [each for sample in samples if (each := limits.breach_at(sample)) is not None]
+        if breaches:
+            breach = max(breaches, key=lambda each: each.action)
             judged = warning if breach.action is Action.WARN else error
             found.append(judged(f"{name} would break a limit: {breach.reason}", remedy))
     if facts.reference_samples_error:
@@ -96,40 +97,18 @@ def fence_findings(facts: Facts) -> list[Finding]:
     return found or [ok("vehicle, take-off and reference are inside")]
 
 
-def _checked_samples(facts: Facts) -> list[tuple[str, Sequence[OdometrySample], str]]:
-    """Return the samples that must be inside, each with name and remedy."""
-    places: list[tuple[str, Sequence[OdometrySample], str]] = []
+def _checked_samples(facts: Facts) -> Iterator[tuple[str, Sequence[OdometrySample], str]]:
+    """Yield the samples that must be inside, each with name and remedy."""
     here: Array = np.zeros(3)
     if facts.arrivals:
-        odometry = facts.arrivals[-1].odometry
-        here = odometry.p_WB
-        places.append(
-            ("the vehicle", [_resting(here)], "move the vehicle inside, or change the fence")
-        )
+        here = facts.arrivals[-1].odometry.p_WB
+        remedy = "move the vehicle inside, or change the fence"
+        yield "the vehicle", [OdometrySample.at_rest(here)], remedy
     if facts.reference is not None:
         height = facts.reference.takeoff_height
-        places.append(
-            (
-                f"a take-off to {height:g} m",
-                [_resting(here + np.array([0.0, 0.0, height]))],
-                "lower reference.takeoff_height, or raise fence.maximum",
-            )
-        )
+        above = OdometrySample.at_rest(here + np.array([0.0, 0.0, height]))
+        remedy = "lower reference.takeoff_height, or raise fence.maximum"
+        yield f"a take-off to {height:g} m", [above], remedy
     if facts.reference_samples is not None:
-        places.append(
-            (
-                "the reference",
-                facts.reference_samples,
-                "change the path, or widen fence.* or envelope.*",
-            )
-        )
-    return places
-
-
-def _resting(p_WB: Array) -> OdometrySample:
-    return OdometrySample.at_rest(p_WB)
-
-
-def _worst_breach(limits: FlightLimits, samples: Sequence[OdometrySample]) -> Breach | None:
-    found = [each for sample in samples if (each := limits.breach_at(sample)) is not None]
-    return max(found, key=lambda breach: breach.action, default=None)
+        remedy = "change the path, or widen fence.* or envelope.*"
+        yield "the reference", facts.reference_samples, remedy

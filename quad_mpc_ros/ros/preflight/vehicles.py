@@ -21,12 +21,10 @@ def vehicle_findings(vehicles: Mapping[str, Mapping[str, Any]]) -> list[Finding]
         for name, text in disagreements(vehicles).items()
         if name not in LIFT_PARAMETERS or not graver
     ]
-    found = [*graver]
-    if others:
-        found.append(
-            warning(f"vehicles differ: {'; '.join(others)}", f"{_REMEDY}, unless it is a test")
-        )
-    return found
+    if not others:
+        return graver
+    remedy = f"{_REMEDY}, unless it is a test"
+    return [*graver, warning(f"vehicles differ: {'; '.join(others)}", remedy)]
 
 
 def carried_differently(vehicles: Mapping[str, Mapping[str, Any]]) -> list[Finding]:

@@ -29,7 +29,6 @@ from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, load_config, simulate
 from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes
-from quad_mpc_ros.ros.bridges.line import SerialLine
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 MILLISECOND = 1_000_000
@@ -92,7 +91,7 @@ class Bridged(BetaflightPlant):
         }
         self.bridge = BetaflightBridge(BetaflightBridge.Config.build(given), new_message)
         assert self.bridge.line is not None
-        self.line = SerialLine(self.bridge.line)
+        self.line = self.bridge.line
         self.is_bridged, self.is_armed = False, is_armed
         self.warnings: list[str] = []
         self.before_ns = self.underway = 0

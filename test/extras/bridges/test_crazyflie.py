@@ -23,7 +23,7 @@ from fixtures.stack_messages import sound_message
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.extras.bridges import crtp
 from quad_mpc_ros.extras.bridges.crazyflie import CrazyflieBridge
-from quad_mpc_ros.extras.bridges.crazyflie.line import CrazyflieLine, CrazyflieLink
+from quad_mpc_ros.extras.bridges.crazyflie.line import CrazyflieLine
 from quad_mpc_ros.extras.bridges.crazyflie.session import Session
 from quad_mpc_ros.ros.bridges.bridge import Outgoing, OutgoingBytes
 
@@ -264,7 +264,7 @@ def test_the_link_sends_and_receives_by_cflib() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
         peer.bind(("127.0.0.1", 0))
         peer.settimeout(5.0)
-        line = CrazyflieLine(CrazyflieLink(uri=f"udp://127.0.0.1:{peer.getsockname()[1]}"))
+        line = CrazyflieLine(f"udp://127.0.0.1:{peer.getsockname()[1]}")
         assert line.read() == b"" and line.fault == ""
         line.write(crtp.arm(True).framed() + crtp.log_reset().framed())
         first, sender = peer.recvfrom(64)
@@ -280,7 +280,7 @@ def test_the_link_sends_and_receives_by_cflib() -> None:
 
 def test_reports_an_address_of_another_kind() -> None:
     pytest.importorskip("cflib")
-    line = CrazyflieLine(CrazyflieLink(uri="http://127.0.0.1"))
+    line = CrazyflieLine("http://127.0.0.1")
     assert line.read() == b"" and "expected radio://" in line.fault
 
 
@@ -309,7 +309,7 @@ def test_reopens_a_link_lost_while_opening_and_ignores_late_errors(
     for name, module in (("cflib.crtp", cflib), ("cflib.crtp.crtpstack", stack)):
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setattr("quad_mpc_ros.ros.bridges.line.RECONNECT_PERIOD", 0.0)
-    line = CrazyflieLine(CrazyflieLink(uri="radio://0"))
+    line = CrazyflieLine("radio://0")
     line.read()
     assert line.fault == "radio://0: too many packets lost"
     line.read()

@@ -30,7 +30,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.extras.bridges import crtp
 from quad_mpc_ros.extras.bridges.crazyflie import CrazyflieBridge
-from quad_mpc_ros.extras.bridges.crazyflie.line import CrazyflieLine, CrazyflieLink
+from quad_mpc_ros.extras.bridges.crazyflie.line import CrazyflieLine
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
 from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes, OutgoingMessage
@@ -60,8 +60,8 @@ class Bridged(FirmwarePlant):
             **parameters,
         }
         bridge = CrazyflieBridge(CrazyflieBridge.Config.build(given), new_message)
-        assert isinstance(bridge.line, CrazyflieLink)
-        self.line = CrazyflieLine(bridge.line)
+        assert isinstance(bridge.line, CrazyflieLine)
+        self.line = bridge.line
         self.written = 0
         super().__init__(config, bridge)
         self.live(CALIBRATION)

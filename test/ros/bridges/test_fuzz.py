@@ -15,7 +15,7 @@ from fixtures.betaflight import set_raw_rc
 from fixtures.bridges import BRIDGES, engage
 
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.extras.bridges.crazyflie.line import CrazyflieLink
+from quad_mpc_ros.extras.bridges.crazyflie.line import CrazyflieLine
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
@@ -195,7 +195,7 @@ def check_sendings(sendings: list[Outgoing], case: str, bridge: Bridge) -> None:
             assert (sending.service, sending.type_name) in bridge.services
             check_message(sending.request)
             continue
-        if isinstance(sending, OutgoingBytes) and isinstance(bridge.line, CrazyflieLink):
+        if isinstance(sending, OutgoingBytes) and isinstance(bridge.line, CrazyflieLine):
             for *degrees, pwm in crazyflie.setpoints(sending.data):
                 # The heading of a vehicle that points up or down turns faster than its body.
                 assert max(map(abs, degrees)) <= 4.0 * FASTEST_DEGREES and pwm <= 60000

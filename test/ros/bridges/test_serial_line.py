@@ -21,7 +21,7 @@ from rclpy.parameter import Parameter
 from quad_mpc_ros.extras.bridges.betaflight import BetaflightBridge
 from quad_mpc_ros.ros.bridges import line as line_module
 from quad_mpc_ros.ros.bridges import node as node_module
-from quad_mpc_ros.ros.bridges.line import Line, SerialLine
+from quad_mpc_ros.ros.bridges.line import SerialLine
 
 pytest.importorskip("serial")
 
@@ -70,7 +70,7 @@ def eventually(what: Callable[[], object], timeout: float = 10.0) -> None:
 
 
 def test_bytes_pass_unchanged_in_both_directions(terminal: Terminal) -> None:
-    line = SerialLine(Line(device=str(terminal.path), baud=115200))
+    line = SerialLine(str(terminal.path), 115200)
     every = bytes(range(256))
     assert line.read() == b""
     line.write(every)
@@ -90,7 +90,7 @@ def test_reports_and_reopens_lost_port(
     terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(line_module, "RECONNECT_PERIOD", 0.0)
-    line = SerialLine(Line(device=str(terminal.path), baud=115200))
+    line = SerialLine(str(terminal.path), 115200)
     line.read()
     assert not line.fault
     terminal.unplug()
@@ -105,7 +105,7 @@ def test_reports_and_reopens_lost_port(
 
 
 def test_missing_port_does_not_end_the_node(tmp_path: Path) -> None:
-    line = SerialLine(Line(device=str(tmp_path / "none"), baud=115200))
+    line = SerialLine(str(tmp_path / "none"), 115200)
     assert line.read() == b""
     line.write(b"x")
     assert "none" in line.fault

@@ -11,7 +11,7 @@ from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.ros.preflight import own
-from quad_mpc_ros.ros.preflight.own import bag_place, disk_findings, own_findings
+from quad_mpc_ros.ros.preflight.own import bag_place, own_findings
 
 
 @pytest.mark.parametrize("preset", files.presets())
@@ -45,6 +45,8 @@ def test_free_space_is_measured_on_the_disk_of_the_bag(
 
 def test_recorder_warns_of_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(own, "free_bytes", lambda place: 20_000_000)
-    (found,) = own_findings(RecorderConfig(directory=str(tmp_path / "bag")))
+    config = RecorderConfig(directory=str(tmp_path / "bag"))
+    (found,) = own_findings(config)
     assert f"20 MB free for the bag in {tmp_path}" in found.text
-    assert not disk_findings(tmp_path, 10**10)
+    monkeypatch.setattr(own, "free_bytes", lambda place: 10**10)
+    assert not own_findings(config)

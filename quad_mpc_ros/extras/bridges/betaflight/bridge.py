@@ -29,7 +29,7 @@ from quad_mpc_ros.ros.bridges.bridge import (
     Response,
 )
 from quad_mpc_ros.ros.bridges.handover import HandoverState, Stack, is_old
-from quad_mpc_ros.ros.bridges.line import Line
+from quad_mpc_ros.ros.bridges.line import line_to
 
 _SECOND = 1_000_000_000
 _RC_PERIOD_NS = 50_000_000  # sticks at least so often; Betaflight counts 150 ms as a loss
@@ -55,7 +55,7 @@ class BetaflightBridge(Bridge):
     def __init__(self, config: BetaflightConfig, new: NewMessage) -> None:
         self.pilot_switches_mode = config.receiver == "pilot"
         super().__init__(config, new)
-        self.line = Line(device=config.device, baud=config.baud)
+        self.line = line_to(config.device, config.baud)
         self.publications = ()
         self.subscriptions = [
             self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)

@@ -14,7 +14,7 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.extras.bridges import crtp
 from quad_mpc_ros.extras.bridges.crazyflie.config import CrazyflieConfig
-from quad_mpc_ros.extras.bridges.crazyflie.line import CrazyflieLink
+from quad_mpc_ros.extras.bridges.crazyflie.line import CrazyflieLine
 from quad_mpc_ros.extras.bridges.crazyflie.session import Session
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.ros.bridges.bridge import (
@@ -47,7 +47,7 @@ class CrazyflieBridge(Bridge):
 
     def __init__(self, config: CrazyflieConfig, new: NewMessage) -> None:
         super().__init__(config, new)
-        self.line = CrazyflieLink(uri=config.uri)
+        self.line = CrazyflieLine(config.uri)
         self.publications = ()
         self.subscriptions = [
             self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)

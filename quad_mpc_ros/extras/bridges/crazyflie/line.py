@@ -7,7 +7,6 @@ import importlib
 import queue
 import threading
 from collections import deque
-from dataclasses import dataclass
 from typing import Any
 
 from quad_mpc_ros.extras.bridges import crtp
@@ -16,27 +15,11 @@ from quad_mpc_ros.ros.bridges.line import ReconnectingLine
 _MAX_QUEUED = 64  # packets
 
 
-@dataclass(frozen=True, kw_only=True)
-class CrazyflieLink:
-    """A link to a Crazyflie instead of a serial line, with an address in cflib's format."""
-
-    uri: str
-    period: float = 0.005
-    """Reading period [s]."""
-
-    def open(self) -> CrazyflieLine:
-        """Open the link."""
-        return CrazyflieLine(self)
-
-
 class CrazyflieLine(ReconnectingLine):
-    """A stream of packets, each preceded by its length."""
+    """A stream of packets, each preceded by its length, to an address in cflib's format."""
 
-    def __init__(self, link: CrazyflieLink) -> None:
-        super().__init__(link.uri)
-        self._crtp = importlib.import_module("cflib.crtp")
-        if not self._crtp.CLASSES:
-            self._crtp.init_drivers()
+    def __init__(self, uri: str) -> None:
+        super().__init__(uri)
         self._driver: Any = None
         self._errors: deque[str] = deque(maxlen=1)
         self._sender: _Sender | None = None
@@ -69,9 +52,12 @@ class CrazyflieLine(ReconnectingLine):
             sender.join()
 
     def _open(self) -> None:
+        cflib_crtp = importlib.import_module("cflib.crtp")
+        if not cflib_crtp.CLASSES:
+            cflib_crtp.init_drivers()
         self._errors = deque(maxlen=1)  # only of this driver, whose thread appends to it
         try:
-            driver = self._crtp.get_link_driver(self._name, None, self._errors.append)
+            driver = cflib_crtp.get_link_driver(self._name, None, self._errors.append)
         except Exception as error:
             raise OSError(error) from error
         if driver is None:

@@ -23,7 +23,7 @@ from quad_mpc_ros.ros.bridges.bridge import (
     command_result,
 )
 from quad_mpc_ros.ros.bridges.handover import HandoverState, LatestStatus, Stack, is_old
-from quad_mpc_ros.ros.bridges.line import Line
+from quad_mpc_ros.ros.bridges.line import line_to
 from quad_mpc_ros.ros.bridges.mavlink import codec
 from quad_mpc_ros.ros.bridges.mavlink.autopilots import AUTOPILOTS, Autopilot, cosine_of_tilt
 from quad_mpc_ros.ros.bridges.mavlink.codec import Codec
@@ -67,7 +67,8 @@ class MavlinkBridge(Bridge):
 
     def __init__(self, config: MavlinkConfig, new: NewMessage) -> None:
         super().__init__(config, new)
-        self.line = Line(device=config.device, baud=config.baud, period=_LINE_PERIOD)
+        self.line = line_to(config.device, config.baud)
+        self.line.period = _LINE_PERIOD
         self.publications = ()
         self.subscriptions = []
         if config.odometry_topic:
