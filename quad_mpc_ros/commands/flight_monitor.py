@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import sys
 import time
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Self
 
@@ -15,69 +16,45 @@ from quad_mpc_ros.commands.observer import Observer, subscribe
 from quad_mpc_ros.commands.processes import FlightError, NodeProcess
 from quad_mpc_ros.commands.progress import ProgressLine
 from quad_mpc_ros.configuration.compilation import cached_functions
+from quad_mpc_ros.messages import topics
 from quad_mpc_ros.messages.diagnostics import PEERS_KEY
-from quad_mpc_ros.messages.topics import (
-    BATTERY,
-    CLOCK,
-    COMMAND,
-    DIAGNOSTICS,
-    IMU,
-    ODOMETRY,
-    PREDICTED_PATH,
-    REFERENCE,
-    REFERENCE_PATH,
-    STATS,
-)
+from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.command_ownership import DISCOVERING
 from quad_mpc_ros.ros.messages import odometry_in
 
 # The first start after an installation compiles, which takes minutes on a small computer.
 _READY_TIMEOUT = 240.0
 _WAIT_LOG_DELAY = 5.0
-# Matched peers that each endpoint needs before the clock starts, by node and topic.
-# Publishers count subscribers: the odometry's are mpc, reference, recorder and this monitor.
-# Subscribers count publishers, of which there must be exactly one.
-_REQUIRED_PEERS: dict[str, dict[str, int]] = {
-    "simulator": {ODOMETRY.name: 4, COMMAND.name: 1},
-    "reference": {REFERENCE.name: 2, REFERENCE_PATH.name: 1, ODOMETRY.name: 1},
-    "mpc": {
-        COMMAND.name: 2,
-        STATS.name: 1,
-        PREDICTED_PATH.name: 1,
-        ODOMETRY.name: 1,
-        REFERENCE.name: 1,
-    },
-    "recorder": {
-        topic.name: 1
-        for topic in (ODOMETRY, REFERENCE, COMMAND, PREDICTED_PATH, REFERENCE_PATH, STATS)
-    },
-}
-_SUBSCRIBED = {
-    "simulator": (COMMAND.name,),
-    "mpc": (ODOMETRY.name, REFERENCE.name),
-    "reference": (ODOMETRY.name,),
+# Publisher and subscribers of the topics of a flight, which the recorder also subscribes to.
+_FLOW: dict[Topic, tuple[str, tuple[str, ...]]] = {
+    topics.ODOMETRY: ("simulator", ("mpc", "reference")),
+    topics.COMMAND: ("mpc", ("simulator",)),
+    topics.REFERENCE: ("reference", ("mpc",)),
+    topics.REFERENCE_PATH: ("reference", ()),
+    topics.STATS: ("mpc", ()),
+    topics.PREDICTED_PATH: ("mpc", ()),
 }
 # In lockstep mpc, reference and recorder follow the clock, and the recorder records it.
 _CLOCK_PEERS = 4
 
 
 def _required_peers(
-    recorded: Collection[str] | None, *, observed: bool, together: bool
-) -> dict[str, dict[str, int]]:
-    """Return the required peers of one vehicle; if ``observed``, the monitor is also a peer."""
-    peers = {node: dict(topics) for node, topics in _REQUIRED_PEERS.items()}
-    if together:
-        del peers["mpc"][REFERENCE.name]
-        peers["reference"][REFERENCE.name] -= 1
-    if not observed:
-        peers["simulator"][ODOMETRY.name] -= 1
-    if recorded is not None:
-        for name in peers["recorder"].keys() - set(recorded):
-            del peers["recorder"][name]
-            for topics in (peers["mpc"], peers["reference"]):
-                if name in topics:
-                    topics[name] -= 1
-    return peers
+    prefix: str, recorded: Collection[str] | None, *, together: bool
+) -> Counter[tuple[str, str]]:
+    """Return the peers that each endpoint of a vehicle needs, by node and topic.
+
+    Publishers count subscribers. Subscribers count publishers, of which there must be one.
+    """
+    required: Counter[tuple[str, str]] = Counter()
+    for topic, (publisher, subscribers) in _FLOW.items():
+        for subscriber in () if together and topic is topics.REFERENCE else subscribers:
+            required[prefix + publisher, topic.name] += 1
+            required[prefix + subscriber, topic.name] = 1
+        if recorded is None or topic.name in recorded:
+            required[prefix + publisher, topic.name] += 1
+            # The recorder reports topics with their full names.
+            required[f"{prefix}recorder", f"/{prefix}{topic.name}"] = 1
+    return required
 
 
 class FlightMonitor(Observer):
@@ -99,27 +76,24 @@ class FlightMonitor(Observer):
         super().__init__("quad_mpc_flight")
         self._prefixes = [f"{namespace}/" if namespace else "" for namespace in namespaces]
         self._recorded = recorded
-        self._peers: dict[str, dict[str, int]] = {}
+        self._required: Counter[tuple[str, str]] = Counter()
         for prefix in self._prefixes:
-            observed = prefix == self._prefixes[0]
-            peers = _required_peers(recorded, observed=observed, together=together)
-            # The recorder reports topics with their full names.
-            peers["recorder"] = {
-                f"/{prefix}{name}": count for name, count in peers["recorder"].items()
-            }
-            self._peers |= {prefix + node: topics for node, topics in peers.items()}
+            self._required += _required_peers(prefix, recorded, together=together)
+        self._required[f"{self._prefixes[0]}simulator", topics.ODOMETRY.name] += 1  # this node
         if lockstep:
-            self._peers["simulator"][CLOCK.name] = _CLOCK_PEERS
-            self._peers["recorder"][CLOCK.name] = 1
+            self._required["simulator", topics.CLOCK.name] = _CLOCK_PEERS
+            self._required["recorder", topics.CLOCK.name] = 1
         self._health: dict[str, dict[str, str]] = {}
         self._odometry: bytes | None = None
         self._first_ns: int | None = None
 
     def __enter__(self) -> Self:
         super().__enter__()
-        subscribe(self.node, DIAGNOSTICS, self._on_diagnostics)
+        subscribe(self.node, topics.DIAGNOSTICS, self._on_diagnostics)
         # Raw, because it is decoded only for the progress, not fifty times a second.
-        odometry = dataclasses.replace(ODOMETRY, name=self._prefixes[0] + ODOMETRY.name)
+        odometry = dataclasses.replace(
+            topics.ODOMETRY, name=self._prefixes[0] + topics.ODOMETRY.name
+        )
         subscribe(self.node, odometry, self._on_odometry, raw=True)
         self._starts = [
             self.node.create_client(Trigger, f"{prefix}simulator/start")
@@ -139,14 +113,13 @@ class FlightMonitor(Observer):
         """Return the missing connections as ``node: topic``."""
         missing = [
             f"{node}: {topic}"
-            for node, topics in self._peers.items()
-            for topic, peers in topics.items()
-            if self._matched(node, topic) < peers
+            for (node, topic), count in self._required.items()
+            if self._matched(node, topic) < count
         ]
         for prefix in self._prefixes:
             missing += [
                 f"{prefix}recorder: {topic.name}"
-                for topic in (BATTERY, IMU)
+                for topic in (topics.BATTERY, topics.IMU)
                 if f"{PEERS_KEY}{topic.name}" in self._health.get(f"{prefix}simulator", {})
                 and (self._recorded is None or topic.name in self._recorded)
                 and not self._matched(f"{prefix}recorder", f"/{prefix}{topic.name}")
@@ -160,11 +133,11 @@ class FlightMonitor(Observer):
 
     def duplicate_publishers(self) -> str:
         """Return a topic that has more than one publisher, or an empty string."""
-        for prefix, (node, topics) in itertools.product(self._prefixes, _SUBSCRIBED.items()):
-            for topic in topics:
-                count = self._matched(prefix + node, topic)
+        for prefix, (topic, (_, subscribers)) in itertools.product(self._prefixes, _FLOW.items()):
+            for node in subscribers:
+                count = self._matched(prefix + node, topic.name)
                 if count > 1:
-                    return f"{count} publishers on {prefix}{topic}"
+                    return f"{count} publishers on {prefix}{topic.name}"
         return ""
 
     def lost_messages(self) -> int:

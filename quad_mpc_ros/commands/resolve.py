@@ -106,7 +106,7 @@ def _recorded(
 ) -> list[Resolved]:
     """Feed the flight to the controller, and record its inputs and outputs in a bag."""
     from quad_mpc_ros.commands.run_recorder import RunRecorder
-    from quad_mpc_ros.messages import topics
+    from quad_mpc_ros.messages import cdr, topics
     from quad_mpc_ros.recordings.replay.resolution import resolve
 
     others = {
@@ -121,22 +121,25 @@ def _recorded(
         frame_id=mpc.odometry.frame_id,
     ) as recorder:
         for sample in run.imu:
-            recorder.imu(sample.value, time_ns=sample.log_time_ns)
+            data = cdr.written_imu(sample.value)
+            recorder.write(topics.IMU, data, time_ns=sample.log_time_ns)
         for sent in run.commands:
-            recorder.command(
-                sent.value,
-                topic=topics.RECORDED_COMMAND,
+            recorder.write(
+                topics.RECORDED_COMMAND,
+                cdr.written_command(sent.value),
                 time_ns=sent.log_time_ns,
-                answered_ns=sent.publish_time_ns,
+                publish_time_ns=sent.publish_time_ns,
             )
         window = None
         for step in resolve(run, mpc, windows=windows, warn=_print_few_warnings()):
             steps.append(step)
             if step.odometry is not None:
-                recorder.odometry(step.odometry.value, time_ns=step.log_time_ns)
+                data = cdr.written_odometry(step.odometry.value)
+                recorder.write(topics.ODOMETRY, data, time_ns=step.log_time_ns)
             if step.window is not None and step.window is not window:
                 window = step.window
-                recorder.reference(window, child_frame_id="base_link", time_ns=step.log_time_ns)
+                data = cdr.written_reference(window, child_frame_id="base_link")
+                recorder.write(topics.REFERENCE, data, time_ns=step.log_time_ns)
             if step.tick is not None:
                 recorder.tick(step.tick, time_ns=step.log_time_ns)
             recorder.flush_if_due()

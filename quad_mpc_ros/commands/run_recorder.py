@@ -7,12 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from quad_mpc_ros.control.model.samples import (
-    CommandSample,
-    ImuSample,
-    OdometrySample,
-    ReferenceWindow,
-)
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
 from quad_mpc_ros.messages.corridor import written_corridor
@@ -60,30 +54,7 @@ class RunRecorder:
             p_WB=whole.p_WB,
             q_WB_xyzw=whole.q_WB_xyzw,
         )
-        self._write(topics.REFERENCE_PATH, stamp_ns, path)
-
-    def odometry(self, odometry: OdometrySample, *, time_ns: int) -> None:
-        """Write an odometry."""
-        self._write(topics.ODOMETRY, time_ns, cdr.written_odometry(odometry))
-
-    def imu(self, sample: ImuSample, *, time_ns: int) -> None:
-        """Write an accelerometer sample."""
-        self._write(topics.IMU, time_ns, cdr.written_imu(sample))
-
-    def battery(self, voltage: float, *, time_ns: int) -> None:
-        """Write the voltage of a battery [V]."""
-        self._write(topics.BATTERY, time_ns, cdr.written_battery(voltage, stamp_ns=time_ns))
-
-    def reference(self, window: ReferenceWindow, *, child_frame_id: str, time_ns: int) -> None:
-        """Write a window of the reference."""
-        data = cdr.written_reference(window, child_frame_id=child_frame_id)
-        self._write(topics.REFERENCE, time_ns, data)
-
-    def command(
-        self, command: CommandSample, *, topic: Topic, time_ns: int, answered_ns: int
-    ) -> None:
-        """Write a command with its log time and its publish time, ``answered_ns``."""
-        self._write(topic, time_ns, cdr.written_command(command), publish_time_ns=answered_ns)
+        self.write(topics.REFERENCE_PATH, path, time_ns=stamp_ns)
 
     def tick(self, tick: Tick, *, time_ns: int) -> None:
         """Write the command, the statistics and the plan of a tick."""
@@ -91,24 +62,26 @@ class RunRecorder:
         if command is not None:
             # Simulated time stands still during a step, so its duration is added here.
             answered_ns = time_ns + round(1e3 * tick.stats.step_time_us)
-            self.command(command, topic=topics.COMMAND, time_ns=time_ns, answered_ns=answered_ns)
-        self._write(topics.STATS, time_ns, diagnostics.written_stats(tick.stats))
+            data = cdr.written_command(command)
+            self.write(topics.COMMAND, data, time_ns=time_ns, publish_time_ns=answered_ns)
+        self.write(topics.STATS, diagnostics.written_stats(tick.stats), time_ns=time_ns)
         if plan is not None:
             data = conversions.written_plan(plan, frame_id=self._frame_id)
-            self._write(topics.PREDICTED_PATH, time_ns, data)
+            self.write(topics.PREDICTED_PATH, data, time_ns=time_ns)
             if tick.guided is not None:
                 data = written_corridor(
                     tick.guided.corridor, stamp_ns=plan.stamp_ns, frame_id=self._frame_id
                 )
-                self._write(topics.CORRIDOR, time_ns, data)
+                self.write(topics.CORRIDOR, data, time_ns=time_ns)
 
     def flush_if_due(self) -> None:
         """Flush the bag periodically."""
         self._writer.flush_if_due(time.monotonic())
 
-    def _write(
-        self, topic: Topic, time_ns: int, data: bytes, *, publish_time_ns: int | None = None
+    def write(
+        self, topic: Topic, data: bytes, *, time_ns: int, publish_time_ns: int | None = None
     ) -> None:
+        """Write a message with its log time and its publish time, by default the log time."""
         if topic not in self._topics:
             self._topics.add(topic)
             profile = offered_qos(

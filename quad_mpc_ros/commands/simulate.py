@@ -12,6 +12,7 @@ from quad_mpc_ros.commands.run_configuration import SCHEMA, run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.commands.run_recorder import RunRecorder
 from quad_mpc_ros.configuration import ConfigurationError
+from quad_mpc_ros.messages import cdr, topics
 from quad_mpc_ros.references.server import ReferenceServer
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import PLANTS, make_plant
@@ -71,11 +72,13 @@ def _record(recorder: RunRecorder, step: LoopStep) -> None:
     """Write one odometry and its consequences."""
     odometry, stamp_ns = step.odometry, step.odometry.stamp_ns
     for sample in step.imu:
-        recorder.imu(sample, time_ns=sample.stamp_ns)
-    recorder.odometry(odometry, time_ns=stamp_ns)
+        recorder.write(topics.IMU, cdr.written_imu(sample), time_ns=sample.stamp_ns)
+    recorder.write(topics.ODOMETRY, cdr.written_odometry(odometry), time_ns=stamp_ns)
     if step.voltage is not None:
-        recorder.battery(step.voltage, time_ns=stamp_ns)
-    recorder.reference(step.window, child_frame_id=odometry.child_frame_id, time_ns=stamp_ns)
+        data = cdr.written_battery(step.voltage, stamp_ns=stamp_ns)
+        recorder.write(topics.BATTERY, data, time_ns=stamp_ns)
+    data = cdr.written_reference(step.window, child_frame_id=odometry.child_frame_id)
+    recorder.write(topics.REFERENCE, data, time_ns=stamp_ns)
     if step.tick is not None:
         recorder.tick(step.tick, time_ns=stamp_ns)
     recorder.flush_if_due()

@@ -36,7 +36,7 @@ from quad_mpc_ros.ros.bridges.frames import (
     flu_from_frd,
     q_enu_flu_xyzw_from_ned_frd_wxyz,
 )
-from quad_mpc_ros.ros.bridges.handover import HandoverState, LatestStatus, Stack, is_old
+from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack, is_old
 
 MODE_ROLLRATE_PITCHRATE_YAWRATE_THROTTLE = 1
 IGNORE_NONE = 0
@@ -49,7 +49,6 @@ _STATUS_TIMEOUT = 2.0  # s
 _RC_TIMEOUT = 0.5  # s
 _RC_RATE_FRAMES = 20  # for the RC rate
 _MIN_RC_RATE = 100.0  # Hz
-_CAP_NS = 500_000_000
 
 # Parameters of the firmware that are requested on engaging.
 _MAX_THROTTLE_NAME, _MIN_THROTTLE_NAME = "RC_MAX_THR", "TAKE_MIN_THR"
@@ -139,7 +138,6 @@ class RosflightBridge(Bridge):
         super().__init__(config, new)
         self._status = LatestStatus(timeout=_STATUS_TIMEOUT)
         self._rc_ns: deque[int] = deque(maxlen=_RC_RATE_FRAMES)
-        self._capped_ns: int | None = None
         self._scale_fault = ""
         self._parameters = ("/param_get", "rosflight_msgs/srv/ParamGet")
         self.services = (self._parameters,)
@@ -149,7 +147,7 @@ class RosflightBridge(Bridge):
         battery = Topic(name="/battery", type_name="rosflight_msgs/msg/BatteryStatus")
         self.subscriptions = [
             Subscription(topic=state, receive=self._on_state),
-            Subscription(topic=status, receive=self._on_status),
+            Subscription(topic=status, receive=self._status.receive),
             Subscription(topic=rc, receive=self._on_rc),
             *self._battery_subscription(battery),
         ]
@@ -245,18 +243,6 @@ class RosflightBridge(Bridge):
     def _on_state(self, message: Any, now_ns: int) -> OdometrySample | None:
         odometry = self._converted(_ESTIMATE, lambda: odometry_from_state(message))
         return self._passed_on(odometry, now_ns=now_ns)
-
-    def _on_status(self, message: Any, now_ns: int) -> None:
-        self._status.receive(message, now_ns)
-        if not (message.armed and message.rc_override & OVERRIDE_T):
-            self._capped_ns = None
-        elif self._capped_ns is None:
-            self._capped_ns = now_ns
-        elif now_ns - self._capped_ns > _CAP_NS and self._handover.state is HandoverState.ENGAGED:
-            self._capped_ns = now_ns
-            self._warnings.append(
-                "the pilot's lower throttle stick is used (TAKE_MIN_THR): raise it"
-            )
 
     def _on_rc(self, message: Any, now_ns: int) -> None:
         if self._rc_ns and now_ns < self._rc_ns[-1]:  # the clock was set

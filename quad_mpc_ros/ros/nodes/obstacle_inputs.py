@@ -10,21 +10,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.messages import topics
 from quad_mpc_ros.messages.obstacle_messages import (
     markers_from_message,
     path_from_message,
     transforms_from_message,
 )
 from quad_mpc_ros.messages.point_cloud import point_cloud_from_message
-from quad_mpc_ros.messages.topics import (
-    OBSTACLE_MARKERS,
-    OBSTACLES,
-    ODOMETRY,
-    PREDICTED_PATH,
-    TF,
-    TF_STATIC,
-    Topic,
-)
+from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import message_class, message_in, odometry_in
 
@@ -99,7 +92,7 @@ class ObstacleInputs:
         silence = self._world.silence(stamp_ns)
         if silence <= _CLOUD_TIMEOUT:
             return ""
-        return f"no usable cloud on {OBSTACLES.name} for {silence:.1f} s"
+        return f"no usable cloud on {topics.OBSTACLES.name} for {silence:.1f} s"
 
     def _subscribe(self) -> None:
         node = self._node
@@ -108,9 +101,9 @@ class ObstacleInputs:
             callback = self._postponed(receive) if self._lockstep else receive
             node.managed_subscription(topic, callback, raw=True, expected=False)
 
-        subscribe(OBSTACLES, self._on_cloud)
-        subscribe(OBSTACLE_MARKERS, self._counted("markers", self._on_markers))
-        for topic in (TF, TF_STATIC):
+        subscribe(topics.OBSTACLES, self._on_cloud)
+        subscribe(topics.OBSTACLE_MARKERS, self._counted("markers", self._on_markers))
+        for topic in (topics.TF, topics.TF_STATIC):
             try:
                 message_class(topic.type_name)
             except ImportError:
@@ -123,8 +116,8 @@ class ObstacleInputs:
             of_it = f"/{name.strip('/')}"
             plan = functools.partial(self._on_plan, name)
             state = functools.partial(self._on_neighbour, name)
-            subscribe(_named(PREDICTED_PATH, of_it), self._counted("plans", plan))
-            subscribe(_named(ODOMETRY, of_it), self._counted(None, state))
+            subscribe(_named(topics.PREDICTED_PATH, of_it), self._counted("plans", plan))
+            subscribe(_named(topics.ODOMETRY, of_it), self._counted(None, state))
 
     def _counted(
         self, counted: str | None, receive: Callable[[bytes], None]
@@ -160,7 +153,7 @@ class ObstacleInputs:
         self._counted("clouds", self._take_cloud)(data)
 
     def _take_cloud(self, data: bytes) -> None:
-        cloud = point_cloud_from_message(message_in(OBSTACLES, data))
+        cloud = point_cloud_from_message(message_in(topics.OBSTACLES, data))
         self._world.receive_cloud(cloud)
 
     def _wake(self) -> None:
@@ -181,13 +174,15 @@ class ObstacleInputs:
             self._surroundings.update_map()
 
     def _on_markers(self, data: bytes) -> None:
-        self._world.receive_markers(markers_from_message(message_in(OBSTACLE_MARKERS, data)))
+        self._world.receive_markers(
+            markers_from_message(message_in(topics.OBSTACLE_MARKERS, data))
+        )
 
     def _on_transforms(self, data: bytes) -> None:
-        self._world.receive_transforms(transforms_from_message(message_in(TF, data)))
+        self._world.receive_transforms(transforms_from_message(message_in(topics.TF, data)))
 
     def _on_plan(self, name: str, data: bytes) -> None:
-        plan = path_from_message(message_in(PREDICTED_PATH, data))
+        plan = path_from_message(message_in(topics.PREDICTED_PATH, data))
         self._world.receive_neighbour(name, plan)
 
     def _on_neighbour(self, name: str, data: bytes) -> None:

@@ -11,21 +11,11 @@ from rclpy.duration import Duration
 from std_srvs.srv import Trigger
 
 from quad_mpc_ros.control.model.samples import CommandSample
-from quad_mpc_ros.messages import cdr, conversions
+from quad_mpc_ros.messages import cdr, conversions, topics
 from quad_mpc_ros.messages.diagnostics import ERROR, OK
 from quad_mpc_ros.messages.markers import filled_marker
 from quad_mpc_ros.messages.point_cloud import written_point_cloud
-from quad_mpc_ros.messages.topics import (
-    BATTERY,
-    CLOCK,
-    COMMAND,
-    IMU,
-    LOCKSTEP_DEPTH,
-    OBSTACLE_MARKERS,
-    OBSTACLES,
-    ODOMETRY,
-    REFERENCE,
-)
+from quad_mpc_ros.messages.topics import LOCKSTEP_DEPTH
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.compiling import log_compilation
 from quad_mpc_ros.ros.health import Health, ReportingNode
@@ -46,8 +36,8 @@ _LOG_PERIOD = 5.0
 _CONFIRMATION_PERIOD = 1.0
 # Answers to odometries before the last confirmation may still be on the way. The first one waits
 # for a full history, after which Fast DDS acknowledges each message at once.
-_CONFIRM_AFTER, _IMU_PER_ODOMETRY = LOCKSTEP_DEPTH // 2, IMU.depth // LOCKSTEP_DEPTH
-_REQUIRED_TOPICS = {"mpc": COMMAND, "reference": REFERENCE}
+_CONFIRM_AFTER, _IMU_PER_ODOMETRY = LOCKSTEP_DEPTH // 2, topics.IMU.depth // LOCKSTEP_DEPTH
+_REQUIRED_TOPICS = {"mpc": topics.COMMAND, "reference": topics.REFERENCE}
 # s: polling period in real time if odometries leave at irregular times
 _POLL_PERIOD = 1e-3
 
@@ -95,7 +85,7 @@ class Lockstep:
     def __init__(self, node: SimulatorNode, plant: Plant) -> None:
         self._node, self._plant = node, plant
         self._stream = OdometryStream(plant, node.config, start_stamp_ns=SIMULATION_START_NS)
-        self._clock = node.health.publisher(CLOCK)
+        self._clock = node.health.publisher(topics.CLOCK)
         self._awaited: SentOdometry | None = None
         self._waiting_since = self._started = self._sent = 0.0
         self._peers: list[tuple[str, str]] = []  # matched peers at that time
@@ -156,7 +146,7 @@ class Lockstep:
         A repetition is the same message: noise is drawn once.
         """
         self._sent, self._peers = time.monotonic(), self._node.health.peers()
-        clock = new_message(CLOCK.type_name)
+        clock = new_message(topics.CLOCK.type_name)
         conversions.fill_time(clock.clock, SIMULATION_START_NS + sent.time_ns)
         self._clock.publish(clock)
         self._node.publish(sent)
@@ -168,7 +158,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
     def __init__(self) -> None:
         super().__init__("simulator", SimulatorConfig)
         self.health.lockstep = self.config.lockstep
-        self._odometry = self.health.publisher(ODOMETRY)
+        self._odometry = self.health.publisher(topics.ODOMETRY)
         self._odometries = self._commands = 0
         self._fault: str | None = None
         self._running = False
@@ -178,8 +168,8 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         pacing = Lockstep if self.config.lockstep else RealTime
         plant = make_plant(self.config)
         powered = isinstance(plant, Powered) and plant.battery_voltage is not None
-        self._battery = self.health.publisher(BATTERY) if powered else None
-        self._imu = self.health.publisher(IMU) if self.config.imu_rate > 0.0 else None
+        self._battery = self.health.publisher(topics.BATTERY) if powered else None
+        self._imu = self.health.publisher(topics.IMU) if self.config.imu_rate > 0.0 else None
         self._surroundings = configured_surroundings(
             self.config.obstacles, radius=self.config.radius
         )
@@ -187,12 +177,12 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
             self._surroundings.check_start(plant.odometry(0).p_WB)
         self._clouds = self._markers = None
         if self.config.obstacles.sensor == "rays":
-            self._clouds = self.health.publisher(OBSTACLES)
+            self._clouds = self.health.publisher(topics.OBSTACLES)
         elif self.config.obstacles.sensor == "markers":
-            self._markers = self.health.publisher(OBSTACLE_MARKERS)
+            self._markers = self.health.publisher(topics.OBSTACLE_MARKERS)
         self._newest_ns, self._collided = -1, False
         self._pacing = pacing(self, plant)
-        self.health.subscription(COMMAND, self._on_command)
+        self.health.subscription(topics.COMMAND, self._on_command)
         self.create_service(Trigger, "~/start", self._on_start)
 
     def begin(self) -> None:
@@ -230,7 +220,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         if perception.cloud is not None and self._clouds is not None:
             self._clouds.publish(written_point_cloud(perception.cloud))
         if perception.markers and self._markers is not None:
-            message = new_message(OBSTACLE_MARKERS.type_name)
+            message = new_message(topics.OBSTACLE_MARKERS.type_name)
             message.markers = [filled_marker(each, new=new_message) for each in perception.markers]
             self._markers.publish(message)
         if collision is not None:

@@ -12,18 +12,10 @@ from rclpy.publisher import Publisher
 from quad_mpc_ros.configuration import optional_part
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.control.safety.validation import odometry_fault
-from quad_mpc_ros.messages import conversions, markers
+from quad_mpc_ros.messages import conversions, markers, topics
 from quad_mpc_ros.messages.corridor import corridor_edges, corridor_from_message
 from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.markers import Trail, VisualisationConfig
-from quad_mpc_ros.messages.topics import (
-    COMMAND,
-    CORRIDOR,
-    MARKERS,
-    ODOMETRY,
-    PREDICTED_PATH,
-    TF,
-)
 from quad_mpc_ros.references.course import Course
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
@@ -47,23 +39,23 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         course = _course(self.config)
         self._gates = [] if course is None else [gate.corners() for gate in course.once().values()]
 
-        self._markers = self.health.publisher(MARKERS)
+        self._markers = self.health.publisher(topics.MARKERS)
         self._transforms = self._transform_publisher()
-        self.health.subscription(ODOMETRY, self._on_odometry)
-        self.health.subscription(COMMAND, self._on_command)
-        self.health.subscription(PREDICTED_PATH, self._on_plan)
-        self.health.subscription(CORRIDOR, self._on_corridor, expected=False)
+        self.health.subscription(topics.ODOMETRY, self._on_odometry)
+        self.health.subscription(topics.COMMAND, self._on_command)
+        self.health.subscription(topics.PREDICTED_PATH, self._on_plan)
+        self.health.subscription(topics.CORRIDOR, self._on_corridor, expected=False)
         create_steady_timer(self, period, self._show)
 
     def _transform_publisher(self) -> Publisher | None:
         if not self.config.broadcast_tf:
             return None
         try:
-            message_class(TF.type_name)
+            message_class(topics.TF.type_name)
         except ImportError:
             self.get_logger().info("tf2_msgs is not installed: no transform is broadcast")
             return None
-        return self.health.publisher(TF)
+        return self.health.publisher(topics.TF)
 
     def _on_odometry(self, message: Any) -> None:
         odometry = conversions.odometry_from_message(message)
@@ -87,11 +79,11 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         if self._odometry is None or not self._has_new_odometry:
             return
         self._has_new_odometry = False
-        message = new_message(MARKERS.type_name)
+        message = new_message(topics.MARKERS.type_name)
         message.markers = self._drawn(self._odometry)
         self._markers.publish(message)
         if self._transforms is not None:
-            transform = new_message(TF.type_name)
+            transform = new_message(topics.TF.type_name)
             conversions.fill_transform(transform, self._odometry, new=new_message)
             self._transforms.publish(transform)
 

@@ -27,7 +27,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quad_mpc_ros.extras.bridges.betaflight import BetaflightBridge
-from quad_mpc_ros.extras.bridges.betaflight.rates import RateCurve, Stick
+from quad_mpc_ros.extras.bridges.betaflight.rates import RateCurve
 from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes
 
 MILLISECOND = 1_000_000
@@ -65,9 +65,8 @@ CURVES = st.builds(
 @given(CURVES, st.floats(-1.0, 1.0))
 def test_pulse_for_a_rate_inverts_the_rate_curve(curve: RateCurve, share: float) -> None:
     """To what a microsecond of the stick changes; no pulse goes beyond the stick."""
-    stick = Stick(curve)
     rate = share * float(curve.rate(np.array([1.0]))[0])
-    pulse = stick.pulse(rate)
+    pulse = curve.pulse(rate)
     assert 1000.0 <= pulse <= 2000.0
     made = math.copysign(curve.rate(np.array([abs(pulse - 1500.0) / 500.0]))[0], pulse - 1500.0)
     near = np.array([max(abs(pulse - 1500.0) - 1.0, 0.0), min(abs(pulse - 1500.0) + 1.0, 500.0)])

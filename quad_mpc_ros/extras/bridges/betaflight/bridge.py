@@ -20,7 +20,7 @@ from quad_mpc_ros.extras.bridges.betaflight.lines import (
     BetaflightTelemetry,
     MspProtocol,
 )
-from quad_mpc_ros.extras.bridges.betaflight.rates import RateCurve, Stick
+from quad_mpc_ros.extras.bridges.betaflight.rates import RATE_KINDS
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
@@ -62,8 +62,6 @@ class BetaflightBridge(Bridge):
         ]
         self._telemetry = BetaflightTelemetry()
         self._protocol = MspProtocol(self._telemetry)
-        self._curves: tuple[RateCurve, ...] = ()
-        self._sticks: tuple[Stick, ...] = ()
         self._arming_ns: int | None = None
         self._lost_ns: int | None = None
         self._flies = False
@@ -93,7 +91,7 @@ class BetaflightBridge(Bridge):
             return Stack(fault="Betaflight is in failsafe")
         if telemetry.modes & {ANGLE, HORIZON}:
             return Stack(fault="Betaflight is self-levelling (ANGLE, HORIZON): use acro mode")
-        if (kind := telemetry.curves[0].kind) not in ("ACTUAL", "BETAFLIGHT", "QUICK"):
+        if (kind := telemetry.curves[0].kind) not in RATE_KINDS:
             return Stack(fault=f"rates type is {kind}: set ACTUAL, BETAFLIGHT or QUICK")
         taken = self._config.receiver == "bridge" or MSP_OVERRIDE in telemetry.modes
         return Stack(takes_setpoints=taken, armed=ARM in telemetry.modes)
@@ -188,15 +186,10 @@ class BetaflightBridge(Bridge):
 
     def _pulses(self, rates: _Rates) -> Sequence[float]:
         """Return the pulses of roll, pitch and yaw; yaw to the right is clockwise."""
-        if self._curves != self._telemetry.curves:
-            self._curves = self._telemetry.curves
-            known = all(each.kind in ("ACTUAL", "BETAFLIGHT", "QUICK") for each in self._curves)
-            self._sticks = tuple(map(Stick, self._curves)) if known else ()
-        if not self._sticks:
+        curves, (wx, wy, wz) = self._telemetry.curves, rates
+        if not curves or any(curve.kind not in RATE_KINDS for curve in curves):
             return _STICK_MIDDLE, _STICK_MIDDLE, _STICK_MIDDLE
-        wx, wy, wz = rates
-        asked = wx, wy, -wz
-        return [stick.pulse(rate) for stick, rate in zip(self._sticks, asked, strict=True)]
+        return [c.pulse(rate) for c, rate in zip(curves, (wx, wy, -wz), strict=True)]
 
     def _throttle_pulse(self, throttle: float | None) -> float:
         """Return the pulse for a throttle of the MPC's model, using the thrust map."""

@@ -6,6 +6,7 @@ As in the firmware's ``rc.c``, with the numbers of its command line (``roll_rc_r
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -14,6 +15,8 @@ import numpy as np
 from quad_mpc_ros.control.lie import Array
 
 MIDDLE, SPAN = 1500, 500  # us
+_OFFSETS = np.arange(SPAN + 1.0)
+RATE_KINDS = "ACTUAL", "BETAFLIGHT", "QUICK"
 
 _RC_RATE_INCREMENT = 14.54  # deg/s over a hundredth of rc_rate beyond 2, of BETAFLIGHT
 _MIN_DIVISOR = 0.01
@@ -28,6 +31,16 @@ class RateCurve:
     super_rate: int
     expo: int
     limit: float = 1998.0
+
+    @functools.cached_property
+    def _rates(self) -> Array:
+        """The body rates of all stick positions, every microsecond."""
+        return self.rate(_OFFSETS / SPAN)
+
+    def pulse(self, rate: float) -> float:
+        """Return the pulse width [us] for a body rate [rad/s], saturated at full stick."""
+        offset = float(np.interp(abs(rate), self._rates, _OFFSETS))
+        return MIDDLE + math.copysign(offset, rate)
 
     def rate(self, stick: Array) -> Array:
         """Return the body rates (n,) [rad/s] of stick positions (n,) in [0, 1]."""
@@ -61,17 +74,3 @@ class RateCurve:
         bent = stick**3 * expo + stick * (1.0 - expo)
         divisor = 1.0 - bent * (1.0 - rate / highest)
         return stick * rate / np.maximum(divisor, _MIN_DIVISOR)
-
-
-class Stick:
-    """The inverse of the rate curve of an axis."""
-
-    def __init__(self, curve: RateCurve) -> None:
-        """Tabulate a curve every microsecond."""
-        self._offsets = np.arange(SPAN + 1.0)
-        self._rates = curve.rate(self._offsets / SPAN)
-
-    def pulse(self, rate: float) -> float:
-        """Return the pulse width [us] for a body rate [rad/s], saturated at full stick."""
-        offset = float(np.interp(abs(rate), self._rates, self._offsets))
-        return MIDDLE + math.copysign(offset, rate)
