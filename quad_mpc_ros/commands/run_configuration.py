@@ -6,10 +6,10 @@ import argparse
 import dataclasses
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from quad_mpc_ros.commands.output import create_out, prepared_out, results_in
 from quad_mpc_ros.commands.run_options import (
@@ -17,7 +17,7 @@ from quad_mpc_ros.commands.run_options import (
     DETOUR_SHARE,
     SETTLING_TIME,
 )
-from quad_mpc_ros.configuration import Configuration, ConfigurationError, UserError, files
+from quad_mpc_ros.configuration import ConfigurationError, UserError, files
 from quad_mpc_ros.configuration.arguments import number
 from quad_mpc_ros.configuration.vehicle import disagreements
 from quad_mpc_ros.control.config import MpcConfig
@@ -41,13 +41,19 @@ SCHEMA: files.Schema = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunConfig:
-    """Configuration of every node of a run, its trajectory and its output folder."""
+class NodeConfigs:
+    """Configuration of every node of a run."""
 
     mpc: MpcConfig
     simulator: SimulatorConfig
     reference: ReferenceConfig
     recorder: RecorderConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunConfig(NodeConfigs):
+    """Configuration of every node of a run, its trajectory and its output folder."""
+
     trajectory: Trajectory
     out: Path
 
@@ -66,46 +72,57 @@ def run_configuration(
 
     Raises :class:`UserError` for invalid options.
     """
-    sources = _sources(options)
     made = [*_assignments(options, lockstep=lockstep), *_of_obstacles(options)]
-    loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
-    reference = _with_course(cast(ReferenceConfig, loaded["reference"]))
+    loaded = _loaded(options, made)
+    reference = _with_course(loaded.reference)
     trajectory = configured_trajectory(reference, read_bag=flown_points)
-    base: dict[str, dict[str, Any]] = {"simulator": {}}
+    start: dict[str, Any] = {}
     made += _duration(options, loaded, trajectory)
     if _starts_on_reference(options, trajectory, reference):
-        start = _start_on(trajectory, cast(SimulatorConfig, loaded["simulator"]))
+        start = _start_on(trajectory, loaded.simulator)
         # The start in a file has priority, unless the option is given.
-        if options.start is None:
-            base = {"simulator": start}
-        else:
+        if options.start is not None:
             made += [
                 f"simulator.{name}={files.value_text(value)}" for name, value in start.items()
             ]
-    loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA, base=base)
-    _check_imu(loaded["mpc"], loaded["simulator"])
-    make_plant(cast(SimulatorConfig, loaded["simulator"]))  # fails if a package is missing
-    mpc_config = _with_course(cast(MpcConfig, loaded["mpc"]))
+    loaded = _loaded(options, made, start=start)
+    _check_imu(loaded.mpc, loaded.simulator)
+    make_plant(loaded.simulator)  # fails if a package is missing
+    mpc = _with_course(loaded.mpc)
     root = options.out or create_out("fleet" if vehicle else reference.trajectory)
     out = prepared_out(root / vehicle)
-    _warn_of_different_vehicles(loaded)
-    mpc, simulator = _with_own_file(mpc_config, cast(SimulatorConfig, loaded["simulator"]), out)
+    nodes = {node: getattr(loaded, node).vehicle_values() for node in SCHEMA}
+    if differ := disagreements(nodes):
+        text = "; ".join(differ.values())
+        print(f"warning: the nodes have different vehicle parameters: {text}", file=sys.stderr)
+    mpc, simulator = _with_own_file(mpc, loaded.simulator, out)
     return RunConfig(
         mpc=mpc,
         simulator=simulator,
         reference=reference,
-        recorder=dataclasses.replace(
-            cast(RecorderConfig, loaded["recorder"]), directory=str(out / "bag")
-        ),
+        recorder=dataclasses.replace(loaded.recorder, directory=str(out / "bag")),
         trajectory=trajectory,
         out=out,
     )
 
 
-def _check_imu(mpc: Configuration, simulator: Configuration) -> None:
+def _loaded(
+    options: argparse.Namespace, made: Sequence[str], *, start: Mapping[str, Any] | None = None
+) -> NodeConfigs:
+    """Return the parameters in the files, of which the plant's is the first, and assignments."""
+    plant = plant_entry(options.plant) if options.plant is not None else None
+    preset = [plant.preset] if plant is not None and plant.preset else []
+    loaded: dict[str, Any] = files.load(
+        [*preset, *(options.config or ["default"])],
+        [*made, *options.assignments],
+        schema=SCHEMA,
+        base={"simulator": dict(start or {})},
+    )
+    return NodeConfigs(**loaded)
+
+
+def _check_imu(mpc: MpcConfig, simulator: SimulatorConfig) -> None:
     """Raise :class:`UserError` if odometries in lockstep would wait for an accelerometer."""
-    assert isinstance(mpc, MpcConfig)
-    assert isinstance(simulator, SimulatorConfig)
     if mpc.uses_accelerometer and mpc.lockstep and simulator.imu_rate == 0.0:
         raise ConfigurationError(
             "simulator.imu_rate",
@@ -162,20 +179,6 @@ def _with_course(config: _HasGates) -> _HasGates:
     return dataclasses.replace(config, gates=course_text(config.gates))
 
 
-def _warn_of_different_vehicles(loaded: Mapping[str, Configuration]) -> None:
-    differ = disagreements({node: config.vehicle_values() for node, config in loaded.items()})
-    if differ:
-        text = "; ".join(differ.values())
-        print(f"warning: the nodes have different vehicle parameters: {text}", file=sys.stderr)
-
-
-def _sources(options: argparse.Namespace) -> list[str]:
-    """Return the parameter files, starting with the plant's."""
-    plant = plant_entry(options.plant) if options.plant is not None else None
-    preset = [plant.preset] if plant is not None and plant.preset else []
-    return [*preset, *(options.config or ["default"])]
-
-
 def _starts_on_reference(
     options: argparse.Namespace, trajectory: Trajectory, reference: ReferenceConfig
 ) -> bool:
@@ -211,17 +214,16 @@ def reference_assignments(options: argparse.Namespace) -> list[str]:
 
 
 def _duration(
-    options: argparse.Namespace, loaded: Mapping[str, Configuration], trajectory: Trajectory
+    options: argparse.Namespace, loaded: NodeConfigs, trajectory: Trajectory
 ) -> list[str]:
     """Return the duration as an assignment: from the option, a file or the task.
 
     By default a flight lasts one lap of its trajectory, and a little longer.
     """
-    mpc, simulator = cast(MpcConfig, loaded["mpc"]), cast(SimulatorConfig, loaded["simulator"])
-    duration = options.duration
+    mpc, duration = loaded.mpc, options.duration
     if duration is not None:
         number(duration, "--duration", above=0.0)
-    elif simulator.duration:  # 0, endless, is for a simulator by itself
+    elif loaded.simulator.duration:  # 0, endless, is for a simulator by itself
         return []
     else:
         detours = mpc.formulation == "contouring" or mpc.obstacles.half_spaces > 0

@@ -9,9 +9,8 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from typing import Any, ParamSpec
+from collections.abc import Callable, Sequence
+from typing import Any, ParamSpec, Self
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -43,7 +42,11 @@ _SWITCH_INTERVAL = 0.0005  # s; Python's own are 5 ms, a quarter of a control pe
 
 
 def run(
-    create: Callable[[], Node], args: list[str] | None = None, *, message_info: bool = False
+    create: Callable[[], Node],
+    args: list[str] | None = None,
+    *,
+    others: Sequence[Callable[[], Node]] = (),
+    message_info: bool = False,
 ) -> int:
     """Create a node, spin it until SIGINT, SIGTERM or :func:`stop`, and return the exit code.
 
@@ -53,25 +56,18 @@ def run(
             method ``drain``, if any, handles messages that wait; the argument spins once.
         args: Command line arguments for ROS; by default the arguments of the process, which then
             ends with the node.
+        others: Create further nodes, each with its own thread, so that a slow callback does not
+            delay other nodes. All nodes end when one ends.
         message_info: Whether a callback of the node has the message info as an argument.
 
     Returns:
         The exit code: 2 for an invalid parameter, file or argument, with one line on stderr; 130
         for a signal during the start.
     """
-    with _handling_signals(process_ends=args is None) as signals:
-        return _run([create], args, signals, message_info=message_info, only_ros=True)
-
-
-def run_together(creates: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
-    """Run several nodes in one process, see :func:`run`; all end when one ends.
-
-    The first node runs in the main thread, each other node in its own thread, so that a slow
-    callback does not delay other nodes. The switch interval of threads is 0.5 ms.
-    """
-    sys.setswitchinterval(_SWITCH_INTERVAL)
-    with _handling_signals(process_ends=args is None) as signals:
-        return _run(creates, args, signals)
+    if others:
+        sys.setswitchinterval(_SWITCH_INTERVAL)
+    with _Signals(process_ends=args is None) as signals:
+        return _run([create, *others], args, signals, message_info=message_info)
 
 
 def _run(
@@ -79,15 +75,14 @@ def _run(
     args: list[str] | None,
     signals: _Signals,
     *,
-    message_info: bool = False,
-    only_ros: bool = False,
+    message_info: bool,
 ) -> int:
     nodes: list[Node] = []
     threads: list[threading.Thread] = []
     executors: list[Any] = []
     try:
         arguments = sys.argv[1:] if args is None else args
-        if only_ros:
+        if len(creates) == 1:
             refuse_own_arguments(arguments)
         given = read_arguments(arguments, several=len(creates) > 1)
         _init_ros(args)
@@ -162,44 +157,34 @@ class _Signals:
     would be lost in a callback of C. When the nodes spin, rclpy's handler ends the spinning.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, process_ends: bool) -> None:
+        """Initialise; only a process that ends with its nodes handles the signals."""
         self.starting = True
         self.received = False
         """Whether a signal was received."""
-        self._handled: tuple[int, ...] = ()
+        is_main = threading.current_thread() is threading.main_thread()
+        self._handled = _END_SIGNALS if process_ends and is_main else ()
 
-    def handle(self) -> None:
-        """Handle the signals, as rclpy does also those that the parent process ignores."""
-        self._handled = _END_SIGNALS
-        for number in self._handled:
-            signal.signal(number, self)
+    def __enter__(self) -> Self:
+        for number in self._handled:  # as rclpy also those that the parent process ignores
+            signal.signal(number, self._on_signal)
+        return self
 
     def ignore(self) -> None:
         """Ignore further signals."""
         for number in self._handled:
             signal.signal(number, signal.SIG_IGN)
 
-    def __call__(self, _number: int, _frame: object) -> None:
-        """Handle a signal."""
+    def _on_signal(self, _number: int, _frame: object) -> None:
         if self.starting:
             os._exit(EXIT_INTERRUPTED)
         self.received = True
 
-
-@contextmanager
-def _handling_signals(*, process_ends: bool) -> Iterator[_Signals]:
-    """Handle the signals of a process that ends with its nodes."""
-    signals = _Signals()
-    if not process_ends or threading.current_thread() is not threading.main_thread():
-        yield signals
-        return
-    signals.handle()
-    try:
-        yield signals
-    finally:
-        if signals.starting:  # threads of an incomplete node could abort the process
-            free_memory()
-        gc.freeze()  # else the final collection takes half a second
+    def __exit__(self, *_: object) -> None:
+        if self._handled:
+            if self.starting:  # threads of an incomplete node could abort the process
+                free_memory()
+            gc.freeze()  # else the final collection takes half a second
 
 
 def stop() -> None:
@@ -254,7 +239,13 @@ def _register(node: Node, executor: Any) -> None:
 def _spin(executor: Any, signals: _Signals | None = None) -> None:
     while rclpy.ok() and not (signals is not None and signals.received):
         try:
-            _spin_some(executor)
+            if isinstance(executor, SingleThreadedExecutor):
+                # Not with a future: each call would add a callback to it.
+                executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
+            else:
+                # Not spin(): the timeout of the events executor of rclpy 7.1.6 overflows on some
+                # C libraries and uses a whole core.
+                executor.spin_until_future_complete(Future(), timeout_sec=_SPIN_TIMEOUT)
         except RuntimeError:  # of rclpy
             if rclpy.ok():
                 raise  # else a signal came before the plain executor waited
@@ -270,13 +261,3 @@ def fastest_executor(*, message_info: bool) -> Any:
     except ImportError:  # the first releases of Jazzy
         return SingleThreadedExecutor()
     return SingleThreadedExecutor() if message_info else EventsExecutor()
-
-
-def _spin_some(executor: Any) -> None:
-    if isinstance(executor, SingleThreadedExecutor):
-        # Not with a future: each call would add a callback to it.
-        executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
-    else:
-        # Not spin(): the timeout of the events executor of rclpy 7.1.6 overflows on some C
-        # libraries and uses a whole core.
-        executor.spin_until_future_complete(Future(), timeout_sec=_SPIN_TIMEOUT)

@@ -23,7 +23,7 @@ from quad_mpc_ros.ros.bridges.registry import load_bridge
 from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
 from quad_mpc_ros.ros.nodes.reference_node import ReferenceNode
 from quad_mpc_ros.ros.parameter_files import own_arguments
-from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run_together
+from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run
 
 _NO_BRIDGE = "none"
 
@@ -52,11 +52,11 @@ def main(args: list[str] | None = None) -> int:
     )
     options = parser.parse_args(own_arguments(sys.argv if args is None else args)[1:])
     try:
-        nodes = nodes_of_stack(options.bridge, with_reference=options.reference == "true")
+        first, *others = nodes_of_stack(options.bridge, with_reference=options.reference == "true")
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
-    return run_together(nodes, args)
+    return run(first, args, others=others)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
 from quad_mpc_ros.ros.nodes.reference_node import ReferenceNode
 from quad_mpc_ros.ros.nodes.visualisation_node import VisualisationNode
 from quad_mpc_ros.ros.parameter_files import read_arguments, using_parameters
-from quad_mpc_ros.ros.spin import run, run_together
+from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.stack_node import main as stack_main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -391,9 +391,10 @@ def test_an_override_in_one_process_applies_to_its_node(
     arguments = ["--ros-args", "-r", "__ns:=/uav1", "-p", "mode:=on_request"]
     arguments += ["-p", "use_sim_time:=false", "-p", "mass:=0.5"]
     with pytest.raises(_UnspunError):
-        run_together([VisualisationNode, reference], arguments)
+        run(VisualisationNode, arguments, others=[reference])
     assert modes == ["on_request"]
-    assert run_together([VisualisationNode, ReferenceNode], [*arguments, "-p", "colour:=red"]) == 2
+    wrong = [*arguments, "-p", "colour:=red"]
+    assert run(VisualisationNode, wrong, others=[ReferenceNode]) == 2
     line = capfd.readouterr().err.splitlines()[-1]
     assert line == (
         "error: -p: given colour, expected a parameter of /uav1/visualisation or /uav1/reference"

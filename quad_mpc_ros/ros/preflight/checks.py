@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from quad_mpc_ros.configuration.vehicle import describes_vehicle
 from quad_mpc_ros.messages.diagnostics import ERROR, OK
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE
+from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.thrust import thrust_map_findings
 from quad_mpc_ros.ros.preflight.facts import (
     MPC_NODE,
@@ -138,8 +139,9 @@ def throttle(facts: Facts) -> list[Finding]:
     if mpc is None:
         return [_NO_MPC]
     found = list(throttle_findings(mpc))
-    for config in facts.bridge_configs.values():
-        found += thrust_map_findings(config)
+    for node in facts.bridges.values():
+        if isinstance(node.config, BridgeConfig):
+            found += thrust_map_findings(node.config)
     hover = mpc.vehicle().hover_throttle
     lift = mpc.thrust(mpc.throttle_max) / (mpc.mass * mpc.gravity)
     return found or [ok(f"hovers at {hover:.3f}, lifts {lift:.1f} times the weight")]

@@ -12,7 +12,6 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.messages.diagnostics import OK, PEERS_KEY
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.ros.bridges.config import BridgeConfig
 
 C = TypeVar("C", bound=Configuration)
 
@@ -89,15 +88,6 @@ class Facts:
     def bridges(self) -> dict[str, NodeFacts]:
         """The running bridges."""
         return {name: node for name, node in self.nodes.items() if name.endswith(BRIDGE_SUFFIX)}
-
-    @property
-    def bridge_configs(self) -> dict[str, BridgeConfig]:
-        """The parameters of the running bridges."""
-        return {
-            name: node.config
-            for name, node in self.bridges.items()
-            if isinstance(node.config, BridgeConfig)
-        }
 
     def peers(self, name: str, topic: str) -> int | None:
         """Return the number of peers that a node reports on a topic; None without report."""
