@@ -51,8 +51,11 @@ def run(options: argparse.Namespace) -> int:
             course=_course(config),
         )
     print(f"{config.trajectory}\n\n{_verdict_table(verdict)}")
-    for remark in _beyond_the_controller(verdict, loaded.mpc):
-        print(remark)
+    for need, bound in rates_beyond(verdict, loaded.mpc.omega_max):
+        print(
+            f"note: {need.name} {need.worst:.4g} rad/s is beyond mpc.omega_max, {bound:.4g}: the "
+            "MPC cannot track it exactly"
+        )
     print(f"\nfigure  {figure}")
     return 0 if verdict.feasible else EXIT_FAILED
 
@@ -75,15 +78,6 @@ def _within_the_mpc(reference: ReferenceConfig, mpc: MpcConfig) -> ReferenceConf
         throttle_max=min(reference.throttle_max, mpc.throttle_max),
         omega_max=tuple(omega_max),
     )
-
-
-def _beyond_the_controller(verdict: Feasibility, mpc: MpcConfig) -> list[str]:
-    """Return a note for each body rate of the reference that the MPC must not command."""
-    return [
-        f"note: {need.name} {need.worst:.4g} rad/s is beyond mpc.omega_max, {bound:.4g}: the MPC "
-        "cannot track it exactly"
-        for need, bound in rates_beyond(verdict, mpc.omega_max)
-    ]
 
 
 def _verdict_table(verdict: Feasibility) -> str:

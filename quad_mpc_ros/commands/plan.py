@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
-import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from quad_mpc_ros.analysis.figures.reference_figure import write_reference
 from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.output import check_writable, results_in, write_new
-from quad_mpc_ros.commands.progress import ProgressLine
+from quad_mpc_ros.commands.progress import ProgressLine, interrupts
 from quad_mpc_ros.commands.run_options import add_config, add_set
 from quad_mpc_ros.configuration.arguments import number
 from quad_mpc_ros.configuration.text_tables import text_table
@@ -76,7 +74,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Plan, write, draw; return the exit code."""
-    _check_numbers(options)
+    # Checked here, so that errors name the options.
+    number(options.gate_margin, "--gate-margin", least=0.0, below=100.0)
+    number(options.radius, "--radius", least=0.0, below=10.0)
+    number(options.step, "--step", above=0.004, below=0.5)
     check_writable("--out", options.out, overwrite=options.overwrite)
     picture = options.out.with_suffix(".png")
     check_writable("--out", picture, overwrite=options.overwrite)
@@ -87,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
         *(options.config or ["default"]), assignments=[margin, *options.assignments]
     )
     progress = ProgressLine()
-    with _interrupts() as interrupted:
+    with interrupts() as interrupted:
         plan = plan_race(
             course,
             *config,
@@ -108,24 +109,6 @@ def run(options: argparse.Namespace) -> int:
     print(_table(plan, verdict, seconds=seconds))
     print(f"\nplan     {options.out}\npicture  {picture}")
     return 0 if verdict.feasible else EXIT_FAILED
-
-
-def _check_numbers(options: argparse.Namespace) -> None:
-    """Check the numbers here, so that errors name the options."""
-    number(options.gate_margin, "--gate-margin", least=0.0, below=100.0)
-    number(options.radius, "--radius", least=0.0, below=10.0)
-    number(options.step, "--step", above=0.004, below=0.5)
-
-
-@contextlib.contextmanager
-def _interrupts() -> Iterator[threading.Event]:
-    """Yield an event that Ctrl-C sets, because the optimiser would convert an exception."""
-    interrupted = threading.Event()
-    before = signal.signal(signal.SIGINT, lambda *_: interrupted.set())
-    try:
-        yield interrupted
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _shown_by(

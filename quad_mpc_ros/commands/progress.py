@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import signal
 import sys
+import threading
 import time
+from collections.abc import Iterator
 
 _TERMINAL_PERIOD = 0.1
 _LOG_PERIOD = 1.0
@@ -43,3 +47,14 @@ class ProgressLine:
         """End the line."""
         if self._terminal:
             print(file=sys.stderr)
+
+
+@contextlib.contextmanager
+def interrupts() -> Iterator[threading.Event]:
+    """Yield an event that Ctrl-C sets, where libraries would convert an exception."""
+    interrupted = threading.Event()
+    before = signal.signal(signal.SIGINT, lambda *_: interrupted.set())
+    try:
+        yield interrupted
+    finally:
+        signal.signal(signal.SIGINT, before)

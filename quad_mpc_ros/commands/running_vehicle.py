@@ -62,15 +62,16 @@ class RunningVehicle(Observer):
         expected = {MPC_NODE, REFERENCE_NODE}
         self.spin_until(lambda: expected <= set(self._names()), begun + 0.5 * timeout)
         names = self._settled_names(deadline)
-        answers = self.parameters({f"{self._space}/{name}" for name in names}, deadline)
-        parameters = {full.rpartition("/")[2]: values for full, values in answers.items()}
-        self._follow_time(parameters)
-        self._watch(self._odometry_topic(), deadline)
         awaited = {f"{self._space}/{name}" for name in names}
+        answers = self.parameters(awaited, deadline)
+        parameters = {full.rpartition("/")[2]: values for full, values in answers.items()}
+        if parameters.get(MPC_NODE, {}).get(_USE_SIM_TIME):  # arrivals by the clock of the MPC
+            self.node.set_parameters([Parameter(_USE_SIM_TIME, value=True)])
+        self._watch(self._odometry_topic(), deadline)
         self.spin_until(lambda: awaited <= self._health.keys(), deadline)
         nodes = {
             name: self._node(name, parameters.get(name), count=names.count(name))
-            for name in sorted(set(names), key=_order)
+            for name in (*filter(names.__contains__, SCHEMA), *sorted({*names} - SCHEMA.keys()))
         }
         reference_samples, reference_samples_error = _reference_samples(nodes.get(REFERENCE_NODE))
         return Facts(
@@ -110,11 +111,6 @@ class RunningVehicle(Observer):
             for space, _, name in (each.rpartition("/") for each in there)
             if space == self._space and (name in SCHEMA or name.endswith(BRIDGE_SUFFIX))
         ]
-
-    def _follow_time(self, parameters: Mapping[str, Mapping[str, Any]]) -> None:
-        """Use the clock of the MPC for arrivals."""
-        if parameters.get(MPC_NODE, {}).get(_USE_SIM_TIME):
-            self.node.set_parameters([Parameter(_USE_SIM_TIME, value=True)])
 
     def _watch(self, odometries: Topic, deadline: float) -> None:
         """Receive odometry for a while."""
@@ -196,8 +192,3 @@ def _reference_samples(node: NodeFacts | None) -> tuple[ReferenceSamples | None,
         return sample_reference(node.config, read_bag=flown_points), ""
     except UserError as error:
         return None, str(error)
-
-
-def _order(name: str) -> tuple[int, str]:
-    known = list(SCHEMA)
-    return (known.index(name) if name in known else len(known), name)

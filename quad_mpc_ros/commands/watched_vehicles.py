@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,6 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from quad_mpc_ros.commands.observer import Observer, checked_namespace, subscribe
+from quad_mpc_ros.commands.progress import interrupts
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.messages.topics import DIAGNOSTICS, ODOMETRY, REFERENCE, Topic
 from quad_mpc_ros.ros.messages import odometry_in, reference_in
@@ -133,20 +132,12 @@ def watch_once(namespaces: Sequence[str] | None) -> bool:
 
 
 def watch(namespaces: Sequence[str] | None) -> None:
-    """Print a table each second until Ctrl-C; in a terminal it replaces the last table.
-
-    Ctrl-C sets an event, because libraries could convert an exception into another.
-    """
-    stopped = threading.Event()
-    before = signal.signal(signal.SIGINT, lambda *_: stopped.set())
+    """Print a table each second until Ctrl-C; in a terminal it replaces the last table."""
     clear = _CLEAR_SCREEN if sys.stdout.isatty() else ""
-    try:
-        with _Watcher(namespaces) as watcher:
-            while not stopped.is_set():
-                print(f"{clear}{time.strftime('%H:%M:%S')}\n{watcher.text()}", flush=True)
-                watcher.spin_until(stopped.is_set, time.monotonic() + _TABLE_PERIOD)
-    finally:
-        signal.signal(signal.SIGINT, before)
+    with interrupts() as stopped, _Watcher(namespaces) as watcher:
+        while not stopped.is_set():
+            print(f"{clear}{time.strftime('%H:%M:%S')}\n{watcher.text()}", flush=True)
+            watcher.spin_until(stopped.is_set, time.monotonic() + _TABLE_PERIOD)
 
 
 class _Watcher(Observer):

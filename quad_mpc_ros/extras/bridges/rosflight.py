@@ -27,7 +27,6 @@ from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
     OutgoingMessage,
     Response,
-    ServiceCall,
     Subscription,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
@@ -166,12 +165,11 @@ class RosflightBridge(Bridge):
         response = super().engage(wanted, now_ns=now_ns)
         if not (wanted and response.accepted):
             return response
-        return dataclasses.replace(response, calls=[self._question(name) for name in _QUERIED])
-
-    def _question(self, name: str) -> ServiceCall:
-        """Return the call that requests a parameter of the firmware."""
-        receive = functools.partial(self._on_parameter, name)
-        return self._call(self._parameters, receive=receive, optional=True, name=name)
+        calls = []
+        for name in _QUERIED:
+            receive = functools.partial(self._on_parameter, name)
+            calls.append(self._call(self._parameters, receive=receive, optional=True, name=name))
+        return dataclasses.replace(response, calls=calls)
 
     def _on_parameter(self, name: str, response: Any) -> None:
         """Check a parameter of the firmware."""

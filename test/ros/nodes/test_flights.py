@@ -56,16 +56,6 @@ def test_simulate_and_lockstep_flight_send_identical_commands(
     assert _commands(out) == _commands(lockstep)
 
 
-def test_one_process_flight_equals_separate_processes(lockstep: Path, tmp_path: Path) -> None:
-    together = tmp_path / "together"
-    given = ["--lockstep", "--together", "--config", "paper"]
-    assert main(["fly", *given, "--out", str(together)]) == 0
-    assert _commands(together) == _commands(lockstep)
-    with AnyReader([together / "bag"]) as reader:  # which other nodes still receive
-        counts = {each.topic: each.msgcount for each in reader.connections}
-    assert counts["/reference"] == 500
-
-
 def test_a_planned_race_is_the_same_in_lockstep_and_simulated(tmp_path: Path) -> None:
     pytest.importorskip("casadi")
     course, plan = tmp_path / "course.yaml", tmp_path / "race.csv"

@@ -120,52 +120,40 @@ def test_mpc_commands_only_while_it_is_active(
     assert "Traceback" not in log
 
 
-@pytest.mark.parametrize("acts", [True, False])
 def test_warns_of_a_deactivation_in_flight(
-    acts: bool, start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
+    start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
 ) -> None:
     """There is no warning if commands do not act."""
-    publishers = [
+    engaged, landed = (
         peer.node.create_publisher(Bool, name, LATCHED) for name in ("engaged", "landed")
-    ]
-    for publisher, value in zip(publishers, (acts, False), strict=True):
-        publisher.publish(Bool(data=value))
+    )
+    landed.publish(Bool(data=False))
     start("mpc")
     mpc, log = managed("mpc"), tmp_path / "mpc.log"
-    assert mpc.reports("active")
-    peer.deliver(*publishers)
-    assert mpc.to("deactivate")
-    assert mpc.reports("inactive")
     warned = r"\[WARN\] .*inactive on request in flight: stopped publishing commands"
-    assert bool(re.search(warned, log.read_text())) is acts
+    for acts in (False, True):
+        engaged.publish(Bool(data=acts))
+        assert mpc.reports("active")
+        peer.deliver(engaged, landed)
+        assert peer.wait(lambda acts=acts: mpc.health.get("engaged") == str(acts).lower())
+        assert mpc.to("deactivate")
+        assert mpc.reports("inactive")
+        assert bool(re.search(warned, log.read_text())) is acts
+        assert acts or peer.wait(lambda: mpc.to("activate"))
 
 
-def test_mpc_activates_automatically_with_odometry_and_reference(
+def test_mpc_activates_automatically_with_slow_odometry_and_reference(
     start: Start, peer: Any, feed: Any, outputs: Outputs, managed: Any
 ) -> None:
-    feed.reference = False
-    start("mpc")
+    """Odometry that is older than odom_timeout most of the time blocks no activation for good."""
+    feed.reference, feed.decimation = False, 10
+    # Odometry that rests contradicts the thrust that it is given.
+    start("mpc", "-p", "consistency.action:=warn")
     mpc = managed("mpc")
     assert mpc.reports("inactive", "no reference yet")
     assert not outputs.anything(0.2)
     feed.reference = True
-    assert peer.wait(lambda: outputs.commands)
-    assert mpc.reports("active", "flying")
-
-    assert mpc.to("deactivate")
-    assert not outputs.anything(0.3), "it must not start by itself again"
-    assert mpc.state == "inactive"
-
-
-@pytest.mark.parametrize("rate", [5, 10])
-def test_mpc_starts_by_itself_with_slow_odometry(
-    rate: int, start: Start, peer: Any, feed: Any, outputs: Outputs, managed: Any
-) -> None:
-    """Odometry that is older than odom_timeout most of the time blocks no activation for good."""
-    feed.decimation = 50 // rate
-    # Odometry that rests contradicts the thrust that it is given.
-    start("mpc", "-p", "consistency.action:=warn")
-    assert managed("mpc").reports("active")
+    assert mpc.reports("active")
 
     def solved() -> int:
         sources = [stats_from_message(each)["source"] for each in outputs.stats]
@@ -174,11 +162,19 @@ def test_mpc_starts_by_itself_with_slow_odometry(
     assert peer.wait(lambda: solved() >= 10)
     assert len(outputs.commands) >= 10
 
+    assert mpc.to("deactivate")
+    assert not outputs.anything(0.3), "it must not start by itself again"
+    assert mpc.state == "inactive"
+
 
 def test_parameters_may_be_set_until_configured(
     start: Start, peer: Any, managed: Any, tmp_path: Path
 ) -> None:
-    process, mpc = start("mpc", *WAIT), managed("mpc")
+    process, mpc = start("mpc", *WAIT, "-p", "drag:=[0.2, 0.3, 0.4]"), managed("mpc")
+    for drag in (0.3, [0.2, 0.3, 0.4], 1, [1, 1, 2]):
+        assert mpc.set(drag=drag) == ""
+    for wrong in ("much", [0.2, 0.3], -0.1, [0.2, 0.3, -0.1], True):
+        assert "expected a number >= 0, or 3 numbers" in mpc.set(drag=wrong)
     assert mpc.set(horizon_steps=0) == (
         "Parameter horizon_steps out of range. Min: 1, Max: 200, value: 0"
     )
@@ -196,7 +192,9 @@ def test_parameters_may_be_set_until_configured(
     refusal = mpc.set(throttle_min=0.1, horizon_steps=9)
     assert refusal.startswith("mpc.horizon_steps: given 9, expected 7 as long as the node is ")
     assert "clean up the node first" in refusal
-    assert mpc.set(horizon_steps=7, mass=0.3, throttle_min=0.1) == "", "what is the same is fine"
+    assert mpc.set(drag=0.2).startswith("mpc.drag: given 0.2, expected [1.0, 1.0, 2.0] as long")
+    same = {"horizon_steps": 7, "mass": 0.3, "drag": [1, 1, 2]}
+    assert mpc.set(**same, throttle_min=0.1) == "", "what is the same is fine"
     assert mpc.set(**{"limits.speed_max": 4.0}) == "", "on since it was configured"
     assert mpc.set(massa=2.0) == "mpc has no parameter 'massa' (did you mean mass?)"
     refusal = mpc.set(**{"limits.speed_max": 0.0})
@@ -213,18 +211,6 @@ def test_parameters_may_be_set_until_configured(
     assert "configure refused: mpc.throttle_max: given 0.29" in log
     assert "changed: limits.speed_max 5.0 to 4.0" in log
     assert "Traceback" not in log
-
-
-def test_drag_is_one_number_or_three(start: Start, managed: Any) -> None:
-    start("mpc", *WAIT, "-p", "drag:=[0.2, 0.3, 0.4]")
-    mpc = managed("mpc")
-    for drag in (0.3, [0.2, 0.3, 0.4], 1, [1, 1, 2]):
-        assert mpc.set(drag=drag) == ""
-    for wrong in ("much", [0.2, 0.3], -0.1, [0.2, 0.3, -0.1], True):
-        assert "expected a number >= 0, or 3 numbers" in mpc.set(drag=wrong)
-    assert mpc.to("configure")
-    assert mpc.set(drag=[1, 1, 2]) == "", "what is the same is fine"
-    assert mpc.set(drag=0.2).startswith("mpc.drag: given 0.2, expected [1.0, 1.0, 2.0] as long")
 
 
 def test_a_shutdown_from_every_state_ends_the_process(

@@ -72,18 +72,37 @@ class Surveyor:
         return bool(self._peer.wait(near))
 
 
-def test_receives_clouds_and_markers_of_another_process(
+def test_receives_clouds_markers_and_neighbours_and_reports_a_sensor_that_stops(
     start: Start, peer: Any, feed: Any, managed: Any
 ) -> None:
     """The vehicle has a radius of 0.2 m; a ball of 0.5 m is nearer than the points."""
     surveyor, mpc = Surveyor(peer), managed("mpc")
+    odometry = peer.node.create_publisher(Odometry, "/uav2/odom", qos_profile_sensor_data)
     feed.height = 0.0
-    start("mpc", *ON)
+    start("mpc", *ON, "-p", "obstacles.neighbours:=[uav2]")
     assert mpc.reports("active")
-    assert surveyor.sees(1.8, lambda: surveyor.send_points([[0.0, 2.0, 0.0], [3.0, 0.0, 0.0]]))
+
+    def send_points() -> None:
+        surveyor.send_points([[0.0, 2.0, 0.0], [3.0, 0.0, 0.0]])
+
+    assert surveyor.sees(1.8, send_points)
+    assert mpc.reports("active", "no usable cloud on obstacles for")
+    assert peer.wait(lambda: math.isinf(surveyor.clearance))  # it is forgotten
+    assert surveyor.sees(1.8, send_points)
     assert surveyor.sees(0.8, lambda: surveyor.send_ball(1.5))
     assert peer.wait(lambda: int(mpc.health.get("obstacles.clouds", 0)) > 0)
     assert int(mpc.health["obstacles.markers"]) > 0
+
+    def is_received() -> bool:
+        message = Odometry()
+        message.header.stamp = peer.node.get_clock().now().to_msg()
+        message.header.frame_id, message.child_frame_id = "odom", "base_link"
+        message.pose.pose.position.x, message.pose.pose.orientation.w = 3.0, 1.0
+        odometry.publish(message)
+        return mpc.health.get("obstacles.neighbours") == "1 of 1"
+
+    assert mpc.health["obstacles.neighbours"] == "0 of 1"
+    assert peer.wait(is_received)
 
 
 def test_malformed_late_and_unknown_frame_clouds_are_rejected(
@@ -166,35 +185,3 @@ def test_accepts_moved_gates_and_refuses_invalid_ones(
 
         assert peer.wait(is_logged), reason
     assert "Traceback" not in log.read_text()
-
-
-def test_diagnostics_report_a_sensor_that_stops(
-    start: Start, peer: Any, feed: Any, managed: Any
-) -> None:
-    surveyor, mpc = Surveyor(peer), managed("mpc")
-    start("mpc", *ON)
-    assert mpc.reports("active")
-    assert surveyor.sees(1.8, lambda: surveyor.send_points([[0.0, 2.0, 0.0]]))
-    assert mpc.reports("active", "no usable cloud on obstacles for")
-    assert peer.wait(lambda: math.isinf(surveyor.clearance))  # it is forgotten
-    assert surveyor.sees(1.8, lambda: surveyor.send_points([[0.0, 2.0, 0.0]]))
-
-
-def test_receives_a_neighbour_in_its_namespace(
-    start: Start, peer: Any, feed: Any, managed: Any
-) -> None:
-    mpc = managed("mpc")
-    odometry = peer.node.create_publisher(Odometry, "/uav2/odom", qos_profile_sensor_data)
-    start("mpc", *ON, "-p", "obstacles.neighbours:=[uav2]")
-    assert mpc.reports("active")
-
-    def is_received() -> bool:
-        message = Odometry()
-        message.header.stamp = peer.node.get_clock().now().to_msg()
-        message.header.frame_id, message.child_frame_id = "odom", "base_link"
-        message.pose.pose.position.x, message.pose.pose.orientation.w = 3.0, 1.0
-        odometry.publish(message)
-        return mpc.health.get("obstacles.neighbours") == "1 of 1"
-
-    assert mpc.health.get("obstacles.neighbours", "0 of 1") == "0 of 1"
-    assert peer.wait(is_received)

@@ -30,12 +30,10 @@ EFFECTS = {
     "odom_delay": 0.0043,
     "odom_dropout": 0.05,
     "odom_jitter": 0.001,
+    "imu_rate": 200,
+    "imu_noise": 0.3,
     "seed": 11,
 }
-
-
-def _assignments() -> list[str]:
-    return [f"--set=simulator.{name}={json.dumps(value)}" for name, value in EFFECTS.items()]
 
 
 def _payloads(run: Path, topic: str) -> list[bytes]:
@@ -44,17 +42,20 @@ def _payloads(run: Path, topic: str) -> list[bytes]:
         return [bytes(data) for _, _, data in reader.messages(connections)]
 
 
-def test_lockstep_and_simulate_agree_with_every_effect(tmp_path: Path) -> None:
-    # Without modelled lags the MPC oscillates: keep it in command nevertheless.
-    swinging = "--set=mpc.advanced.oscillation.action=warn"
-    options = ["--config", "paper_rigid_body", "--duration", "4", swinging, *_assignments()]
-    flown, simulated = tmp_path / "flown", tmp_path / "simulated"
-    over_dds = main(["fly", "--lockstep", *options, "--out", str(flown)])
-    # And turns over in the end, which both have to say.
-    assert over_dds == main(["simulate", *options, "--out", str(simulated)]) == 1
-    for topic in ("/odom", "/command"):
-        assert 160 < len(_payloads(flown, topic)) < 200
+def test_lockstep_in_one_process_and_simulate_agree_with_every_effect(tmp_path: Path) -> None:
+    options = ["--reference", "lemniscate", "--duration", "4"]
+    options += ["--set", "mpc.advanced.accelerometer_noise=0.5"]
+    options += [f"--set=simulator.{name}={json.dumps(value)}" for name, value in EFFECTS.items()]
+    flown, simulated, again = tmp_path / "flown", tmp_path / "simulated", tmp_path / "again"
+    assert main(["fly", "--lockstep", "--together", *options, "--out", str(flown)]) == 0
+    assert main(["simulate", *options, "--out", str(simulated)]) == 0
+    assert main(["resolve", str(flown), "--out", str(again)]) == 0
+    for topic in ("/odom", "/command", "/imu"):
+        assert len(_payloads(flown, topic)) > 160
         assert _payloads(flown, topic) == _payloads(simulated, topic), topic
+    assert _payloads(again, "/command") == _payloads(flown, "/command")
+    # The recorder receives what the nodes of one process send to each other.
+    assert len(_payloads(flown, "/reference")) == len(_payloads(flown, "/odom"))
 
 
 def test_real_time_odometry_has_delay_jitter_and_dropouts(

@@ -57,8 +57,14 @@ def test_planning_does_not_delay_the_mpc(start: Start, peer: Any, feed: Any) -> 
     assert peer.wait(lambda: len(commands) > 50)
 
 
-def test_the_shutdown_of_one_node_ends_all(start: Start, peer: Any) -> None:
-    process = start("stack")
+@pytest.mark.usefixtures("registered")
+def test_runs_a_bridge_and_ends_with_the_shutdown_of_one_node(start: Start, peer: Any) -> None:
+    diagnostics: list[DiagnosticArray] = []
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", diagnostics.append, 10)
+    process = start("stack", before=("--bridge", "rates"))
+    for node in ("/mpc", "/reference", "/rates_bridge"):
+        assert peer.wait(lambda node=node: peers_of(diagnostics, node)), node
+
     client = peer.node.create_client(ChangeState, "/reference/change_state")
     request = ChangeState.Request()
     request.transition = Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN)
@@ -73,15 +79,6 @@ def test_a_wrong_parameter_is_one_line(start: Start, tmp_path: Path) -> None:
     log = (tmp_path / "stack.log").read_text()
     assert "error: reference.side: given -1.0, expected a number > 0" in log
     assert "Traceback" not in log
-
-
-@pytest.mark.usefixtures("registered")
-def test_a_bridge_is_a_node_of_the_same_process(start: Start, peer: Any) -> None:
-    diagnostics: list[DiagnosticArray] = []
-    peer.node.create_subscription(DiagnosticArray, "/diagnostics", diagnostics.append, 10)
-    start("stack", before=("--bridge", "rates"))
-    for node in ("/mpc", "/reference", "/rates_bridge"):
-        assert peer.wait(lambda node=node: peers_of(diagnostics, node)), node
 
 
 def test_an_unknown_bridge_is_one_line(

@@ -93,12 +93,9 @@ class CrazyflieBridge(Bridge):
             return Stack(fault="the Crazyflie is upside down")
         if telemetry.info & crtp.IS_LOCKED:
             return Stack(fault="the Crazyflie is locked: restart it")
-        armed = bool(telemetry.info & crtp.IS_ARMED)
-        return Stack(takes_setpoints=True, armed=armed and self._is_unlocked)
-
-    @property
-    def _is_unlocked(self) -> bool:
-        return self._sent_ns is not None and self._unlocking == 0
+        is_unlocked = self._sent_ns is not None and self._unlocking == 0
+        armed = bool(telemetry.info & crtp.IS_ARMED) and is_unlocked
+        return Stack(takes_setpoints=True, armed=armed)
 
     def _arm(self, wanted: bool) -> Response:
         """Arm or disarm; firmware without arming stops with a setpoint of zeros."""

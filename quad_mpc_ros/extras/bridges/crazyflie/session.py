@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from quad_mpc_ros.extras.bridges import crtp
+from quad_mpc_ros.ros.bridges.handover import is_old
 
 _RATE_MODES = tuple(f"flightmode.stabMode{axis}" for axis in ("Roll", "Pitch", "Yaw"))
 _STATE, _VOLTAGE = "supervisor.info", "pm.vbat"
@@ -94,7 +95,10 @@ class Session:
 
     def requests(self, *, now_ns: int) -> Iterator[crtp.Packet]:
         """Yield the requests that are due."""
-        self._begin_after_silence(now_ns)
+        received_ns = self.telemetry.received_ns
+        if received_ns is not None and is_old(received_ns, now_ns, _SESSION_TIMEOUT_NS):
+            self.telemetry.received_ns, self.telemetry.takes_rates = None, False
+            self._progress = _Preparation()
         progress = self._progress
         if progress.unset and self._due("modes", now_ns):
             for name in _RATE_MODES:
@@ -106,22 +110,10 @@ class Session:
                 yield crtp.log_count_request()
         elif not progress.is_searched:
             yield from progress.questions(now_ns)
-        elif not self._is_received(now_ns) and self._due("block", now_ns):
+        elif is_old(self.telemetry.received_ns, now_ns, _SESSION_TIMEOUT_NS // 2) and self._due(
+            "block", now_ns
+        ):
             yield from self._start_of_log()
-
-    def _begin(self) -> None:
-        self.telemetry.takes_rates = False
-        self._progress = _Preparation()
-
-    def _begin_after_silence(self, now_ns: int) -> None:
-        received_ns = self.telemetry.received_ns
-        if received_ns is not None and abs(now_ns - received_ns) > _SESSION_TIMEOUT_NS:
-            self.telemetry.received_ns = None
-            self._begin()
-
-    def _is_received(self, now_ns: int) -> bool:
-        received_ns = self.telemetry.received_ns
-        return received_ns is not None and abs(now_ns - received_ns) < _SESSION_TIMEOUT_NS // 2
 
     def _on_parameter(self, name: str, error: int) -> None:
         if error:

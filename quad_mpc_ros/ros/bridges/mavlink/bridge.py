@@ -40,6 +40,7 @@ _HEARTBEAT_NS, _TIME_NS = _SECOND, _SECOND // 10
 _STATE_NS = _SECOND // 2  # without state for this time it is requested again
 # PX4 has no interval for HEARTBEAT: request each one. CURRENT_MODE comes with each change.
 _REQUEST_NS = _SECOND // 10
+_PARAMETERS_NS = 300_000_000
 _HEARTBEAT_TIMEOUT, _LAND_TIMEOUT, _ODOMETRY_TIMEOUT = 1.5, 2.5, 1.0  # s
 _MESSAGE_RATES = {codec.EXTENDED_SYS_STATE: 5.0, codec.SYS_STATUS: 2.0}  # Hz
 _MESSAGE_RATES |= {codec.ATTITUDE_TARGET: 20.0, codec.CURRENT_MODE: 50.0}
@@ -326,10 +327,11 @@ class MavlinkBridge(Bridge):
         if self._is_due("time", _TIME_NS, now_ns):
             self._time.note_request(now_ns=now_ns)
             due.append(codec.timesync(sent_ns=now_ns))
-        due += [
-            codec.parameter_request(name, system=self._system, component=self._component)
-            for name in self._settings.due(now_ns=now_ns)
-        ]
+        if self._is_due("parameters", _PARAMETERS_NS, now_ns):
+            due += [
+                codec.parameter_request(name, system=self._system, component=self._component)
+                for name in self._settings.take_due()
+            ]
         # First in any case: unrequested messages have a rate chosen by the autopilot.
         lacks = "rates" not in self._done_ns or self._lacks_messages(now_ns)
         if lacks and self._is_due("rates", _SECOND, now_ns):

@@ -11,7 +11,6 @@ from quad_mpc_ros.ros.bridges.mavlink.autopilots import SetpointEcho
 
 _SECOND = 1_000_000_000
 _MAX_REQUESTS = 10  # for a parameter; or pending requests for the time
-_REQUEST_PERIOD_NS = 300_000_000
 _MEMORY_NS = _SECOND  # of sent setpoints: the autopilot reports them late
 _MIN_HISTORY_NS = _SECOND // 2
 _MAX_FOREIGN = 3  # reported targets that were not sent here, until they are suspicious
@@ -52,29 +51,25 @@ class AutopilotParameters:
     def __init__(self, names: Sequence[str]) -> None:
         self.values: dict[str, float] = {}
         self._requests = dict.fromkeys(names, 0)
-        self._requested_ns: int | None = None
 
     @property
     def are_complete(self) -> bool:
         """Whether each parameter was received, or requested often enough without response."""
-        return all(
-            name in self.values or count >= _MAX_REQUESTS for name, count in self._requests.items()
-        )
+        return not self._missing()
 
-    def due(self, *, now_ns: int) -> list[str]:
-        """Return the names to request now."""
-        before_ns = self._requested_ns
-        if before_ns is not None and abs(now_ns - before_ns) < _REQUEST_PERIOD_NS:
-            return []
-        missing = [
+    def take_due(self) -> list[str]:
+        """Return the names to request now; call this periodically."""
+        missing = self._missing()
+        for name in missing:
+            self._requests[name] += 1
+        return missing
+
+    def _missing(self) -> list[str]:
+        return [
             name
             for name, count in self._requests.items()
             if name not in self.values and count < _MAX_REQUESTS
         ]
-        self._requested_ns = now_ns
-        for name in missing:
-            self._requests[name] += 1
-        return missing
 
     def receive(self, name: str, value: float) -> bool:
         """Store a parameter; return whether it is required and has changed."""
