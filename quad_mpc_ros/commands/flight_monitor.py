@@ -7,7 +7,7 @@ import itertools
 import sys
 import time
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, Self
 
 from std_srvs.srv import Trigger
@@ -173,23 +173,26 @@ class FlightMonitor(Observer):
 
 
 def watch_flight(
-    monitor: FlightMonitor, vehicles: Mapping[str, Mapping[str, NodeProcess]], duration: float
+    monitor: FlightMonitor, processes: Sequence[NodeProcess], duration: float
 ) -> float:
     """Wait until all nodes are connected, start the clock, and wait for the end.
 
-    ``vehicles`` are the nodes by namespace and name; ``duration`` [s] is the flight's. Returns the
+    ``processes`` are the nodes of all vehicles; ``duration`` [s] is the flight's. Returns the
     seconds flown on the wall clock. Raises :class:`FlightError`.
     """
-    _await_readiness(monitor, vehicles)
+    _await_readiness(monitor, processes)
     monitor.start_simulator()
-    others = {namespace: dict(nodes) for namespace, nodes in vehicles.items()}
-    simulators = [nodes.pop("simulator") for nodes in others.values()]
+    simulators = [each for each in processes if each.node == "simulator"]
+    others = [each for each in processes if each.node != "simulator"]
     started, progress = time.monotonic(), ProgressLine()
-    while any(simulator.exit_code is None for simulator in simulators):
+    while not all(simulator.has_ended for simulator in simulators):
         monitor.spin(0.05)
         progress.show_flight(monitor.flown(), duration)
-        for nodes in others.values():
-            _drop_ended_recorder(nodes)
+        for recorder in [each for each in others if each.node == "recorder" and each.has_ended]:
+            # For example on a full disk: the flight continues without it.
+            text = f"\nerror: {recorder.unexpected_end()}\n  the flight continues"
+            print(text, file=sys.stderr, flush=True)
+            others.remove(recorder)
         _check_alive(others)
     progress.close()
     if lost := monitor.lost_messages():
@@ -206,15 +209,13 @@ def watch_flight(
     return time.monotonic() - started
 
 
-def _await_readiness(
-    monitor: FlightMonitor, vehicles: Mapping[str, Mapping[str, NodeProcess]]
-) -> None:
+def _await_readiness(monitor: FlightMonitor, processes: Sequence[NodeProcess]) -> None:
     print("  waiting for the nodes to connect", file=sys.stderr, flush=True)
     started = time.monotonic()
     first_start = not cached_functions()
     logged = False
     while not monitor.ready():
-        _check_alive(vehicles)
+        _check_alive(processes)
         if duplicate := monitor.duplicate_publishers():
             raise FlightError(
                 f"{duplicate}: another flight runs in this ROS domain; stop that flight or set "
@@ -235,21 +236,7 @@ def _await_readiness(
         monitor.spin(0.02)
 
 
-def _drop_ended_recorder(nodes: dict[str, NodeProcess]) -> None:
-    """Report a recorder that has ended, for example on a full disk, and continue without it."""
-    recorder = nodes.get("recorder")
-    if recorder is not None and recorder.exit_code is not None:
-        print(
-            f"\nerror: {recorder.unexpected_end()}\n  the flight continues",
-            file=sys.stderr,
-            flush=True,
-        )
-        del nodes["recorder"]
-
-
-def _check_alive(vehicles: Mapping[str, Mapping[str, NodeProcess]]) -> None:
-    for namespace, nodes in vehicles.items():
-        for process in nodes.values():
-            if process.exit_code is not None:
-                where = f"{namespace}: " if namespace else ""
-                raise FlightError(f"{where}{process.unexpected_end()}")
+def _check_alive(processes: Sequence[NodeProcess]) -> None:
+    for process in processes:
+        if process.has_ended:
+            raise FlightError(process.unexpected_end())

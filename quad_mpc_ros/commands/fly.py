@@ -113,7 +113,8 @@ def _fly(configs: Mapping[str, RunConfig], options: argparse.Namespace) -> tuple
             recorded=None if len(configs) == 1 else RECORDED,
             together=options.together,
         ) as monitor:
-            wall_seconds = watch_flight(monitor, vehicles, first.simulator.duration)
+            processes = [each for nodes in vehicles.values() for each in nodes.values()]
+            wall_seconds = watch_flight(monitor, processes, first.simulator.duration)
     finally:
         for nodes in vehicles.values():
             stop_all(nodes)

@@ -32,8 +32,7 @@ class FlightError(Exception):
 class NodeProcess:
     """One node, with its parameter file and its log in the folder of the run.
 
-    ``module`` is run instead of the module of the node, with the nodes ``others`` in it;
-    ``namespace`` is the vehicle's.
+    With ``others``, these nodes are in the same process. ``namespace`` is the vehicle's.
     """
 
     def __init__(
@@ -42,13 +41,13 @@ class NodeProcess:
         *,
         run: RunConfig,
         use_sim_time: bool = False,
-        module: str | None = None,
         others: Sequence[str] = (),
         namespace: str = "",
     ) -> None:
         from quad_mpc_ros.configuration import files
 
         self.node = node
+        self._vehicle = f"{namespace}: " if namespace else ""
         self._log = run.out / "log" / f"{node}.log"
         self._log.parent.mkdir(exist_ok=True)
         parameters = self._log.with_suffix(".yaml")
@@ -64,7 +63,7 @@ class NodeProcess:
         parameters.write_text("".join(texts), encoding="utf-8")
         # Simulated time waits for all nodes, so it needs no priorities.
         has_low_priority = node == "recorder" and not use_sim_time
-        program = _module(module) if module else _executable(node)
+        program = _executable("stack" if others else node)
         remaps = ("-r", f"__ns:=/{namespace}") if namespace else ()
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
@@ -84,6 +83,11 @@ class NodeProcess:
         """Exit code, or None while the node runs."""
         return self._process.poll()
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether the node has ended."""
+        return self.exit_code is not None
+
     def stop(self) -> int:
         """Stop the node like Ctrl-C, or kill a node that does not stop; return the exit code."""
         if self._process.poll() is None:
@@ -96,7 +100,8 @@ class NodeProcess:
 
     def unexpected_end(self) -> str:
         """Return the message about a node that ended unexpectedly, with the end of its log."""
-        return f"{self.node} ended by itself (exit code {self.exit_code})\n{self.log_tail()}"
+        end = f"ended by itself (exit code {self.exit_code})"
+        return f"{self._vehicle}{self.node} {end}\n{self.log_tail()}"
 
     def log_tail(self) -> str:
         """Return the end of the log."""
@@ -147,7 +152,6 @@ def start_all(
             run=run,
             use_sim_time=lockstep and node != "simulator",
             namespace=namespace,
-            module="ros.stack_node" if together and node == "mpc" else None,
             others=("reference",) if together and node == "mpc" else (),
         )
         for node in SCHEMA
@@ -162,11 +166,7 @@ def stop_all(processes: dict[str, NodeProcess]) -> None:
 
 
 def _executable(node: str) -> Sequence[str]:
-    return (*_module("entry"), f"{node}_node")
-
-
-def _module(module: str) -> Sequence[str]:
-    return (sys.executable, "-P", "-m", f"quad_mpc_ros.{module}")
+    return (sys.executable, "-P", "-m", "quad_mpc_ros.entry", f"{node}_node")
 
 
 def _environment() -> dict[str, str]:

@@ -138,11 +138,10 @@ class Aerostack2Bridge(Bridge):
         if wanted or self._ground.landed:
             return Response(accepted=True, text=f"asked for {what}", calls=[call])
         # In the air a platform may refuse to disarm, but not its kill switch.
-        alert = self._new(self._alert.type_name)
-        alert.alert, alert.description = KILL_SWITCH, "disarming requested in the air"
-        messages = [OutgoingMessage(topic=self._alert, message=alert)]
+        why = "disarming requested in the air"
+        kill = self._message(self._alert, alert=KILL_SWITCH, description=why)
         text = "requested the kill switch and disarming"
-        return Response(accepted=True, text=text, messages=messages, calls=[call])
+        return Response(accepted=True, text=text, messages=[kill], calls=[call])
 
     def _on_arming(self, what: str, response: Any) -> None:
         if not response.success:
@@ -159,19 +158,16 @@ class Aerostack2Bridge(Bridge):
         return Response(accepted=True, text="requested leaving offboard mode", calls=[offboard])
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
-        thrust, rates = self._new(self._thrust.type_name), self._new(self._rates.type_name)
+        thrust, rates = self._message(self._thrust), self._message(self._rates)
         fill_thrust(
-            thrust,
+            thrust.message,
             thrust_newton=self.thrust.thrust_newton(command.throttle),
             throttle=self.thrust.stack_throttle(command.throttle),
             frame_id=self._frame_id,
             now_ns=now_ns,
         )
-        fill_body_rates(rates, command, frame_id=self._frame_id, now_ns=now_ns)
-        return [
-            OutgoingMessage(topic=self._thrust, message=thrust),
-            OutgoingMessage(topic=self._rates, message=rates),
-        ]
+        fill_body_rates(rates.message, command, frame_id=self._frame_id, now_ns=now_ns)
+        return [thrust, rates]
 
     def _on_pose(self, message: Any, now_ns: int) -> OdometrySample | None:
         self._pose = message

@@ -148,8 +148,7 @@ class Crazyswarm2Bridge(Bridge):
         call = self._call(self._arm_service, arm=wanted)
         if wanted:
             return Response(accepted=True, text="requested arming", calls=[call])
-        zeros = self._new(self._setpoint.type_name)  # stops firmware without arming
-        messages = [OutgoingMessage(topic=self._setpoint, message=zeros)]
+        messages = [self._message(self._setpoint)]  # zeros stop firmware without arming
         return Response(accepted=True, text="requested disarming", messages=messages, calls=[call])
 
     def _reports_armed(self, wanted: bool, now_ns: int) -> bool | None:
@@ -173,13 +172,13 @@ class Crazyswarm2Bridge(Bridge):
         if self._sent_ns is None or now_ns - self._sent_ns >= _LOCK_TIMEOUT_NS:
             self._unlocking = _UNLOCKING_SETPOINTS
         self._sent_ns = now_ns
-        message = self._new(self._setpoint.type_name)
+        setpoint = self._message(self._setpoint)
         if self._unlocking > 0 or not self._stack(now_ns).armed:
             self._unlocking = max(self._unlocking - 1, 0)  # with a setpoint of zeros
         else:
             throttle = self.thrust.stack_throttle(command.throttle)
-            fill_setpoint(message, command, throttle=throttle)
-        return [OutgoingMessage(topic=self._setpoint, message=message)]
+            fill_setpoint(setpoint.message, command, throttle=throttle)
+        return [setpoint]
 
     def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
         odometry = self._converted(

@@ -227,16 +227,10 @@ class RosflightBridge(Bridge):
         return Stack(takes_setpoints=followed, armed=bool(status.armed))
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
-        message = self._new(self._command.type_name)
-        fill_command(
-            message,
-            command,
-            throttle=min(
-                self.thrust.stack_throttle(command.throttle) / self._config.rc_max_throttle, 1.0
-            ),
-            now_ns=now_ns,
-        )
-        return [OutgoingMessage(topic=self._command, message=message)]
+        throttle = self.thrust.stack_throttle(command.throttle) / self._config.rc_max_throttle
+        outgoing = self._message(self._command)
+        fill_command(outgoing.message, command, throttle=min(throttle, 1.0), now_ns=now_ns)
+        return [outgoing]
 
     def _on_state(self, message: Any, now_ns: int) -> OdometrySample | None:
         odometry = self._converted(_ESTIMATE, lambda: odometry_from_state(message))

@@ -374,6 +374,13 @@ class Bridge(ABC):
         """Return name and type of a service in the stack's namespace."""
         return f"{self._namespace}/{path}", type_name
 
+    def _message(self, topic: Topic, **fields: object) -> OutgoingMessage:
+        """Return an :class:`OutgoingMessage` with these fields."""
+        message = self._new(topic.type_name)
+        for field, value in fields.items():
+            setattr(message, field, value)
+        return OutgoingMessage(topic=topic, message=message)
+
     def _call(
         self,
         service: tuple[str, str],

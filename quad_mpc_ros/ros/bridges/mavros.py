@@ -128,7 +128,9 @@ class MavrosBridge(Bridge):
         return Response(accepted=True, text=f"requested mode {_RELEASE_MODE}", calls=[call])
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
-        message = self._new(self._target.type_name)
-        throttle = self.thrust.stack_throttle(command.throttle)
-        fill_attitude_target(message, command, throttle=throttle, now_ns=now_ns)
-        return [OutgoingMessage(topic=self._target, message=message)]
+        target, throttle = (
+            self._message(self._target),
+            self.thrust.stack_throttle(command.throttle),
+        )
+        fill_attitude_target(target.message, command, throttle=throttle, now_ns=now_ns)
+        return [target]

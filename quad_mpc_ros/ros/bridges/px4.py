@@ -94,17 +94,6 @@ def fill_vehicle_rates_setpoint(message: Any, command: CommandSample, *, throttl
     message.thrust_body = np.array((0.0, 0.0, -throttle), dtype=np.float32)
 
 
-def fill_command(
-    message: Any, command: int, parameters: tuple[float, float, float], *, target_system: int
-) -> None:
-    """Write a ``VehicleCommand`` with its first three parameters."""
-    message.command = command
-    message.param1, message.param2, message.param3 = parameters
-    message.target_system, message.target_component = target_system, 1
-    message.source_system, message.source_component = 1, 1
-    message.from_external = True
-
-
 @dataclass(frozen=True, kw_only=True)
 class Px4Config(BridgeConfig):
     """Parameters of the PX4 bridge."""
@@ -195,18 +184,13 @@ class Px4Bridge(Bridge):
         return Response(accepted=True, text="requested hold mode", messages=[command])
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
-        heartbeat = self._new(self._heartbeat.type_name)
-        heartbeat.body_rate = True
-        messages = [OutgoingMessage(topic=self._heartbeat, message=heartbeat)]
-        if self._stack(now_ns).takes_setpoints:
-            rates = self._new(self._rates.type_name)
-            fill_vehicle_rates_setpoint(
-                rates, command, throttle=self.thrust.stack_throttle(command.throttle)
-            )
-            messages.append(OutgoingMessage(topic=self._rates, message=rates))
-        else:
+        heartbeat = self._message(self._heartbeat, body_rate=True)
+        if not self._stack(now_ns).takes_setpoints:
             self.silence = "heartbeat only: the vehicle is not in offboard mode"
-        return messages
+            return [heartbeat]
+        rates, throttle = self._message(self._rates), self.thrust.stack_throttle(command.throttle)
+        fill_vehicle_rates_setpoint(rates.message, command, throttle=throttle)
+        return [heartbeat, rates]
 
     def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
         odometry = self._converted(
@@ -237,9 +221,16 @@ class Px4Bridge(Bridge):
     def _vehicle_command(
         self, command: int, parameters: tuple[float, float, float]
     ) -> OutgoingMessage:
-        message = self._new(self._command.type_name)
-        fill_command(message, command, parameters, target_system=self._config.target_system)
-        return OutgoingMessage(topic=self._command, message=message)
+        return self._message(
+            self._command,
+            command=command,
+            **dict(zip(("param1", "param2", "param3"), parameters, strict=True)),
+            target_system=self._config.target_system,
+            target_component=1,
+            source_system=1,
+            source_component=1,
+            from_external=True,
+        )
 
     def _versioned(self, path: str, kind: str) -> Topic:
         """Return a topic; its name ends in the version of the installed message, if not 0."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.control.model.samples import CommandSample
@@ -17,29 +16,6 @@ from quad_mpc_ros.ros.bridges.frames import flu_from_frd
 
 _SETPOINT = Topic(name="rates_setpoint", type_name="geometry_msgs/msg/TwistStamped", reliable=True)
 _BATTERY = Topic(name="battery", type_name="sensor_msgs/msg/BatteryState")
-
-
-def fill_rates(
-    message: Any,
-    command: CommandSample,
-    *,
-    thrust: float,
-    body_frame: str,
-    angle_unit: str,
-    frame_id: str,
-    now_ns: int,
-) -> None:
-    """Write the rates into ``twist.angular`` and the thrust along body z into ``twist.linear.z``.
-
-    ``thrust`` is the upward thrust in the stack's unit: positive along z in ``flu``, negative in
-    ``frd``. ``angle_unit`` is ``rad`` or ``deg``.
-    """
-    frd = body_frame == "frd"
-    rates = flu_from_frd(command.w_WB_B) if frd else command.w_WB_B
-    scale = math.degrees(1.0) if angle_unit == "deg" else 1.0
-    conversions.fill_header(message.header, now_ns, frame_id)
-    conversions.fill_vector(message.twist.angular, (scale * rates).tolist())
-    message.twist.linear.z = -thrust if frd else thrust
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,17 +58,16 @@ class RatesBridge(SwitchedBridge):
         ]
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
-        message = self._new(_SETPOINT.type_name)
-        fill_rates(
-            message,
-            command,
-            thrust=self._thrust(command.throttle),
-            body_frame=self._config.body_frame,
-            angle_unit=self._config.angle_unit,
-            frame_id=self._config.setpoint_frame_id,
-            now_ns=now_ns,
-        )
-        return [OutgoingMessage(topic=_SETPOINT, message=message)]
+        """Return the rates in ``twist.angular`` and the thrust along body z in ``linear.z``."""
+        config, setpoint = self._config, self._message(_SETPOINT)
+        frd = config.body_frame == "frd"
+        rates = flu_from_frd(command.w_WB_B) if frd else command.w_WB_B
+        scale = math.degrees(1.0) if config.angle_unit == "deg" else 1.0
+        conversions.fill_header(setpoint.message.header, now_ns, config.setpoint_frame_id)
+        conversions.fill_vector(setpoint.message.twist.angular, (scale * rates).tolist())
+        thrust = self._thrust(command.throttle)
+        setpoint.message.twist.linear.z = -thrust if frd else thrust
+        return [setpoint]
 
     def _thrust(self, throttle: float) -> float:
         match self._config.thrust_unit:

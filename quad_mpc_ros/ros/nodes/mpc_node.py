@@ -37,11 +37,15 @@ if TYPE_CHECKING:  # imported only with a guide
     from quad_mpc_ros.extras.guidance import Guidance
     from quad_mpc_ros.extras.racing.held_gates import HeldGates
 
-_ESTIMATE_WARNINGS = {"at bounds": "is at its bounds", "reset": "was reset"}
-_IMU_WARNINGS = {
-    "missing": "is silent",
-    "refused": "contradicts the odometry",
+_ESTIMATE_WARNINGS = {
+    "at bounds": "the estimate of thrust and wind is at its bounds",
+    "reset": "the estimate of thrust and wind was reset",
 }
+_IMU_WARNINGS = {
+    "missing": "the accelerometer is silent",
+    "refused": "the accelerometer contradicts the odometry",
+}
+_GUIDE_WARNINGS = {FAILED: "the guide failed: obstacles are not avoided"}
 # Between published plans: every plan at 50 Hz in lockstep; fewer in real time, where publishing
 # takes as long as solving.
 _PATH_PERIOD_NS, _LOCKSTEP_PERIOD_NS = 95_000_000, 15_000_000
@@ -361,19 +365,14 @@ class MpcNode(ManagedNode[MpcConfig]):
         source = tick.decision.source
         level = {Source.MPC: OK, Source.PLAN: WARN, Source.WAITING: WARN}.get(source, ERROR)
         engaged = "unknown" if self._engaged is None else str(self._engaged).lower()
-        text = tick.decision.reason or "flying"
-        if tick.stats.estimate in _ESTIMATE_WARNINGS:
-            level = max(level, WARN)
-            text += f", the estimate of thrust and wind {_ESTIMATE_WARNINGS[tick.stats.estimate]}"
-        if tick.stats.accelerometer in _IMU_WARNINGS:
-            level = max(level, WARN)
-            text += f", the accelerometer {_IMU_WARNINGS[tick.stats.accelerometer]}"
-        if self._rate_loop_fault is not None:
-            level = max(level, WARN)
-            text += f", {self._rate_loop_fault}"
-        if tick.stats.avoidance == FAILED:
-            level = max(level, WARN)
-            text += ", the guide failed: obstacles are not avoided"
+        warnings = [
+            _ESTIMATE_WARNINGS.get(tick.stats.estimate),
+            _IMU_WARNINGS.get(tick.stats.accelerometer),
+            self._rate_loop_fault,
+            _GUIDE_WARNINGS.get(tick.stats.avoidance),
+        ]
+        texts = [tick.decision.reason or "flying", *filter(None, warnings)]
+        level, text = level if len(texts) == 1 else max(level, WARN), ", ".join(texts)
         obstacle_values: list[tuple[str, str]] = []
         if self._obstacle_inputs is not None:
             if fault := self._obstacle_inputs.fault(tick.stats.stamp_ns):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,15 +17,16 @@ from std_srvs.srv import Trigger
 from quad_mpc_ros.configuration import BagError, ConfigurationError
 from quad_mpc_ros.messages.conversions import fill_time
 from quad_mpc_ros.messages.diagnostics import OK
+from quad_mpc_ros.messages.schemas import schema_for
 from quad_mpc_ros.messages.topics import CLOCK
 from quad_mpc_ros.recordings.config import PlayerConfig
+from quad_mpc_ros.recordings.mcap_file import TopicInfo
 from quad_mpc_ros.recordings.qos import parse_qos_text
 from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
 from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackThread, PlaybackTimeline
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
 from quad_mpc_ros.ros.nodes.bag_qos import playback_profile
-from quad_mpc_ros.ros.nodes.played_topics import played_topics
 from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run, stop
 
 _ACKNOWLEDGE_TIMEOUT = Duration(seconds=2)
@@ -34,6 +35,7 @@ _PROGRESS_PERIOD = 0.5
 # at 50 Hz.
 _SWITCH_INTERVAL_S = 0.0005
 _NS_PER_S = 1_000_000_000
+_MAX_LISTED = 10
 
 
 class PlayerNode(ReportingNode[PlayerConfig]):
@@ -65,7 +67,10 @@ class PlayerNode(ReportingNode[PlayerConfig]):
             )
             for topic, info in topics.items()
         }
-        self._clock_output = self._clock_publisher()
+        self._clock_output = None
+        if config.clock_rate:
+            clock = message_class(CLOCK.type_name)
+            self._clock_output = self.create_publisher(clock, CLOCK.name, qos_of(CLOCK))
         self._clock_message = new_message(CLOCK.type_name)
         timeline = PlaybackTimeline(
             recorded_ns=self._start_ns,
@@ -92,7 +97,6 @@ class PlayerNode(ReportingNode[PlayerConfig]):
 
     def begin(self) -> None:
         """Start to play."""
-        assert self._thread is not None
         self.get_logger().info(f"playing {self.config.bag}: {len(self._outputs)} topics")
         self._thread.start()
 
@@ -104,11 +108,6 @@ class PlayerNode(ReportingNode[PlayerConfig]):
     def _end_threads(self) -> None:
         if self._thread is not None:
             self._thread.stop()
-
-    def _clock_publisher(self) -> Publisher | None:
-        if not self.config.clock_rate:
-            return None
-        return self.create_publisher(message_class(CLOCK.type_name), CLOCK.name, qos_of(CLOCK))
 
     def _publish(self, message: RecordedMessage) -> None:
         self._send(self._outputs[message.topic], message.data)
@@ -150,13 +149,11 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         stop()
 
     def _set_paused(self, paused: bool, _: Any, response: Any) -> Any:
-        assert self._thread is not None
         response.success = self._thread.set_paused(paused)
         response.message = "" if response.success else "already paused" if paused else "playing"
         return response
 
     def _position(self) -> float:
-        assert self._thread is not None
         recorded_ns = min(self._thread.recorded_ns(), self._end_ns)
         return self.config.start + (recorded_ns - self._start_ns) / _NS_PER_S
 
@@ -174,6 +171,57 @@ class PlayerNode(ReportingNode[PlayerConfig]):
                 ("messages", str(self._playback.count)),
             ],
         )
+
+
+def played_topics(
+    reader: BagReader, config: PlayerConfig
+) -> tuple[dict[str, TopicInfo], dict[str, str]]:
+    """Return the selected topics that can be played, and the errors of the others.
+
+    Raises :class:`BagError` if a given topic is not in the bag, or none can be played.
+    """
+    # Some recorders omit the slash.
+    names = tuple(
+        name if name in reader.topics else f"/{name.lstrip('/')}" for name in config.topics
+    )
+    for name in names:
+        if name not in reader.topics:
+            raise BagError(f"{config.bag}: no topic {name} in the bag: {_listed(reader.topics)}")
+    playable: dict[str, TopicInfo] = {}
+    refused: dict[str, str] = {}
+    for topic, info in reader.topics.items():
+        if (names and topic not in names) or (config.clock_rate and topic == CLOCK.name):
+            continue
+        if why := _playback_error(info):
+            refused[topic] = why
+        else:
+            playable[topic] = info
+    if not any(info.message_count for info in playable.values()):
+        why = "".join(f"; {topic}: {reason}" for topic, reason in refused.items())
+        raise BagError(
+            f"{config.bag}: contains no playable message on the selected topics; its topics: "
+            f"{_listed(reader.topics)}{why}"
+        )
+    return playable, refused
+
+
+def _playback_error(info: TopicInfo) -> str:
+    """Return the reason why a topic cannot be played, or an empty string."""
+    if info.encoding != "cdr":
+        return f"its messages are encoded as {info.encoding!r}, expected 'cdr'"
+    try:
+        message_class(info.type_name)
+        type_hash = schema_for(info.type_name).type_hash
+    except (ImportError, AttributeError, ValueError, BagError):
+        return f"its type {info.type_name!r} is not installed"
+    if info.type_hash and info.type_hash != type_hash:
+        return f"its type {info.type_name} has changed since it was recorded"
+    return ""
+
+
+def _listed(topics: Collection[str]) -> str:
+    shown = ", ".join(sorted(topics)[:_MAX_LISTED]) or "no topic"
+    return shown if len(topics) <= _MAX_LISTED else f"{shown}, …"
 
 
 def _played_span(reader: BagReader, config: PlayerConfig) -> tuple[int, int]:

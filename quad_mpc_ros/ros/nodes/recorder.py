@@ -20,8 +20,10 @@ from quad_mpc_ros.recordings.writer import BagExistsError, BagWriter
 from quad_mpc_ros.ros.messages import message_class, qos_of
 from quad_mpc_ros.ros.nodes.bag_qos import recorded_profile, strictest_common_profile
 from quad_mpc_ros.ros.nodes.parameter_query import ParameterQuery
-from quad_mpc_ros.ros.nodes.published_order import PublishedOrder
 from quad_mpc_ros.ros.nodes.topic_recorder import TopicRecorder
+
+Write = Callable[[int], None]
+"""Writes a message with a time of reception [ns]."""
 
 
 class Recorder:
@@ -46,7 +48,7 @@ class Recorder:
         self._recorded: dict[str, TopicRecorder] = {}
         self._expected: dict[str, TopicRecorder] = {}  # without a publisher yet
         self._refused: set[str] = set()
-        self._early: list[Callable[[int], None]] = []
+        self._early: list[Write] = []
         self._ordered = PublishedOrder()
         self._parameter_queries = {name: ParameterQuery(node, name) for name in config.nodes}
         self._parameter_queries.pop(node.get_name(), None)
@@ -237,6 +239,46 @@ class Recorder:
         except BagError as error:
             self.fault = str(error)
             self._on_fault(self.fault)
+
+
+class PublishedOrder:
+    """Holds messages briefly and writes them in the order of their publication.
+
+    The times of reception are assigned in the same order. In simulated time an executor may
+    deliver an odometry before the reference that the flight waited for. Playing such a bag in
+    lockstep would never end.
+    """
+
+    def __init__(self) -> None:
+        self._held: list[tuple[int, int, Write]] = []  # time of publication, of reception
+        self._due_ns = 0  # newest publication at the last call of write_older
+        self._newest_ns = 0  # time of reception of written messages
+
+    def add(self, published_ns: int, received_ns: int, write: Write) -> None:
+        """Add a message: its time of publication (system clock), and of reception (recording)."""
+        self._held.append((published_ns, received_ns, write))
+
+    def write_older(self) -> None:
+        """Write the messages published before those added since the last call.
+
+        Call this periodically: messages late by more than a period stay out of order.
+        """
+        due = [each for each in self._held if each[0] <= self._due_ns]
+        self._held = [each for each in self._held if each[0] > self._due_ns]
+        self._due_ns = max((each[0] for each in self._held), default=0)
+        self._write(due)
+
+    def write_all(self) -> None:
+        """Write all held messages."""
+        held, self._held = self._held, []
+        self._write(held)
+
+    def _write(self, messages: list[tuple[int, int, Write]]) -> None:
+        received = sorted(received_ns for _, received_ns, _ in messages)
+        ordered = sorted(messages, key=lambda each: each[0])
+        for (_, _, write), received_ns in zip(ordered, received, strict=True):
+            self._newest_ns = max(received_ns, self._newest_ns)
+            write(self._newest_ns)
 
 
 def new_bag(config: RecorderConfig) -> BagWriter:

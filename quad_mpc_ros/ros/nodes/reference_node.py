@@ -206,12 +206,10 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     def _on_goal(self, message: Any) -> None:
         frame_id, p_WB, q_WB_xyzw = conversions.pose_from_message(message)
-        self._handle(
-            "goal",
-            lambda now_ns: self._live.go_to(
-                now_ns, frame_id=frame_id, p_WB=p_WB, q_WB_xyzw=q_WB_xyzw
-            ),
+        request = functools.partial(
+            self._live.go_to, frame_id=frame_id, p_WB=p_WB, q_WB_xyzw=q_WB_xyzw
         )
+        self._handle("goal", request)
 
     def _on_trajectory(self, message: Any) -> None:
         try:

@@ -25,7 +25,7 @@ from quad_mpc_ros.recordings.config import PlayerConfig
 from quad_mpc_ros.recordings.qos import offered_qos
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.writer import BagWriter
-from quad_mpc_ros.ros.nodes.played_topics import played_topics
+from quad_mpc_ros.ros.nodes.player_node import played_topics
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 INT = "std_msgs/msg/Int32"

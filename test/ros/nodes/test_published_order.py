@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-from quad_mpc_ros.ros.nodes.published_order import PublishedOrder
+from quad_mpc_ros.ros.nodes.recorder import PublishedOrder
 
 
 def test_writes_in_order_of_publication() -> None:

@@ -8,12 +8,14 @@ which needs odometry.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
 
+from quad_mpc_ros.configuration import Configuration, parameter
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.extras.bridges import crtp
-from quad_mpc_ros.extras.bridges.crazyflie.config import CrazyflieConfig
 from quad_mpc_ros.extras.bridges.crazyflie.line import CrazyflieLine
 from quad_mpc_ros.extras.bridges.crazyflie.session import Session
 from quad_mpc_ros.messages.conversions import NewMessage
@@ -23,6 +25,7 @@ from quad_mpc_ros.ros.bridges.bridge import (
     OutgoingBytes,
     Response,
 )
+from quad_mpc_ros.ros.bridges.config import EstimatorConfig
 from quad_mpc_ros.ros.bridges.handover import Stack, is_old
 
 _SECOND = 1_000_000_000
@@ -35,6 +38,47 @@ _SETPOINT_TIMEOUT = 0.1  # s until the firmware's own commander takes over
 _MIN_HEADING_RATIO = 0.25  # nose 60 degrees up or down: the heading turns with anything
 _ZERO_SETPOINT = crtp.rate_setpoint(roll=0.0, pitch=0.0, heading=0.0, throttle=0.0)
 _HOLD_DURATION, _MIN_LANDING_DURATION = 1.0, 1.0  # s
+
+
+@dataclass(frozen=True, kw_only=True)
+class CrazyflieLossParameters(Configuration):
+    """Landing by the firmware when the MPC's commands stop in flight."""
+
+    owner = "lost"
+
+    after: float = parameter(
+        0.15,
+        doc="Time without commands after which the bridge requests landing, if odometry still "
+        "arrives. Until then, and for at most 0.5 s, the firmware holds the last rates.",
+        unit="s",
+        above=0.0,
+        maximum=0.5,
+    )
+    descent: float = parameter(
+        0.3, doc="Descent speed, down to the last height on the ground.", unit="m/s", above=0.0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CrazyflieConfig(EstimatorConfig):
+    """Parameters of the Crazyflie bridge."""
+
+    owner = "crazyflie_bridge"
+
+    uri: str = parameter(
+        "radio://0/80/2M/E7E7E7E7E7",
+        doc="Address of the Crazyflie in cflib's format: radio://, usb:// or udp://.",
+    )
+    external: str = parameter(
+        "pose",
+        doc="Part of the odometry that is sent to the onboard estimator: pose, position, or none "
+        "if the onboard estimator is the source of the odometry.",
+        choices=("pose", "position", "none"),
+    )
+    external_rate: float = parameter(
+        50.0, doc="Rate of external poses.", unit="Hz", minimum=1.0, maximum=200.0
+    )
+    lost: CrazyflieLossParameters = dataclasses.field(default_factory=CrazyflieLossParameters)
 
 
 class CrazyflieBridge(Bridge):
