@@ -36,7 +36,6 @@ COMMANDS = {
 }
 """The task of each command, which is in the module of the same name."""
 
-
 _EXTRAS_PREFIX = "quad_mpc_ros.extras."
 
 
@@ -67,7 +66,8 @@ def _run(arguments: Sequence[str] | None) -> int:
     except ModuleNotFoundError as error:
         if not f"{error.name}.".startswith(_EXTRAS_PREFIX):
             raise
-        print(f"error: {_missing_part(given, str(error.name))}", file=sys.stderr)
+        needs = f"needs the optional part {error.name}, not installed"
+        print(f"error: given {' '.join(given):.60}, {needs}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except OSError as error:
         if error.errno != errno.ENAMETOOLONG:
@@ -77,10 +77,6 @@ def _run(arguments: Sequence[str] | None) -> int:
     except KeyboardInterrupt:
         print("\ninterrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
-
-
-def _missing_part(given: Sequence[str], module: str) -> str:
-    return f"given {' '.join(given):.60}, needs the optional part {module}, not installed"
 
 
 @contextmanager

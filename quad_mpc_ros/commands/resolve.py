@@ -58,7 +58,11 @@ def run(options: argparse.Namespace) -> int:
     mpc = cast("MpcConfig", config["mpc"])
     windows = None
     if options.reference is not None:
-        windows = _made_windows(cast("ReferenceConfig", config["reference"]), run)
+        from quad_mpc_ros.references.server import ReferenceServer
+
+        server = ReferenceServer(cast("ReferenceConfig", config["reference"]))
+        server.start(run.odometries[0].value.stamp_ns)
+        windows = server.window
     elif not run.windows:
         raise BagError(
             f"{run.bag}: contains no reference: use --reference NAME, or --reference-topic with "
@@ -69,8 +73,7 @@ def run(options: argparse.Namespace) -> int:
     steps = _recorded(out / "bag", run, mpc, windows)
     if not any(step.tick is not None and step.tick.command is not None for step in steps):
         print("warning: the controller returned no command", file=sys.stderr)
-    comparison = _compared(run, steps)
-    _write_results(out, run, comparison, mpc)
+    _write_results(out, run, _compared(run, steps), mpc)
     return 0
 
 
@@ -90,15 +93,6 @@ def _adopted(options: argparse.Namespace, run: RecordedRun) -> tuple[str, ...]:
     if options.reference is not None:
         made.append(f"reference.trajectory={options.reference}")
     return tuple(made)
-
-
-def _made_windows(config: ReferenceConfig, run: RecordedRun) -> WindowSource:
-    """Return a reference that starts with the first odometry."""
-    from quad_mpc_ros.references.server import ReferenceServer
-
-    server = ReferenceServer(config)
-    server.start(run.odometries[0].value.stamp_ns)
-    return server.window
 
 
 def _recorded(

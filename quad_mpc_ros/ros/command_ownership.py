@@ -139,20 +139,18 @@ class CommandOwnership:
             instance, since = values.get(_INSTANCE, self._instance), values.get(_SINCE, "")
             if values.get(_TOPIC) != self._publisher.topic_name or instance == self._instance:
                 continue
-            since_ns = int(since) if since.isdecimal() else None
-            other = _OtherMpc(
+            self._others[instance] = other = _OtherMpc(
                 node=f"{status.name} ({instance})",
-                since_ns=since_ns,
+                since_ns=int(since) if since.isdecimal() else None,
                 claim=values.get(_CLAIM, ""),
                 granted=values.get(_GRANTED, "").split(),
                 received_s=time.monotonic(),
             )
-            self._others[instance] = other
             self._answer(instance, other.claim)
-            if since_ns is not None:
+            if other.since_ns is not None:
                 self._claim = ""
-            if since_ns is not None and self._is_later_than(since_ns, instance):
-                return f"{other.node} has been in command for longer: this node stops"
+                if self._is_later_than(other.since_ns, instance):
+                    return f"{other.node} has been in command for longer: this node stops"
         return ""
 
     def _answer(self, instance: str, claim: str) -> None:
@@ -197,12 +195,8 @@ class CommandOwnership:
     def fault(self) -> str:
         """Return an error with the other command publishers, or an empty string."""
         publishers = self._publishers()
-        if not publishers:
-            return ""
-        return (
-            f"{1 + len(publishers)} publishers on {self._topic}, expected one: "
-            f"also {', '.join(publishers)}"
-        )
+        count = f"{1 + len(publishers)} publishers on {self._topic}, expected one"
+        return f"{count}: also {', '.join(publishers)}" if publishers else ""
 
     @property
     def _topic(self) -> str:

@@ -193,10 +193,8 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         if blocker is not None and time.monotonic() - self._awaiting_since > _REMINDER_DELAY:
             self.warnings.warn(f"inactive: {blocker}")
 
-    def managed_timer(
-        self, period: float, callback: Callable[[], float | None], *, steady: bool = True
-    ) -> None:
-        """Create a timer [s] until the cleanup, on the steady clock or on the node's clock.
+    def managed_timer(self, period: float, callback: Callable[[], float | None]) -> None:
+        """Create a timer [s] until the cleanup, on the steady clock.
 
         If the callback returns a time [s], the callback is called again after this time.
         """
@@ -207,10 +205,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
                 timer.timer_period_ns = round(pause * 1e9)
                 timer.reset()  # without this the new period begins with the next call
 
-        if steady:
-            timer = create_steady_timer(self, period, guarded)
-        else:
-            timer = self.create_timer(period, until_the_end(self, guarded))
+        timer = create_steady_timer(self, period, guarded)
         self._resources.callback(self.destroy_timer, timer)
 
     def managed_beat(self, period: float, callback: Callable[[], None]) -> None:
@@ -219,7 +214,8 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         With simulated time, use a timer of the executor.
         """
         if self.get_clock().ros_time_is_active:
-            self.managed_timer(period, callback, steady=False)
+            timer = self.create_timer(period, until_the_end(self, callback))
+            self._resources.callback(self.destroy_timer, timer)
             return
 
         def guarded() -> None:

@@ -73,6 +73,11 @@ class Packet:
         """The first byte."""
         return self.port << 4 | _RESERVED_BITS | self.channel
 
+    def rest(self, port: int, channel: int, head: bytes) -> bytes | None:
+        """Return the data after ``head``; None for a packet of another kind."""
+        fits = (self.port, self.channel) == (port, channel) and self.data.startswith(head)
+        return self.data[len(head) :] if fits else None
+
     def framed(self) -> bytes:
         """Return the packet as in a stream: length, header, data."""
         return bytes((1 + len(self.data), self.header)) + self.data
@@ -158,11 +163,8 @@ def set_parameter(name: str, value: int) -> Packet:
 
 def parameter_answer(packet: Packet, name: str) -> int | None:
     """Return the error number in the answer to setting a parameter, 0 for success."""
-    if (packet.port, packet.channel) != (PARAMETERS, _PARAMETERS_OTHER):
-        return None
-    head = bytes((0, *_text(name)))
-    fits = packet.data.startswith(head) and len(packet.data) > len(head)
-    return packet.data[len(head)] if fits else None
+    rest = packet.rest(PARAMETERS, _PARAMETERS_OTHER, bytes((0, *_text(name))))
+    return rest[0] if rest else None
 
 
 def log_reset() -> Packet:
@@ -177,11 +179,8 @@ def log_count_request() -> Packet:
 
 def log_count(packet: Packet) -> int | None:
     """Return the number of log variables, if the packet contains it."""
-    is_it = (packet.port, packet.channel, packet.data[:1]) == (
-        *(LOG, _LOG_CONTENTS),
-        bytes((_GET_INFO,)),
-    )
-    return int.from_bytes(packet.data[1:3], "little") if is_it and len(packet.data) >= 3 else None
+    rest = packet.rest(LOG, _LOG_CONTENTS, bytes((_GET_INFO,)))
+    return None if rest is None or len(rest) < 2 else int.from_bytes(rest[:2], "little")
 
 
 def log_variable_request(number: int) -> Packet:
@@ -191,15 +190,13 @@ def log_variable_request(number: int) -> Packet:
 
 def log_variable(packet: Packet) -> LogVariable | None:
     """Return the log variable in a packet, if any."""
-    data = packet.data
-    if (packet.port, packet.channel) != (LOG, _LOG_CONTENTS) or data[:1] != bytes((_GET_ITEM,)):
-        return None
-    names = data[4:].split(b"\0")
+    data = packet.rest(LOG, _LOG_CONTENTS, bytes((_GET_ITEM,))) or b""
+    names = data[3:].split(b"\0")
     if len(names) < 3:  # each ends with a zero
         return None
-    number = int.from_bytes(data[1:3], "little")
+    number = int.from_bytes(data[:2], "little")
     name = ".".join(part.decode("ascii", "replace") for part in names[:2])
-    return LogVariable(number=number, kind=data[3] & 0xF, name=name)
+    return LogVariable(number=number, kind=data[2] & 0xF, name=name)
 
 
 def log_block(block: int, variables: Sequence[LogVariable]) -> Packet:
@@ -218,13 +215,11 @@ def logged(
     packet: Packet, block: int, variables: Sequence[LogVariable]
 ) -> dict[str, float] | None:
     """Return the values of a log block by name, if the packet contains them."""
-    data = packet.data
-    if (packet.port, packet.channel) != (LOG, _LOG_DATA) or data[:1] != bytes((block,)):
-        return None
-    if not all(1 <= each.kind <= len(_LOG_TYPE_FORMATS) for each in variables):
+    data = packet.rest(LOG, _LOG_DATA, bytes((block,)))
+    if data is None or any(not 1 <= each.kind <= len(_LOG_TYPE_FORMATS) for each in variables):
         return None
     layout = "<" + "".join(_LOG_TYPE_FORMATS[each.kind - 1] for each in variables)
-    values = data[4:]  # after the number of the block and a time in three bytes
+    values = data[3:]  # after a time in three bytes
     if len(values) != struct.calcsize(layout):
         return None
     names = [each.name for each in variables]

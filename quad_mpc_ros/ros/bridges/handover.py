@@ -194,18 +194,12 @@ class HandoverConditions:
         odometry = self.odometry.value(now_ns=now_ns)
         if odometry is None:
             return "there is no fresh odometry"
-        return (
-            self._tilted(odometry)
-            or self._reference_blocker(odometry, landed=landed, now_ns=now_ns)
-            or self._command_blocker(landed=landed, now_ns=now_ns)
-        )
-
-    def _tilted(self, odometry: OdometrySample) -> str:
-        tilt = math.acos(min(max(odometry.up, -1.0), 1.0))
-        most = self._limits.engage_tilt_max
-        if tilt <= most:
-            return ""
-        return f"the vehicle tilts by {math.degrees(tilt):.0f}°, engage_tilt_max is {most:g} rad"
+        tilt, most = math.acos(min(max(odometry.up, -1.0), 1.0)), self._limits.engage_tilt_max
+        if tilt > most:
+            degrees = math.degrees(tilt)
+            return f"the vehicle tilts by {degrees:.0f}°, engage_tilt_max is {most:g} rad"
+        reference = self._reference_blocker(odometry, landed=landed, now_ns=now_ns)
+        return reference or self._command_blocker(landed=landed, now_ns=now_ns)
 
     def _reference_blocker(
         self, odometry: OdometrySample, *, landed: bool | None, now_ns: int

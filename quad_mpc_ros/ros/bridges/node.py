@@ -51,7 +51,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
     def __init__(self, kind: type[Bridge]) -> None:
         _require(kind)
         super().__init__(kind.name, kind.Config)
-        self._bridge = kind(self.config, _new)
+        self._bridge = bridge = kind(self.config, _new)
         command = dataclasses.replace(topics.COMMAND, name=self.config.mpc_command_topic)
         self._check_topic_types(command)
         self._check_message_types()
@@ -68,12 +68,10 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self._landed = self.health.publisher(topics.LANDED)
         self._published_landed: bool | None = None
         self._time = SteadyTime(self.get_clock())
-        self._stack = {
-            topic.name: self.health.publisher(topic) for topic in self._bridge.publications
-        }
+        self._stack = {each.name: self.health.publisher(each) for each in bridge.publications}
         self._clients_by_name = {
             name: self.create_client(message_class(type_name), name)
-            for name, type_name in self._bridge.services
+            for name, type_name in bridge.services
         }
         self._own_findings = list(thrust_map_findings(self.config))
         for finding in self._own_findings:
@@ -86,21 +84,16 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self.health.subscription(topics.REFERENCE, self._on_reference, expected=False)
         self.health.subscription(topics.GROUND_STATE, self._on_ground_state, expected=False)
         self.health.subscription(command, self._on_command)
-        for subscription in self._bridge.subscriptions:
-            self.health.subscription(
-                subscription.topic, functools.partial(self._on_stack, subscription)
-            )
-        self.create_service(
-            SetBool, "~/engage", functools.partial(self._serve, self._bridge.engage)
-        )
-        arm = self.create_service(
-            SetBool, "~/arm", functools.partial(self._serve, self._bridge.arm)
-        )
+        for each in bridge.subscriptions:
+            self.health.subscription(each.topic, functools.partial(self._on_stack, each))
+        engage, arm = (functools.partial(self._serve, ask) for ask in (bridge.engage, bridge.arm))
+        self.create_service(SetBool, "~/engage", engage)
+        arming = self.create_service(SetBool, "~/arm", arm)
         # The response waits for the outcome, for seconds: rclpy has no other deferred response.
-        self._answer_arm, arm.send_response = arm.send_response, self._hold_answer
+        self._answer_arm, arming.send_response = arming.send_response, self._hold_answer
         self._held_answers: list[tuple[Any, Any]] = []
         create_steady_timer(self, _OUTCOME_PERIOD, self._answer_held)
-        self._line = self._bridge.line
+        self._line = bridge.line
         if self._line is not None:
             create_steady_timer(self, self._line.period, self._on_line)
 
@@ -213,7 +206,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         blocker = self._engage_blocker() if request.data else ""
         if blocker:
             response.success, response.message = False, blocker
-            self.get_logger().info(response.message)
+            self.get_logger().info(blocker)
             return response
         decided = ask(bool(request.data), now_ns=self._time.now_ns())
         missing = [
@@ -224,10 +217,8 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         response.success = decided.accepted and not missing
         response.message = f"service {missing[0]} is not available" if missing else decided.text
         if response.success:
-            for message in decided.messages:
-                self._send(message)
-            for call in decided.calls:
-                self._send(call)
+            for outgoing in (*decided.messages, *decided.calls):
+                self._send(outgoing)
         self._follow_engagement(self._time.now_ns())
         self.get_logger().info(response.message)
         return response
@@ -254,14 +245,11 @@ class BridgeNode(ReportingNode[BridgeConfig]):
 
     def _engage_blocker(self) -> str:
         """Return the errors that must be fixed before arming or engaging, or an empty string."""
-        duplicates = self.health.duplicate_publishers()
         found = [*self._own_findings, *self._vehicles.contradictions()]
-        return "; ".join(
-            [
-                *([f"{duplicates}: stop the others first"] if duplicates else []),
-                *(finding.text for finding in found if finding.level is Level.ERROR),
-            ]
-        )
+        errors = [finding.text for finding in found if finding.level is Level.ERROR]
+        if duplicates := self.health.duplicate_publishers():
+            errors.insert(0, f"{duplicates}: stop the others first")
+        return "; ".join(errors)
 
     def _on_answered(self, call: ServiceCall, future: Any) -> None:
         if call.receive is not None:

@@ -95,14 +95,16 @@ class ObstacleInputs:
         return f"no usable cloud on {topics.OBSTACLES.name} for {silence:.1f} s"
 
     def _subscribe(self) -> None:
-        node = self._node
+        node, world = self._node, self._world
 
         def subscribe(topic: Topic, receive: Callable[[bytes], None]) -> None:
             callback = self._postponed(receive) if self._lockstep else receive
             node.managed_subscription(topic, callback, raw=True, expected=False)
 
         subscribe(topics.OBSTACLES, self._on_cloud)
-        subscribe(topics.OBSTACLE_MARKERS, self._counted("markers", self._on_markers))
+        markers = _converted(topics.OBSTACLE_MARKERS, markers_from_message, world.receive_markers)
+        subscribe(topics.OBSTACLE_MARKERS, self._counted("markers", markers))
+        transforms = _converted(topics.TF, transforms_from_message, world.receive_transforms)
         for topic in (topics.TF, topics.TF_STATIC):
             try:
                 message_class(topic.type_name)
@@ -111,13 +113,16 @@ class ObstacleInputs:
                     "tf2_msgs is not installed: clouds and markers must use the odometry's frames"
                 )
                 break
-            subscribe(topic, self._counted(None, self._on_transforms))
-        for name in self._world.neighbours:
-            of_it = f"/{name.strip('/')}"
-            plan = functools.partial(self._on_plan, name)
-            state = functools.partial(self._on_neighbour, name)
+            subscribe(topic, self._counted(None, transforms))
+        for name in world.neighbours:
+            of_it, receive = (
+                f"/{name.strip('/')}",
+                functools.partial(world.receive_neighbour, name),
+            )
+            plan = _converted(topics.PREDICTED_PATH, path_from_message, receive)
             subscribe(_named(topics.PREDICTED_PATH, of_it), self._counted("plans", plan))
-            subscribe(_named(topics.ODOMETRY, of_it), self._counted(None, state))
+            state = self._counted(None, functools.partial(self._on_neighbour, name))
+            subscribe(_named(topics.ODOMETRY, of_it), state)
 
     def _counted(
         self, counted: str | None, receive: Callable[[bytes], None]
@@ -150,11 +155,9 @@ class ObstacleInputs:
             self._condition.notify()
 
     def _read_cloud(self, data: bytes) -> None:
-        self._counted("clouds", self._take_cloud)(data)
-
-    def _take_cloud(self, data: bytes) -> None:
-        cloud = point_cloud_from_message(message_in(topics.OBSTACLES, data))
-        self._world.receive_cloud(cloud)
+        receive = self._world.receive_cloud
+        clouds = _converted(topics.OBSTACLES, point_cloud_from_message, receive)
+        self._counted("clouds", clouds)(data)
 
     def _wake(self) -> None:
         with self._condition:
@@ -173,20 +176,15 @@ class ObstacleInputs:
                 self._read_cloud(data)
             self._surroundings.update_map()
 
-    def _on_markers(self, data: bytes) -> None:
-        self._world.receive_markers(
-            markers_from_message(message_in(topics.OBSTACLE_MARKERS, data))
-        )
-
-    def _on_transforms(self, data: bytes) -> None:
-        self._world.receive_transforms(transforms_from_message(message_in(topics.TF, data)))
-
-    def _on_plan(self, name: str, data: bytes) -> None:
-        plan = path_from_message(message_in(topics.PREDICTED_PATH, data))
-        self._world.receive_neighbour(name, plan)
-
     def _on_neighbour(self, name: str, data: bytes) -> None:
         self._world.receive_neighbour(name, odometry_in(data))
+
+
+def _converted(
+    topic: Topic, convert: Callable[[Any], Any], receive: Callable[[Any], None]
+) -> Callable[[bytes], None]:
+    """Return a callback that passes on the converted messages of a topic."""
+    return lambda data: receive(convert(message_in(topic, data)))
 
 
 def _named(topic: Topic, space: str) -> Topic:

@@ -90,8 +90,8 @@ def test_receives_clouds_markers_and_neighbours_and_reports_a_sensor_that_stops(
     assert peer.wait(lambda: math.isinf(surveyor.clearance))  # it is forgotten
     assert surveyor.sees(1.8, send_points)
     assert surveyor.sees(0.8, lambda: surveyor.send_ball(1.5))
-    assert peer.wait(lambda: int(mpc.health.get("obstacles.clouds", 0)) > 0)
-    assert int(mpc.health["obstacles.markers"]) > 0
+    assert peer.wait(lambda: int(mpc.health["obstacles.markers"]) > 0)
+    assert int(mpc.health["obstacles.clouds"]) > 0
 
     def is_received() -> bool:
         message = Odometry()

@@ -33,8 +33,6 @@ _ACTUATION_DELAY = 0.01  # s: from a setpoint to the motors
 _MAX_PREDICTION = 0.1  # s
 
 Mode = tuple[float, float, float]
-
-
 SetpointEcho = tuple[float, ...]
 """The part of a setpoint that ``ATTITUDE_TARGET`` reports unchanged."""
 
@@ -167,9 +165,8 @@ class ArduPilot(Autopilot):
 
     def fault(self, settings: Mapping[str, float]) -> str:
         """Return an error if thrust would be a climb rate, or a parameter is missing."""
-        for name in self._NEEDED:
-            if name not in settings:
-                return f"ArduPilot does not report its parameter {name}"
+        if missing := [name for name in self._NEEDED if name not in settings]:
+            return f"ArduPilot does not report its parameter {missing[0]}"
         options = int(settings["GUID_OPTIONS"])
         if options & _GUID_OPTION_THRUST:
             return ""
