@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from fixtures.bag_payloads import payloads
 from fixtures.messages import empty, encoded_by_rosbags
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
@@ -70,13 +71,6 @@ def with_imu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return simulated(tmp_path_factory.mktemp("with_imu") / "run", *WITH_IMU, duration=4.0)
 
 
-def commands(bag: Path, topic: str = "/command") -> list[bytes]:
-    """Return the commands as another reader finds them."""
-    with AnyReader([bag]) as reader:
-        connections = [c for c in reader.connections if c.topic == topic]
-        return [bytes(data) for _, _, data in reader.messages(connections)]
-
-
 def resolved(bag: Path, out: Path, *arguments: str) -> dict[str, Any]:
     assert main(["resolve", str(bag), *arguments, "--out", str(out)]) == 0
     summary: dict[str, Any] = json.loads((out / "summary.json").read_text())
@@ -89,16 +83,16 @@ def test_recorded_configuration_reproduces_the_commands(
 ) -> None:
     run: Path = request.getfixturevalue(flight)
     summary = resolved(run, tmp_path / "again")
-    before = commands(run / "bag")
-    assert commands(tmp_path / "again" / "bag") == before
-    assert commands(tmp_path / "again" / "bag", "/recorded_command") == before
+    before = payloads(run / "bag")
+    assert payloads(tmp_path / "again" / "bag") == before
+    assert payloads(tmp_path / "again" / "bag", "/recorded_command") == before
     assert summary["equal"] == summary["compared"] == len(before)
     assert (tmp_path / "again/figures/commands.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
 def test_imu_samples_are_recorded_and_change_the_commands(with_imu: Path, tmp_path: Path) -> None:
-    assert len(commands(with_imu / "bag", "/imu")) == 4 * (
-        len(commands(with_imu / "bag", "/odom")) - 1
+    assert len(payloads(with_imu / "bag", "/imu")) == 4 * (
+        len(payloads(with_imu / "bag", "/odom")) - 1
     )
     without_imu = resolved(
         with_imu, tmp_path / "without_imu", "--set", "mpc.advanced.accelerometer_noise=0"
@@ -135,7 +129,7 @@ def test_another_configuration_is_reported_and_kept(square: Path, tmp_path: Path
     # What the vehicle did stays as it was flown, and is what the new bag is compared with.
     again = resolved(out, tmp_path / "again")
     assert again["difference"] == summary["difference"]
-    assert commands(tmp_path / "again" / "bag") == commands(out / "bag")
+    assert payloads(tmp_path / "again" / "bag") == payloads(out / "bag")
 
 
 def test_recorded_commands_remain_the_command_history(lagged: Path, tmp_path: Path) -> None:
@@ -158,7 +152,7 @@ def test_recorded_commands_remain_the_command_history(lagged: Path, tmp_path: Pa
         )
 
     assert np.array_equal(scales(out / "bag"), scales(lagged / "bag"))
-    assert commands(out / "bag") != commands(lagged / "bag")
+    assert payloads(out / "bag") != payloads(lagged / "bag")
 
 
 def rewritten(

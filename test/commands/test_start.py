@@ -16,7 +16,6 @@ from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.state import Input, State
 from quad_mpc_ros.references.configured import configured_trajectory
-from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 
@@ -103,17 +102,6 @@ def test_explicit_settings_win_over_the_start(tmp_path: Path) -> None:
     assert untouched["velocity"] == (3.0, 3.0, 0.0)
 
 
-def test_the_first_odometry_is_on_the_reference(tmp_path: Path) -> None:
-    run = resolved(tmp_path, "--reference", "lemniscate")
-    first = next(fly(mpc=run.mpc, simulator=run.simulator, reference=run.reference))
-    odometry, window = first.odometry, first.window
-    R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
-    assert_allclose(odometry.p_WB, window.p_WB[0])
-    assert_allclose(odometry.q_WB_xyzw, window.q_WB_xyzw[0])
-    assert_allclose(R_WB @ odometry.v_WB_B, window.v_WB_W[0], atol=1e-9)
-    assert_allclose(R_WB @ odometry.w_WB_B, window.w_WB_W[0], atol=1e-9)
-
-
 MISTAKES = {
     # It can hover, but not hold itself against the drag of 11 m/s as well.
     "no throttle for it": (
@@ -131,15 +119,14 @@ MISTAKES = {
 }
 
 
-@pytest.mark.parametrize("command", ["simulate", "fly"])
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_mistake_is_one_line_and_exit_code_2(
-    command: str, mistake: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    mistake: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments, message = MISTAKES[mistake]
     out = tmp_path / "run"
 
-    assert main([command, "--reference", "lemniscate", *arguments, "--out", str(out)]) == 2
+    assert main(["simulate", "--reference", "lemniscate", *arguments, "--out", str(out)]) == 2
 
     error = capsys.readouterr().err
     assert len(error.strip().splitlines()) == 1

@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 import rclpy
 import yaml
+from fixtures.bag_payloads import payloads
 from fixtures.faults import distortions
 from fixtures.installed_ros import environment, running, wait_for
 from fixtures.relay import PREFIX, Relay, odometry_relay, reference_relay
 from fixtures.setup_py import executable
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
-from rosbags.highlevel import AnyReader
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.control.config import MpcConfig
@@ -37,12 +37,6 @@ ENOUGH = 0.5 * MpcConfig().deadline_seconds  # s
 STEPPER = Path(__file__).parents[1] / "fixtures" / "step_player.py"
 PLAYED = ("/odom", "/reference")
 RELAYED = (f"/{PREFIX}odom", f"/{PREFIX}reference")
-
-
-def commands_in(bag: Path, topic: str = "/command") -> list[bytes]:
-    with AnyReader([bag]) as reader:
-        connections = [each for each in reader.connections if each.topic == topic]
-        return [bytes(data) for _, _, data in reader.messages(connections)]
 
 
 class Flight:
@@ -144,7 +138,7 @@ def test_the_mpc_answers_a_played_bag_with_the_recorded_commands(
     count = sum(1 for _ in BagReader(played).messages(PLAYED))
     with running(*command, folder=tmp_path):
         answers = [bytes.fromhex(line) for line in stepped(count)]
-    expected = commands_in(request.getfixturevalue("flown"))
+    expected = payloads(request.getfixturevalue("flown"))
     assert len(expected) == 100
     assert [stamp_of(each) for each in answers] == [stamp_of(each) for each in expected]
     assert answers == expected

@@ -24,7 +24,7 @@ from quad_mpc_ros.ros.spin import run, stop
 from quad_mpc_ros.simulation.config import SimulatorConfig, compile_plant, make_plant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant, Powered
 from quad_mpc_ros.simulation.sensors import OdometryStream, SentOdometry
-from quad_mpc_ros.simulation.surroundings import NOTHING_SENSED, configured_surroundings
+from quad_mpc_ros.simulation.surroundings import configured_surroundings
 
 # s: in lockstep an odometry without command is sent again after new matches, otherwise later:
 # on a busy machine the command may be slow.
@@ -210,13 +210,11 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
     def _publish_perception(self, sent: SentOdometry) -> None:
         """Publish the obstacle sensor's messages, and end the flight at a collision."""
         measured_ns = sent.time_ns - round(1e9 * self.config.odom_delay)
-        if measured_ns <= self._newest_ns:  # sent again
+        if self._surroundings is None or measured_ns <= self._newest_ns:  # sent again
             return
         self._newest_ns = measured_ns
-        perception, collision = NOTHING_SENSED, None
-        if self._surroundings is not None:
-            perception = self._surroundings.look(sent.truth, measured_ns)
-            collision = self._surroundings.collision(sent.truth, measured_ns)
+        perception = self._surroundings.look(sent.truth, measured_ns)
+        collision = self._surroundings.collision(sent.truth, measured_ns)
         if perception.cloud is not None and self._clouds is not None:
             self._clouds.publish(written_point_cloud(perception.cloud))
         if perception.markers and self._markers is not None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from fixtures.bag_payloads import payloads
 from fixtures.courses import COURSE
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -23,12 +24,6 @@ CONTROL_TOPICS = ("/odom", "/reference", "/command", "/mpc/stats", "/mpc/predict
 def _fly(out: Path, *arguments: str) -> Path:
     assert main(["fly", "--lockstep", "--config", "paper", *arguments, "--out", str(out)]) == 0
     return out
-
-
-def _commands(run: Path) -> list[bytes]:
-    with AnyReader([run / "bag"]) as reader:
-        connections = [c for c in reader.connections if c.topic == "/command"]
-        return [bytes(data) for _, _, data in reader.messages(connections)]
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +48,7 @@ def test_simulate_and_lockstep_flight_send_identical_commands(
 ) -> None:
     out = tmp_path / "simulated"
     assert main(["simulate", "--config", "paper", "--out", str(out)]) == 0
-    assert _commands(out) == _commands(lockstep)
+    assert payloads(out / "bag") == payloads(lockstep / "bag")
 
 
 def test_a_planned_race_is_the_same_in_lockstep_and_simulated(tmp_path: Path) -> None:
@@ -67,8 +62,8 @@ def test_a_planned_race_is_the_same_in_lockstep_and_simulated(tmp_path: Path) ->
     flown, simulated = tmp_path / "flown", tmp_path / "simulated"
     assert main(["fly", "--lockstep", *given, "--out", str(flown)]) == 0
     assert main(["simulate", *given, "--out", str(simulated)]) == 0
-    assert len(_commands(flown)) > 100
-    assert _commands(flown) == _commands(simulated)
+    assert len(payloads(flown / "bag")) > 100
+    assert payloads(flown / "bag") == payloads(simulated / "bag")
     summaries = [json.loads((run / "summary.json").read_text()) for run in (flown, simulated)]
     assert [gate["passed"] for gate in summaries[0]["gates"]] == [True, True]
     for entry in ("gates", "lap_time_s", "progress_delay_max_s", "position_rmse_m"):
@@ -77,7 +72,7 @@ def test_a_planned_race_is_the_same_in_lockstep_and_simulated(tmp_path: Path) ->
 
 def test_a_lockstep_flight_resolves_to_the_same_commands(lockstep: Path, tmp_path: Path) -> None:
     assert main(["resolve", str(lockstep), "--out", str(tmp_path / "again")]) == 0
-    assert _commands(tmp_path / "again") == _commands(lockstep)
+    assert payloads(tmp_path / "again" / "bag") == payloads(lockstep / "bag")
 
 
 def test_a_real_time_flight_resolves_nearly_to_the_same_commands(

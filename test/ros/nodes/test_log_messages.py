@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TransformStamped, Twist
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
@@ -107,15 +106,10 @@ MISMATCHED: dict[str, tuple[type[Any], QoSProfile, str]] = {
 
 
 def test_reports_publishers_that_do_not_match_an_optional_input(
-    start: Start, peer: Any, tmp_path: Path
+    start: Start, peer: Any, managed: Any, tmp_path: Path
 ) -> None:
     """The log has the report once, the diagnostics as long as the publishers exist."""
-    health: dict[str, str] = {}
-
-    def on_diagnostics(message: DiagnosticArray) -> None:
-        health.update({status.name: status.message for status in message.status})
-
-    peer.node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)
+    mpc = managed("mpc")
     publishers = [
         peer.node.create_publisher(kind, topic, qos)
         for topic, (kind, qos, _) in MISMATCHED.items()
@@ -129,8 +123,8 @@ def test_reports_publishers_that_do_not_match_an_optional_input(
 
     log = tmp_path / "mpc.log"
     assert peer.wait(lambda: reports(log.read_text())), log.read_text()
-    assert peer.wait(lambda: reports(health.get("/mpc", ""))), health
+    assert peer.wait(lambda: reports(mpc.health.get("text", ""))), mpc.health
     for publisher in publishers:
         peer.node.destroy_publisher(publisher)
-    assert peer.wait(lambda: "test_peer" not in health["/mpc"]), health
+    assert peer.wait(lambda: "test_peer" not in mpc.health["text"]), mpc.health
     assert log.read_text().count("messages are not delivered") == len(publishers)

@@ -47,10 +47,9 @@ def test_nodes_end_cleanly_on_a_signal_in_the_middle_of_a_flight(
 
 
 def test_warns_of_two_odometry_sources_and_zero_lags(
-    start: Start, peer: Any, tmp_path: Path
+    start: Start, peer: Any, managed: Any, tmp_path: Path
 ) -> None:
-    received: list[DiagnosticArray] = []
-    peer.node.create_subscription(DiagnosticArray, "/diagnostics", received.append, 10)
+    mpc = managed("mpc")
     rivals = [
         peer.node.create_publisher(Odometry, "odom", qos_profile_sensor_data) for _ in range(2)
     ]
@@ -58,12 +57,10 @@ def test_warns_of_two_odometry_sources_and_zero_lags(
     start("mpc", *lags, "-p", "envelope.tilt_max:=0.5")
 
     def warned() -> bool:
-        return bool(received) and received[-1].status[0].message.startswith(
-            "2 publishers on odom,"
-        )
+        return str(mpc.health.get("text")).startswith("2 publishers on odom,")
 
     assert peer.wait(warned)
-    assert received[-1].status[0].level == DiagnosticStatus.WARN
+    assert mpc.level == DiagnosticStatus.WARN
     peer.node.destroy_publisher(rivals[1])
     assert peer.wait(lambda: not warned())
     log = (tmp_path / "mpc.log").read_text()
@@ -168,7 +165,7 @@ def test_recorder_records_topics_that_appear_later(
 
 
 def test_a_lockstep_flight_waits_for_a_stopped_recorder(
-    start: Start, peer: Any, tmp_path: Path
+    start: Start, peer: Any, managed: Any, tmp_path: Path
 ) -> None:
     flown: list[Odometry] = []
     peer.node.create_subscription(Odometry, "odom", flown.append, qos_profile_sensor_data)
@@ -182,18 +179,8 @@ def test_a_lockstep_flight_waits_for_a_stopped_recorder(
     begin = peer.node.create_client(Trigger, "simulator/start")
     topics = ("odom", "imu", "reference", "command", "mpc/stats")
     matched = {f"peers./{topic}": "1" for topic in topics}
-    reports: list[dict[str, str]] = [{}]
-    peer.node.create_subscription(
-        DiagnosticArray,
-        "/diagnostics",
-        lambda m: reports.extend(
-            {each.key: each.value for each in status.values}
-            for status in m.status
-            if status.name == "/recorder"
-        ),
-        10,
-    )
-    assert peer.wait(lambda: matched.items() <= reports[-1].items())
+    reported = managed("recorder")
+    assert peer.wait(lambda: matched.items() <= reported.health.items())
     assert peer.call(begin, Trigger.Request()).success
     assert peer.wait(lambda: len(flown) > 50)
 
@@ -210,8 +197,7 @@ def test_a_lockstep_flight_waits_for_a_stopped_recorder(
     assert peer.wait(lambda: simulator.poll() == 0)
     # It ends with the last command, after which the MPC publishes its statistics. A last message
     # that is lost comes with a heartbeat, up to 3 s later.
-    reports.clear()
-    assert peer.wait(lambda: len(reports) > 4)
+    peer.spin(4.0)
     recorder.send_signal(signal.SIGINT)
     assert recorder.wait(PATIENCE) == 0
 

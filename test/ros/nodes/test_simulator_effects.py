@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.bag_payloads import payloads
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
-from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import Trigger
 
@@ -36,12 +36,6 @@ EFFECTS = {
 }
 
 
-def _payloads(run: Path, topic: str) -> list[bytes]:
-    with AnyReader([run / "bag"]) as reader:
-        connections = [c for c in reader.connections if c.topic == topic]
-        return [bytes(data) for _, _, data in reader.messages(connections)]
-
-
 def test_lockstep_in_one_process_and_simulate_agree_with_every_effect(tmp_path: Path) -> None:
     options = ["--reference", "lemniscate", "--duration", "4"]
     options += ["--set", "mpc.advanced.accelerometer_noise=0.5"]
@@ -51,11 +45,11 @@ def test_lockstep_in_one_process_and_simulate_agree_with_every_effect(tmp_path: 
     assert main(["simulate", *options, "--out", str(simulated)]) == 0
     assert main(["resolve", str(flown), "--out", str(again)]) == 0
     for topic in ("/odom", "/command", "/imu"):
-        assert len(_payloads(flown, topic)) > 160
-        assert _payloads(flown, topic) == _payloads(simulated, topic), topic
-    assert _payloads(again, "/command") == _payloads(flown, "/command")
+        assert len(payloads(flown / "bag", topic)) > 160
+        assert payloads(flown / "bag", topic) == payloads(simulated / "bag", topic), topic
+    assert payloads(again / "bag", "/command") == payloads(flown / "bag", "/command")
     # The recorder receives what the nodes of one process send to each other.
-    assert len(_payloads(flown, "/reference")) == len(_payloads(flown, "/odom"))
+    assert len(payloads(flown / "bag", "/reference")) == len(payloads(flown / "bag", "/odom"))
 
 
 def test_real_time_odometry_has_delay_jitter_and_dropouts(

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from fixtures.processes import PATIENCE
 from fixtures.setup_py import write_metadata
 from geometry_msgs.msg import TwistStamped
@@ -31,16 +30,6 @@ def registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
 
 
-def peers_of(diagnostics: list[DiagnosticArray], node: str) -> dict[str, str]:
-    """Return the last diagnostics of a node."""
-    found: dict[str, str] = {}
-    for message in diagnostics:
-        for status in message.status:
-            if status.name == node:
-                found = {pair.key: pair.value for pair in status.values}
-    return found
-
-
 def test_planning_does_not_delay_the_mpc(start: Start, peer: Any, feed: Any) -> None:
     """Requests are planned in the reference's thread while the MPC answers each odometry."""
     feed.reference = False
@@ -58,12 +47,12 @@ def test_planning_does_not_delay_the_mpc(start: Start, peer: Any, feed: Any) -> 
 
 
 @pytest.mark.usefixtures("registered")
-def test_runs_a_bridge_and_ends_with_the_shutdown_of_one_node(start: Start, peer: Any) -> None:
-    diagnostics: list[DiagnosticArray] = []
-    peer.node.create_subscription(DiagnosticArray, "/diagnostics", diagnostics.append, 10)
+def test_runs_a_bridge_and_ends_with_the_shutdown_of_one_node(
+    start: Start, peer: Any, managed: Any
+) -> None:
+    nodes = [managed(name) for name in ("mpc", "reference", "rates_bridge")]
     process = start("stack", before=("--bridge", "rates"))
-    for node in ("/mpc", "/reference", "/rates_bridge"):
-        assert peer.wait(lambda node=node: peers_of(diagnostics, node)), node
+    assert peer.wait(lambda: all(node.health for node in nodes))
 
     client = peer.node.create_client(ChangeState, "/reference/change_state")
     request = ChangeState.Request()
