@@ -17,7 +17,6 @@ from quad_mpc_ros.recordings.evaluation.simulated import load_config
 from quad_mpc_ros.recordings.recording import flown_points
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import judged_trajectory
-from quad_mpc_ros.references.course import Course
 from quad_mpc_ros.references.feasibility import Feasibility, rates_beyond
 
 _FIGURE_NAME = "reference.png"
@@ -42,14 +41,14 @@ def run(options: argparse.Namespace) -> int:
     out = prepared_out(options.out or create_out(config.trajectory), holds=(_FIGURE_NAME,))
     figure = out / _FIGURE_NAME
     times = [round(1e9 * seconds) for seconds in verdict.over_time.seconds]
+    course = None
+    if config.gates:
+        from quad_mpc_ros.extras.racing.gates import read_course
+
+        course = read_course(config.gates)
     with results_in(out):
-        write_reference(
-            config.trajectory,
-            trajectory.at(times),
-            verdict,
-            figure,
-            course=_course(config),
-        )
+        samples = trajectory.at(times)
+        write_reference(config.trajectory, samples, verdict, figure, course=course)
     print(f"{config.trajectory}\n\n{_verdict_table(verdict)}")
     for need, bound in rates_beyond(verdict, loaded.mpc.omega_max):
         print(
@@ -58,15 +57,6 @@ def run(options: argparse.Namespace) -> int:
         )
     print(f"\nfigure  {figure}")
     return 0 if verdict.feasible else EXIT_FAILED
-
-
-def _course(config: ReferenceConfig) -> Course | None:
-    """Return the configured course, None without a course."""
-    if not config.gates:
-        return None
-    from quad_mpc_ros.extras.racing.gates import read_course
-
-    return read_course(config.gates)
 
 
 def _within_the_mpc(reference: ReferenceConfig, mpc: MpcConfig) -> ReferenceConfig:

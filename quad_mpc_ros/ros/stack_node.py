@@ -28,19 +28,6 @@ from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run
 _NO_BRIDGE = "none"
 
 
-def nodes_of_stack(bridge: str, *, with_reference: bool) -> list[Callable[[], Node]]:
-    """Return factories for the nodes of a vehicle, in this order.
-
-    ``bridge`` is the name of a bridge, or ``none``. Raises :class:`UserError` for an unknown name.
-    """
-    nodes: list[Callable[[], Node]] = [MpcNode]
-    if with_reference:
-        nodes.append(ReferenceNode)
-    if bridge != _NO_BRIDGE:
-        nodes.append(functools.partial(BridgeNode, load_bridge(bridge)))
-    return nodes
-
-
 def main(args: list[str] | None = None) -> int:
     """Run the nodes until one of them ends; return the exit code."""
     parser = ArgumentParser(prog="stack_node", description=__doc__.partition("\n")[0])
@@ -51,12 +38,14 @@ def main(args: list[str] | None = None) -> int:
         "--reference", default="true", choices=["true", "false"], help="also run the reference"
     )
     options = parser.parse_args(own_arguments(sys.argv if args is None else args)[1:])
+    others: list[Callable[[], Node]] = [ReferenceNode] if options.reference == "true" else []
     try:
-        first, *others = nodes_of_stack(options.bridge, with_reference=options.reference == "true")
+        if options.bridge != _NO_BRIDGE:
+            others.append(functools.partial(BridgeNode, load_bridge(options.bridge)))
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
-    return run(first, args, others=others)
+    return run(MpcNode, args, others=others)
 
 
 if __name__ == "__main__":

@@ -106,11 +106,10 @@ class Aerostack2Bridge(Bridge):
         battery = self._topic("sensor_measurements/battery", "sensor_msgs/msg/BatteryState")
         self._info_name = info.name
         self._info = LatestStatus(timeout=_INFO_TIMEOUT)
-        self._pose: Any = None
-        self._twist: Any = None
+        self._parts: dict[str, Any] = {}
         self.subscriptions = [
-            Subscription(topic=pose, receive=self._on_pose),
-            Subscription(topic=twist, receive=self._on_twist),
+            Subscription(topic=pose, receive=functools.partial(self._on_part, "pose")),
+            Subscription(topic=twist, receive=functools.partial(self._on_part, "twist")),
             Subscription(topic=info, receive=self._info.receive),
             *self._battery_subscription(battery),
         ]
@@ -169,23 +168,16 @@ class Aerostack2Bridge(Bridge):
         fill_body_rates(rates.message, command, frame_id=self._frame_id, now_ns=now_ns)
         return [thrust, rates]
 
-    def _on_pose(self, message: Any, now_ns: int) -> OdometrySample | None:
-        self._pose = message
-        return self._paired(now_ns)
-
-    def _on_twist(self, message: Any, now_ns: int) -> OdometrySample | None:
-        self._twist = message
-        return self._paired(now_ns)
-
-    def _paired(self, now_ns: int) -> OdometrySample | None:
+    def _on_part(self, part: str, message: Any, now_ns: int) -> OdometrySample | None:
         """Return the odometry once pose and twist with equal stamps have arrived."""
-        pose, twist = self._pose, self._twist
-        if pose is None or twist is None:
+        self._parts[part] = message
+        if len(self._parts) < 2:
             return None
+        pose, twist = self._parts["pose"], self._parts["twist"]
         apart_ns = nanoseconds(pose.header.stamp) - nanoseconds(twist.header.stamp)
         if abs(apart_ns) > _PAIR_TOLERANCE_NS:
             return None
-        self._pose = self._twist = None
+        self._parts.clear()
         odometry = self._converted(
             "self_localization", lambda: odometry_from_self_localization(pose, twist)
         )

@@ -283,20 +283,15 @@ class PublishedOrder:
 
 def new_bag(config: RecorderConfig) -> BagWriter:
     """Create a bag in the configured folder, or in a new folder with a unique name."""
-    if config.directory:
-        return _bag_in(Path(config.directory), config)
-    name = datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
+    name = config.directory or datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
     names = itertools.chain([name], (f"{name}_{number}" for number in itertools.count(1)))
     while True:
         try:
-            return _bag_in(Path(next(names)), config)
+            return BagWriter(
+                Path(next(names)),
+                compression=config.compression,  # type: ignore[arg-type]
+                durable=config.sync,
+            )
         except BagExistsError:
-            pass  # another recorder started in the same second
-
-
-def _bag_in(directory: Path, config: RecorderConfig) -> BagWriter:
-    return BagWriter(
-        directory,
-        compression=config.compression,  # type: ignore[arg-type]
-        durable=config.sync,
-    )
+            if config.directory:
+                raise  # else another recorder started in the same second

@@ -16,7 +16,6 @@ from quad_mpc_ros.messages import conversions, markers, topics
 from quad_mpc_ros.messages.corridor import corridor_edges, corridor_from_message
 from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.markers import Trail, VisualisationConfig
-from quad_mpc_ros.references.course import Course
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
@@ -36,8 +35,10 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         self._plan: Any = None
         self._has_new_odometry = False
         self._corridor: Any = None
-        course = _course(self.config)
-        self._gates = [] if course is None else [gate.corners() for gate in course.once().values()]
+        self._gates = []
+        if self.config.gates:
+            read = optional_part("read_course", needed_by=f"{self.config.owner}.gates")
+            self._gates = [gate.corners() for gate in read(self.config.gates).once().values()]
 
         self._markers = self.health.publisher(topics.MARKERS)
         self._transforms = self._transform_publisher()
@@ -117,15 +118,6 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         if self._odometry is None:
             return Health(level=WARN, text="waiting for odometry")
         return Health(level=OK, text="showing")
-
-
-def _course(config: VisualisationConfig) -> Course | None:
-    """Return the course in the configured file, or None."""
-    if not config.gates:
-        return None
-    read = optional_part("read_course", needed_by=f"{config.owner}.gates")
-    course: Course = read(config.gates)
-    return course
 
 
 main = functools.partial(run, VisualisationNode)

@@ -268,6 +268,7 @@ def test_bad_input_is_rejected_with_a_reason_and_the_flight_continues(
 
 
 def test_requests_are_accepted_reported_and_drawn(pilot: Pilot, peer: Any) -> None:
+    steps = peer.node.create_publisher(TransformStamped, "odom_reset", 10)
     assert pilot.call("takeoff").success
     pilot.fly(3.0)
     assert "accepted" in pilot.send_trajectory(
@@ -278,8 +279,18 @@ def test_requests_are_accepted_reported_and_drawn(pilot: Pilot, peer: Any) -> No
     assert pilot.call("hold").success
     assert "accepted" in pilot.send_goal((0.2, 0.1, 0.0), yaw=1.0)
     assert peer.wait(lambda: np.allclose(_end(pilot.paths[-1])[:2], [0.2, 0.1], atol=1e-3))
-    pilot.fly(0.5)
+    assert peer.wait(lambda: _rests(pilot), timeout=20.0)
     assert_nothing_jumps(pilot.windows())
+
+    # A reference at rest moves along with a step of the estimate.
+    held = pilot.windows()[-1]
+    step, message = np.array([2.0, -1.0, 0.5]), TransformStamped()
+    reset = EstimateReset(stamp_ns=held.stamp_ns, turn=0.0, step_W=step)
+    conversions.fill_reset(message, reset)
+    reply = pilot._replied("reset", lambda: steps.publish(message))
+    assert "accepted: the odometry jumps by 2.29 m: moves along" in reply
+    moved = held.p_WB[-1] + step
+    assert peer.wait(lambda: np.allclose(pilot.windows()[-1].p_WB, moved), timeout=10.0)
 
 
 def test_follows_velocities_of_teleop_twist_keyboard_and_teleop_twist_joy(
@@ -326,22 +337,6 @@ def _rests(pilot: Pilot) -> bool:
 def _end(path: PathMessage) -> list[float]:
     position = path.poses[-1].pose.position
     return [position.x, position.y, position.z]
-
-
-def test_held_reference_moves_with_estimate_step(pilot: Pilot, peer: Any) -> None:
-    steps = peer.node.create_publisher(TransformStamped, "odom_reset", 10)
-    assert peer.wait(steps.get_subscription_count)
-    assert pilot.call("takeoff").success
-    pilot.fly(4.0)
-    held = pilot.windows()[-1]
-    assert not np.any(held.v_WB_W)
-    step, message = np.array([2.0, -1.0, 0.5]), TransformStamped()
-    reset = EstimateReset(stamp_ns=held.stamp_ns, turn=0.0, step_W=step)
-    conversions.fill_reset(message, reset)
-    reply = pilot._replied("reset", lambda: steps.publish(message))
-    assert "accepted: the odometry jumps by 2.29 m: moves along" in reply
-    moved = held.p_WB[-1] + step
-    assert peer.wait(lambda: np.allclose(pilot.windows()[-1].p_WB, moved), timeout=10.0)
 
 
 @pytest.mark.slow
