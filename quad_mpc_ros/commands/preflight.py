@@ -53,11 +53,14 @@ def run(options: argparse.Namespace) -> int:
     require_ros("preflight", instead="; without ROS 2, use 'simulate' and 'campaign'")
     from quad_mpc_ros.commands.observer import checked_namespace
     from quad_mpc_ros.commands.running_vehicle import RunningVehicle
+    from quad_mpc_ros.ros.bridges.registry import load_bridge
     from quad_mpc_ros.ros.preflight.checks import findings
     from quad_mpc_ros.ros.preflight.finding import Level
 
     namespace = checked_namespace(options.namespace)
-    bridge = _bridge(options.bridge)
+    bridge = options.bridge
+    if bridge not in ("", _NONE):
+        bridge = str(load_bridge(bridge).name)
     stated = _stated(options.config)
     with RunningVehicle(namespace) as vehicle:
         facts = vehicle.facts(bridge=bridge, timeout=options.timeout)
@@ -73,13 +76,6 @@ def run(options: argparse.Namespace) -> int:
         file=sys.stderr,
     )
     return EXIT_FAILED if errors else 0
-
-
-def _bridge(name: str) -> str:
-    """Return the name of the bridge's node. Raises :class:`UserError` for an unknown one."""
-    from quad_mpc_ros.ros.bridges.registry import load_bridge
-
-    return name if name in ("", _NONE) else str(load_bridge(name).name)
 
 
 def _stated(sources: Sequence[str]) -> dict[str, dict[str, Any]]:

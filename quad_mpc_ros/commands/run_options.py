@@ -22,12 +22,6 @@ def add_configuration_options(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help=f"trajectory to fly: {', '.join(TRAJECTORIES)} (default: square)",
     )
-    add_gates(parser)
-    add_set(parser, "set one parameter, for example mpc.horizon_steps=20")
-
-
-def add_gates(parser: argparse.ArgumentParser) -> None:
-    """Add ``--gates``."""
     parser.add_argument(
         "--gates",
         metavar="FILE",
@@ -35,6 +29,7 @@ def add_gates(parser: argparse.ArgumentParser) -> None:
         "gates, evaluate the passages, and fly through the gates unless --reference selects "
         "another trajectory; to fly a plan, add --set reference.file=race.csv",
     )
+    add_set(parser, "set one parameter, for example mpc.horizon_steps=20")
 
 
 def add_config(parser: argparse.ArgumentParser, which: str = "") -> None:

@@ -121,12 +121,6 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         with self._unless_shut_down():
             publisher.publish(message)
 
-    def _await_acknowledgement(self) -> None:
-        """Wait for slow subscribers, which would lose messages at the end of this process."""
-        for publisher in self._outputs.values():
-            with self._unless_shut_down():
-                publisher.wait_for_all_acked(_ACKNOWLEDGE_TIMEOUT)
-
     @contextmanager
     def _unless_shut_down(self) -> Iterator[None]:
         """Ignore errors after a signal has shut ROS down."""
@@ -144,7 +138,9 @@ class PlayerNode(ReportingNode[PlayerConfig]):
             self.get_logger().fatal(f"playback ended: {problem!r}")
             self.exit_code = 1
         else:
-            self._await_acknowledgement()
+            for publisher in self._outputs.values():  # slow subscribers would lose messages
+                with self._unless_shut_down():
+                    publisher.wait_for_all_acked(_ACKNOWLEDGE_TIMEOUT)
             self.get_logger().info(f"played {self._playback.count} messages")
         stop()
 

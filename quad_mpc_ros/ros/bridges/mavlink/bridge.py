@@ -328,8 +328,9 @@ class MavlinkBridge(Bridge):
             self._time.note_request(now_ns=now_ns)
             due.append(codec.timesync(sent_ns=now_ns))
         if self._is_due("parameters", _PARAMETERS_NS, now_ns):
+            request = codec.dialect().MAVLink_param_request_read_message
             due += [
-                codec.parameter_request(name, system=self._system, component=self._component)
+                request(self._system, self._component, name.encode(), -1)
                 for name in self._settings.take_due()
             ]
         # First in any case: unrequested messages have a rate chosen by the autopilot.

@@ -171,8 +171,3 @@ def heartbeat(*, ground_station: bool = False) -> Any:
 def timesync(*, sent_ns: int) -> Any:
     """Return a request for the vehicle's time."""
     return dialect().MAVLink_timesync_message(0, sent_ns)
-
-
-def parameter_request(name: str, *, system: int, component: int) -> Any:
-    """Return a request for a parameter."""
-    return dialect().MAVLink_param_request_read_message(system, component, name.encode(), -1)
