@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -148,14 +148,16 @@ class HealthReporter:
         self._mismatches = []
 
     def report(self) -> None:
-        """Publish the health now."""
-        health, peers = self._with_faults(self._probe()), self.peers()
+        """Publish the health now, with faults of peers and of other nodes."""
+        health, peers = self._probe(), self.peers()
+        vehicles = self.watch.fault() if self.watch is not None else ""
+        faults = list(filter(None, (self.duplicate_publishers(), vehicles, *self._mismatches)))
         vehicle = [(VEHICLE_KEY, json.dumps(self.vehicle))] if self.vehicle else []
         message = cdr.written_diagnostics(
             stamp_ns=self._node.get_clock().now().nanoseconds,
-            level=health.level,
+            level=max(health.level, WARN) if faults else health.level,
             name=self._node.get_fully_qualified_name(),
-            text=health.text,
+            text="; ".join([*faults, health.text]),
             values=[*peers, *health.values, *vehicle],
         )
         self._publisher.publish(message)
@@ -192,15 +194,6 @@ class HealthReporter:
         if mismatches:
             return f"{count}, not received: {'; '.join(mismatches)}"
         return f"{count}, nothing received"
-
-    def _with_faults(self, health: Health) -> Health:
-        """Return the health with duplicate publishers, different vehicles, incompatible peers."""
-        vehicles = self.watch.fault() if self.watch is not None else ""
-        faults = list(filter(None, (self.duplicate_publishers(), vehicles, *self._mismatches)))
-        if not faults:
-            return health
-        text = "; ".join([*faults, health.text])
-        return replace(health, level=max(health.level, WARN), text=text)
 
     def _create_publisher(self, topic: Topic) -> Publisher:
         if self.lockstep:

@@ -49,23 +49,45 @@ class ReconnectingLine(ABC):
     def __init__(self, name: str) -> None:
         self.fault = ""
         self._name = name
+        self._end: Any = None  # the port or socket, None while the line is closed
         self._attempted_s = -math.inf
 
-    @abstractmethod
     def read(self) -> bytes:
         """Return the received bytes."""
+        if self._end is None and not self._reconnect():
+            return b""
+        try:
+            return self._receive()
+        except OSError as error:  # also pyserial's errors
+            self._disconnect(error)
+            return b""
 
-    @abstractmethod
     def write(self, data: bytes) -> None:
         """Send; data that cannot be sent at once are dropped, because newer data follow."""
+        if self._end is None or not data:
+            return
+        try:
+            self._send(data)
+        except OSError as error:
+            self._disconnect(error)
 
-    @abstractmethod
     def close(self) -> None:
         """Close the line."""
+        if self._end is not None:
+            self._end.close()
+            self._end = None
 
     @abstractmethod
-    def _open(self) -> None:
-        """Open the line; raises ``OSError`` or ``ValueError``."""
+    def _open(self) -> Any:
+        """Return the opened port or socket; raises ``OSError`` or ``ValueError``."""
+
+    @abstractmethod
+    def _receive(self) -> bytes:
+        """Return the received bytes; raises ``OSError``."""
+
+    @abstractmethod
+    def _send(self, data: bytes) -> None:
+        """Send as :meth:`write`; raises ``OSError``."""
 
     def _reconnect(self) -> bool:
         """Try to open the line, at most once a second; return whether it is open."""
@@ -74,7 +96,7 @@ class ReconnectingLine(ABC):
             return False
         self._attempted_s = now
         try:
-            self._open()
+            self._end = self._open()
         except (OSError, ValueError) as error:
             self._disconnect(error)
             return False
@@ -94,40 +116,21 @@ class SerialLine(ReconnectingLine):
         super().__init__(device)
         self._baud = baud
         self._serial: Any = None
-        self._port: Any = None
 
-    def read(self) -> bytes:
-        """Return the received bytes."""
-        if self._port is None and not self._reconnect():
-            return b""
-        try:
-            return bytes(self._port.read(self._port.in_waiting))
-        except OSError as error:  # also pyserial's errors
-            self._disconnect(error)
-            return b""
-
-    def write(self, data: bytes) -> None:
-        """Send; data that the port cannot take at once are dropped, because newer data follow."""
-        if self._port is None or not data:
-            return
-        try:
-            self._port.write(data)
-        except self._serial.SerialTimeoutException:
-            self._port.reset_output_buffer()
-        except OSError as error:
-            self._disconnect(error)
-
-    def close(self) -> None:
-        """Close the port."""
-        if self._port is not None:
-            self._port.close()
-            self._port = None
-
-    def _open(self) -> None:
+    def _open(self) -> Any:
         self._serial = importlib.import_module("serial")
-        self._port = self._serial.Serial(
+        return self._serial.Serial(
             self._name, self._baud, timeout=0, write_timeout=0.01, exclusive=True
         )
+
+    def _receive(self) -> bytes:
+        return bytes(self._end.read(self._end.in_waiting))
+
+    def _send(self, data: bytes) -> None:
+        try:
+            self._end.write(data)
+        except self._serial.SerialTimeoutException:
+            self._end.reset_output_buffer()
 
 
 class NetworkLine(ReconnectingLine):
@@ -140,63 +143,39 @@ class NetworkLine(ReconnectingLine):
         super().__init__(device)
         self._address = address
         self._is_server, self._is_stream = device.startswith("udpin:"), device[0] == "t"
-        self._socket: socket.socket | None = None
         self._caller: tuple[tuple[str, int], float] | None = None  # with its last time
 
-    def read(self) -> bytes:
-        """Return the received bytes."""
+    def _open(self) -> socket.socket:
+        if self._is_stream:
+            end = socket.create_connection(self._address, timeout=_CONNECT_TIMEOUT)
+            end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        else:
+            end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            (end.bind if self._is_server else end.connect)(self._address)
+        end.setblocking(False)
+        return end
+
+    def _receive(self) -> bytes:
         data = b""
         while len(data) < _MAX_READ_BYTES:
-            if self._socket is None and not self._reconnect():
-                break
-            assert self._socket is not None
             try:
-                if self._is_server:
-                    piece, caller = self._socket.recvfrom(_MAX_DATAGRAM_BYTES)
-                    if not self._accepts(caller):
-                        continue
-                else:
-                    piece = self._socket.recv(_MAX_DATAGRAM_BYTES)
-            except BlockingIOError:
-                break
+                piece, caller = self._end.recvfrom(_MAX_DATAGRAM_BYTES)
+                if self._is_stream and not piece:
+                    raise ConnectionResetError("closed by the other end")
             except OSError as error:  # ConnectionRefused of UDP: no receiver yet
-                self._disconnect(error)
-                break
-            if self._is_stream and not piece:
-                self._disconnect(ConnectionResetError("closed by the other end"))
-                break
-            data += piece
+                if data or isinstance(error, BlockingIOError):
+                    break
+                raise
+            if not self._is_server or self._accepts(caller):
+                data += piece
         return data
 
-    def write(self, data: bytes) -> None:
-        """Send; data that cannot be sent at once are dropped, because newer data follow."""
-        if self._socket is None or not data:
-            return
-        try:
-            if self._is_server:
-                if self._caller is not None:
-                    self._socket.sendto(data, self._caller[0])
-            else:
-                self._socket.send(data)
-        except BlockingIOError:
-            pass
-        except OSError as error:
-            self._disconnect(error)
-
-    def close(self) -> None:
-        """Close the connection."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
-
-    def _open(self) -> None:
-        if self._is_stream:
-            self._socket = socket.create_connection(self._address, timeout=_CONNECT_TIMEOUT)
-            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        else:
-            self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            (self._socket.bind if self._is_server else self._socket.connect)(self._address)
-        self._socket.setblocking(False)
+    def _send(self, data: bytes) -> None:
+        with contextlib.suppress(BlockingIOError):
+            if not self._is_server:
+                self._end.send(data)
+            elif self._caller is not None:
+                self._end.sendto(data, self._caller[0])
 
     def _accepts(self, caller: tuple[str, int]) -> bool:
         """Return whether to accept a datagram: only one caller, until this caller is silent."""

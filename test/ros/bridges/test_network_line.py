@@ -92,8 +92,7 @@ def test_sends_by_udp_without_a_receiver(other: socket.socket) -> None:
 
 
 def line_address(line: NetworkLine) -> tuple[str, int]:
-    assert line._socket is not None
-    host, port = line._socket.getsockname()
+    host, port = line._end.getsockname()
     return host, port
 
 

@@ -24,9 +24,3 @@ def test_rates_in_every_frame_and_unit(
     expected = axis if body_frame == "flu" else FRD[axis]
     assert_allclose(vector(twist.angular), scale * np.array(expected))
     assert twist.linear.z == (HOVER if body_frame == "flu" else -HOVER)
-
-
-def test_a_stack_is_released_at_once() -> None:
-    bridge = ready_to_fly(RatesBridge, T0)
-    bridge.engage(False, now_ns=T0)
-    assert bridge.receive_command(command(T0), now_ns=T0) == []

@@ -20,17 +20,13 @@ class CrazyflieLine(ReconnectingLine):
 
     def __init__(self, uri: str) -> None:
         super().__init__(uri)
-        self._driver: Any = None
         self._errors: deque[str] = deque(maxlen=1)
         self._sender: _Sender | None = None
         self._reader = crtp.PacketReader()
 
-    def read(self) -> bytes:
-        """Return received packets, each preceded by its length."""
-        if self._driver is None and not self._reconnect():
-            return b""
+    def _receive(self) -> bytes:
         found = b""
-        while (received := self._driver.receive_packet(0)) is not None:
+        while (received := self._end.receive_packet(0)) is not None:
             data = bytes(received.data)
             found += bytes((1 + len(data), received.header)) + data
         if self._errors:
@@ -39,8 +35,7 @@ class CrazyflieLine(ReconnectingLine):
             self._release()
         return found
 
-    def write(self, data: bytes) -> None:
-        """Send packets, each preceded by its length."""
+    def _send(self, data: bytes) -> None:
         for packet in self._reader.read(data):
             if self._sender is not None:
                 self._sender.put(packet)
@@ -51,7 +46,7 @@ class CrazyflieLine(ReconnectingLine):
         if sender is not None:
             sender.join()
 
-    def _open(self) -> None:
+    def _open(self) -> Any:
         cflib_crtp = importlib.import_module("cflib.crtp")
         if not cflib_crtp.CLASSES:
             cflib_crtp.init_drivers()
@@ -62,12 +57,13 @@ class CrazyflieLine(ReconnectingLine):
             raise OSError(error) from error
         if driver is None:
             raise OSError("expected radio://, usb:// or udp:// in cflib's format")
-        self._driver, self._sender = driver, _Sender(driver)
+        self._sender = _Sender(driver)
         self._sender.start()
+        return driver
 
     def _release(self) -> _Sender | None:
         """Let the sender close the driver, which can take a second."""
-        sender, self._driver, self._sender = self._sender, None, None
+        sender, self._end, self._sender = self._sender, None, None
         if sender is not None:
             sender.put(None)
         return sender
