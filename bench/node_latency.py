@@ -68,7 +68,7 @@ def main() -> int:
         options.out = options.out or Path(folder, "run")
         config = run_configuration(options, lockstep=False)
         loads, started = fly(config, together=options.together)
-        print(latencies(config.bag, period_ms=1e3 / rate))
+        print(latencies(config.out / "bag", period_ms=1e3 / rate))
         print(footprints(loads, started, config.simulator.duration))
     return 0
 

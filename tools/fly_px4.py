@@ -37,7 +37,7 @@ from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory, joined_trajectory
 from quad_mpc_ros.references.director import Reply
 from quad_mpc_ros.references.live import LiveReference
-from quad_mpc_ros.ros.bridges.bridge import Bridge, OutgoingBytes, OutgoingMessage, Response
+from quad_mpc_ros.ros.bridges.bridge import Bridge, OutgoingMessage, Response
 from quad_mpc_ros.ros.bridges.mavlink import MavlinkBridge
 from quad_mpc_ros.ros.bridges.mavlink.codec import Codec
 from quad_mpc_ros.ros.bridges.px4 import Px4Bridge
@@ -166,8 +166,8 @@ class Pilot:
         for each in outgoing:
             if isinstance(each, OutgoingMessage):
                 self._publishers[each.topic.name].publish(each.message)
-            elif isinstance(each, OutgoingBytes) and self._line is not None:
-                self._line.write(each.data)
+            elif isinstance(each, bytes) and self._line is not None:
+                self._line.write(each)
 
     def engage(self) -> Response:
         """Ask for the handover."""

@@ -57,11 +57,6 @@ class RunConfig(NodeConfigs):
     trajectory: Trajectory
     out: Path
 
-    @property
-    def bag(self) -> Path:
-        """Folder of the recorded bag."""
-        return self.out / "bag"
-
 
 def run_configuration(
     options: argparse.Namespace, *, lockstep: bool, vehicle: str = ""

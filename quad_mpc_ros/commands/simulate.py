@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
     started = time.monotonic()
     plant = make_plant(config.simulator)
     with RunRecorder(
-        config.bag,
+        config.out / "bag",
         parameters={node: getattr(config, node).flattened() for node in SCHEMA},
         frame_id=config.mpc.odometry.frame_id,
         compression=config.recorder.compression,

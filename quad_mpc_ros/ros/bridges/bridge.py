@@ -83,13 +83,6 @@ class OutgoingMessage:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OutgoingBytes:
-    """Bytes to send over the line."""
-
-    data: bytes
-
-
-@dataclass(frozen=True, kw_only=True)
 class ServiceCall:
     """A filled request and the service of the stack to call.
 
@@ -113,11 +106,12 @@ class Response:
 
     accepted: bool
     text: str
-    messages: Sequence[OutgoingMessage | OutgoingBytes] = ()
+    messages: Sequence[OutgoingMessage | bytes] = ()
     calls: Sequence[ServiceCall] = ()
 
 
-Outgoing = OutgoingMessage | OutgoingBytes | ServiceCall
+Outgoing = OutgoingMessage | bytes | ServiceCall
+"""What a bridge sends: a message, bytes over the line, or a call of a service."""
 
 
 class Bridge(ABC):
@@ -141,15 +135,15 @@ class Bridge(ABC):
     line: ReconnectingLine | None = None
     """The line to the stack, None for a stack with topics."""
 
-    subscriptions: Sequence[Subscription]
+    subscriptions: Sequence[Subscription] = ()
     """The subscribed topics."""
-    publications: Sequence[Topic]
+    publications: Sequence[Topic] = ()
     """The published topics."""
     services: Sequence[tuple[str, str]] = ()
     """Name and type of each service that the bridge may call."""
 
     def __init__(self, config: Any, new: NewMessage, *, namespace: str = "") -> None:
-        """Initialise; a derived class also sets ``subscriptions`` and ``publications``.
+        """Initialise; a derived class also sets its subscriptions and publications.
 
         Args:
             config: An instance of ``Config``.
@@ -397,6 +391,11 @@ class Bridge(ABC):
         return ServiceCall(
             service=name, type_name=type_name, request=request, receive=receive, optional=optional
         )
+
+    def _estimator_subscription(self) -> Subscription:
+        """Return a subscription to the estimator of an :class:`EstimatorConfig`."""
+        config = self._config
+        return self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)
 
     def _odometry_subscription(self, name: str, *, twist_frame: str) -> Subscription:
         """Return a subscription to ``nav_msgs/Odometry`` of an estimator, in ENU.

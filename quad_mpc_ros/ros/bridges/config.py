@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import itertools
 from dataclasses import dataclass
 
 from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter
@@ -62,11 +61,11 @@ class ThrustParameters(Configuration):
                 f"{self.owner}.motor_curve", self.motor_curve, "a >= 0 and b >= 0, not both 0"
             )
         throttles, thrusts = self.table_throttle, self.table_thrust
-        if len(throttles) < 2 or not _rises(throttles):
+        if len(throttles) < 2 or list(throttles) != sorted({*throttles}):
             raise ConfigurationError(
                 f"{self.owner}.table_throttle", throttles, "two or more increasing numbers"
             )
-        if len(thrusts) != len(throttles) or not _rises(thrusts):
+        if len(thrusts) != len(throttles) or list(thrusts) != sorted({*thrusts}):
             raise ConfigurationError(
                 f"{self.owner}.table_thrust", thrusts, f"{len(throttles)} rising numbers"
             )
@@ -130,7 +129,3 @@ class EstimatorConfig(BridgeConfig):
     twist_frame: str = parameter(
         "child", doc="Frame of the twist: child (body) or world.", choices=("child", "world")
     )
-
-
-def _rises(values: tuple[float, ...]) -> bool:
-    return all(a < b for a, b in itertools.pairwise(values))

@@ -19,7 +19,6 @@ from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
     Outgoing,
-    OutgoingBytes,
     OutgoingMessage,
     Response,
     ServiceCall,
@@ -260,9 +259,9 @@ class BridgeNode(ReportingNode[BridgeConfig]):
     def _send(self, outgoing: Outgoing) -> None:
         if isinstance(outgoing, OutgoingMessage):
             self._stack[outgoing.topic.name].publish(outgoing.message)
-        elif isinstance(outgoing, OutgoingBytes):
+        elif isinstance(outgoing, bytes):
             assert self._line is not None
-            self._line.write(outgoing.data)
+            self._line.write(outgoing)
         else:
             self._request(outgoing)
 

@@ -52,10 +52,8 @@ class RatesBridge(SwitchedBridge):
     def __init__(self, config: RatesConfig, new: NewMessage) -> None:
         super().__init__(config, new)
         self.publications = (_SETPOINT,)
-        self.subscriptions = [
-            self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame),
-            *self._battery_subscription(_BATTERY),
-        ]
+        battery = self._battery_subscription(_BATTERY)
+        self.subscriptions = [self._estimator_subscription(), *battery]
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         """Return the rates in ``twist.angular`` and the thrust along body z in ``linear.z``."""

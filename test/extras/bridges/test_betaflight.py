@@ -28,7 +28,6 @@ from hypothesis import strategies as st
 
 from quad_mpc_ros.extras.bridges.betaflight import BetaflightBridge
 from quad_mpc_ros.extras.bridges.betaflight.rates import RateCurve
-from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes
 
 MILLISECOND = 1_000_000
 STEP = 10 * MILLISECOND
@@ -106,7 +105,7 @@ class Controller:
                 sent = self.bridge.receive_command(
                     command(self.now_ns, throttle, w), now_ns=self.now_ns
                 )
-                out += b"".join(each.data for each in sent if isinstance(each, OutgoingBytes))
+                out += b"".join(each for each in sent if isinstance(each, bytes))
             for self.sticks in set_raw_rc(out):
                 pass
 

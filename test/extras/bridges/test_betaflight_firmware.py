@@ -28,7 +28,6 @@ from quad_mpc_ros.extras.plants.betaflight.plant import BetaflightPlant
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, load_config, simulate
 from quad_mpc_ros.references.configured import configured_trajectory
-from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 MILLISECOND = 1_000_000
@@ -117,8 +116,8 @@ class Bridged(BetaflightPlant):
             stamp_ns=self.now_ns, throttle=command.throttle, w_WB_B=command.w_WB_B
         )
         for sent in self.bridge.receive_command(command, now_ns=self.now_ns):
-            assert isinstance(sent, OutgoingBytes)
-            self._write(sent.data)
+            assert isinstance(sent, bytes)
+            self._write(sent)
 
     def odometry(self, stamp_ns: int) -> OdometrySample:
         seen = super().odometry(stamp_ns)

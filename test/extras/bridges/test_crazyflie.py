@@ -25,7 +25,7 @@ from quad_mpc_ros.extras.bridges import crtp
 from quad_mpc_ros.extras.bridges.crazyflie import CrazyflieBridge
 from quad_mpc_ros.extras.bridges.crazyflie.line import CrazyflieLine
 from quad_mpc_ros.extras.bridges.crazyflie.session import Session
-from quad_mpc_ros.ros.bridges.bridge import Outgoing, OutgoingBytes
+from quad_mpc_ros.ros.bridges.bridge import Outgoing
 
 New = Callable[[str], Any]
 
@@ -36,8 +36,8 @@ second of flight, turning left side up by 0.5 rad/s at the end."""
 
 
 def bytes_of(outgoing: list[Outgoing]) -> bytes:
-    assert all(isinstance(each, OutgoingBytes) for each in outgoing)
-    return b"".join(each.data for each in outgoing if isinstance(each, OutgoingBytes))
+    assert all(isinstance(each, bytes) for each in outgoing)
+    return b"".join(each for each in outgoing if isinstance(each, bytes))
 
 
 def ready(new: New, **parameters: Any) -> CrazyflieBridge:

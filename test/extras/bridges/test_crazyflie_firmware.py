@@ -33,7 +33,7 @@ from quad_mpc_ros.extras.bridges.crazyflie import CrazyflieBridge
 from quad_mpc_ros.extras.bridges.crazyflie.line import CrazyflieLine
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
-from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes, OutgoingMessage
+from quad_mpc_ros.ros.bridges.bridge import OutgoingMessage
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 VEHICLE = "vehicles/crazyflie"
@@ -88,9 +88,9 @@ class Bridged(FirmwarePlant):
         conversions.fill_odometry(message, truth)
         self.bridge.subscriptions[0].receive(message, self.now_ns)
 
-    def _send(self, outgoing: OutgoingMessage | OutgoingBytes) -> None:
-        assert isinstance(outgoing, OutgoingBytes)
-        self._write(outgoing.data)
+    def _send(self, outgoing: OutgoingMessage | bytes) -> None:
+        assert isinstance(outgoing, bytes)
+        self._write(outgoing)
 
     def _write(self, data: bytes) -> None:
         self.line.write(data)

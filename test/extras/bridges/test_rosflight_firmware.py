@@ -39,7 +39,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.extras.bridges.rosflight import RosflightBridge
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
-from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes, OutgoingMessage
+from quad_mpc_ros.ros.bridges.bridge import OutgoingMessage
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 VEHICLE = "vehicles/paper"
@@ -85,7 +85,7 @@ class Bridged(FirmwarePlant):
     def close(self) -> None:
         self.firmware.close()
 
-    def _send(self, outgoing: OutgoingMessage | OutgoingBytes) -> None:
+    def _send(self, outgoing: OutgoingMessage | bytes) -> None:
         assert isinstance(outgoing, OutgoingMessage)
         if not self.is_cut:
             self.firmware.send(OFFBOARD, offboard(outgoing.message))

@@ -15,7 +15,6 @@ from fixtures.bridges import BRIDGES, HOVER, SECOND, T0, command, deliver_all, r
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
-    OutgoingBytes,
     OutgoingMessage,
     Response,
     SwitchedBridge,
@@ -81,7 +80,7 @@ def test_every_topic_and_service_is_of_a_package_that_it_names(
 
 
 def _line(answer: Response) -> bytes:
-    return b"".join(each.data for each in answer.messages if isinstance(each, OutgoingBytes))
+    return b"".join(each for each in answer.messages if isinstance(each, bytes))
 
 
 def _message(answer: Response) -> Any:

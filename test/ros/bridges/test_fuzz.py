@@ -20,7 +20,6 @@ from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
     Outgoing,
-    OutgoingBytes,
     Response,
     ServiceCall,
 )
@@ -157,8 +156,8 @@ def check_message(message: Any) -> None:
 def check_response(response: Response) -> None:
     assert response.text
     for sending in response.messages:
-        if isinstance(sending, OutgoingBytes):
-            assert sending.data
+        if isinstance(sending, bytes):
+            assert sending
         else:
             check_message(sending.message)
     for call in response.calls:
@@ -195,13 +194,13 @@ def check_sendings(sendings: list[Outgoing], case: str, bridge: Bridge) -> None:
             assert (sending.service, sending.type_name) in bridge.services
             check_message(sending.request)
             continue
-        if isinstance(sending, OutgoingBytes) and isinstance(bridge.line, CrazyflieLine):
-            for *degrees, pwm in crazyflie.setpoints(sending.data):
+        if isinstance(sending, bytes) and isinstance(bridge.line, CrazyflieLine):
+            for *degrees, pwm in crazyflie.setpoints(sending):
                 # The heading of a vehicle that points up or down turns faster than its body.
                 assert max(map(abs, degrees)) <= 4.0 * FASTEST_DEGREES and pwm <= 60000
             continue
-        if isinstance(sending, OutgoingBytes):
-            check_bytes(sending.data, case)
+        if isinstance(sending, bytes):
+            check_bytes(sending, case)
             continue
         assert sending.topic in bridge.publications
         message = sending.message

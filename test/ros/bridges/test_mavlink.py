@@ -37,7 +37,6 @@ from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.control.estimation.ground_state import GroundState
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes
 from quad_mpc_ros.ros.bridges.mavlink import MavlinkBridge
 from quad_mpc_ros.ros.bridges.mavlink.link import VehicleClock
 
@@ -74,8 +73,8 @@ def engaged(speaker: Speaker, now_ns: int = T0, bridge: Any = None, **state: Any
 def sent(bridge: MavlinkBridge, now_ns: int, throttle: float = HOVER, w: Any = (0, 0, 0)) -> bytes:
     """Return what goes out for a command."""
     outgoing = bridge.receive_command(command(now_ns, throttle, w), now_ns=now_ns)
-    assert all(isinstance(each, OutgoingBytes) for each in outgoing)
-    return b"".join(each.data for each in outgoing if isinstance(each, OutgoingBytes))
+    assert all(isinstance(each, bytes) for each in outgoing)
+    return b"".join(each for each in outgoing if isinstance(each, bytes))
 
 
 def setpoint(bridge: MavlinkBridge, now_ns: int = T0, **given: Any) -> Setpoint:
@@ -391,8 +390,8 @@ def test_requests_release_and_arming(autopilot: int, mode: int, asked: tuple[flo
         (bridge.engage(False, now_ns=T0), 176, asked),
     ):
         (message,) = response.messages
-        assert isinstance(message, OutgoingBytes)
-        (request,) = requests(message.data)
+        assert isinstance(message, bytes)
+        (request,) = requests(message)
         assert response.accepted and request.command == command_number
         assert request.parameters[: len(parameters)] == parameters
     assert sent(bridge, T0) == b""

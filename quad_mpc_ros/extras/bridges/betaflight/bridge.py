@@ -27,7 +27,6 @@ from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
     Outgoing,
-    OutgoingBytes,
     Response,
 )
 from quad_mpc_ros.ros.bridges.config import EstimatorConfig
@@ -114,10 +113,7 @@ class BetaflightBridge(Bridge):
         self.pilot_switches_mode = config.receiver == "pilot"
         super().__init__(config, new)
         self.line = line_to(config.device, config.baud)
-        self.publications = ()
-        self.subscriptions = [
-            self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)
-        ]
+        self.subscriptions = [self._estimator_subscription()]
         self._telemetry = BetaflightTelemetry()
         self._protocol = MspProtocol(self._telemetry)
         self._arming_ns: int | None = None
@@ -182,7 +178,7 @@ class BetaflightBridge(Bridge):
 
     def _messages(self, command: CommandSample, now_ns: int) -> Sequence[Outgoing]:
         self._flown = command, now_ns
-        return [OutgoingBytes(data=self._frame(now_ns))]
+        return [self._frame(now_ns)]
 
     def _follow_arming(self, now_ns: int) -> None:
         """Give up arming after a timeout, and do not arm again after a disarming."""

@@ -22,7 +22,6 @@ from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
     Outgoing,
-    OutgoingBytes,
     Response,
 )
 from quad_mpc_ros.ros.bridges.config import EstimatorConfig
@@ -92,10 +91,7 @@ class CrazyflieBridge(Bridge):
     def __init__(self, config: CrazyflieConfig, new: NewMessage) -> None:
         super().__init__(config, new)
         self.line = CrazyflieLine(config.uri)
-        self.publications = ()
-        self.subscriptions = [
-            self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)
-        ]
+        self.subscriptions = [self._estimator_subscription()]
         self._reader = crtp.PacketReader()
         self._session = Session()
         self._unlocking = 0
@@ -144,11 +140,10 @@ class CrazyflieBridge(Bridge):
     def _arm(self, wanted: bool) -> Response:
         """Arm or disarm; firmware without arming stops with a setpoint of zeros."""
         if wanted:
-            return Response(
-                accepted=True, text="requested arming", messages=[_sent(crtp.arm(True))]
-            )
+            messages = [crtp.arm(True).framed()]
+            return Response(accepted=True, text="requested arming", messages=messages)
         self._is_left = True
-        messages = [_sent(crtp.arm(False)), _sent(_ZERO_SETPOINT)]
+        messages = [crtp.arm(False).framed(), _ZERO_SETPOINT.framed()]
         return Response(accepted=True, text="requested disarming", messages=messages)
 
     def _reports_armed(self, wanted: bool, now_ns: int) -> bool | None:
@@ -169,7 +164,7 @@ class CrazyflieBridge(Bridge):
             else [stop, crtp.stay(duration=_HOLD_DURATION)]
         )
         text = "requested position hold"
-        return Response(accepted=True, text=text, messages=[_sent(each) for each in packets])
+        return Response(accepted=True, text=text, messages=[each.framed() for each in packets])
 
     def _update_ground(self, odometry: OdometrySample, now_ns: int) -> None:
         """Store the height of the ground; the supervisor reports whether the vehicle flies."""
@@ -182,14 +177,14 @@ class CrazyflieBridge(Bridge):
         self._sent_ns, self._is_left = now_ns, False
         if self._unlocking > 0 or not self._stack(now_ns).armed:
             self._unlocking = max(self._unlocking - 1, 0)
-            return [_sent(_ZERO_SETPOINT)]
+            return [_ZERO_SETPOINT.framed()]
         setpoint = crtp.rate_setpoint(
             roll=float(command.w_WB_B[0]),
             pitch=float(command.w_WB_B[1]),
             heading=self._heading_rate(command),
             throttle=self.thrust.stack_throttle(command.throttle),
         )
-        return [_sent(setpoint)]
+        return [setpoint.framed()]
 
     def _heading_rate(self, command: CommandSample) -> float:
         """Return the heading rate [rad/s] of the commanded body rates.
@@ -236,7 +231,3 @@ class CrazyflieBridge(Bridge):
     def _recent(self, now_ns: int) -> OdometrySample | None:
         """Return the newest odometry; None if it is old."""
         return None if is_old(self._newest_ns, now_ns, _ODOMETRY_TIMEOUT_NS) else self._newest
-
-
-def _sent(packet: crtp.Packet) -> OutgoingBytes:
-    return OutgoingBytes(data=packet.framed())

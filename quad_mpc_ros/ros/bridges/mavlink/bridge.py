@@ -18,7 +18,6 @@ from quad_mpc_ros.ros.bridges.bridge import (
     FORCED,
     Bridge,
     Outgoing,
-    OutgoingBytes,
     Response,
     command_result,
 )
@@ -70,12 +69,8 @@ class MavlinkBridge(Bridge):
         super().__init__(config, new)
         self.line = line_to(config.device, config.baud)
         self.line.period = _LINE_PERIOD
-        self.publications = ()
-        self.subscriptions = []
         if config.odometry_topic:
-            self.subscriptions = [
-                self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)
-            ]
+            self.subscriptions = [self._estimator_subscription()]
         self._codec: Codec | None = None
         self._autopilot: Autopilot | None = None
         self._settings = AutopilotParameters(())
@@ -383,9 +378,9 @@ class MavlinkBridge(Bridge):
             command, *parameters, system=self._system, component=self._component
         )
 
-    def _packed(self, message: Any) -> OutgoingBytes:
+    def _packed(self, message: Any) -> bytes:
         assert self._codec is not None
-        return OutgoingBytes(data=self._codec.packed(message))
+        return self._codec.packed(message)
 
     def _requested(self, what: str, command: int, *parameters: float) -> Response:
         """Return the response with a command for the autopilot."""
