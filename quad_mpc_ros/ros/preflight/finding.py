@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import functools
 from dataclasses import dataclass
 
 
@@ -18,13 +19,13 @@ class Level(enum.IntEnum):
     """Must be fixed before the flight."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Finding:
     """A finding and its remedy, empty if unnecessary."""
 
-    level: Level
     sentence: str
     remedy: str = ""
+    level: Level = Level.OK
 
     @property
     def text(self) -> str:
@@ -32,21 +33,7 @@ class Finding:
         return f"{self.sentence}; {self.remedy}" if self.remedy else self.sentence
 
 
-def ok(sentence: str) -> Finding:
-    """Return a finding without problem."""
-    return Finding(level=Level.OK, sentence=sentence)
-
-
-def unknown(sentence: str) -> Finding:
-    """Return a finding for a check with missing facts."""
-    return Finding(level=Level.UNKNOWN, sentence=sentence)
-
-
-def warning(sentence: str, remedy: str) -> Finding:
-    """Return a warning."""
-    return Finding(level=Level.WARNING, sentence=sentence, remedy=remedy)
-
-
-def error(sentence: str, remedy: str) -> Finding:
-    """Return an error, which must be fixed before the flight."""
-    return Finding(level=Level.ERROR, sentence=sentence, remedy=remedy)
+ok = functools.partial(Finding, level=Level.OK)
+unknown = functools.partial(Finding, level=Level.UNKNOWN)
+warning = functools.partial(Finding, level=Level.WARNING)
+error = functools.partial(Finding, level=Level.ERROR)
