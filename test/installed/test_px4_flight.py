@@ -190,7 +190,7 @@ class Connection:
 
         self.bridge = MavlinkBridge(MavlinkBridge.Config(device=device), new_message)
         assert self.bridge.line is not None
-        self._line = self.bridge.line.open()
+        self._line = self.bridge.line
 
     def until(self, condition: Callable[[], Any], *, seconds: float = 60.0) -> Any:
         """Exchange messages until a condition is true; return what it returned."""
