@@ -11,7 +11,7 @@ from quad_mpc_ros.extras.racing.gates import read_course
 from quad_mpc_ros.extras.racing.held_gates import CombinedGuide, HeldGates
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider
+    from quad_mpc_ros.extras.obstacles.local_map import LocalMapProvider
     from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 
 

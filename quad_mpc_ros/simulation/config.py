@@ -20,8 +20,11 @@ from quad_mpc_ros.configuration import (
 )
 from quad_mpc_ros.control.model.vehicle import VehicleParameters
 from quad_mpc_ros.simulation.internal_plant import InternalParameters, InternalPlant
-from quad_mpc_ros.simulation.mujoco_parameters import MujocoParameters
-from quad_mpc_ros.simulation.optional_plants import BetaflightParameters, RotorpyParameters
+from quad_mpc_ros.simulation.optional_plants import (
+    BetaflightParameters,
+    MujocoParameters,
+    RotorpyParameters,
+)
 from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
 from quad_mpc_ros.simulation.surroundings import ObstacleSensorParameters

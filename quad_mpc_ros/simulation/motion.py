@@ -12,12 +12,7 @@ from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vec
 from quad_mpc_ros.control.lie import kernels
 from quad_mpc_ros.simulation.actuators import BodyRates, later_rates, later_throttle, thrust_at
 from quad_mpc_ros.simulation.dynamics import integrated
-from quad_mpc_ros.simulation.records import (
-    Measured,
-    PlantInputs,
-    VehicleConstants,
-    store_quaternion,
-)
+from quad_mpc_ros.simulation.records import Measured, PlantInputs, VehicleConstants
 
 
 class VehicleState(Record):
@@ -85,7 +80,7 @@ def measure(state: RecordArray[VehicleState], out: RecordArray[Measured]) -> Non
     x, measured = state[()], out[()]
     p, v = kernels.vector(x.p_WB), kernels.vector(x.v_WB_B)
     kernels.store_vector(p, measured.p_WB)
-    store_quaternion(kernels.quaternion(kernels.matrix(x.R_WB)), measured.q_WB_xyzw)
+    kernels.store_quaternion(kernels.quaternion(kernels.matrix(x.R_WB)), measured.q_WB_xyzw)
     kernels.store_vector(v, measured.v_WB_B)
     w = (0.0, 0.0, 0.0) if _on_ground(p, v) else kernels.vector(x.w_WB_B)
     kernels.store_vector(w, measured.w_WB_B)

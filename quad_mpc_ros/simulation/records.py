@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, Vector3, Vector4
-from quad_mpc_ros.control.lie import Array, kernels
-
-_X, _Y, _Z, _W = range(4)
 
 
 class PlantInputs(Record):
@@ -40,15 +36,3 @@ class Measured(Record):
     q_WB_xyzw: Vector4
     v_WB_B: Vector3  # m/s
     w_WB_B: Vector3  # rad/s
-
-
-@compiled
-def quaternion_in(q_xyzw: Array) -> kernels.Quaternion:
-    """Return the quaternion in an array (4,)."""
-    return q_xyzw[_X], q_xyzw[_Y], q_xyzw[_Z], q_xyzw[_W]
-
-
-@compiled
-def store_quaternion(q_xyzw: kernels.Quaternion, out: Array) -> None:
-    """Write a quaternion into an array (4,)."""
-    out[_X], out[_Y], out[_Z], out[_W] = q_xyzw

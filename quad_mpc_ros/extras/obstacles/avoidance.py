@@ -29,21 +29,20 @@ from quad_mpc_ros.extras.obstacles.bypass import (
     find_bypass,
     interpolated,
     is_nearly_straight,
+    lengths_along,
 )
 from quad_mpc_ros.extras.obstacles.corridor import corridor_about
 from quad_mpc_ros.extras.obstacles.guide import (
     STEP,
     GuideMotion,
-    PathLimits,
     follow_path,
     smoothed,
     window_of,
 )
-from quad_mpc_ros.extras.obstacles.local_map import VOXEL_SIZE, LocalMap
-from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider
+from quad_mpc_ros.extras.obstacles.local_map import VOXEL_SIZE, LocalMap, LocalMapProvider
 from quad_mpc_ros.extras.obstacles.moving import Movers
+from quad_mpc_ros.extras.obstacles.neighbours import Shared, shared_space
 from quad_mpc_ros.extras.obstacles.search import SearchBuffers, search, shortened
-from quad_mpc_ros.extras.obstacles.sharing import Shared, shared_space
 from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 
 _SAMPLE_SPACING = 0.1  # m, between checked points of a path
@@ -95,13 +94,6 @@ class _LocalPath(NamedTuple):
         return _length(self.points)
 
 
-class _GuideState(NamedTuple):
-    """The motion of the guide, starting at a time."""
-
-    start_ns: int
-    motion: GuideMotion
-
-
 class _Goal(NamedTuple):
     """End of a path, and the bypassed part of the reference; None leaves the reference at once."""
 
@@ -123,7 +115,7 @@ class ObstacleAvoidance(Guide):
         self._obstacles, self._radius = obstacles, radius
         self.surroundings = LocalMapProvider(obstacles)
         self._path: _LocalPath | None = None
-        self._guide_state: _GuideState | None = None
+        self._guide_state: tuple[int, GuideMotion] | None = None  # with its start [ns]
         self._search_buffers = SearchBuffers.of(0)
         _compile()
         self.reconfigure(config)
@@ -378,18 +370,21 @@ class ObstacleAvoidance(Guide):
     def _motion(self, view: _Perception, path: _LocalPath, ahead: Preview) -> GuideMotion:
         """Return the guide's motion along the reference, then along the path."""
         hardest = max(self._own.acceleration, ahead.acceleration)
-        limits = PathLimits(path.speeds, hardest)
         duration = self._horizon + 5 * STEP
         count = max(math.ceil((path.leave_ns - view.start_ns) * 1e-9 / STEP), 0)
         if count == 0:
             p_W, v_W = self._guide_position(view)
-            motion = follow_path(path.points, limits, p_W=p_W, v_W=v_W, duration=duration)
+            motion = follow_path(
+                path.points, path.speeds, hardest, p_W=p_W, v_W=v_W, duration=duration
+            )
         else:
             p_W, v_W = ahead.at(np.linspace(0.0, STEP * count, count + 1))
             rest = max(duration - count * STEP, STEP)
-            then = follow_path(path.points, limits, p_W=p_W[-1], v_W=v_W[-1], duration=rest)
+            then = follow_path(
+                path.points, path.speeds, hardest, p_W=p_W[-1], v_W=v_W[-1], duration=rest
+            )
             motion = then.after(p_W[:-1], v_W[:-1])
-        self._guide_state = _GuideState(view.start_ns, motion)
+        self._guide_state = view.start_ns, motion
         return motion
 
     def _guide_position(self, view: _Perception) -> tuple[Array, Array]:
@@ -398,8 +393,8 @@ class ObstacleAvoidance(Guide):
         If the vehicle is too far away from the guide, the vehicle's values are returned.
         """
         if self._guide_state is not None:
-            since = (view.start_ns - self._guide_state.start_ns) * 1e-9
-            motion = self._guide_state.motion
+            start_ns, motion = self._guide_state
+            since = (view.start_ns - start_ns) * 1e-9
             at = STEP * np.arange(len(motion.p_W))
             now = np.array([since])
             p_W = interpolated(now, at, motion.p_W)[0]
@@ -479,8 +474,8 @@ def _compile() -> None:
         workspace=SearchBuffers.of(local_map.grid.distances.size),
     )
     corners = smoothed(shortened(local_map.grid, path, 0.3, 1.0, Movers.none()))
-    limits = PathLimits(np.ones(len(corners)), 1.0)
-    motion = follow_path(corners, limits, p_W=np.zeros(3), v_W=np.zeros(3), duration=0.2)
+    start, speeds = np.zeros(3), np.ones(len(corners))
+    motion = follow_path(corners, speeds, 1.0, p_W=start, v_W=start, duration=0.2)
     window_of(motion, ReferenceWindow.hover(goal), start_ns=0, gravity=9.81)
     corridor_about(np.vstack([np.zeros(3), goal]), points, radius=0.3, rows=2)
 
@@ -510,8 +505,7 @@ def _speeds_of(points: Array, corners: Array, fastest: float, onward: Preview) -
 
     The speed is 0 at the end of a path that does not reach the reference.
     """
-    lengths = np.linalg.norm(np.diff(np.vstack([corners, onward.p_W[1:]]), axis=0), axis=1)
-    along = np.concatenate(([0.0], np.cumsum(lengths)))
+    along = lengths_along(np.vstack([corners, onward.p_W[1:]]))
     rejoined = along[len(corners) - 1 :]
     at = np.linspace(0.0, along[-1], len(points))
     speeds = np.full(len(points), fastest)

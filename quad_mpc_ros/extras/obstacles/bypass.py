@@ -106,8 +106,7 @@ def find_bypass(
         return Bypass(0, int(good[-1])) if len(good) else None
     beyond = after[after >= ahead.known - 1]
     after = after[: len(after) - len(beyond) + 1]
-    steps = np.linalg.norm(np.diff(ahead.p_W, axis=0), axis=1)
-    along = np.concatenate(([0.0], np.cumsum(steps)))
+    along = lengths_along(ahead.p_W)
     leave = 0
     if not astray and first > 1:
         before = np.arange(first)
@@ -124,6 +123,11 @@ def find_bypass(
 def interpolated(times: Array, at: NDArray[Any], places: Array) -> Array:
     """Return positions (n, 3) at times (n,), interpolated between given positions."""
     return np.column_stack([np.interp(times, at, places[:, k]) for k in range(3)])
+
+
+def lengths_along(places: Array) -> Array:
+    """Return the length of a path (n, 3) from its start to each of its points (n,)."""
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1)))
 
 
 def is_nearly_straight(p_W: Array) -> bool:

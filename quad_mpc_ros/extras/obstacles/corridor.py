@@ -77,7 +77,7 @@ def _about(
     """Write the planes around a segment, nearest first; return their number."""
     for k in range(len(points)):
         q = kernels.vector(points[k])
-        d = kernels.plus(q, kernels.scaled(-1.0, _foot(q, segment)))
+        d = kernels.minus(q, _foot(q, segment))
         squared = kernels.dot(d, d)
         distances[k] = squared if squared <= REACH * REACH else math.inf
     for row in range(len(offsets)):
@@ -111,20 +111,19 @@ def _is_behind(q: kernels.Vector, radius: float, normals: Array, offsets: Array)
 def _foot(q: kernels.Vector, segment: tuple[kernels.Vector, kernels.Vector]) -> kernels.Vector:
     """Return the nearest point of a segment to a point."""
     a, b = segment
-    along = kernels.plus(b, kernels.scaled(-1.0, a))
+    along = kernels.minus(b, a)
     length = kernels.dot(along, along)
     if length < 1e-18:
         return a
-    to_q = kernels.plus(q, kernels.scaled(-1.0, a))
-    share = kernels.clamp(kernels.dot(to_q, along) / length, 0.0, 1.0)
+    share = kernels.clamp(kernels.dot(kernels.minus(q, a), along) / length, 0.0, 1.0)
     return kernels.plus(a, kernels.scaled(share, along))
 
 
 @compiled
 def _direction(start: kernels.Vector, end: kernels.Vector) -> kernels.Vector:
     """Return the unit vector between two points; down for equal points."""
-    d = kernels.plus(end, kernels.scaled(-1.0, start))
-    length = math.sqrt(kernels.dot(d, d))
+    d = kernels.minus(end, start)
+    length = kernels.norm(d)
     if length < 1e-9:
         return 0.0, 0.0, -1.0
     return kernels.scaled(1.0 / length, d)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,18 +48,13 @@ class Pose(NamedTuple):
 _IDENTITY = Pose(np.zeros(3), np.eye(3))
 
 
-class _Stamped(NamedTuple):
-    stamp_ns: int
-    odometry: OdometrySample
-
-
 class Frames:
     """Poses of the body from odometry, and of other frames from transforms."""
 
     def __init__(self, frame_id: str) -> None:
         """Initialise with the name of the odometry's frame."""
         self._frame_id = frame_id
-        self._poses: deque[_Stamped] = deque()
+        self._poses: deque[OdometrySample] = deque()
         self._links: dict[str, Transform] = {}
         self._body = ""
 
@@ -72,7 +67,7 @@ class Frames:
             if stamp_ns == poses[-1].stamp_ns:
                 return
             poses.clear()
-        poses.append(_Stamped(stamp_ns, odometry))
+        poses.append(odometry)
         while stamp_ns - poses[0].stamp_ns > _POSE_HISTORY_NS:
             poses.popleft()
         self._body = odometry.child_frame_id.lstrip("/")
@@ -95,8 +90,29 @@ class Frames:
         return self._poses[-1].stamp_ns if self._poses else None
 
     def body_pose(self, stamp_ns: int) -> Pose:
-        """Return the pose of the body at a stamp. Raises ``ValueError`` if unknown."""
-        return _body_pose(self._poses, stamp_ns)
+        """Return the pose of the body at a stamp. Raises ``ValueError`` if unknown.
+
+        The stamp is between two odometries, or shortly after the last.
+        """
+        poses = self._poses
+        if not poses:
+            raise ValueError("no odometry yet: the position is unknown")
+        first, last = poses[0].stamp_ns, poses[-1].stamp_ns
+        if stamp_ns < first:
+            raise ValueError(f"stamp {1e-9 * (last - stamp_ns):.3f} s before the newest odometry")
+        if stamp_ns - last > _MAX_EXTRAPOLATION_NS:
+            raise ValueError(f"stamp {1e-9 * (stamp_ns - last):.3f} s after the newest odometry")
+        stamps = [each.stamp_ns for each in poses]
+        # Between two poses, or beyond the last two.
+        place = min(int(np.searchsorted(stamps, stamp_ns, side="right")), len(poses) - 1)
+        before, after = poses[max(place - 1, 0)], poses[place]
+        R = so3.rotation_from_quaternion_xyzw(before.q_WB_xyzw)
+        if before is after:
+            return Pose(before.p_WB, R)
+        share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
+        R_after = so3.rotation_from_quaternion_xyzw(after.q_WB_xyzw)
+        p = before.p_WB + share * (after.p_WB - before.p_WB)
+        return Pose(p, R @ so3.exp(share * so3.log(R.T @ R_after)))
 
     def forget_poses(self) -> None:
         """Discard all poses of the body: the odometry frame has jumped."""
@@ -115,7 +131,7 @@ class Frames:
             if above in ours:
                 return ours[above].inverse @ pose
             if above == body and body:
-                return _body_pose(self._poses, stamp_ns) @ pose
+                return self.body_pose(stamp_ns) @ pose
         known = ", ".join(filter(None, [odometry, body, *sorted(links)]))
         raise ValueError(f"frame '{frame_id}', expected one of {known}, or tf to it")
 
@@ -131,30 +147,5 @@ def _chain(name: str, links: dict[str, Transform], *, until: str) -> Iterator[tu
         link = links.get(name)
         if link is None or name == until:
             return
-        pose, name = _pose(link.p, link.q_xyzw) @ pose, link.parent
-
-
-def _pose(p: Array, q_xyzw: Array) -> Pose:
-    return Pose(p, so3.rotation_from_quaternion_xyzw(q_xyzw))
-
-
-def _body_pose(poses: Sequence[_Stamped], stamp_ns: int) -> Pose:
-    """Return the pose of the body at a stamp, between two odometries or shortly after the last."""
-    if not poses:
-        raise ValueError("no odometry yet: the position is unknown")
-    first, last = poses[0].stamp_ns, poses[-1].stamp_ns
-    if stamp_ns < first:
-        raise ValueError(f"stamp {1e-9 * (last - stamp_ns):.3f} s before the newest odometry")
-    if stamp_ns - last > _MAX_EXTRAPOLATION_NS:
-        raise ValueError(f"stamp {1e-9 * (stamp_ns - last):.3f} s after the newest odometry")
-    stamps = [each.stamp_ns for each in poses]
-    # Between two poses, or beyond the last two.
-    place = min(int(np.searchsorted(stamps, stamp_ns, side="right")), len(poses) - 1)
-    before, after = poses[max(place - 1, 0)], poses[place]
-    R = so3.rotation_from_quaternion_xyzw(before.odometry.q_WB_xyzw)
-    if before is after:
-        return Pose(before.odometry.p_WB, R)
-    share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
-    R_after = so3.rotation_from_quaternion_xyzw(after.odometry.q_WB_xyzw)
-    p = before.odometry.p_WB + share * (after.odometry.p_WB - before.odometry.p_WB)
-    return Pose(p, R @ so3.exp(share * so3.log(R.T @ R_after)))
+        step = Pose(link.p, so3.rotation_from_quaternion_xyzw(link.q_xyzw))
+        pose, name = step @ pose, link.parent

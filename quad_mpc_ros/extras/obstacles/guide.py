@@ -16,6 +16,7 @@ import numpy as np
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.samples import ReferenceWindow
+from quad_mpc_ros.extras.obstacles.bypass import interpolated, lengths_along
 
 STEP = 0.04
 """s, between samples of a window."""
@@ -27,20 +28,11 @@ _LOOKAHEAD, _LOOKAHEAD_TIME = 0.25, 0.2
 _ROUNDS, _HALF_WIDTH = 3, 3  # rounds of smoothing; points to both sides
 
 
-class PathLimits(NamedTuple):
-    """Speed limits at the points of a path (n,) [m/s], and the acceleration limit [m/s^2]."""
-
-    speeds: Array
-    acceleration: float
-
-
 def smoothed(corners: Array) -> Array:
     """Return a path (n, 3) of points 0.1 m apart with rounded corners."""
-    lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
-    along = np.concatenate(([0.0], np.cumsum(lengths)))
+    along = lengths_along(corners)
     count = max(math.ceil(along[-1] / _POINT_SPACING), 1) + 1
-    places = np.linspace(0.0, along[-1], count)
-    path = np.column_stack([np.interp(places, along, corners[:, k]) for k in range(3)])
+    path = interpolated(np.linspace(0.0, along[-1], count), along, corners)
     width = 2 * _HALF_WIDTH + 1
     for _ in range(_ROUNDS if count > width else 0):
         padded = np.pad(path, ((_HALF_WIDTH, _HALF_WIDTH), (0, 0)), mode="edge")
@@ -56,28 +48,27 @@ def speeds_along(path: Array, fastest: Array, acceleration: float) -> Array:
 
     ``fastest`` (n,) are the speed limits on a straight path.
     """
-    n = len(path)
     speeds = fastest.copy()
-    for k in range(1, n - 1):
-        before, after, bend = 0.0, 0.0, 0.0
-        for c in range(3):
-            before += (path[k, c] - path[k - 1, c]) ** 2
-            after += (path[k + 1, c] - path[k, c]) ** 2
-        before, after = math.sqrt(before), math.sqrt(after)
+    for k in range(1, len(path) - 1):
+        here = kernels.vector(path[k])
+        to, on = (
+            kernels.minus(here, kernels.vector(path[k - 1])),
+            kernels.minus(kernels.vector(path[k + 1]), here),
+        )
+        before, after = kernels.norm(to), kernels.norm(on)
         if min(before, after) < 1e-6:
             continue
-        for c in range(3):
-            change = (path[k + 1, c] - path[k, c]) / after - (path[k, c] - path[k - 1, c]) / before
-            bend += change * change
-        curvature = math.sqrt(bend) / (0.5 * (before + after))
+        bend = (
+            on[0] / after - to[0] / before,
+            on[1] / after - to[1] / before,
+            on[2] / after - to[2] / before,
+        )
+        curvature = kernels.norm(bend) / (0.5 * (before + after))
         if curvature > 1e-6:
             speeds[k] = min(speeds[k], math.sqrt(acceleration / curvature))
-    for k in range(n - 2, -1, -1):
-        length = 0.0
-        for c in range(3):
-            length += (path[k + 1, c] - path[k, c]) ** 2
-        braked = speeds[k + 1] ** 2 + 2.0 * acceleration * math.sqrt(length)
-        speeds[k] = min(speeds[k], math.sqrt(braked))
+    for k in range(len(path) - 2, -1, -1):
+        length = kernels.distance(path[k + 1], path[k])
+        speeds[k] = min(speeds[k], math.sqrt(speeds[k + 1] ** 2 + 2.0 * acceleration * length))
     return speeds
 
 
@@ -113,9 +104,8 @@ def _nearest(path: Array, position: Array, at: int) -> int:
     """Return the index of the nearest point of a path, from an index on."""
     least, best = math.inf, at
     for k in range(at, min(at + 12, len(path))):
-        squared = 0.0
-        for c in range(3):
-            squared += (path[k, c] - position[c]) ** 2
+        away = kernels.minus(kernels.vector(path[k]), kernels.vector(position))
+        squared = kernels.dot(away, away)
         if squared < least:
             least, best = squared, k
     return best
@@ -132,18 +122,12 @@ def _steer(
 ) -> None:
     """Advance the point mass by a step."""
     position, velocity = state
-    fast = math.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
-    ahead, to, length = _LOOKAHEAD + _LOOKAHEAD_TIME * fast, at, 0.0
+    ahead = _LOOKAHEAD + _LOOKAHEAD_TIME * kernels.length(velocity)
+    to, length = at, 0.0
     while to < len(path) - 1 and length < ahead:
-        squared = 0.0
-        for c in range(3):
-            squared += (path[to + 1, c] - path[to, c]) ** 2
-        length += math.sqrt(squared)
+        length += kernels.distance(path[to + 1], path[to])
         to += 1
-    distance = 0.0
-    for c in range(3):
-        distance += (path[to, c] - position[c]) ** 2
-    distance = math.sqrt(distance)
+    distance = kernels.distance(path[to], position)
     wanted = speeds[at]
     if to == len(path) - 1:  # brake for the end
         end = speeds[len(path) - 1]
@@ -151,11 +135,9 @@ def _steer(
         if end == 0.0:
             wanted = min(wanted, distance / (2.0 * _VELOCITY_TIME_CONSTANT))
     share, change = wanted / max(distance, 1e-6), np.empty(3)
-    squared = 0.0
     for c in range(3):
         change[c] = (share * (path[to, c] - position[c]) - velocity[c]) / _VELOCITY_TIME_CONSTANT
-        squared += change[c] ** 2
-    factor = min(1.0, acceleration / max(math.sqrt(squared), 1e-9))
+    factor = min(1.0, acceleration / max(kernels.length(change), 1e-9))
     for c in range(3):
         before = velocity[c]
         velocity[c] = before + dt * factor * change[c]
@@ -182,16 +164,19 @@ class GuideMotion(NamedTuple):
 
 
 def follow_path(
-    path: Array, limits: PathLimits, *, p_W: Array, v_W: Array, duration: float
+    path: Array, fastest: Array, acceleration: float, *, p_W: Array, v_W: Array, duration: float
 ) -> GuideMotion:
-    """Return the motion along a path (n, 3) from a state, for ``duration`` [s]."""
+    """Return the motion along a path (n, 3) from a state, for ``duration`` [s].
+
+    ``fastest`` (n,) [m/s] are the speed limits at the points of the path; ``acceleration``
+    [m/s^2] is bounded.
+    """
     count = math.ceil(duration / STEP) + 1
     motion = GuideMotion(np.empty((count, 3)), np.empty((count, 3)), np.empty(count))
-    speeds = speeds_along(path, limits.speeds, limits.acceleration)
     simulate_pursuit(
         path,
-        speeds,
-        limits.acceleration,
+        speeds_along(path, fastest, acceleration),
+        acceleration,
         p=p_W,
         v=v_W,
         positions=motion.p_W,

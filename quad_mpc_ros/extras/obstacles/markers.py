@@ -177,7 +177,7 @@ class Markers:
         number = self._count if before is None else before.number
         self._count += before is None
         self._tracked[marker.name] = _TrackedMarker(number, shape, points, stamp_ns, until_ns)
-        if before is None or not _same_points(before.points, points):
+        if before is None or not np.array_equal(before.points, points):
             self.revision += 1
 
     def _of_list(self, marker: Marker, placed: Pose) -> Array:
@@ -265,7 +265,3 @@ def _shape(marker: Marker, placed: Pose) -> Shape:
     if kind == CYLINDER:
         return Cylinder(p_WO=placed.p, R_WO=placed.R, radius=0.5 * max(x, y), height=z)
     return Sphere(p_WO=placed.p, R_WO=placed.R, radius=0.5 * max(x, y, z))
-
-
-def _same_points(a: Array, b: Array) -> bool:
-    return a.shape == b.shape and bool(np.array_equal(a, b))

@@ -37,12 +37,8 @@ class _VoxelPoints(NamedTuple):
         return _VoxelPoints(*(column[which] for column in self))
 
     def with_more(self, other: _VoxelPoints) -> _VoxelPoints:
-        return _VoxelPoints(
-            np.concatenate((self.points, other.points)),
-            np.concatenate((self.last_seen_ns, other.last_seen_ns)),
-            np.concatenate((self.keys, other.keys)),
-            np.concatenate((self.places, other.places)),
-        )
+        columns: Any = zip(self, other, strict=True)
+        return _VoxelPoints(*map(np.concatenate, columns))
 
 
 class VoxelMap:

@@ -18,8 +18,7 @@ from quad_mpc_ros.extras.obstacles.clouds import Clouds
 from quad_mpc_ros.extras.obstacles.frames import Frames
 from quad_mpc_ros.extras.obstacles.markers import Markers
 from quad_mpc_ros.extras.obstacles.moving import MovingPoints
-from quad_mpc_ros.extras.obstacles.neighbours import Neighbour
-from quad_mpc_ros.extras.obstacles.sharing import Plans
+from quad_mpc_ros.extras.obstacles.neighbours import Neighbour, Plans
 from quad_mpc_ros.extras.obstacles.surfaces import surface_points, wall_points
 from quad_mpc_ros.extras.obstacles.voxels import Points
 from quad_mpc_ros.messages.obstacle_messages import Marker, TimedPath, Transform
@@ -27,21 +26,7 @@ from quad_mpc_ros.messages.point_cloud import PointCloud
 from quad_mpc_ros.simulation.scene import Scene
 
 _SPACING = 0.1  # m between points of a surface
-_QUERY_MARGIN = 1.0  # m beyond the requested radius, for later requests
-
-
-class _QueryResult(NamedTuple):
-    """The points within a radius of a position, at a revision."""
-
-    points: Array
-    near: Array
-    radius: float
-    revision: int
-
-    def serves(self, near: Array, radius: float, revision: int) -> bool:
-        """Return whether the snapshot covers a request."""
-        away = float(np.linalg.norm(near - self.near))
-        return revision == self.revision and away + radius <= self.radius
+_QUERY_MARGIN = 1.0  # m beyond the requested radius, so that a map can be reused
 
 
 class _StaticObstacles(NamedTuple):
@@ -82,7 +67,6 @@ class ObstacleWorld:
         self._neighbours = {name: Neighbour(frame_id) for name in config.neighbours}
         surfaces = [surface_points(shape, _SPACING) for shape in self._scene.shapes]
         self._fixed = np.vstack(surfaces) if surfaces else np.zeros((0, 3))
-        self._query_result: _QueryResult | None = None
         self._lock, self._resets = threading.Lock(), 0
         self._static = _StaticObstacles(0, self._clouds.points, self._clouds.origin, [])
 
@@ -163,20 +147,13 @@ class ObstacleWorld:
                     self._static = _StaticObstacles(revision, *cloud, markers)
 
     def points(self, stamp_ns: int, *, near: Array, radius: float) -> Array:
-        """Return all static points (n, 3) [m] within a radius of a position, and some beyond.
-
-        The same array is returned while it covers the request.
-        """
-        known, result = self._static, self._query_result
-        if result is None or not result.serves(near, radius, known.revision):
-            wide = radius + _QUERY_MARGIN
-            found = [_within(points, near, wide) for points in (self._fixed, *known.markers)]
-            found.insert(1, _within(known.clouds, near - known.origin, wide) + known.origin)
-            if self._scene.volume is not None:
-                found.append(wall_points(self._scene.volume, _SPACING, near=near, radius=wide))
-            result = _QueryResult(np.vstack(found), near.copy(), wide, known.revision)
-            self._query_result = result
-        return result.points
+        """Return all static points (n, 3) [m] within a radius of a position, and some beyond."""
+        known, wide = self._static, radius + _QUERY_MARGIN
+        found = [_within(points, near, wide) for points in (self._fixed, *known.markers)]
+        found.insert(1, _within(known.clouds, near - known.origin, wide) + known.origin)
+        if self._scene.volume is not None:
+            found.append(wall_points(self._scene.volume, _SPACING, near=near, radius=wide))
+        return np.vstack(found)
 
     def moving(self, stamp_ns: int, *, near: Array, radius: float) -> MovingPoints:
         """Return the moving points without neighbours, predicted for a time."""

@@ -22,7 +22,7 @@ from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import message_class, message_in, odometry_in
 
 if TYPE_CHECKING:  # imported only with obstacles
-    from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider
+    from quad_mpc_ros.extras.obstacles.local_map import LocalMapProvider
     from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 
 _CLOUD_TIMEOUT = 1.0  # s without a cloud, after the first

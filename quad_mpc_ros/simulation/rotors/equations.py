@@ -13,14 +13,15 @@ the last term is gyroscopic.
 
 from __future__ import annotations
 
+import math
+
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.simulation.records import quaternion_in, store_quaternion
-from quad_mpc_ros.simulation.rotors.aerodynamics import body_drag, ground_gain, rotor_force
-from quad_mpc_ros.simulation.rotors.battery import battery
 from quad_mpc_ros.simulation.rotors.craft import Craft, Rotor
 from quad_mpc_ros.simulation.rotors.state import BodyState, rotation_of
+
+_GROUND_EFFECT_MAX = 1.5  # of the thrust
 
 Outside = tuple[kernels.Vector, kernels.Vector]
 """Velocity of the air [m/s] and an external force at C [N], both in the world."""
@@ -46,7 +47,7 @@ def derivative(
     rate.charge_used = current
     _follow(speeds, wanted=wanted, charge=voltage, craft=craft, accelerations=accelerations)
     R_WB, v_W, w = rotation_of(body), kernels.vector(body.v_WC_W), kernels.vector(body.w_WB_B)
-    through_W = kernels.plus(v_W, kernels.scaled(-1.0, wind_W))
+    through_W = kernels.minus(v_W, wind_W)
     v_air_B = kernels.apply_transposed(R_WB, through_W)
     force, torque, rotor_momentum = _wrench(
         body,
@@ -63,7 +64,7 @@ def derivative(
     torque = kernels.plus(torque, kernels.cross(momentum, w))
     kernels.store_vector(v_W, rate.p_WC)
     kernels.store_vector((a_W[0], a_W[1], a_W[2] - craft.gravity), rate.v_WC_W)
-    store_quaternion(_turn(quaternion_in(body.q_WB_xyzw), w), rate.q_WB_xyzw)
+    kernels.store_quaternion(_turn(kernels.quaternion_in(body.q_WB_xyzw), w), rate.q_WB_xyzw)
     alpha = kernels.apply(kernels.matrix(craft.inverse_inertia), torque)
     kernels.store_vector(alpha, rate.w_WB_B)
 
@@ -139,3 +140,76 @@ def _turn(q_xyzw: kernels.Quaternion, w: kernels.Vector) -> kernels.Quaternion:
         real * w[2] + i * w[1] - j * w[0],
         -i * w[0] - j * w[1] - k * w[2],
     )
+
+
+@compiled
+def rotor_force(
+    speed: float, v_air_B: kernels.Vector, gain: float, craft: Craft
+) -> kernels.Vector:
+    """Return the force of a rotor in the body [N].
+
+    With speed s [rad/s] and airspeed of the hub [m/s], u along z and w across z, the force is
+
+        (gain c_t s^2 + k_h |w|^2 - k_z s u) e_z - k_d s w:
+
+    thrust, multiplied by the ``gain`` of the ground effect, translational lift, inflow loss and
+    rotor drag.
+    """
+    x, y, along = v_air_B
+    thrust = (
+        gain * craft.thrust_coefficient * speed * speed
+        + craft.translational_lift * (x * x + y * y)
+        - craft.inflow_loss * speed * along
+    )
+    drag = -craft.rotor_drag * speed
+    return drag * x, drag * y, thrust
+
+
+@compiled
+def body_drag(v_air_B: kernels.Vector, craft: Craft) -> kernels.Vector:
+    """Return the drag of the body in the body [N]: -(d_1 + d_2 |v|) v along each axis."""
+    x, y, z = v_air_B
+    speed = kernels.norm(v_air_B)
+    linear, quadratic = craft.drag_linear, craft.drag_quadratic
+    return (
+        -(linear[0] + quadratic[0] * speed) * x,
+        -(linear[1] + quadratic[1] * speed) * y,
+        -(linear[2] + quadratic[2] * speed) * z,
+    )
+
+
+@compiled
+def ground_gain(height: float, upright: float, craft: Craft) -> float:
+    """Return the factor of a rotor's thrust in ground effect.
+
+    The factor is 1 / (1 - k (r / 4 z)^2) at a height z of the rotor above the ground [m] (I. C.
+    Cheeseman, W. E. Bennett, "The effect of the ground on a helicopter rotor in forward flight",
+    1955), but at most 1.5. ``upright``, the cosine of the tilt, reduces it; 1 upside down.
+    """
+    if craft.ground_effect == 0.0 or upright <= 0.0:
+        return 1.0
+    most = 1.0 - 1.0 / _GROUND_EFFECT_MAX
+    if height <= 0.0:
+        return 1.0 / (1.0 - most)
+    ratio = 0.25 * craft.radius / height
+    return 1.0 / (1.0 - min(craft.ground_effect * upright * ratio * ratio, most))
+
+
+@compiled
+def battery(power: float, used: float, craft: Craft) -> tuple[float, float]:
+    """Return the voltage relative to a full battery, and the current [A].
+
+    ``power`` [W] is drawn by the rotors, ``used`` [A s] is the charge used so far. The voltage
+    without current U falls linearly with the charge. With the current I the voltage is V = U - R
+    I, and V I is the power over the efficiency: V^2 - U V + R P = 0. The larger root is the
+    operating point. The power saturates at the battery's maximum, where V = U / 2.
+    """
+    if craft.capacity == 0.0:
+        return 1.0, 0.0
+    left = max(1.0 - used / craft.capacity, 0.0)
+    idle = craft.voltage_empty + left * (craft.voltage_full - craft.voltage_empty)
+    asked = power / craft.efficiency
+    root = math.sqrt(max(idle * idle - 4.0 * craft.resistance * asked, 0.0))
+    voltage = 0.5 * (idle + root)
+    most = 0.25 * idle * idle / craft.resistance if craft.resistance > 0.0 else asked
+    return voltage / craft.voltage_full, min(asked, most) / voltage

@@ -121,7 +121,7 @@ def measure(
     p = kernels.plus(kernels.vector(x.p_WC), kernels.apply(R_WB, to_origin))
     v = kernels.apply_transposed(R_WB, kernels.vector(x.v_WC_W))
     kernels.store_vector(p, measured.p_WB)
-    records.store_quaternion(kernels.quaternion(R_WB), measured.q_WB_xyzw)
+    kernels.store_quaternion(kernels.quaternion(R_WB), measured.q_WB_xyzw)
     kernels.store_vector(kernels.plus(v, kernels.cross(w, to_origin)), measured.v_WB_B)
     kernels.store_vector(w, measured.w_WB_B)
 
@@ -132,10 +132,8 @@ def _land(x: BodyState, center_B: kernels.Vector) -> None:
     R_WB = rotation_of(x)
     cosine, sine, _ = kernels.column(R_WB, 0)
     half_yaw = 0.5 * math.atan2(sine, cosine)
-    origin = kernels.plus(
-        kernels.vector(x.p_WC), kernels.scaled(-1.0, kernels.apply(R_WB, center_B))
-    )
-    records.store_quaternion((0.0, 0.0, math.sin(half_yaw), math.cos(half_yaw)), x.q_WB_xyzw)
+    origin = kernels.minus(kernels.vector(x.p_WC), kernels.apply(R_WB, center_B))
+    kernels.store_quaternion((0.0, 0.0, math.sin(half_yaw), math.cos(half_yaw)), x.q_WB_xyzw)
     x.v_WC_W[:] = 0.0
     x.w_WB_B[:] = 0.0
     put(x, (origin[0], origin[1], 0.0), center_B)

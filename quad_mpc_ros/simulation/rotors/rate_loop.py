@@ -20,9 +20,18 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.simulation.actuators import thrust_at
-from quad_mpc_ros.simulation.rotors import filters
 from quad_mpc_ros.simulation.rotors.mixer import mixed
 from quad_mpc_ros.simulation.rotors.parameters import RotorsPlantParameters
+
+
+class FilterSection(Record):
+    """Coefficients b and a (a_0 = 1) of a filter of second order."""
+
+    b0: float
+    b1: float
+    b2: float
+    a1: float
+    a2: float
 
 
 class Loop(Record):
@@ -35,7 +44,7 @@ class Loop(Record):
     integral_max: Vector3
     torque_max: Vector3
     inertia: Vector3  # diagonal [kg m^2]
-    gyro: filters.FilterSection
+    gyro: FilterSection
     smoothing: float
     thrust_curve: Vector3  # of all rotors together [N]
     thrust_coefficient: float
@@ -60,8 +69,8 @@ def loop_of(config: RotorsPlantParameters) -> RecordArray[Loop]:
     own.p[:], own.i[:], own.d[:] = settings.p, settings.i, settings.d
     own.integral_max[:], own.torque_max[:] = settings.integral_max, settings.torque_max
     own.inertia[:] = config.airframe.inertia[:3]
-    own.gyro = filters.butterworth(settings.gyro_cutoff, settings.rate)[()]
-    own.smoothing = filters.smoothing(settings.d_cutoff, settings.rate)
+    own.gyro = butterworth(settings.gyro_cutoff, settings.rate)[()]
+    own.smoothing = smoothing(settings.d_cutoff, settings.rate)
     own.thrust_curve[:] = [config.motor_count * each for each in config.thrust_curve]
     own.thrust_coefficient = rotors.thrust_coefficient
     own.least = rotors.thrust_coefficient * rotors.speed_min**2
@@ -75,7 +84,7 @@ def begun(w_WB_B: Array, loop: RecordArray[Loop]) -> RecordArray[Memory]:
     own = memory[()]
     own.before[:] = w_WB_B
     for axis in range(3):
-        filters.initialize(w_WB_B[axis], section=loop[()].gyro, held=own.gyro[axis])
+        initialize(w_WB_B[axis], section=loop[()].gyro, held=own.gyro[axis])
     return memory
 
 
@@ -118,7 +127,7 @@ def run(
 @compiled
 def _measured(memory: Memory, axis: int, gyro: float, loop: Loop) -> float:
     """Return the filtered rate of an axis [rad/s]; update its filtered slope [rad/s^2]."""
-    rate = filters.filtered(gyro, section=loop.gyro, held=memory.gyro[axis])
+    rate = filtered(gyro, section=loop.gyro, held=memory.gyro[axis])
     slope = (rate - memory.before[axis]) / loop.period
     memory.before[axis] = rate
     memory.slope[axis] += loop.smoothing * (slope - memory.slope[axis])
@@ -155,3 +164,43 @@ def speeds(
     for rotor in range(out.shape[0]):
         out[rotor] = math.sqrt(out[rotor] / loop.thrust_coefficient)
     return shares
+
+
+def butterworth(cutoff: float, rate: float) -> RecordArray[FilterSection]:
+    """Return a low-pass of second order, ``cutoff`` and ``rate`` in Hz; 0 disables the filter.
+
+    The bilinear transform of 1 / (s^2 + sqrt(2) s + 1), prewarped so that the cut-off is kept.
+    """
+    section = FilterSection.zeros()
+    own = section[()]
+    if cutoff == 0.0:
+        own.b0 = 1.0
+        return section
+    k = math.tan(math.pi * cutoff / rate)
+    norm = 1.0 + math.sqrt(2.0) * k + k * k
+    own.b0 = own.b2 = k * k / norm
+    own.b1 = 2.0 * own.b0
+    own.a1 = 2.0 * (k * k - 1.0) / norm
+    own.a2 = (1.0 - math.sqrt(2.0) * k + k * k) / norm
+    return section
+
+
+def smoothing(cutoff: float, rate: float) -> float:
+    """Return the weight of a new value in a first-order low-pass; Hz, 1 if the cutoff is 0."""
+    return 1.0 - math.exp(-2.0 * math.pi * cutoff / rate) if cutoff > 0.0 else 1.0
+
+
+@compiled
+def filtered(value: float, section: FilterSection, held: Array) -> float:
+    """Return the output of a filter of second order; ``held`` (2,) is its state."""
+    out = section.b0 * value + held[0]
+    held[0] = section.b1 * value - section.a1 * out + held[1]
+    held[1] = section.b2 * value - section.a2 * out
+    return float(out)
+
+
+@compiled
+def initialize(value: float, section: FilterSection, held: Array) -> None:
+    """Set the state (2,) of a filter to the steady state of a value."""
+    held[1] = (section.b2 - section.a2) * value
+    held[0] = (section.b1 - section.a1) * value + held[1]

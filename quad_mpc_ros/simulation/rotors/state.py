@@ -8,7 +8,6 @@ from __future__ import annotations
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, Vector3, Vector4
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.simulation.records import quaternion_in
 
 
 class BodyState(Record):
@@ -40,7 +39,7 @@ def add(
 @compiled
 def rotation_of(body: BodyState) -> kernels.Matrix:
     """Return the rotation of body to world."""
-    return kernels.rotation(quaternion_in(body.q_WB_xyzw))
+    return kernels.rotation(kernels.quaternion_in(body.q_WB_xyzw))
 
 
 @compiled

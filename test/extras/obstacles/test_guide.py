@@ -6,14 +6,14 @@ import numpy as np
 
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import ReferenceWindow
-from quad_mpc_ros.extras.obstacles.guide import STEP, PathLimits, follow_path, smoothed, window_of
+from quad_mpc_ros.extras.obstacles.guide import STEP, follow_path, smoothed, window_of
 
 
 def test_thrust_matches_the_motion_and_attitudes_are_continuous() -> None:
     way = smoothed(np.array([[0.0, 0.0, 1.0], [2.0, 0.5, 1.0], [2.0, 3.0, 2.0]]))
-    limits = PathLimits(speeds=np.array([3.0] * (len(way) - 1) + [0.0]), acceleration=5.0)
+    speeds = np.array([3.0] * (len(way) - 1) + [0.0])
     start, north = np.zeros(3), np.array([0.0, 2.0, 0.0])
-    motion = follow_path(way, limits, p_W=start, v_W=north, duration=2.0)
+    motion = follow_path(way, speeds, 5.0, p_W=start, v_W=north, duration=2.0)
     window = window_of(motion, ReferenceWindow.hover(start, yaw=0.7), start_ns=0, gravity=9.81)
     R_WB = so3.rotation_from_quaternion_xyzw(window.q_WB_xyzw)
     force = window.a_WB_W + np.array([0.0, 0.0, 9.81])

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from fixtures.obstacles import Standing
 
-from quad_mpc_ros.extras.obstacles.local_map import LocalMap
-from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider
+from quad_mpc_ros.extras.obstacles.local_map import LocalMap, LocalMapProvider
 
 START = np.zeros(3)
 POINTS = np.array([[2.0, 0.0, 0.0], [0.0, 3.0, 0.0]])

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.extras.obstacles.files import rotation_about_z
-from quad_mpc_ros.extras.obstacles.rays import ray_lengths
+from quad_mpc_ros.extras.obstacles.simulated import ray_lengths
 from quad_mpc_ros.extras.obstacles.surfaces import area, surface_points
 from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
 

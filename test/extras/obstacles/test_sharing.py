@@ -15,7 +15,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.extras.obstacles.avoidance import ObstacleAvoidance
-from quad_mpc_ros.extras.obstacles.sharing import Plans, Shared, shared_space
+from quad_mpc_ros.extras.obstacles.neighbours import Plans, Shared, shared_space
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 

@@ -20,7 +20,7 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.extras.obstacles import clouds, frames, local_map_provider, markers
 from quad_mpc_ros.extras.obstacles import world as world_module
 from quad_mpc_ros.extras.obstacles.files import scene_of
-from quad_mpc_ros.extras.obstacles.local_map_provider import LocalMapProvider
+from quad_mpc_ros.extras.obstacles.local_map import LocalMapProvider
 from quad_mpc_ros.extras.obstacles.voxels import VoxelMap
 from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 from quad_mpc_ros.messages.markers import filled_marker

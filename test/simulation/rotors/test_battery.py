@@ -10,7 +10,7 @@ from fixtures.rotors import SECOND, Equations, command, configured, plant
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quad_mpc_ros.simulation.rotors.battery import battery
+from quad_mpc_ros.simulation.rotors.equations import battery
 from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
 from quad_mpc_ros.simulation.sensors import OdometryStream
 

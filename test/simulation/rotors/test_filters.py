@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import signal
 
-from quad_mpc_ros.simulation.rotors import filters
+from quad_mpc_ros.simulation.rotors import rate_loop as filters
 
 
 @pytest.mark.parametrize("cutoff", [10.0, 80.0, 240.0])

@@ -22,8 +22,8 @@ from quad_mpc_ros.extras.plants.betaflight.firmware import (
 )
 from quad_mpc_ros.messages import msp
 from quad_mpc_ros.simulation.optional_plants import BetaflightParameters
-from quad_mpc_ros.simulation.rotors.driven import DrivenPlant
 from quad_mpc_ros.simulation.rotors.parameters import RotorParameters
+from quad_mpc_ros.simulation.rotors.plant import DrivenPlant
 
 _SENSOR_PERIOD_NS = 1_000_000
 _RC_PERIOD_NS = 50_000_000  # after which a command is repeated, to keep the receiver connected

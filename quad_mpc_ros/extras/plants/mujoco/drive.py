@@ -69,5 +69,4 @@ def drive(
 
 @compiled
 def _mean_rate(before: kernels.Vector, after: kernels.Vector, duration: float) -> kernels.Vector:
-    change = kernels.plus(after, kernels.scaled(-1.0, before))
-    return kernels.scaled(1.0 / duration, change)
+    return kernels.scaled(1.0 / duration, kernels.minus(after, before))

@@ -8,7 +8,7 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.extras.plants.mujoco.drive import Drive, drive
 from quad_mpc_ros.extras.plants.mujoco.model import up_of
 from quad_mpc_ros.extras.plants.mujoco.scene import MujocoScene
-from quad_mpc_ros.simulation.mujoco_parameters import MujocoParameters
+from quad_mpc_ros.simulation.optional_plants import MujocoParameters
 from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
 
 _MAX_STEP_NS = 1_000_000  # half of the minimum time constant of a contact

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,8 @@ from quad_mpc_ros.configuration import ConfigurationError, UserError
 from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.plants.mujoco import model
-from quad_mpc_ros.extras.plants.mujoco.deck import deck_motions
 from quad_mpc_ros.extras.plants.mujoco.drive import Drive
-from quad_mpc_ros.simulation.mujoco_parameters import MujocoParameters
+from quad_mpc_ros.simulation.optional_plants import MujocoParameters
 from quad_mpc_ros.simulation.rotors.state import BodyState
 
 # Coordinates of a free joint: position and attitude; velocity in the world, rates in the body.
@@ -25,6 +24,23 @@ _XYZW = [1, 2, 3, 0]  # of w, x, y, z
 _DOWN = np.array([0.0, 0.0, -1.0])
 _MAX_OVERLAP = 1e-3  # m, at the start
 _GROUP_COUNT = 6  # of geoms in MuJoCo
+
+
+class _Sine(NamedTuple):
+    """amplitude sin(2 pi frequency t + phase); in m or rad, Hz, rad."""
+
+    amplitude: float
+    frequency: float
+    phase: float
+
+    def value(self, seconds: float) -> float:
+        """Return the value at a time [s]."""
+        return self.amplitude * math.sin(math.tau * self.frequency * seconds + self.phase)
+
+    def rate(self, seconds: float) -> float:
+        """Return the derivative at a time [s]."""
+        omega = math.tau * self.frequency
+        return self.amplitude * omega * math.cos(omega * seconds + self.phase)
 
 
 class MujocoScene:
@@ -62,8 +78,15 @@ class MujocoScene:
         )
         self._is_foot = np.array([name.startswith(model.FOOT) for name in self._geom_names])
         self._touched = np.zeros(self.model.ngeom, bool)
-        motions = deck_motions(config.mujoco.deck) if config.mujoco.deck.exists else {}
-        self._deck_joints = [(self.data.joint(name), sine) for name, sine in motions.items()]
+        deck = config.mujoco.deck
+        motions = {
+            model.HEAVE: _Sine(deck.heave_amplitude, deck.heave_frequency, deck.heave_phase),
+            model.PITCH: _Sine(deck.pitch_amplitude, deck.rock_frequency, deck.pitch_phase),
+            model.ROLL: _Sine(deck.roll_amplitude, deck.rock_frequency, deck.roll_phase),
+        }
+        self._deck_joints = [
+            (self.data.joint(name), sine) for name, sine in motions.items() if deck.exists
+        ]
 
     def put(self, body: RecordArray[BodyState]) -> None:
         """Set the initial state of the vehicle, with the load at rest below it.

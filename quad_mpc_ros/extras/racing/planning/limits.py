@@ -12,6 +12,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.feasibility import FeasibilityParameters
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.rotors.mixer import allocation
+from quad_mpc_ros.simulation.rotors.parameters import inertia_tensor
 
 _ROTORS_PLANT = "rotors"
 _MIN_THRUST_RATIO = 0.02  # of the weight: without thrust the attitude is undefined
@@ -104,10 +105,9 @@ def _rotors(simulator: SimulatorConfig, *, share: float, weight: float) -> Rotor
         raise UserError(
             f"simulator.rotors.speed_max: {bounds[1]:.3g} N of thrust do not lift the vehicle"
         )
-    xx, yy, zz, xy, xz, yz = body.inertia
     return RotorLimits(
         allocation=allocation(given),
         least=bounds[0],
         greatest=bounds[1],
-        inertia=np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]),
+        inertia=inertia_tensor(body.inertia),
     )
