@@ -11,6 +11,7 @@ margin; vehicles of ``hover.yaml`` and ``lemniscate.yaml``, of which it knows th
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,8 +25,7 @@ from markdown_table import markdown_table
 from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.configuration import files
 from quad_mpc_ros.extras.campaigns.campaign_file import Overrides, campaign_from
-from quad_mpc_ros.extras.campaigns.flying import fly
-from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers
+from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers, batched
 
 DELAYS = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12)  # s, more than modelled
 CALM = 0.175  # rad: it oscillates where it tilts further in hover, long after its start
@@ -137,7 +137,10 @@ class Flights:
         overrides = Overrides(
             config=(front.preset,), assignments=front.changes, flights=flights or self._flights
         )
-        return fly(campaign_from(content, overrides, where=front.name), self._workers)
+        campaign = campaign_from(content, overrides, where=front.name)
+        batches = batched(range(campaign.flights), workers=self._workers.workers)
+        flown = itertools.chain.from_iterable(self._workers.fly(campaign, batches))
+        return sorted((flight.row for flight in flown), key=lambda row: int(row["flight"]))
 
 
 def _content(name: str) -> dict[str, Any]:

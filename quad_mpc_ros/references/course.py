@@ -47,6 +47,14 @@ class Gate:
         outside = np.linalg.norm(np.minimum(left, 0.0), axis=1)
         return np.asarray(np.where(outside > 0.0, -outside, left.min(axis=1)))
 
+    def is_crossed(self, x: Array, x_after: Array) -> Array:
+        """Return whether steps (n,) cross the plane of the gate in a permitted direction.
+
+        ``x`` and ``x_after`` (n,) [m] are along the gate's x axis, before and after each step.
+        """
+        forward, backward = (x < 0.0) & (x_after >= 0.0), (x > 0.0) & (x_after <= 0.0)
+        return np.asarray(forward | backward if self.both_ways else forward)
+
     def corners(self) -> Array:
         """Return the corners (n, 3) [m] of the opening in order, or points on a circle.
 

@@ -20,16 +20,19 @@ from quad_mpc_ros.extras.campaigns.yaml_content import (
     content_text,
     errors_of,
     integer,
+    number,
     read_content,
 )
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 _DEFAULT_DURATION = 10.0  # s
+_KEYS = (
+    *("flights", "seed", "config", "set", "reference", "duration", "settle_time", "start"),
+    "vary",
+)
 _STARTS = ("auto", "ground", "reference")
 _MAX_FLIGHTS = 10_000_000
-# Runs without ROS are in lockstep.
-_LOCKSTEP_PARAMETERS = {node: {"lockstep": True} for node in SCHEMA}
 # Parameter files may also have a recorder.
 _FILE_SCHEMA: files.Schema = {**SCHEMA, "recorder": RecorderConfig}
 
@@ -115,13 +118,8 @@ def read_variations(
 class _Reader:
     """Reads the keys of a campaign file."""
 
-    _KEYS = (
-        *("flights", "seed", "config", "set", "reference", "duration", "settle_time", "start"),
-        "vary",
-    )
-
     def __init__(self, content: Mapping[Any, Any], overrides: Overrides) -> None:
-        check_keys(content, self._KEYS)
+        check_keys(content, _KEYS)
         self._content = content
         self._overrides = overrides
 
@@ -131,14 +129,16 @@ class _Reader:
         base = {node: kind.build(given[node]) for node, kind in SCHEMA.items()}
         simulator = base["simulator"]
         assert isinstance(simulator, SimulatorConfig)
-        vary = self._vary(base)
+        start = self._content.get("start", "auto")
+        if start not in _STARTS:
+            raise ConfigurationError("start", start, f"one of {', '.join(_STARTS)}")
         campaign = Campaign(
-            flights=self._flights(),
-            seed=self._seed(),
+            flights=self._integer("flights", None, least=1, most=_MAX_FLIGHTS),
+            seed=self._integer("seed", 0, least=0, most=2**63 - 1),
             given=given,
-            vary=vary,
+            vary=self._vary(base),
             settle_time=self._settle_time(simulator.duration),
-            start=self._start(),
+            start=start,
         )
         campaign.configured(campaign.drawn(0))  # raises for incompatible parameters
         return campaign
@@ -156,9 +156,8 @@ class _Reader:
         )
         if not given["simulator"].get("duration"):
             given["simulator"]["duration"] = _DEFAULT_DURATION
-        for node, values in _LOCKSTEP_PARAMETERS.items():
-            given[node].update(values)
-        return {node: given[node] for node in SCHEMA}
+        # Runs without ROS are in lockstep.
+        return {node: {**given[node], "lockstep": True} for node in SCHEMA}
 
     def _set(self) -> dict[str, dict[str, Any]]:
         """Return the parameters set in the campaign file, by node."""
@@ -192,33 +191,20 @@ class _Reader:
             if key in self._content and name == f"{node}.{parameter}":
                 raise UserError(f"vary: {name}: also set as {key}: remove one of them")
 
-    def _flights(self) -> int:
-        wanted, name = self._overrides.flights, "--flights"
-        if wanted is None:
-            wanted, name = self._content.get("flights"), "flights"
-        return integer(name, wanted, least=1, most=_MAX_FLIGHTS)
-
-    def _seed(self) -> int:
-        wanted, name = self._overrides.seed, "--seed"
-        if wanted is None:
-            wanted, name = self._content.get("seed", 0), "seed"
-        return integer(name, wanted, least=0, most=2**63 - 1)
+    def _integer(self, key: str, default: int | None, *, least: int, most: int) -> int:
+        """Return an integer of the file, or of the option that overrides it."""
+        given = getattr(self._overrides, key)
+        if given is not None:
+            return integer(f"--{key}", given, least=least, most=most)
+        return integer(key, self._content.get(key, default), least=least, most=most)
 
     def _settle_time(self, duration: float) -> float:
-        given = self._content.get("settle_time", 0.5 * duration)
-        if isinstance(given, bool) or not isinstance(given, int | float):
-            raise ConfigurationError("settle_time", given, "a number")
-        if not 0.0 <= given < duration:
+        given = number("settle_time", self._content.get("settle_time", 0.5 * duration))
+        if given >= duration:
             raise ConfigurationError(
                 "settle_time", given, f"a number >= 0 and below the duration, {duration:g} s"
             )
-        return float(given)
-
-    def _start(self) -> str:
-        given = self._content.get("start", "auto")
-        if given not in _STARTS:
-            raise ConfigurationError("start", given, f"one of {', '.join(_STARTS)}")
-        return str(given)
+        return given
 
     def _texts(self, key: str, default: list[str]) -> list[str]:
         given = self._content.get(key, default)

@@ -10,8 +10,8 @@ from typing import Any
 
 from quad_mpc_ros.configuration import files
 from quad_mpc_ros.extras.campaigns.campaign import SCHEMA, Campaign, FlightPlan
+from quad_mpc_ros.extras.campaigns.journal import NUMBER, VERDICT, Row
 from quad_mpc_ros.extras.campaigns.outcome import FIGURES, TruthLog
-from quad_mpc_ros.extras.campaigns.table import NUMBER, VERDICT, Row
 from quad_mpc_ros.recordings.evaluation.crash import crash_figures
 from quad_mpc_ros.recordings.evaluation.metrics import Summary, summarise
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, FlightLog

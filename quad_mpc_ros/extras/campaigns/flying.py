@@ -9,10 +9,9 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.extras.campaigns.campaign import Campaign, number_text
 from quad_mpc_ros.extras.campaigns.campaign_file import campaign_text, read_campaign
 from quad_mpc_ros.extras.campaigns.flight import FlownFlight, column_names
+from quad_mpc_ros.extras.campaigns.journal import CSV_NAME, Journal, Row, write_table
 from quad_mpc_ros.extras.campaigns.journal import NAME as JOURNAL_NAME
-from quad_mpc_ros.extras.campaigns.journal import Journal
 from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers, batched
-from quad_mpc_ros.extras.campaigns.table import CSV_NAME, Row, write_table
 
 CAMPAIGN_NAME = "campaign.yaml"
 FLIGHTS_NAME, FIGURE_NAME = "flights", "campaign.png"
@@ -57,14 +56,6 @@ def fly_into(
         rows = list(journal.rows.values())
     write_table(folder, rows, column_names(campaign))
     return rows
-
-
-def fly(campaign: Campaign, engine: LocalWorkers) -> list[Row]:
-    """Fly a campaign and return its rows in order, without a file."""
-    numbers = range(campaign.flights)
-    batches = engine.fly(campaign, batched(numbers, workers=engine.workers))
-    rows = {int(flight.row["flight"]): flight.row for flown in batches for flight in flown}
-    return [rows[number] for number in sorted(rows)]
 
 
 def _write_parameters(folder: Path, flight: FlownFlight, flights: int) -> None:

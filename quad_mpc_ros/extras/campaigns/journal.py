@@ -1,23 +1,34 @@
-"""The finished flights of a campaign on disk, one line each, in order of their completion.
+"""The finished flights of a campaign on disk: journal and table.
 
-The first line identifies the campaign. A kill may truncate the last line, which is then ignored.
+The journal has one line for each flight, in order of their completion. Its first line identifies
+the campaign. A kill may truncate the last line, which is then ignored.
 """
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 import json
+import math
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from quad_mpc_ros import __version__
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.extras.campaigns.table import NUMBER, Row
+from quad_mpc_ros.configuration.atomic_file import write_atomically
 
 NAME = "journal.jsonl"
+NUMBER = "flight"
+VERDICT = ("error", "crashed", "crash", "crash_time_s")
+"""Columns of the error, and of the crash with its kind and time."""
+
+CSV_NAME = "flights.csv"
+Row = Mapping[str, Any]
+"""Values of a flight by column: numbers, texts, None for no value."""
 
 
 class Journal:
@@ -101,3 +112,30 @@ def _parsed(line: bytes) -> dict[str, Any] | None:
     except ValueError:
         return None
     return value if isinstance(value, dict) else None
+
+
+def write_table(folder: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
+    """Write ``flights.csv``, one row per flight, ordered by number. Raises ``OSError``.
+
+    Columns in order: ``flight``, the number; the varied parameters, vectors as ``name.0`` and so
+    on; :data:`VERDICT`; the figures. Cells without a value are empty.
+    """
+    ordered = sorted(rows, key=lambda row: int(row[NUMBER]))
+    write_atomically(folder / CSV_NAME, csv_text(ordered, names), overwrite=True)
+
+
+def csv_text(rows: Iterable[Row], names: Sequence[str]) -> str:
+    """Return a table with a header and a line for each row, empty cells for no value."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows([_cell(row.get(name)) for name in names] for row in rows)
+    return text.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, bool):
+        return int(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return ""
+    return "" if value is None else value

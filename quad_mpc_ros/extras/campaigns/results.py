@@ -9,7 +9,7 @@ from pathlib import Path
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.extras.campaigns.campaign import Campaign, number_text
 from quad_mpc_ros.extras.campaigns.flying import FIGURE_NAME
-from quad_mpc_ros.extras.campaigns.table import CSV_NAME, NUMBER, Row
+from quad_mpc_ros.extras.campaigns.journal import CSV_NAME, NUMBER, Row
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 
 _LISTED_FIGURES = (

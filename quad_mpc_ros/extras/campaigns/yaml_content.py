@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -42,6 +43,14 @@ def check_keys(content: Mapping[Any, Any], known: Sequence[str]) -> None:
         if key not in known:
             hint = did_you_mean(str(key), known) or f" ({', '.join(known)})"
             raise UserError(f"unknown key {key!r}{hint}")
+
+
+def number(name: str, given: Any, *, most: float = sys.float_info.max) -> float:
+    """Return a number from 0 to ``most``. Raises :class:`ConfigurationError`."""
+    if isinstance(given, bool) or not isinstance(given, int | float) or not 0.0 <= given <= most:
+        expected = "a number >= 0" if most > 1.0 else f"a number from 0 to {most:g}"
+        raise ConfigurationError(name, given, expected)
+    return float(given)
 
 
 def integer(name: str, given: Any, *, least: int, most: int) -> int:

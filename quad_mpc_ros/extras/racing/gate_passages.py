@@ -139,11 +139,10 @@ def _nearest(
         miss = np.linalg.norm(offset, axis=1)
         places = _least_of_each_visit(miss, gate.half_width)
     else:
-        x, x_after = before[:, 0], after[:, 0]  # consecutive signs must be consistent
-        forward, backward = (x < 0.0) & (x_after >= 0.0), (x > 0.0) & (x_after <= 0.0)
-        places = np.flatnonzero(forward | backward if gate.both_ways else forward)
+        # Of the offsets before and after, so that consecutive signs are consistent.
+        places = np.flatnonzero(gate.is_crossed(before[:, 0], after[:, 0]))
         share = np.zeros(len(p))
-        share[places] = -x[places] / step[places, 0]
+        share[places] = -before[places, 0] / step[places, 0]
         offset = p + share[:, None] * step
         miss = np.linalg.norm(offset[:, 1:], axis=1)
     times = seconds[:-1] + share * np.diff(seconds)

@@ -188,7 +188,7 @@ def _passage(gate: Gate, plan: Plan) -> _Crossing | None:
         offset_W = across @ (across.T @ offsets[at])  # component across the path
         return _Crossing(times[at], offset_W, across, gate.half_width - math.hypot(*offset_W))
     x = relative @ gate.R_WG[:, 0]
-    crossed = np.flatnonzero(_crosses(gate, x[:-1], x[1:]))
+    crossed = np.flatnonzero(gate.is_crossed(x[:-1], x[1:]))
     if not len(crossed):
         return None
     times = plan.step * (crossed[0] + _STAGE_SAMPLES)
@@ -212,13 +212,7 @@ def _passes(gate: Gate, p_before: Array, odometry: OdometrySample) -> bool:
         direction = after - before
         return bool(before @ direction < 0.0 <= after @ direction)
     x_axis = gate.R_WG[:, 0]
-    return bool(_crosses(gate, np.array(before @ x_axis), np.array(after @ x_axis)))
-
-
-def _crosses(gate: Gate, x: Array, x_after: Array) -> Array:
-    forward = (x < 0.0) & (x_after >= 0.0)
-    backward = (x > 0.0) & (x_after <= 0.0)
-    return np.asarray(forward | backward if gate.both_ways else forward)
+    return bool(gate.is_crossed(np.array(before @ x_axis), np.array(after @ x_axis)))
 
 
 def _across(direction: Array) -> Array:

@@ -27,8 +27,8 @@ from quad_mpc_ros.cli import main
 from quad_mpc_ros.extras.campaigns import flight as flight_module
 from quad_mpc_ros.extras.campaigns.campaign_file import campaign_from
 from quad_mpc_ros.extras.campaigns.flight import column_names, fly_one
+from quad_mpc_ros.extras.campaigns.journal import CSV_NAME
 from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers
-from quad_mpc_ros.extras.campaigns.table import CSV_NAME
 from quad_mpc_ros.recordings.evaluation.simulated import load_config, simulate
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.simulation import closed_loop

@@ -12,12 +12,13 @@ from fixtures.engines import InThisProcess
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.extras.campaigns.rehearsal import rehearsal
-from quad_mpc_ros.extras.campaigns.rehearsal.directions import Direction, directions_of
 from quad_mpc_ros.extras.campaigns.rehearsal.rehearsal import (
+    Direction,
     Flown,
     Limit,
     Point,
     Rehearsal,
+    directions_of,
     limit_of,
     rehearse,
 )

@@ -2,7 +2,7 @@
 
 import csv
 
-from quad_mpc_ros.extras.campaigns.table import write_table
+from quad_mpc_ros.extras.campaigns.journal import write_table
 
 NAMES = ["flight", "mpc.R.1", "reference.trajectory", "error", "crashed", "crash", "crash_time_s"]
 NAMES += ["position_rmse_m", "fallbacks"]

@@ -23,7 +23,7 @@ from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
 from quad_mpc_ros.extras.campaigns.tuning.objectives import Objective
-from quad_mpc_ros.extras.campaigns.tuning.study import Study
+from quad_mpc_ros.extras.campaigns.tuning.study import Study, fly_trial
 from quad_mpc_ros.extras.campaigns.tuning.trial import (
     FLOWN,
     GIVEN_UP,
@@ -32,7 +32,6 @@ from quad_mpc_ros.extras.campaigns.tuning.trial import (
     chosen,
     front_of,
 )
-from quad_mpc_ros.extras.campaigns.tuning.trial_flights import fly_trial
 from quad_mpc_ros.extras.campaigns.tuning.tune_file import read_tuning, tuning_text
 from quad_mpc_ros.extras.campaigns.tuning.tune_results import (
     begin,

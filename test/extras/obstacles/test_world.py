@@ -17,7 +17,7 @@ from quad_mpc_ros.control.config import ObstacleParameters
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.extras.obstacles import clouds, frames, local_map_provider, markers
+from quad_mpc_ros.extras.obstacles import clouds, frames, local_map, markers
 from quad_mpc_ros.extras.obstacles import world as world_module
 from quad_mpc_ros.extras.obstacles.files import scene_of
 from quad_mpc_ros.extras.obstacles.local_map import LocalMapProvider
@@ -583,7 +583,7 @@ def between(
         made.append((w, around))
         return lambda: call(w, around), lambda: other(w, around)
 
-    modules = world_module, clouds, frames, local_map_provider, markers
+    modules = world_module, clouds, frames, local_map, markers
     for _ in interleaved(prepare, *modules, waits=lambda: made[-1][0]._lock.locked()):
         yield made[-1]
 

@@ -17,7 +17,8 @@ import numpy as np
 from quad_mpc_ros.configuration import ConfigurationError, UserError
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
 from quad_mpc_ros.extras.campaigns.flight import column_names
-from quad_mpc_ros.extras.campaigns.table import VERDICT, Row
+from quad_mpc_ros.extras.campaigns.journal import VERDICT, Row
+from quad_mpc_ros.extras.campaigns.yaml_content import number
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 
 CRASHED = "crashed"
@@ -117,18 +118,18 @@ def _objective(where: str, given: Any, campaigns: Mapping[str, Campaign]) -> Obj
         raise ConfigurationError(where, given, expected)
     campaign, figure, of = map(str, (given["campaign"], given["figure"], given.get("of", "mean")))
     if campaign not in campaigns:
-        raise ConfigurationError(f"{where}: campaign", campaign, f"one of {_listed(campaigns)}")
+        raise ConfigurationError(f"{where}: campaign", campaign, f"one of {', '.join(campaigns)}")
     figures = _figures(campaigns[campaign])
     if figure not in figures:
-        raise ConfigurationError(f"{where}: figure", figure, f"one of {_listed(figures)}")
+        raise ConfigurationError(f"{where}: figure", figure, f"one of {', '.join(figures)}")
     if of not in STATISTICS:
-        raise ConfigurationError(f"{where}: of", of, f"one of {_listed(STATISTICS)}")
+        raise ConfigurationError(f"{where}: of", of, f"one of {', '.join(STATISTICS)}")
     return Objective(
         campaign=campaign,
         figure=figure,
         of=of,
         lost=_lost(where, figure, given),
-        tolerance=_number(f"{where}: tolerance", given.get("tolerance", _GIVE_UP_TOLERANCE)),
+        tolerance=number(f"{where}: tolerance", given.get("tolerance", _GIVE_UP_TOLERANCE)),
     )
 
 
@@ -138,7 +139,7 @@ def _lost(where: str, figure: str, given: Mapping[Any, Any]) -> float:
             raise ConfigurationError(f"{where}: lost", given["lost"], "1 for crashed")
         return 1.0
     if "lost" in given:
-        return _number(f"{where}: lost", given["lost"])
+        return number(f"{where}: lost", given["lost"])
     for unit, value in _CRASH_VALUES.items():
         if figure.endswith(unit):
             return value
@@ -150,18 +151,6 @@ def _figures(campaign: Campaign) -> tuple[str, ...]:
     return (CRASHED, *names[names.index(VERDICT[-1]) + 1 :])
 
 
-def _number(name: str, given: Any) -> float:
-    if isinstance(given, bool) or not isinstance(given, int | float) or not math.isfinite(given):
-        raise ConfigurationError(name, given, "a number >= 0")
-    if given < 0.0:
-        raise ConfigurationError(name, given, "a number >= 0")
-    return float(given)
-
-
 def _percentile(values: Sequence[float], percent: int) -> float:
     found = percentiles(values, percent)[f"p{percent}"]
     return math.nan if found is None else found
-
-
-def _listed(names: Any) -> str:
-    return ", ".join(map(str, names))

@@ -8,23 +8,27 @@ from __future__ import annotations
 import dataclasses
 import functools
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
-from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers
-from quad_mpc_ros.extras.campaigns.tuning.objectives import check_measured
+from quad_mpc_ros.extras.campaigns.journal import NUMBER, Row
+from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers, batched
+from quad_mpc_ros.extras.campaigns.tuning.objectives import check_measured, is_lost
 from quad_mpc_ros.extras.campaigns.tuning.optimiser import Optimiser
 from quad_mpc_ros.extras.campaigns.tuning.trial import FLOWN, GIVEN_UP, REFUSED, Trial
-from quad_mpc_ros.extras.campaigns.tuning.trial_flights import TrialFlights, fly_trial
 from quad_mpc_ros.extras.campaigns.tuning.tune_file import Tuning
 
 Observer = Callable[[list[Trial], int], None]
 """Called with the finished trials, and the number of finished flights of the next trial."""
 
-_FlightObserver = Callable[[int], None]
+FlightObserver = Callable[[int], None]
+"""Called after each batch with the number of finished flights of the trial."""
+
+_FIRST_CHECK = 8
 
 
 class Study:
@@ -53,7 +57,7 @@ class Study:
         if observe is not None:
             observe(done, 0)
 
-    def _base(self, engine: LocalWorkers, observe: _FlightObserver | None) -> Trial:
+    def _base(self, engine: LocalWorkers, observe: FlightObserver | None) -> Trial:
         """Fly the configuration of the campaigns to the end, and store the trial."""
         begun = time.monotonic()
         flown = fly_trial(self._tuning.campaigns, engine, give_up=None, observe=observe)
@@ -68,7 +72,7 @@ class Study:
             self._optimiser.keep(trial, point)
         return trial
 
-    def _next(self, engine: LocalWorkers, number: int, observe: _FlightObserver | None) -> Trial:
+    def _next(self, engine: LocalWorkers, number: int, observe: FlightObserver | None) -> Trial:
         """Fly the proposal of the optimiser, and store the trial."""
         begun = time.monotonic()
         point = self._optimiser.proposed(number)
@@ -107,3 +111,75 @@ class Study:
             lost=flown.lost,
             seconds=time.monotonic() - begun,
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialFlights:
+    """Rows of the flights by campaign; campaigns not yet started have none."""
+
+    rows: Mapping[str, list[Row]]
+    given_up: bool
+
+    @property
+    def flights(self) -> int:
+        """Number of flights."""
+        return sum(map(len, self.rows.values()))
+
+    @property
+    def lost(self) -> int:
+        """Number of lost flights."""
+        return sum(is_lost(row) for rows in self.rows.values() for row in rows)
+
+
+def fly_trial(
+    campaigns: Mapping[str, Campaign],
+    engine: LocalWorkers,
+    *,
+    give_up: float | None,
+    observe: FlightObserver | None = None,
+) -> TrialFlights:
+    """Fly campaigns in order, until more than a share ``give_up`` of a campaign's flights is lost.
+
+    The share is checked after 8, 16, 32 … flights. The share refers to all flights of the
+    campaign, so that a trial that would stay below is never given up. Flights beyond the check do
+    not count, so that the result does not depend on the number of workers. None never gives up.
+    """
+    rows: dict[str, list[Row]] = {}
+    for name, campaign in campaigns.items():
+        before = sum(map(len, rows.values()))
+        rows[name] = []
+        looks = _looks(campaign.flights) if give_up is not None else [campaign.flights]
+        for look in looks:
+            if len(rows[name]) < look:
+                first = len(rows[name])
+                last = min(max(look, first + 2 * engine.workers), campaign.flights)
+                numbers = range(first, last)
+                rows[name] += _flown(campaign, engine, numbers, before + first, observe)
+            counted = rows[name][:look]
+            if give_up is not None and sum(map(is_lost, counted)) > give_up * campaign.flights:
+                rows[name] = counted
+                return TrialFlights(rows=rows, given_up=True)
+    return TrialFlights(rows=rows, given_up=False)
+
+
+def _flown(
+    campaign: Campaign,
+    engine: LocalWorkers,
+    numbers: Sequence[int],
+    done: int,
+    observe: FlightObserver | None,
+) -> list[Row]:
+    found: dict[int, Row] = {}
+    for flown in engine.fly(campaign, batched(numbers, workers=engine.workers)):
+        found |= {int(flight.row[NUMBER]): flight.row for flight in flown}
+        if observe is not None:
+            observe(done + len(found))
+    return [found[number] for number in numbers]
+
+
+def _looks(flights: int) -> list[int]:
+    looks, look = [], _FIRST_CHECK
+    while look < flights:
+        looks.append(look)
+        look *= 2
+    return [*looks, flights]

@@ -24,6 +24,7 @@ from quad_mpc_ros.extras.campaigns.yaml_content import (
     content_text,
     errors_of,
     integer,
+    number,
     read_content,
 )
 
@@ -101,7 +102,7 @@ def _tuning(content: Mapping[Any, Any], overrides: Overrides, folder: Path) -> T
     return Tuning(
         seed=integer("seed", content.get("seed", 0), least=0, most=2**63 - 1),
         trials=integer("trials", content.get("trials", _TRIALS), least=1, most=_MAX_TRIALS),
-        give_up=_share("give_up", content.get("give_up", _DEFAULT_GIVE_UP)),
+        give_up=number("give_up", content.get("give_up", _DEFAULT_GIVE_UP), most=1.0),
         search=search,
         campaigns=campaigns,
         objectives=read_objectives(content.get("objectives"), campaigns),
@@ -147,9 +148,3 @@ def _mapping(content: Mapping[Any, Any], key: str, expected: str) -> dict[Any, A
     if not isinstance(given, dict) or not given:
         raise ConfigurationError(key, given, expected)
     return given
-
-
-def _share(name: str, given: Any) -> float:
-    if isinstance(given, bool) or not isinstance(given, int | float) or not 0 <= given <= 1:
-        raise ConfigurationError(name, given, "a number from 0 to 1")
-    return float(given)

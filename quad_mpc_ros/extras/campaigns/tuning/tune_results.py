@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.configuration.atomic_file import write_atomically
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.extras.campaigns.campaign import number_text
 from quad_mpc_ros.extras.campaigns.campaign_file import campaign_text
+from quad_mpc_ros.extras.campaigns.journal import csv_text
 from quad_mpc_ros.extras.campaigns.tuning.front_figure import write_front
 from quad_mpc_ros.extras.campaigns.tuning.optimiser import NAME as STUDY_NAME
 from quad_mpc_ros.extras.campaigns.tuning.trial import (
@@ -165,16 +163,19 @@ def _table(results: Results) -> str:
     """Return all trials as CSV: number, outcome, searched values, objectives, effort."""
     space = results.tuning.space()
     names = [objective.name for objective in results.tuning.objectives]
-    columns = list(space.cells(results.trials[0].values))
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    header = ["trial", "outcome", "on_front", *columns, *names]
-    writer.writerow([*header, "flights", "lost", "seconds", "reason"])
-    for trial in results.trials:
-        cells = space.cells(trial.values)
-        objectives: Sequence[Any] = trial.objectives or [""] * len(names)
-        on_front = int(any(trial is each for each in results.front))
-        row = [trial.number, trial.outcome, on_front, *(cells[each] for each in columns)]
-        effort = [trial.flights, trial.lost, f"{trial.seconds:.1f}", trial.reason]
-        writer.writerow([*row, *objectives, *effort])
-    return text.getvalue()
+    columns = ["trial", "outcome", "on_front", *space.cells(results.trials[0].values), *names]
+    rows = [
+        {
+            "trial": trial.number,
+            "outcome": trial.outcome,
+            "on_front": any(trial is each for each in results.front),
+            **space.cells(trial.values),
+            **dict(zip(names, trial.objectives, strict=False)),  # none if refused
+            "flights": trial.flights,
+            "lost": trial.lost,
+            "seconds": f"{trial.seconds:.1f}",
+            "reason": trial.reason,
+        }
+        for trial in results.trials
+    ]
+    return csv_text(rows, [*columns, "flights", "lost", "seconds", "reason"])

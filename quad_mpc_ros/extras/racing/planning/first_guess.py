@@ -7,7 +7,6 @@ rotations, without rotation about the thrust.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -59,6 +58,7 @@ def flown_by_a_point(
     low[2] = lowest
     dynamics = Dynamics(
         step=ca.Function("step", [x, u, h], [after]),
+        acceleration=ca.Function("a", [x, u], [pull]),
         path=ca.Function("path", [x, u, h], [ca.sumsqr(force) / most**2]),
         state_bounds=(low, free),
         input_bounds=(np.full(3, -2.0 * most), np.full(3, 2.0 * most)),
@@ -93,26 +93,13 @@ def _straight(start: Array, legs: Sequence[CourseLeg], *, acceleration: float) -
     )
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class PosedMotion:
-    """A motion of the vehicle at n nodes, from flatness.
-
-    ``p``, ``v``, ``w`` (n, 3), ``q_wxyz`` (n, 4), specific ``thrust`` (n,).
-    """
-
-    p: Array
-    v: Array
-    q_wxyz: Array
-    w: Array
-    thrust: Array
-    durations: Array
-    counts: tuple[int, ...]
-
-
 def with_attitudes(
     point: Nodes, vehicle: PlannedVehicle, *, yaw: float, longest_step: float
-) -> PosedMotion:
-    """Return the motion of a point mass with attitudes, at steps of ``longest_step`` [s]."""
+) -> Nodes:
+    """Return the motion of a point mass with attitudes, at steps of ``longest_step`` [s].
+
+    States and inputs are those of :mod:`.model`.
+    """
     counts = np.maximum(MIN_STEPS, np.ceil(point.durations / longest_step)).astype(int)
     steps = np.repeat(point.durations / counts, counts)
     times = np.append(0.0, np.cumsum(steps))
@@ -128,12 +115,12 @@ def with_attitudes(
     q = so3.quaternion_xyzw_from_rotation(R)[:, [3, 0, 1, 2]]
     flips = np.sign(np.sum(q[:-1] * q[1:], axis=1))
     q[1:] *= np.cumprod(np.where(flips == 0.0, 1.0, flips))[:, None]
-    return PosedMotion(
-        p=p,
-        v=v,
-        q_wxyz=q * np.where(q[0, 0] < 0.0, -1.0, 1.0),
-        w=np.clip(np.vstack((w, np.zeros((1, 3)))), -vehicle.omega_max, vehicle.omega_max),
-        thrust=np.clip(thrust, 1.02 * vehicle.least, 0.98 * vehicle.greatest),
+    q *= np.where(q[0, 0] < 0.0, -1.0, 1.0)
+    w = np.clip(np.vstack((w, np.zeros((1, 3)))), -vehicle.omega_max, vehicle.omega_max)
+    inputs = np.column_stack((w, np.clip(thrust, 1.02 * vehicle.least, 0.98 * vehicle.greatest)))
+    return Nodes(
+        states=np.column_stack((p, v, q, inputs)),
+        inputs=inputs[:-1],
         durations=point.durations,
         counts=tuple(counts.tolist()),
     )

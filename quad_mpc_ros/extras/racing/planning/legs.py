@@ -75,11 +75,10 @@ def legs_of(course: Course, *, margin: float, radius: float) -> list[CourseLeg]:
 
 
 def _end_goal(end: Finish) -> Goal:
-    tolerance = 0.0 if end.at_rest else end.tolerance
-    if tolerance == 0.0:
-        place = end.p_WB
-        return Goal(expressions=lambda p, v: p - place, lower=np.zeros(3), upper=np.zeros(3))
-    return _ball(end.p_WB, tolerance)
+    if not end.at_rest:
+        return _ball(end.p_WB, end.tolerance)
+    zero = np.zeros(3)
+    return Goal(expressions=lambda p, v: p - end.p_WB, lower=zero, upper=zero)
 
 
 def _ball(place: Array, radius: float) -> Goal:

@@ -9,7 +9,6 @@ Inputs are held over a step. Lags are exact, the rest uses Runge-Kutta steps of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ import numpy as np
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
 from quad_mpc_ros.extras.racing.planning.limits import PlannedVehicle, RotorLimits
+from quad_mpc_ros.extras.racing.planning.transcription import Dynamics
 
 P, V, Q, W, F = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13), slice(13, 14)
 """Slices of position, velocity, quaternion, body rates and specific thrust in a state."""
@@ -25,36 +25,19 @@ THRUST = slice(3, 4)
 
 _MIN_LAG = 0.002  # s
 _SUBSTEPS = 2  # Runge-Kutta steps in one
+_INPUT_CHANGE_COST = 2e-4  # s: cost of a change of an input by its natural size
 _ROOT_OFFSET = 1e-6  # below the root
 _SAMPLED_SHARES = (0.0, 0.2, 0.5, 1.0)  # of a step, at which the rotors' thrusts are bounded
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Model:
-    """Functions of a state (nx,), inputs (nu,) and a time [s], and bounds.
+def model_of(
+    vehicle: PlannedVehicle, *, start: Array, start_yaw: float, lowest: float
+) -> Dynamics:
+    """Return the equations of motion of a vehicle, from a level rest to a level rest.
 
-    ``step(x, u, h)`` is the state after ``h``; ``acceleration(x, u)`` (3,) is in the world;
-    ``path(x, u, h)`` (nc,) of a step is bounded by ``path_bounds``, the inputs by ``input_bounds``
-    and the states by ``state_bounds``, each (lower, upper). ``scale`` are the natural sizes of the
-    inputs.
+    The vehicle starts at ``start`` (3,) [m] with heading ``start_yaw`` [rad], and stays above
+    ``lowest`` [m].
     """
-
-    step: Any
-    acceleration: Any
-    path: Any
-    path_bounds: tuple[Array, Array]
-    input_bounds: tuple[Array, Array]
-    state_bounds: tuple[Array, Array]
-    scale: Array
-
-    @property
-    def nx(self) -> int:
-        """Number of states."""
-        return len(self.state_bounds[0])
-
-
-def model_of(vehicle: PlannedVehicle) -> Model:
-    """Return the equations of motion of a vehicle."""
     ca = casadi()
     x, u, h = ca.SX.sym("x", 14), ca.SX.sym("u", 4), ca.SX.sym("h")
     lags = np.maximum([*vehicle.rate_time_constant, vehicle.thrust_time_constant], _MIN_LAG)
@@ -82,14 +65,24 @@ def model_of(vehicle: PlannedVehicle) -> Model:
     least, greatest = vehicle.least, vehicle.greatest
     upper = np.append(vehicle.omega_max, greatest)
     lower = np.append(-vehicle.omega_max, least)
-    return Model(
+    low, high = np.append(_free_body(-1.0), lower), np.append(_free_body(1.0), upper)
+    low[P][2] = lowest
+    first, last = np.full((2, len(low)), np.nan)
+    first[P], first[Q] = start, (np.cos(0.5 * start_yaw), 0.0, 0.0, np.sin(0.5 * start_yaw))
+    last[Q][1:3] = 0.0
+    for rest in (first, last):
+        rest[V], rest[W], rest[F] = 0.0, 0.0, vehicle.gravity
+    return Dynamics(
         step=ca.Function("step", [x, u, h], [end]),
         acceleration=ca.Function("a", [x, u], [_motion(x[0:10], x[10:14], vehicle)[3:6]]),
         path=ca.Function("path", [x, u, h], [path]),
         path_bounds=bounds,
         input_bounds=(lower, upper),
-        state_bounds=(np.append(_free_body(-1.0), lower), np.append(_free_body(1.0), upper)),
+        state_bounds=(low, high),
+        first=first,
+        last=last,
         scale=np.append(vehicle.omega_max, greatest),
+        smoothing=_INPUT_CHANGE_COST,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,25 +11,12 @@ import numpy as np
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.configuration.arguments import instance, number
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.racing.gate_passages import Lap, passages
 from quad_mpc_ros.extras.racing.gates import read_course
-from quad_mpc_ros.extras.racing.planning.first_guess import (
-    PosedMotion,
-    flown_by_a_point,
-    with_attitudes,
-)
+from quad_mpc_ros.extras.racing.planning.first_guess import flown_by_a_point, with_attitudes
 from quad_mpc_ros.extras.racing.planning.legs import CourseLeg, legs_of
 from quad_mpc_ros.extras.racing.planning.limits import PlannedVehicle, planned_vehicle
-from quad_mpc_ros.extras.racing.planning.model import (
-    F,
-    Model,
-    P,
-    Q,
-    V,
-    W,
-    model_of,
-)
+from quad_mpc_ros.extras.racing.planning.model import P, Q, V, W, model_of
 from quad_mpc_ros.extras.racing.planning.transcription import (
     Dynamics,
     Nodes,
@@ -43,7 +31,6 @@ from quad_mpc_ros.simulation.config import SimulatorConfig
 
 _ROW_PERIOD = 0.01  # s, of the table
 _MIN_HEIGHT = 0.5  # m: lowest height of a plan, unless gates are lower
-_INPUT_CHANGE_COST = 2e-4  # s: cost of a change of an input by its natural size
 _MAX_ITERATIONS = 600
 _HEIGHT_RATIO = 0.5
 
@@ -114,102 +101,51 @@ def plan_race(
         >>> plan.lap.missed, plan.race_time < 7.2
         (0, True)
     """
-    mpc = MpcConfig() if mpc is None else instance(mpc, "mpc", MpcConfig)
-    if simulator is None:
-        simulator = SimulatorConfig()
-    if reference is None:
-        reference = ReferenceConfig()
-    instance(simulator, "simulator", SimulatorConfig)
-    instance(reference, "reference", ReferenceConfig)
+    mpc = instance(MpcConfig() if mpc is None else mpc, "mpc", MpcConfig)
+    simulator = SimulatorConfig() if simulator is None else simulator
+    simulator = instance(simulator, "simulator", SimulatorConfig)
+    reference = ReferenceConfig() if reference is None else reference
+    reference = instance(reference, "reference", ReferenceConfig)
     gate_margin = number(gate_margin, "gate_margin", least=0.0, below=100.0)
     radius = number(radius, "radius", least=0.0, below=10.0)
     step = number(step, "step", above=0.004, below=0.5)
     course = gates if isinstance(gates, Course) else read_course(gates)
     vehicle = planned_vehicle(mpc, simulator, reference)
     legs = legs_of(course, margin=gate_margin, radius=radius)
-    model = model_of(vehicle)
-    solved = _solved(course, legs, vehicle, model, step=step, progress=progress)
-    return _plan(course, legs, vehicle, model, solved)
+    heights = [_HEIGHT_RATIO * place[2] for place in course.places()]
+    lowest = float(min(_MIN_HEIGHT, course.start[2], *heights))
+    model = model_of(vehicle, start=course.start, start_yaw=course.start_yaw, lowest=lowest)
+    point = flown_by_a_point(course, legs, vehicle, lowest=lowest, progress=progress)
+    guesses = (
+        with_attitudes(point, vehicle, yaw=course.start_yaw, longest_step=longest_step)
+        for longest_step in (step, 0.7 * step)
+    )
+    return _plan(course, legs, vehicle, model, _solved(course, legs, model, guesses, progress))
 
 
 def _solved(
     course: Course,
     legs: list[CourseLeg],
-    vehicle: PlannedVehicle,
-    model: Model,
-    *,
-    step: float,
+    model: Dynamics,
+    guesses: Iterable[Nodes],
     progress: ProgressCallback | None,
 ) -> Solved:
-    lowest = _lowest(course)
-    point = flown_by_a_point(course, legs, vehicle, lowest=lowest, progress=progress)
-    first = _at_rest(course, vehicle, model)
-    dynamics = _dynamics(model, first=first, gravity=vehicle.gravity, lowest=lowest)
-    failed = ""
-    for longest_step in (step, 0.7 * step):
-        posed = with_attitudes(point, vehicle, yaw=course.start_yaw, longest_step=longest_step)
-        guess = _guess(posed)
+    """Return the solution from the first guess that leads to one."""
+    for guess in guesses:
         solved = solve(
-            legs,
-            dynamics,
-            guess,
-            name="vehicle",
-            most_iterations=_MAX_ITERATIONS,
-            progress=progress,
+            legs, model, guess, name="vehicle", most_iterations=_MAX_ITERATIONS, progress=progress
         )
         if solved.optimal:
             return solved
-        failed = f"{solved.status} after {solved.iterations} iterations"
     raise UserError(
-        f"{course.source}: no plan found ({failed}): check that the gates are reachable in "
-        "order, the openings are larger than the margin, and the limits are the vehicle's"
+        f"{course.source}: no plan found ({solved.status} after {solved.iterations} iterations): "
+        "check that the gates are reachable in order, the openings are larger than the margin, "
+        "and the limits are the vehicle's"
     )
-
-
-def _lowest(course: Course) -> float:
-    """Return the lowest height of a plan [m]."""
-    heights = [place[2] for place in course.places()]
-    return float(min(_MIN_HEIGHT, course.start[2], *(_HEIGHT_RATIO * each for each in heights)))
-
-
-def _dynamics(model: Model, *, first: Array, gravity: float, lowest: float) -> Dynamics:
-    """Return the dynamics from a first state (nx,) to level rest, above ``lowest`` [m]."""
-    low, high = (np.array(bounds) for bounds in model.state_bounds)
-    low[P][2] = lowest
-    last = np.full(model.nx, np.nan)
-    last[V], last[W], last[Q][1:3] = 0.0, 0.0, 0.0
-    last[F] = gravity
-    return Dynamics(
-        step=model.step,
-        path=model.path,
-        state_bounds=(low, high),
-        input_bounds=model.input_bounds,
-        path_bounds=model.path_bounds,
-        first=first,
-        last=last,
-        scale=model.scale,
-        smoothing=_INPUT_CHANGE_COST,
-    )
-
-
-def _at_rest(course: Course, vehicle: PlannedVehicle, model: Model) -> Array:
-    first = np.full(model.nx, np.nan)
-    first[V], first[W] = 0.0, 0.0
-    first[P] = course.start
-    first[Q] = np.cos(0.5 * course.start_yaw), 0.0, 0.0, np.sin(0.5 * course.start_yaw)
-    first[F] = vehicle.gravity
-    return first
-
-
-def _guess(posed: PosedMotion) -> Nodes:
-    """Return a motion as states and inputs of the model."""
-    states = np.column_stack((posed.p, posed.v, posed.q_wxyz, posed.w, posed.thrust))
-    inputs = np.column_stack((posed.w, posed.thrust))[:-1]
-    return Nodes(states=states, inputs=inputs, durations=posed.durations, counts=posed.counts)
 
 
 def _plan(
-    course: Course, legs: list[CourseLeg], vehicle: PlannedVehicle, model: Model, solved: Solved
+    course: Course, legs: list[CourseLeg], vehicle: PlannedVehicle, model: Dynamics, solved: Solved
 ) -> RacePlan:
     nodes = solved.nodes
     table = _table(model, nodes, source=f"the plan of {course.source}")
@@ -225,7 +161,7 @@ def _plan(
     )
 
 
-def _table(model: Model, nodes: Nodes, *, source: str) -> MotionTable:
+def _table(model: Dynamics, nodes: Nodes, *, source: str) -> MotionTable:
     """Return the motion, sampled between the nodes with the model of the plan."""
     counts = np.ceil(nodes.steps / _ROW_PERIOD - 1e-9).astype(int)
     owner = np.repeat(np.arange(len(counts)), counts)

@@ -55,13 +55,15 @@ class Nodes:
 class Dynamics:
     """Dynamics and bounds for the transcription.
 
-    ``step(x, u, h)`` and ``path(x, u, h)`` are CasADi functions; states, inputs and path have
-    bounds (lower, upper). Finite values of ``first`` and ``last`` fix the first state and states
-    at rest. ``scale`` (nu,) are natural sizes of the inputs, ``smoothing`` [s] is the cost of a
-    squared change of an input, relative to its size.
+    CasADi functions of a state (nx,), inputs (nu,) and a time [s]: ``step(x, u, h)`` is the state
+    after ``h``, ``path(x, u, h)`` (nc,) is bounded over a step; ``acceleration(x, u)`` (3,) is in
+    the world. States, inputs and path have bounds (lower, upper). Finite values of ``first`` and
+    ``last`` fix the first state and states at rest. ``scale`` (nu,) are natural sizes of the
+    inputs, ``smoothing`` [s] is the cost of a squared change of an input, relative to its size.
     """
 
     step: Any
+    acceleration: Any
     path: Any
     state_bounds: tuple[Array, Array]
     input_bounds: tuple[Array, Array]

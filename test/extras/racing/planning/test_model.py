@@ -28,7 +28,8 @@ def test_a_step_agrees_with_the_integrated_equations(seed: int) -> None:
     random = np.random.default_rng(seed)
     config = load_config("agile", assignments=[*AIR, *LAGS])
     vehicle = config.mpc.vehicle()
-    model = model_of(planned_vehicle(config.mpc, config.simulator, config.reference))
+    planned = planned_vehicle(config.mpc, config.simulator, config.reference)
+    model = model_of(planned, start=np.zeros(3), start_yaw=0.0, lowest=0.0)
     q = Rotation.random(random_state=seed)
     x = np.concatenate(
         (
