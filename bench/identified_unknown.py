@@ -31,7 +31,7 @@ from quad_mpc_ros.analysis.identification.report import parameter_file
 from quad_mpc_ros.analysis.identification.result import Identification
 from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.extras.campaigns.campaign_file import located_campaign, read_campaign
-from quad_mpc_ros.extras.campaigns.outcome import TruthLog
+from quad_mpc_ros.extras.campaigns.flight import TruthLog
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig

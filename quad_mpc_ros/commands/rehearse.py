@@ -13,7 +13,7 @@ from quad_mpc_ros.commands.output import create_out, prepared_out, results_in, w
 from quad_mpc_ros.commands.run_options import add_config, add_out, add_set
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.extras.campaigns.rehearsal.rehearsal import Rehearsal
+    from quad_mpc_ros.extras.campaigns.rehearsal import Rehearsal
 
 RESULT, LOST = "rehearsal.json", "lost"
 
@@ -35,15 +35,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Rehearse and print the result; return the exit code."""
     from quad_mpc_ros.commands.progress import ProgressLine
-    from quad_mpc_ros.extras.campaigns.rehearsal.rehearsal import (
+    from quad_mpc_ros.extras.campaigns.rehearsal import (
+        READY,
         VEHICLES,
         disturbed_campaign,
-        rehearse,
-    )
-    from quad_mpc_ros.extras.campaigns.rehearsal.verdict import (
-        READY,
         rehearsal_figures,
         rehearsal_table,
+        rehearse,
         verdict_on,
     )
 

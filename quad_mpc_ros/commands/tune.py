@@ -21,7 +21,7 @@ from quad_mpc_ros.commands.progress import ProgressLine
 from quad_mpc_ros.configuration import UserError
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.extras.campaigns.tuning.trial import Trial
+    from quad_mpc_ros.extras.campaigns.tuning.objectives import Trial
     from quad_mpc_ros.extras.campaigns.tuning.tune_file import Tuning
 
 

@@ -24,7 +24,7 @@ from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.control.safety.window_validation import reference_fault
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.recordings.logs import Log, Stamps
-from quad_mpc_ros.simulation.scene import Scene
+from quad_mpc_ros.simulation.shapes import Scene
 
 _CLEARANCE_SAMPLES = 5  # two odometries, at which a clearance is taken
 _GAP_PERIODS = 2.5  # of the odometry: less is jitter

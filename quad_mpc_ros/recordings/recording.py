@@ -45,7 +45,7 @@ from quad_mpc_ros.recordings.reader import CDR, BagReader, RecordedMessage, enco
 from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.references.point_table import PointTable
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.scene import Scene
+from quad_mpc_ros.simulation.shapes import Scene
 
 Taker = Callable[[RecordedMessage], None]
 

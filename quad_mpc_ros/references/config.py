@@ -28,15 +28,19 @@ from quad_mpc_ros.references.ellipse import (
 )
 from quad_mpc_ros.references.excitation import ExcitationParameters, excitation
 from quad_mpc_ros.references.feasibility import FeasibilityParameters
-from quad_mpc_ros.references.flip import FlipParameters, flip
-from quad_mpc_ros.references.gate_parameters import GateParameters, gates_path
 from quad_mpc_ros.references.lemniscate import Lemniscate, LemniscateParameters
+from quad_mpc_ros.references.manoeuvres import (
+    FlipParameters,
+    SplitSParameters,
+    VerticalLoopParameters,
+    flip,
+    split_s,
+    vertical_loop,
+)
 from quad_mpc_ros.references.path import Path
-from quad_mpc_ros.references.point_table import bag_path, csv_path
-from quad_mpc_ros.references.split_s import SplitSParameters, split_s
+from quad_mpc_ros.references.point_table import GateParameters, bag_path, csv_path, gates_path
 from quad_mpc_ros.references.square import SquareParameters, smooth_square, square
 from quad_mpc_ros.references.trajectory import Trajectory
-from quad_mpc_ros.references.vertical_loop import VerticalLoopParameters, vertical_loop
 from quad_mpc_ros.references.waypoints import (
     WaypointParameters,
     hover,

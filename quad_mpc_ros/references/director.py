@@ -27,10 +27,9 @@ from quad_mpc_ros.references.feasibility import Feasibility, judged
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.minimum_snap import End, Leg
 from quad_mpc_ros.references.path import RestPath, Straight
-from quad_mpc_ros.references.take_off import take_off_path
 from quad_mpc_ros.references.timeline import Phase, Timeline
 from quad_mpc_ros.references.trajectory import Trajectory
-from quad_mpc_ros.references.transition import FlatState, flat_state_of, transition
+from quad_mpc_ros.references.transition import FlatState, flat_state_of, take_off_path, transition
 from quad_mpc_ros.references.velocity import (
     STEP_NS,
     VelocityCommand,

@@ -21,7 +21,13 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from quad_mpc_ros.configuration import ConfigurationError, UserError, files, parameter
+from quad_mpc_ros.configuration import (
+    ConfigurationError,
+    UserError,
+    files,
+    optional_part,
+    parameter,
+)
 from quad_mpc_ros.configuration.errors import text_of
 from quad_mpc_ros.configuration.text_files import read_csv_table
 from quad_mpc_ros.control.lie import Array
@@ -280,3 +286,25 @@ def _refuse_other_unit(path: FilePath, seconds: Array) -> None:
             f"{unit}, expected seconds in steps of {_LONGEST_STEP:g} s at most: multiply it by "
             f"{_OTHER_UNITS[unit]:g}"
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class GateParameters(TableParameters):
+    """Parameters of a course of gates."""
+
+    gates: str = parameter(
+        "",
+        doc="gates: file of the gates, or the content of the file in braces. With another "
+        "trajectory the gates are only drawn, and their passages evaluated.",
+    )
+
+
+def gates_path(config: GateParameters) -> Path | PlannedMotion:
+    """Return the plan that ``file`` names, or the smooth path through the gates.
+
+    Raises :class:`UserError` for an infeasible course, a plan that does not pass the course, and
+    if racing is not installed.
+    """
+    make = optional_part("gates_path", needed_by=f"{config.owner}.trajectory")
+    path: Path | PlannedMotion = make(config)
+    return path

@@ -1,4 +1,12 @@
-"""Transition between flat states, without a jump in position, velocity, attitude or rates."""
+"""Transitions between flat states without a jump, and take-off.
+
+Position, velocity, attitude and rates do not jump.
+
+A take-off checks the axes close to the ground. A hover hides reversed or swapped axes and a wrong
+heading of the odometry until the vehicle moves. A small circle at a low height moves it in every
+direction: the consistency monitor of the MPC (``control/safety/consistency.py``) finds the
+contradiction before the vehicle climbs further.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +19,15 @@ import numpy as np
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.minimum_snap import End, Leg, leg_within
-from quad_mpc_ros.references.path import Path, Turned
+from quad_mpc_ros.references.path import Chain, CircularPath, Path, Turned
+from quad_mpc_ros.references.smooth_turn import SmoothTurn
 from quad_mpc_ros.references.trajectory import Trajectory
 
 _STEP_NS = 1_000_000
 # Highest over mean rate of a rest-to-rest polynomial of degree 7.
 _PEAK = 35.0 / 16.0
+CHECK_HEIGHT, CHECK_RADIUS = 0.25, 0.03  # m above the ground, m
+_CHECK_DURATION = 1.5  # s; peak acceleration 1.2 m/s^2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,3 +104,34 @@ def _yaw_end(yaw: float, rate: float) -> End:
 def _slope(values: Array) -> Array:
     """Return the derivative at the first of three values, to second order."""
     return np.asarray((-3.0 * values[0] + 4.0 * values[1] - values[2]) / (2e-9 * _STEP_NS))
+
+
+def take_off_path(
+    p_WB: Array, *, height: float, checks: bool, max_speed: float, max_acceleration: float
+) -> Path:
+    """Return the path of a take-off from rest to rest.
+
+    Args:
+        p_WB: Position on the ground (3,) [m].
+        height: Final height [m].
+        checks: Whether the path contains the circle; not below the height of the circle.
+        max_speed: Speed limit of the climb [m/s].
+        max_acceleration: Acceleration limit of the climb [m/s^2].
+    """
+
+    def climb(start: Array, end: Array) -> Path:
+        ends = End.at_rest(start), End.at_rest(end)
+        return leg_within(*ends, max_speed=max_speed, max_acceleration=max_acceleration)
+
+    above = np.array([*p_WB[:2], height])
+    low = p_WB + np.array([0.0, 0.0, CHECK_HEIGHT])
+    if not (checks and low[2] < height):
+        return climb(p_WB, above)
+    circle = CircularPath(
+        low,
+        forwards=np.array([0.0, 1.0, 0.0]),
+        inwards=np.array([-1.0, 0.0, 0.0]),
+        radius=CHECK_RADIUS,
+        turn=SmoothTurn(math.tau, duration=_CHECK_DURATION),
+    )
+    return Chain([climb(p_WB, low), circle, climb(low, above)])

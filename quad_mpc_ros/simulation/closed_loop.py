@@ -26,13 +26,13 @@ from quad_mpc_ros.references.server import ReferenceServer, WindowsAhead
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant
-from quad_mpc_ros.simulation.scene import Scene
 from quad_mpc_ros.simulation.sensors import (
     OdometryStream,
     SentOdometry,
     odometry_stamps,
     stamp_offset_ns,
 )
+from quad_mpc_ros.simulation.shapes import Scene
 from quad_mpc_ros.simulation.surroundings import (
     NOTHING_SENSED,
     Collision,

@@ -11,7 +11,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.messages.obstacle_messages import Marker
 from quad_mpc_ros.messages.point_cloud import PointCloud
-from quad_mpc_ros.simulation.scene import Scene
+from quad_mpc_ros.simulation.shapes import Scene
 
 _FILE_PARAMETER = "simulator.obstacles.file"
 

@@ -19,10 +19,9 @@ from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.references.director import HOLD, TOO_LATE, Director, Reply
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.minimum_snap import End
-from quad_mpc_ros.references.take_off import CHECK_HEIGHT, CHECK_RADIUS
 from quad_mpc_ros.references.timeline import Timeline
 from quad_mpc_ros.references.trajectory import Trajectory
-from quad_mpc_ros.references.transition import FlatState, transition
+from quad_mpc_ros.references.transition import CHECK_HEIGHT, CHECK_RADIUS, FlatState, transition
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

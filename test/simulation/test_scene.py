@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quad_mpc_ros.simulation.scene import Scene, Volume
-from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
+from quad_mpc_ros.simulation.shapes import Box, Cylinder, Scene, Shape, Sphere, Volume
 
 RANDOM = np.random.default_rng(3)
 

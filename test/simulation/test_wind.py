@@ -14,7 +14,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
-from quad_mpc_ros.simulation.wind import Wind
+from quad_mpc_ros.simulation.plant import Wind
 
 SECOND = 1_000_000_000
 GUST_PERIOD_NS = 10_000_000

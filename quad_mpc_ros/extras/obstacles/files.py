@@ -23,8 +23,7 @@ from quad_mpc_ros.configuration.errors import text_of
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.obstacles.surfaces import area
 from quad_mpc_ros.extras.yaml_entries import Entries
-from quad_mpc_ros.simulation.scene import Scene, Volume
-from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
+from quad_mpc_ros.simulation.shapes import Box, Cylinder, Scene, Shape, Sphere, Volume
 
 _SHAPE_KEYS = {"box": ("size",), "cylinder": ("radius", "height"), "sphere": ("radius",)}
 _COMMON_KEYS = ("shape", "position", "yaw", "velocity", "appears_at")

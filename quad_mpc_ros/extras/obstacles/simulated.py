@@ -16,8 +16,7 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.extras.obstacles.markers import shape_marker
 from quad_mpc_ros.messages.obstacle_messages import Marker
 from quad_mpc_ros.messages.point_cloud import PointCloud
-from quad_mpc_ros.simulation.scene import Scene
-from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
+from quad_mpc_ros.simulation.shapes import Box, Cylinder, Scene, Shape, Sphere
 from quad_mpc_ros.simulation.surroundings import (
     NOTHING_SENSED,
     Collision,

@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.simulation.scene import Volume
-from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
+from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere, Volume
 
 _WALL_TOLERANCE = 1e-6  # m from a wall
 

@@ -23,7 +23,7 @@ from quad_mpc_ros.extras.obstacles.surfaces import surface_points, wall_points
 from quad_mpc_ros.extras.obstacles.voxels import Points
 from quad_mpc_ros.messages.obstacle_messages import Marker, TimedPath, Transform
 from quad_mpc_ros.messages.point_cloud import PointCloud
-from quad_mpc_ros.simulation.scene import Scene
+from quad_mpc_ros.simulation.shapes import Scene
 
 _SPACING = 0.1  # m between points of a surface
 _QUERY_MARGIN = 1.0  # m beyond the requested radius, so that a map can be reused

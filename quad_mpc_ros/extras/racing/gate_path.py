@@ -12,11 +12,10 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.racing.gate_passages import Lap, passages
 from quad_mpc_ros.extras.racing.gates import read_course
 from quad_mpc_ros.references.course import Course
-from quad_mpc_ros.references.gate_parameters import GateParameters
 from quad_mpc_ros.references.minimum_snap import minimum_snap_path
 from quad_mpc_ros.references.motion_table import PlannedMotion
 from quad_mpc_ros.references.path import Path, SplinePath
-from quad_mpc_ros.references.point_table import csv_path
+from quad_mpc_ros.references.point_table import GateParameters, csv_path
 
 _SAMPLE_PERIOD = 0.005  # s
 _LEAD_IN = 1.0  # m, straight part of the path before and behind a gate

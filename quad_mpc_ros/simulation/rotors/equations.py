@@ -18,8 +18,7 @@ import math
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.simulation.rotors.craft import Craft, Rotor
-from quad_mpc_ros.simulation.rotors.state import BodyState, rotation_of
+from quad_mpc_ros.simulation.rotors.craft import BodyState, Craft, Rotor, rotation_of
 
 _GROUND_EFFECT_MAX = 1.5  # of the thrust
 

@@ -14,16 +14,17 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import RecordArray, Vector3
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.simulation import records
-from quad_mpc_ros.simulation.rotors.craft import Craft, Rotor
-from quad_mpc_ros.simulation.rotors.equations import Outside, derivative
-from quad_mpc_ros.simulation.rotors.state import (
+from quad_mpc_ros.simulation.rotors.craft import (
     BodyState,
+    Craft,
+    Rotor,
     add,
     on_ground,
     origin_height,
     put,
     rotation_of,
 )
+from quad_mpc_ros.simulation.rotors.equations import Outside, derivative
 
 _BODY = BodyState.dtype
 

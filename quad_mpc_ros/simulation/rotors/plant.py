@@ -12,14 +12,12 @@ from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, kernels, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import Input, State
-from quad_mpc_ros.simulation.plant import DelayedPlant, odometry_of
+from quad_mpc_ros.simulation.plant import NEVER_NS, DelayedPlant, odometry_of
 from quad_mpc_ros.simulation.records import Measured
 from quad_mpc_ros.simulation.rotors import equations, motion, rate_loop
-from quad_mpc_ros.simulation.rotors.craft import craft_of, rotors_of
+from quad_mpc_ros.simulation.rotors.craft import BodyState, craft_of, put, rotors_of
 from quad_mpc_ros.simulation.rotors.mixer import mixing
 from quad_mpc_ros.simulation.rotors.parameters import RotorsPlantParameters
-from quad_mpc_ros.simulation.rotors.state import BodyState, put
-from quad_mpc_ros.simulation.wind import NEVER_NS
 
 
 class RotorsPlant(DelayedPlant):

@@ -23,8 +23,7 @@ from quad_mpc_ros.analysis.figures.panels import (
     velocity_panels,
 )
 from quad_mpc_ros.recordings.flight import Flight
-from quad_mpc_ros.simulation.scene import Scene
-from quad_mpc_ros.simulation.shapes import Cylinder
+from quad_mpc_ros.simulation.shapes import Cylinder, Scene
 
 FlightMaker = Callable[..., Flight]
 

@@ -22,7 +22,7 @@ from fixtures.stack_messages import new_message
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.extras.bridges.betaflight import BetaflightBridge
-from quad_mpc_ros.extras.plants.betaflight import installation
+from quad_mpc_ros.extras.plants.betaflight import firmware as firmware_module
 from quad_mpc_ros.extras.plants.betaflight.firmware import AT_REST, Sensed
 from quad_mpc_ros.extras.plants.betaflight.plant import BetaflightPlant
 from quad_mpc_ros.messages import conversions
@@ -57,8 +57,8 @@ def firmware() -> None:
     """Skip where the firmware, or pyserial, is missing."""
     pytest.importorskip("serial")
     try:
-        installation.firmware_path()
-        installation.shim_path()
+        firmware_module.firmware_path()
+        firmware_module.shim_path()
     except UserError as error:
         pytest.skip(str(error))
 

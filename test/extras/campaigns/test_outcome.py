@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.extras.campaigns.outcome import FIGURES, TruthLog
+from quad_mpc_ros.extras.campaigns.flight import FIGURES, TruthLog
 from quad_mpc_ros.simulation.closed_loop import LoopStep
 from quad_mpc_ros.simulation.surroundings import Collision
 

@@ -11,8 +11,8 @@ from fixtures.engines import InThisProcess
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.extras.campaigns.rehearsal import rehearsal
-from quad_mpc_ros.extras.campaigns.rehearsal.rehearsal import (
+from quad_mpc_ros.extras.campaigns import rehearsal
+from quad_mpc_ros.extras.campaigns.rehearsal import (
     Direction,
     Flown,
     Limit,
@@ -20,9 +20,10 @@ from quad_mpc_ros.extras.campaigns.rehearsal.rehearsal import (
     Rehearsal,
     directions_of,
     limit_of,
+    rehearsal_figures,
     rehearse,
+    verdict_on,
 )
-from quad_mpc_ros.extras.campaigns.rehearsal.verdict import rehearsal_figures, verdict_on
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 DELAY = next(each for each in directions_of(SimulatorConfig()) if each.name == "delay is longer")

@@ -22,16 +22,16 @@ from fixtures.engines import FormulaEngine
 from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
-from quad_mpc_ros.extras.campaigns.tuning.objectives import Objective
-from quad_mpc_ros.extras.campaigns.tuning.study import Study, fly_trial
-from quad_mpc_ros.extras.campaigns.tuning.trial import (
+from quad_mpc_ros.extras.campaigns.tuning.objectives import (
     FLOWN,
     GIVEN_UP,
     REFUSED,
+    Objective,
     Trial,
     chosen,
     front_of,
 )
+from quad_mpc_ros.extras.campaigns.tuning.study import Study, fly_trial
 from quad_mpc_ros.extras.campaigns.tuning.tune_file import read_tuning, tuning_text
 from quad_mpc_ros.extras.campaigns.tuning.tune_results import (
     begin,

@@ -14,7 +14,7 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.extras.obstacles.files import scene_of
 from quad_mpc_ros.extras.obstacles.simulated import SimulatedSurroundings, scan
 from quad_mpc_ros.messages.obstacle_messages import ADD, DELETE
-from quad_mpc_ros.simulation.scene import Scene
+from quad_mpc_ros.simulation.shapes import Scene
 from quad_mpc_ros.simulation.surroundings import ObstacleSensorParameters
 
 SECOND = 1_000_000_000

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from quad_mpc_ros.extras.obstacles.surfaces import wall_points
-from quad_mpc_ros.simulation.scene import Volume
+from quad_mpc_ros.simulation.shapes import Volume
 
 
 @pytest.mark.parametrize("floor", [0.0, 1.0])

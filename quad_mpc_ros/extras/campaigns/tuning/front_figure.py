@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quad_mpc_ros.analysis.figures import style
-from quad_mpc_ros.extras.campaigns.tuning.objectives import Objective
-from quad_mpc_ros.extras.campaigns.tuning.trial import FLOWN, GIVEN_UP, Trial
+from quad_mpc_ros.extras.campaigns.tuning.objectives import FLOWN, GIVEN_UP, Objective, Trial
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

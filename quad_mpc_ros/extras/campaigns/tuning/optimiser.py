@@ -20,8 +20,8 @@ import numpy as np
 
 from quad_mpc_ros import __version__
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.extras.campaigns.tuning.objectives import REFUSED, Trial
 from quad_mpc_ros.extras.campaigns.tuning.search_space import labels
-from quad_mpc_ros.extras.campaigns.tuning.trial import REFUSED, Trial
 from quad_mpc_ros.extras.campaigns.tuning.tune_file import Tuning, identity_text
 from quad_mpc_ros.extras.campaigns.variation import (
     Choice,

@@ -17,9 +17,15 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
 from quad_mpc_ros.extras.campaigns.journal import NUMBER, Row
 from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers, batched
-from quad_mpc_ros.extras.campaigns.tuning.objectives import check_measured, is_lost
+from quad_mpc_ros.extras.campaigns.tuning.objectives import (
+    FLOWN,
+    GIVEN_UP,
+    REFUSED,
+    Trial,
+    check_measured,
+    is_lost,
+)
 from quad_mpc_ros.extras.campaigns.tuning.optimiser import Optimiser
-from quad_mpc_ros.extras.campaigns.tuning.trial import FLOWN, GIVEN_UP, REFUSED, Trial
 from quad_mpc_ros.extras.campaigns.tuning.tune_file import Tuning
 
 Observer = Callable[[list[Trial], int], None]

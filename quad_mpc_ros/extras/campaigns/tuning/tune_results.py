@@ -13,8 +13,7 @@ from quad_mpc_ros.extras.campaigns.campaign import number_text
 from quad_mpc_ros.extras.campaigns.campaign_file import campaign_text
 from quad_mpc_ros.extras.campaigns.journal import csv_text
 from quad_mpc_ros.extras.campaigns.tuning.front_figure import write_front
-from quad_mpc_ros.extras.campaigns.tuning.optimiser import NAME as STUDY_NAME
-from quad_mpc_ros.extras.campaigns.tuning.trial import (
+from quad_mpc_ros.extras.campaigns.tuning.objectives import (
     FLOWN,
     GIVEN_UP,
     REFUSED,
@@ -22,6 +21,7 @@ from quad_mpc_ros.extras.campaigns.tuning.trial import (
     chosen,
     front_of,
 )
+from quad_mpc_ros.extras.campaigns.tuning.optimiser import NAME as STUDY_NAME
 from quad_mpc_ros.extras.campaigns.tuning.tune_file import Tuning, read_tuning, tuning_text
 
 TUNE_NAME, CAMPAIGNS_NAME = "tune.yaml", "campaigns"

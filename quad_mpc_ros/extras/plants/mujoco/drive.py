@@ -12,9 +12,8 @@ import numpy as np
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.simulation.rotors.craft import Craft, Rotor
+from quad_mpc_ros.simulation.rotors.craft import BodyState, Craft, Rotor
 from quad_mpc_ros.simulation.rotors.motion import RotorInputs, runge_kutta
-from quad_mpc_ros.simulation.rotors.state import BodyState
 
 _BODY_DTYPE = BodyState.dtype
 _Z_AXIS = 2

@@ -15,7 +15,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.plants.mujoco import model
 from quad_mpc_ros.extras.plants.mujoco.drive import Drive
 from quad_mpc_ros.simulation.optional_plants import MujocoParameters
-from quad_mpc_ros.simulation.rotors.state import BodyState
+from quad_mpc_ros.simulation.rotors.craft import BodyState
 
 # Coordinates of a free joint: position and attitude; velocity in the world, rates in the body.
 _POSITION, _ATTITUDE_WXYZ = slice(0, 3), slice(3, 7)

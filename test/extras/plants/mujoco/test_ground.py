@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.extras.plants.mujoco.drive import Drive
-from quad_mpc_ros.simulation.rotors.state import BodyState
+from quad_mpc_ros.simulation.rotors.craft import BodyState
 
 pytest.importorskip("mujoco")
 
