@@ -145,12 +145,8 @@ def received_trajectory(window: ReferenceWindow, config: ReferenceConfig) -> Fla
     )
     if fault is not None:
         raise UserError(fault)
-    seconds = 1e-9 * window.offset_ns
-    for index in np.flatnonzero(np.diff(window.offset_ns) <= 0)[:1]:
-        raise UserError(
-            f"the time of point {index + 1} (counted from 0), {seconds[index + 1]:g} s, is not "
-            f"after the time of the previous point, {seconds[index]:g} s"
-        )
+    seconds = np.asarray(1e-9 * window.offset_ns, dtype=np.float64)
+    point_table.check_increasing(seconds)
     if seconds[-1] - seconds[0] > _LONGEST:
         raise UserError(f"duration {seconds[-1] - seconds[0]:g} s, expected at most {_LONGEST:g}")
     R_WB = so3.rotation_from_quaternion_xyzw(window.q_WB_xyzw)

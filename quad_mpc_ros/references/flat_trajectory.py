@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
 from quad_mpc_ros.configuration import per_axis
@@ -11,7 +9,7 @@ from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.vehicle import VehicleParameters
 from quad_mpc_ros.references.flatness import FlatInputs, ThrustFrames, flat_inputs, thrust_axis
 from quad_mpc_ros.references.path import Path, PathSamples
-from quad_mpc_ros.references.trajectory import TrajectorySamples, at_rest, combined
+from quad_mpc_ros.references.trajectory import TrajectorySamples, at_rest, combined, resting
 
 # Between knots the attitude comes from the path itself; at 20 rad/s they are 0.04 rad apart.
 _KNOT_STEP = 0.002  # s
@@ -59,10 +57,9 @@ class FlatTrajectory:
         before, after = seconds < 0.0, seconds >= end
         if not (before.any() or after.any()):
             return moving
-        waiting = at_rest(moving.p_WB, yaw=self._heading)
-        over = dataclasses.replace(waiting, q_WB_xyzw=moving.q_WB_xyzw)
+        parts = at_rest(moving.p_WB, yaw=self._heading), resting(moving), moving
         when = [before[:, None], after[:, None]]
-        return combined(lambda *parts: np.select(when, parts[:2], parts[2]), waiting, over, moving)
+        return combined(lambda *parts: np.select(when, parts[:2], parts[2]), *parts)
 
     def jumps(self, start_ns: int, end_ns: int) -> list[int]:
         """Return the start if it is in (start, end] and leads from rest into motion."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.lie import Array, so3
-from quad_mpc_ros.references.trajectory import TrajectorySamples, at_rest, combined
+from quad_mpc_ros.references.trajectory import TrajectorySamples, combined, resting
 
 if TYPE_CHECKING:
     from scipy.interpolate import BPoly
@@ -119,10 +119,7 @@ class PlannedMotion:
         rests = (seconds < 0.0) | (seconds >= end)
         if not rests.any():
             return moving
-        resting = dataclasses.replace(at_rest(moving.p_WB), q_WB_xyzw=moving.q_WB_xyzw)
-        return combined(
-            lambda *parts: np.select([rests[:, None]], parts[:1], parts[1]), resting, moving
-        )
+        return combined(lambda *each: np.where(rests[:, None], *each), resting(moving), moving)
 
     def jumps(self, start_ns: int, end_ns: int) -> list[int]:
         """Return none."""

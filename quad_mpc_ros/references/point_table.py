@@ -100,12 +100,16 @@ class PointTable:
         values = [self.seconds[:, None], self.p_WB, *([] if self.yaw is None else [self.yaw])]
         for index in np.flatnonzero(~np.isfinite(np.column_stack(values)).all(axis=1))[:1]:
             raise UserError(f"{self.source}: point {index} (counted from 0) is not finite")
-        for index in np.flatnonzero(np.diff(self.seconds) <= 0.0)[:1]:
-            raise UserError(
-                f"{self.source}: the time of point {index + 1} (counted from 0), "
-                f"{self.seconds[index + 1]:g} s, is not after the time of the previous point, "
-                f"{self.seconds[index]:g} s"
-            )
+        check_increasing(self.seconds, f"{self.source}: ")
+
+
+def check_increasing(seconds: Array, prefix: str = "") -> None:
+    """Raise :class:`UserError` for times (n,) [s] that do not increase."""
+    for index in np.flatnonzero(np.diff(seconds) <= 0.0)[:1]:
+        raise UserError(
+            f"{prefix}the time of point {index + 1} (counted from 0), {seconds[index + 1]:g} s, "
+            f"is not after the time of the previous point, {seconds[index]:g} s"
+        )
 
 
 BagReader = Callable[[FilePath], PointTable]

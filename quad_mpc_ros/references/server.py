@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections import deque
 from collections.abc import Iterable, Sequence
@@ -17,8 +16,8 @@ from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.references.trajectory import (
     Trajectory,
     TrajectorySamples,
-    at_rest,
     combined,
+    resting,
 )
 
 _BEFORE_START_NS = -1
@@ -76,7 +75,7 @@ class ReferenceServer:
         once = self._trajectory.at(times.tolist())
         samples = combined(lambda values: values[places], once)
         if not previewed:  # without preview, nothing moves
-            samples = dataclasses.replace(at_rest(samples.p_WB), q_WB_xyzw=samples.q_WB_xyzw)
+            samples = resting(samples)
         windows, end = [], 0
         for stamp_ns, now_ns, cut in zip(stamps_ns, starts, cuts, strict=True):
             part = slice(end, end := end + len(cut.sampled))

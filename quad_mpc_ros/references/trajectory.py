@@ -101,6 +101,11 @@ def at_rest(p_WB: Array, *, yaw: float = 0.0) -> TrajectorySamples:
     )
 
 
+def resting(samples: TrajectorySamples) -> TrajectorySamples:
+    """Return samples that rest at the positions and attitudes of others."""
+    return dataclasses.replace(at_rest(samples.p_WB), q_WB_xyzw=samples.q_WB_xyzw)
+
+
 def combined(function: Callable[..., Array], *parts: TrajectorySamples) -> TrajectorySamples:
     """Return samples with a function applied to each field of some samples."""
     names = [field.name for field in dataclasses.fields(TrajectorySamples)]

@@ -61,7 +61,6 @@ class LoopStep:
         command: The command sent to the plant, if any.
         voltage: Voltage of the battery [V], if measured with the odometry.
         imu: IMU samples since the last odometry, delivered before the odometry.
-        sensed: Obstacles detected by a sensor with the odometry.
         collision: A collision since the previous step, which ends the flight.
     """
 
@@ -73,7 +72,6 @@ class LoopStep:
     command: CommandSample | None
     voltage: float | None = None
     imu: tuple[ImuSample, ...] = ()
-    sensed: SensedObstacles = NOTHING_SENSED
     collision: Collision | None = None
 
 
@@ -151,7 +149,6 @@ def fly(
             command=command,
             voltage=sent.voltage,
             imu=sent.imu,
-            sensed=sensed,
             collision=collision,
         )
         if collision is not None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -19,6 +19,14 @@ class Variation(ABC):
 
     kind: ClassVar[str]
     """Key in a file; the value has the fields in order."""
+
+    expected: ClassVar[str]
+    """The value in a file, as a phrase."""
+
+    @classmethod
+    def read(cls, arguments: list[Any]) -> Self | None:
+        """Return the variation for the value in a file; None for an invalid value."""
+        return None
 
     @abstractmethod
     def drawn(self, random: np.random.Generator) -> Any:
@@ -38,8 +46,18 @@ class Uniform(Variation):
     """``uniform: [low, high]``, numbers, or vectors with independent elements."""
 
     kind = "uniform"
+    expected = "[low, high], two numbers or two lists of equal length, low <= high"
     low: Any
     high: Any
+
+    @classmethod
+    def read(cls, arguments: list[Any]) -> Self | None:
+        if len(arguments) != 2 or not all(map(_are_numbers, arguments)):
+            return None
+        low, high = (np.asarray(each, dtype=float) for each in arguments)
+        if low.shape != high.shape or not np.all(low <= high):
+            return None
+        return cls(_plain(low), _plain(high))
 
     def drawn(self, random: np.random.Generator) -> Any:
         low, high = np.asarray(self.low, dtype=float), np.asarray(self.high, dtype=float)
@@ -47,12 +65,16 @@ class Uniform(Variation):
 
 
 @dataclass(frozen=True)
-class LogUniform(Variation):
+class LogUniform(Uniform):
     """``log_uniform: [low, high]``, uniform in the logarithm; bounds above zero."""
 
     kind = "log_uniform"
-    low: Any
-    high: Any
+    expected = f"{Uniform.expected}, all > 0"
+
+    @classmethod
+    def read(cls, arguments: list[Any]) -> Self | None:
+        found = super().read(arguments)
+        return found if found is not None and np.all(np.asarray(found.low) > 0.0) else None
 
     def drawn(self, random: np.random.Generator) -> Any:
         low, high = np.log(self.low), np.log(self.high)
@@ -66,8 +88,14 @@ class Integers(Variation):
     """``integers: [low, high]``, both ends included."""
 
     kind = "integers"
+    expected = "[low, high], two whole numbers, low <= high"
     low: int
     high: int
+
+    @classmethod
+    def read(cls, arguments: list[Any]) -> Self | None:
+        fits = len(arguments) == 2 and all(type(each) is int for each in arguments)
+        return cls(*arguments) if fits and arguments[0] <= arguments[1] else None
 
     def drawn(self, random: np.random.Generator) -> Any:
         return int(random.integers(self.low, self.high, endpoint=True))
@@ -78,7 +106,12 @@ class Choice(Variation):
     """``choice: [a, b, …]``, each with equal probability."""
 
     kind = "choice"
+    expected = "a list of at least one value"
     values: tuple[Any, ...]
+
+    @classmethod
+    def read(cls, arguments: list[Any]) -> Self | None:
+        return cls(tuple(arguments)) if arguments else None
 
     def drawn(self, random: np.random.Generator) -> Any:
         return self.values[int(random.integers(len(self.values)))]
@@ -98,8 +131,15 @@ class Attitude(Variation):
     """
 
     kind = "attitude"
+    expected = "[tilt, yaw] in rad, each from 0 to pi"
     tilt: float
     yaw: float
+
+    @classmethod
+    def read(cls, arguments: list[Any]) -> Self | None:
+        fits = len(arguments) == 2 and all(map(_is_number, arguments))
+        fits = fits and all(0.0 <= each <= math.pi for each in arguments)
+        return cls(*map(float, arguments)) if fits else None
 
     def drawn(self, random: np.random.Generator) -> Any:
         share, direction, turn = random.random(3)
@@ -112,6 +152,11 @@ class Attitude(Variation):
 
     def extremes(self) -> list[Any]:
         return [[0.0, 0.0, 0.0, 1.0]]
+
+
+_KINDS: dict[str, type[Variation]] = {
+    each.kind: each for each in (Uniform, LogUniform, Integers, Choice, Attitude)
+}
 
 
 @dataclass(frozen=True)
@@ -151,59 +196,10 @@ def variation_of(name: str, given: Any) -> Variation:
     ((kind, arguments),) = given.items()
     if kind not in _KINDS:
         raise ConfigurationError(name, kind, f"one of {', '.join([*_KINDS, 'same_as'])}")
-    make, expected = _KINDS[kind]
-    if isinstance(arguments, list):
-        made = make(arguments)
-        if made is not None:
-            return made
-    raise ConfigurationError(f"{name}: {kind}", arguments, expected)
-
-
-def _range(arguments: list[Any]) -> tuple[Any, Any] | None:
-    """Return low and high, two numbers or two vectors of equal length; None if invalid."""
-    if len(arguments) != 2 or not all(map(_are_numbers, arguments)):
-        return None
-    low, high = (np.asarray(each, dtype=float) for each in arguments)
-    if low.shape != high.shape or not np.all(low <= high):
-        return None
-    return _plain(low), _plain(high)
-
-
-def _uniform(arguments: list[Any]) -> Variation | None:
-    found = _range(arguments)
-    return found and Uniform(*found)
-
-
-def _log_uniform(arguments: list[Any]) -> Variation | None:
-    found = _range(arguments)
-    return LogUniform(*found) if found and np.all(np.asarray(found[0]) > 0.0) else None
-
-
-def _integers(arguments: list[Any]) -> Variation | None:
-    if len(arguments) != 2 or not all(type(each) is int for each in arguments):
-        return None
-    return Integers(*arguments) if arguments[0] <= arguments[1] else None
-
-
-def _choice(arguments: list[Any]) -> Variation | None:
-    return Choice(tuple(arguments)) if arguments else None
-
-
-def _attitude(arguments: list[Any]) -> Variation | None:
-    if len(arguments) != 2 or not all(map(_is_number, arguments)):
-        return None
-    tilt, yaw = map(float, arguments)
-    return Attitude(tilt, yaw) if 0.0 <= tilt <= math.pi and 0.0 <= yaw <= math.pi else None
-
-
-_RANGE_FORM = "[low, high], two numbers or two lists of equal length, low <= high"
-_KINDS: dict[str, tuple[Callable[[list[Any]], Variation | None], str]] = {
-    "uniform": (_uniform, _RANGE_FORM),
-    "log_uniform": (_log_uniform, f"{_RANGE_FORM}, all > 0"),
-    "integers": (_integers, "[low, high], two whole numbers, low <= high"),
-    "choice": (_choice, "a list of at least one value"),
-    "attitude": (_attitude, "[tilt, yaw] in rad, each from 0 to pi"),
-}
+    found = _KINDS[kind].read(arguments) if isinstance(arguments, list) else None
+    if found is None:
+        raise ConfigurationError(f"{name}: {kind}", arguments, _KINDS[kind].expected)
+    return found
 
 
 def _same_as(name: str, given: Mapping[Any, Any]) -> SameAs:

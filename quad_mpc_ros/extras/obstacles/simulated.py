@@ -79,15 +79,18 @@ class SimulatedSurroundings:
 
     def _marked(self, truth: OdometrySample, seconds: float, reach: float) -> tuple[Marker, ...]:
         """Return the markers of the shapes in range, and deletions of others."""
-        near = {}
+        near: dict[int, Shape | None] = {}
         for number, shape in enumerate(self.scene.shapes):
             there = shape.after(seconds)
             appeared = seconds >= shape.appears_at
             if appeared and float(there.distance(truth.p_WB[None])[0]) <= reach:
                 near[number] = there
-        gone = [_marker(truth, number, None) for number in sorted(self._shown - near.keys())]
+        gone = dict.fromkeys(sorted(self._shown - near.keys()))
         self._shown = set(near)
-        return (*gone, *(_marker(truth, number, shape) for number, shape in near.items()))
+        return tuple(
+            shape_marker(shape, number, stamp_ns=truth.stamp_ns, frame_id=truth.frame_id)
+            for number, shape in (gone | near).items()
+        )
 
 
 def scan(
@@ -165,12 +168,6 @@ def _through_round(p: Array, directions: Array, radius: float) -> tuple[Array, A
 def _first_meeting(enters: Array, leaves: Array) -> Array:
     meets = (enters <= leaves) & (leaves >= 0.0)
     return np.where(meets, np.maximum(enters, 0.0), np.inf)
-
-
-def _marker(truth: OdometrySample, number: int, shape: Shape | None) -> Marker:
-    """Return the marker of a shape in the frame of the odometry, or its deletion."""
-    stamp_ns, frame_id = truth.stamp_ns, truth.frame_id
-    return shape_marker(shape, number, stamp_ns=stamp_ns, frame_id=frame_id)
 
 
 def _rays() -> Array:

@@ -110,9 +110,8 @@ class Optimiser:
         kinds = self._optuna.distributions
         match dimension:
             case Uniform(low, high):
-                return kinds.FloatDistribution(low, high)
-            case LogUniform(low, high):
-                return kinds.FloatDistribution(low, high, log=True)
+                is_log = isinstance(dimension, LogUniform)
+                return kinds.FloatDistribution(low, high, log=is_log)
             case Integers(low, high):
                 return kinds.IntDistribution(low, high)
             case Choice():

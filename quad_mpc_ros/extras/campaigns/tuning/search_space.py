@@ -11,7 +11,6 @@ from quad_mpc_ros.extras.campaigns.campaign import Campaign, Target, target_of, 
 from quad_mpc_ros.extras.campaigns.variation import (
     Choice,
     Integers,
-    LogUniform,
     SameAs,
     Uniform,
     Variation,
@@ -100,11 +99,11 @@ def _dimensions(name: str, variation: Variation) -> dict[str, Variation]:
     match variation:
         case SameAs():
             return {}
-        case Uniform(low=list() as low, high=high) | LogUniform(low=list() as low, high=high):
+        case Uniform(low=list() as low, high=high):
             kind = type(variation)
             ends = enumerate(zip(low, high, strict=True))
             return {f"{name}.{place}": kind(*each) for place, each in ends}
-        case Uniform() | LogUniform() | Integers() | Choice():
+        case Uniform() | Integers() | Choice():
             return {name: variation}
     expected = "uniform, log_uniform, integers, choice or same_as"
     raise UserError(f"search: {name}: expected {expected}")

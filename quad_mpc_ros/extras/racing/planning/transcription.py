@@ -7,7 +7,7 @@ of a leg is a state of every node, so that the constraints couple only neighbour
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +21,9 @@ _INTERRUPTED = "User_Requested_Stop"
 MIN_LEG_DURATION, MAX_LEG_DURATION = 0.02, 60.0  # s, of a leg
 ProgressCallback = Callable[[str, int, float, Array], None]
 """Called with stage, iteration, planned time [s] and variables."""
+
+_Rows = tuple[Any, Array, Array]
+"""Constraints: expressions (n,), lower and upper bounds (n,)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,11 +107,11 @@ def solve(
     final = ca.MX.sym("final", nx + 1)
     states = ca.horzcat(stage[: nx + 1, :], final)
     inputs = stage[nx + 1 :, :]
-    rows = _Constraints()
-    _add_motion(rows, dynamics, states, inputs, counts=guess.counts)
+    rows = [*_motion_rows(dynamics, states, inputs, counts=guess.counts)]
     for leg, end in zip(legs, ends.tolist(), strict=True):
         if leg.goal is not None:
-            _add_goal(rows, leg.goal, states, end)
+            rows += _goal_rows(leg.goal, states, end)
+    constraints = ca.vertcat(*(ca.vec(expressions) for expressions, _, _ in rows))
     cost = sum(leg.weight * states[nx, int(end) - 1] for leg, end in zip(legs, ends, strict=True))
     change = (inputs[:, 1:] - inputs[:, :-1]) / ca.DM(dynamics.scale)
     lower, upper = _bounds(legs, dynamics, guess)
@@ -128,11 +131,14 @@ def solve(
     watch = None
     if progress is not None:
         # CasADi does not keep a reference to it.
-        watch = _watch(name, progress, sizes=(variables.shape[0], rows.count), nodes=guess, nx=nx)
+        watch = _watch(
+            name, progress, sizes=(variables.shape[0], constraints.shape[0]), nodes=guess
+        )
         options["iteration_callback"] = watch
-    problem = {"x": variables, "f": cost + dynamics.smoothing * ca.sumsqr(change), "g": rows.all()}
-    solver = ca.nlpsol(name, "ipopt", problem, options)
-    found = solver(x0=_packed(guess), lbx=lower, ubx=upper, lbg=rows.bounds(0), ubg=rows.bounds(1))
+    cost += dynamics.smoothing * ca.sumsqr(change)
+    solver = ca.nlpsol(name, "ipopt", {"x": variables, "f": cost, "g": constraints}, options)
+    least, most = (np.concatenate(bounds) for bounds in list(zip(*rows, strict=True))[1:])
+    found = solver(x0=_packed(guess), lbx=lower, ubx=upper, lbg=least, ubg=most)
     stats = solver.stats()
     if watch is not None and watch.raised is not None:
         raise watch.raised
@@ -165,33 +171,10 @@ def _packed(nodes: Nodes) -> Array:
     return np.concatenate((rows.ravel(), nodes.states[-1], durations[-1:]))
 
 
-class _Constraints:
-    """A list of constraints with bounds."""
-
-    def __init__(self) -> None:
-        self._rows: list[Any] = []
-        self._bounds: tuple[list[Array], list[Array]] = ([], [])
-
-    def add(self, expressions: Any, lower: Array, upper: Array) -> None:
-        self._rows.append(casadi().vec(expressions))
-        for bounds, values in zip(self._bounds, (lower, upper), strict=True):
-            bounds.append(np.ravel(values))
-
-    def all(self) -> Any:
-        return casadi().vertcat(*self._rows)
-
-    def bounds(self, side: int) -> Array:
-        return np.concatenate(self._bounds[side])
-
-    @property
-    def count(self) -> int:
-        return sum(len(values) for values in self._bounds[0])
-
-
-def _add_motion(
-    rows: _Constraints, dynamics: Dynamics, states: Any, inputs: Any, *, counts: tuple[int, ...]
-) -> None:
-    """Add the dynamics between nodes and the path constraints."""
+def _motion_rows(
+    dynamics: Dynamics, states: Any, inputs: Any, *, counts: tuple[int, ...]
+) -> Iterator[_Rows]:
+    """Yield the dynamics between nodes and the path constraints."""
     ca = casadi()
     nx, steps = len(dynamics.first), sum(counts)
     x, duration, share = ca.SX.sym("x", nx), ca.SX.sym("T"), ca.SX.sym("s")
@@ -202,31 +185,30 @@ def _add_motion(
     gaps = move(states[:, :-1], inputs, ca.DM(shares).T) - states[:, 1:]
     # Stage by stage, for a narrow factorisation. The duration is not continuous between legs.
     legs_end = set(np.cumsum(counts)[:-1].tolist())
-    lower, upper = dynamics.path_bounds
     bounded = None
-    if len(lower):
+    if len(dynamics.path_bounds[0]):
         lengths = states[nx, :-1] * ca.DM(shares).T
         bounded = dynamics.path.map(steps)(states[:nx, :-1], inputs, lengths)
     for k in range(steps):
         kept = nx if k + 1 in legs_end else nx + 1
-        rows.add(gaps[:kept, k], np.zeros(kept), np.zeros(kept))
+        yield gaps[:kept, k], np.zeros(kept), np.zeros(kept)
         if bounded is not None:
-            rows.add(bounded[:, k], lower, upper)
+            yield bounded[:, k], *dynamics.path_bounds
 
 
-def _add_goal(rows: _Constraints, goal: Goal, states: Any, end: int) -> None:
-    """Add the constraints at the end of a leg; a gate is passed from the front."""
-    rows.add(goal.expressions(states[0:3, end], states[3:6, end]), goal.lower, goal.upper)
+def _goal_rows(goal: Goal, states: Any, end: int) -> Iterator[_Rows]:
+    """Yield the constraints at the end of a leg; a gate is passed from the front."""
+    yield goal.expressions(states[0:3, end], states[3:6, end]), goal.lower, goal.upper
     if goal.depth is None:
         return
-    rows.add(goal.depth(states[0:3, end - 1]), np.array([-np.inf]), np.array([-GATE_NODE_GAP]))
+    gap, free = np.array([GATE_NODE_GAP]), np.array([np.inf])
+    yield goal.depth(states[0:3, end - 1]), -free, -gap
     if end + 1 < states.shape[1]:
-        rows.add(goal.depth(states[0:3, end + 1]), np.array([GATE_NODE_GAP]), np.array([np.inf]))
+        yield goal.depth(states[0:3, end + 1]), gap, free
 
 
 def _bounds(legs: Sequence[CourseLeg], dynamics: Dynamics, guess: Nodes) -> tuple[Array, Array]:
     steps, sides = len(guess.inputs), []
-    nx = len(dynamics.first)
     for side, length in enumerate((MIN_LEG_DURATION, MAX_LEG_DURATION)):
         state = np.tile(np.append(dynamics.state_bounds[side], length), (steps + 1, 1))
         _fix(state, 0, dynamics.first)
@@ -235,7 +217,6 @@ def _bounds(legs: Sequence[CourseLeg], dynamics: Dynamics, guess: Nodes) -> tupl
                 _fix(state, end, dynamics.last)
         rows = np.column_stack((state[:-1], np.tile(dynamics.input_bounds[side], (steps, 1))))
         sides.append(np.concatenate((rows.ravel(), state[-1])))
-        assert state.shape[1] == nx + 1
     return sides[0], sides[1]
 
 
@@ -244,9 +225,7 @@ def _fix(states: Array, node: int, values: Array) -> None:
     states[node, : len(values)][given] = values[given]
 
 
-def _watch(
-    name: str, progress: ProgressCallback, *, sizes: tuple[int, int], nodes: Nodes, nx: int
-) -> Any:
+def _watch(name: str, progress: ProgressCallback, *, sizes: tuple[int, int], nodes: Nodes) -> Any:
     """Return the callback of IPOPT after every iteration."""
     ca = casadi()
     variables, rows = sizes
