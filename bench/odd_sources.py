@@ -39,9 +39,12 @@ from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, Re
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.extras.campaigns.campaign import Campaign, FlightPlan
-from quad_mpc_ros.extras.campaigns.campaign_file import campaign_from, located_campaign
+from quad_mpc_ros.extras.campaigns.campaign_file import (
+    campaign_from,
+    located_campaign,
+    read_content,
+)
 from quad_mpc_ros.extras.campaigns.flight import TruthLog
-from quad_mpc_ros.extras.campaigns.yaml_content import read_content
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig

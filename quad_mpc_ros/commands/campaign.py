@@ -37,8 +37,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Fly the remaining flights, print the results, and return the exit code."""
     from quad_mpc_ros.extras.campaigns.figure import write_figure
-    from quad_mpc_ros.extras.campaigns.flying import HOLDS, begin, fly_into
-    from quad_mpc_ros.extras.campaigns.results import results_text
+    from quad_mpc_ros.extras.campaigns.flying import HOLDS, begin, fly_into, results_text
 
     campaign = _campaign(options)
     with engine_of(options) as engine, campaign_folder(options, HOLDS) as out:

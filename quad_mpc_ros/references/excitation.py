@@ -18,8 +18,7 @@ import numpy as np
 from quad_mpc_ros.configuration import parameter, per_axis
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.minimum_snap import snap_spline
-from quad_mpc_ros.references.path import Path, SplinePath, with_lowest_point
-from quad_mpc_ros.references.smooth_turn import SmoothTurn
+from quad_mpc_ros.references.path import Path, SmoothTurn, SplinePath, with_lowest_point
 from quad_mpc_ros.references.trajectory import TrajectoryParameters
 
 _PER_PERIOD, _FEWEST = 48, 100.0  # samples of the quickest oscillation, and in a second

@@ -1,7 +1,7 @@
 """Manoeuvres in which the vehicle turns upside down: vertical loop, flip and split-S.
 
 A vertical loop is a full circle in a vertical plane, from rest at its lowest point and back. The
-angle is a smooth turn (``references/smooth_turn.py``), so speed, acceleration and jerk are
+angle is a smooth turn (:class:`.path.SmoothTurn`), so speed, acceleration and jerk are
 continuous from hover to hover, and the path stays on the circle. At the top the thrust points
 downwards when the centripetal acceleration v^2/r exceeds gravity.
 
@@ -31,8 +31,14 @@ import numpy as np
 from quad_mpc_ros.configuration import ConfigurationError, parameter, per_axis
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.minimum_snap import End, Leg, leg_within
-from quad_mpc_ros.references.path import Chain, CircularPath, Path, PathSamples, with_lowest_point
-from quad_mpc_ros.references.smooth_turn import SmoothTurn
+from quad_mpc_ros.references.path import (
+    Chain,
+    CircularPath,
+    Path,
+    PathSamples,
+    SmoothTurn,
+    with_lowest_point,
+)
 from quad_mpc_ros.references.trajectory import TrajectoryParameters
 
 _LEAST_PULL = 1.2  # centripetal acceleration at the top over gravity

@@ -12,15 +12,54 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.references.smooth_turn import SmoothTurn
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
+# Of a smooth turn: flat in the middle, where it is 1.52 times the mean.
+_RATE_SHAPE = Polynomial([1.0, 0.0, 0.0, 0.0, -1.0]) ** 3
+_ANGLE_SHAPE = _RATE_SHAPE.integ(lbnd=-1.0)
+# The completed share of the turn at u, and its derivatives.
+_SHARES = [
+    _ANGLE_SHAPE / _ANGLE_SHAPE(1.0),
+    *((_RATE_SHAPE / _ANGLE_SHAPE(1.0)).deriv(order) for order in range(3)),
+]
+
+PEAK = float(2.0 * _SHARES[1](0.0))
+"""Ratio of the highest to the mean rate of a turn."""
+
 _SAMPLE_STEP, _MAX_SAMPLES = 0.002, 20_000  # s
+
+
+class SmoothTurn:
+    """A turn by ``angle`` [rad] in ``duration`` [s], from rest to rest.
+
+    The rate is proportional to (1 - u^4)^3 for u from -1 to 1: zero with its first two derivatives
+    at both ends.
+    """
+
+    def __init__(self, angle: float, *, duration: float) -> None:
+        self._angle = angle
+        self.duration = duration
+
+    @staticmethod
+    def with_peak_rate(angle: float, *, rate: float) -> SmoothTurn:
+        """Return the turn with a peak rate [rad/s]."""
+        return SmoothTurn(angle, duration=PEAK * abs(angle) / rate)
+
+    def at(self, seconds: Array) -> tuple[Array, Array, Array, Array]:
+        """Return the angle and its first three derivatives, (n,) each; held at both ends."""
+        u = np.clip(2.0 * seconds / self.duration - 1.0, -1.0, 1.0)
+        speed = 2.0 / self.duration
+        angle, rate, rate_1, rate_2 = (
+            self._angle * speed**order * np.asarray(share(u))
+            for order, share in enumerate(_SHARES)
+        )
+        return angle, rate, rate_1, rate_2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -19,8 +19,7 @@ import numpy as np
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.minimum_snap import End, Leg, leg_within
-from quad_mpc_ros.references.path import Chain, CircularPath, Path, Turned
-from quad_mpc_ros.references.smooth_turn import SmoothTurn
+from quad_mpc_ros.references.path import Chain, CircularPath, Path, SmoothTurn, Turned
 from quad_mpc_ros.references.trajectory import Trajectory
 
 _STEP_NS = 1_000_000

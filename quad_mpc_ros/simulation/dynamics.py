@@ -11,8 +11,25 @@ from __future__ import annotations
 import math
 
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Record, Vector3
 from quad_mpc_ros.control.lie import kernels
-from quad_mpc_ros.simulation.records import VehicleConstants
+
+
+class VehicleConstants(Record):
+    """The numbers of the plant ``internal``."""
+
+    is_rigid_body: int  # 0 for the paper's Eq. (3)
+    gravity: float  # m/s^2
+    lift: Vector3  # thrust over mass, a polynomial of the throttle, highest power first [m/s^2]
+    thrust_time_constant: float  # s
+    thrust_time_constant_down: float  # s, while the throttle decreases
+    rate_time_constant: Vector3  # s
+    torque_time_constant: Vector3  # s
+    angular_acceleration_max: Vector3  # rad/s^2
+    drag: Vector3  # 1/s
+    rotor_drag: Vector3  # 1/s
+    translational_lift: float  # 1/m
+
 
 Drive = tuple[float, kernels.Vector]
 """Specific thrust along body z [m/s^2], and body rates [rad/s]."""

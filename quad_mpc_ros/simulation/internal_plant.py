@@ -18,9 +18,9 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import Input, State
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.simulation import motion
+from quad_mpc_ros.simulation.dynamics import VehicleConstants
 from quad_mpc_ros.simulation.parameters import LONGEST_TIME_CONSTANT, PlantParameters
-from quad_mpc_ros.simulation.plant import DelayedPlant, odometry_of
-from quad_mpc_ros.simulation.records import Measured, PlantInputs, VehicleConstants
+from quad_mpc_ros.simulation.plant import DelayedPlant, Measured, PlantInputs, odometry_of
 
 _STEPS_PER_LAG = 10  # of the integrator, per time constant
 _SHORTEST_STEP = 5e-4  # s

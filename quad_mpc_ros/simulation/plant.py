@@ -9,12 +9,11 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from quad_mpc_ros.configuration.records import RecordArray
+from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3, Vector4
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.simulation.parameters import PlantParameters, Stream, white_noise
-from quad_mpc_ros.simulation.records import Measured
 
 NEVER_NS = 2**63 - 1
 _GUST_PERIOD_NS = 10_000_000
@@ -80,6 +79,23 @@ class Plant(Protocol):
 
     def odometry(self, stamp_ns: int) -> OdometrySample:
         """Return the true odometry with the given stamp."""
+
+
+class PlantInputs(Record):
+    """Constant inputs of a vehicle."""
+
+    throttle: float  # 0 to 1
+    w_WB_B: Vector3  # commanded body rates [rad/s]
+    wind_W: Vector3  # velocity of the air [m/s]
+
+
+class Measured(Record):
+    """The true motion of the body's origin, as an odometry reports it."""
+
+    p_WB: Vector3  # m
+    q_WB_xyzw: Vector4
+    v_WB_B: Vector3  # m/s
+    w_WB_B: Vector3  # rad/s
 
 
 @runtime_checkable

@@ -10,7 +10,7 @@ from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
-from quad_mpc_ros.references.smooth_turn import PEAK, SmoothTurn
+from quad_mpc_ros.references.path import PEAK, SmoothTurn
 from quad_mpc_ros.references.trajectory import TrajectorySamples
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import RecordArray, Vector3
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.simulation import records
+from quad_mpc_ros.simulation.plant import Measured, PlantInputs
 from quad_mpc_ros.simulation.rotors.craft import (
     BodyState,
     Craft,
@@ -29,7 +29,7 @@ from quad_mpc_ros.simulation.rotors.equations import Outside, derivative
 _BODY = BodyState.dtype
 
 
-class RotorInputs(records.PlantInputs):
+class RotorInputs(PlantInputs):
     """Constant inputs of the vehicle."""
 
     external_force_W: Vector3  # force at the centre of mass [N]
@@ -113,7 +113,7 @@ def runge_kutta(
 
 @compiled
 def measure(
-    body: RecordArray[BodyState], craft: RecordArray[Craft], out: RecordArray[records.Measured]
+    body: RecordArray[BodyState], craft: RecordArray[Craft], out: RecordArray[Measured]
 ) -> None:
     """Write the true motion of the body's origin."""
     x, measured = body[()], out[()]

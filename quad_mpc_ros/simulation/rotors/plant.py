@@ -12,8 +12,7 @@ from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, kernels, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import Input, State
-from quad_mpc_ros.simulation.plant import NEVER_NS, DelayedPlant, odometry_of
-from quad_mpc_ros.simulation.records import Measured
+from quad_mpc_ros.simulation.plant import NEVER_NS, DelayedPlant, Measured, odometry_of
 from quad_mpc_ros.simulation.rotors import equations, motion, rate_loop
 from quad_mpc_ros.simulation.rotors.craft import BodyState, craft_of, put, rotors_of
 from quad_mpc_ros.simulation.rotors.mixer import mixing

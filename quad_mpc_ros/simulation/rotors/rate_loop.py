@@ -19,7 +19,7 @@ import numpy as np
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.simulation.actuators import thrust_at
+from quad_mpc_ros.simulation.motion import thrust_at
 from quad_mpc_ros.simulation.rotors.mixer import mixed
 from quad_mpc_ros.simulation.rotors.parameters import RotorsPlantParameters
 

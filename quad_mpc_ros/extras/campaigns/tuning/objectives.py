@@ -17,9 +17,9 @@ import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError, UserError
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
+from quad_mpc_ros.extras.campaigns.campaign_file import number
 from quad_mpc_ros.extras.campaigns.flight import column_names
 from quad_mpc_ros.extras.campaigns.journal import VERDICT, Row
-from quad_mpc_ros.extras.campaigns.yaml_content import number
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 
 CRASHED = "crashed"

