@@ -97,8 +97,7 @@ class Director:
         cls, config: ReferenceConfig, start: FlatState, *, start_ns: int, ground: float
     ) -> Director:
         """Return the director of a vehicle in flight that comes to rest."""
-        assert start.end.p_WB is not None
-        here = _at_rest(config, start.end.p_WB, start.yaw)
+        here = _at_rest(config, start.p_WB, start.yaw)
         director = cls(
             config, Phase(start_ns=_FIRST_START_NS, name=HOLD, trajectory=here), ground=ground
         )
@@ -267,9 +266,8 @@ class Director:
 
     def _sinking(self, above: FlatState) -> FlatState:
         """Return the flat state in which a landing from a hover above starts to sink."""
-        assert above.end.p_WB is not None
-        flare = np.array([*above.end.p_WB[:2], self.ground + _FLARE_HEIGHT])
-        rest = End.at_rest(flare if above.end.p_WB[2] > flare[2] + _FLARE_HEIGHT else None)
+        flare = np.array([*above.p_WB[:2], self.ground + _FLARE_HEIGHT])
+        rest = End.at_rest(flare if above.p_WB[2] > flare[2] + _FLARE_HEIGHT else None)
         v_WB_W = np.array([0.0, 0.0, -self._config.touchdown_speed])
         return FlatState(end=dataclasses.replace(rest, v_WB_W=v_WB_W), yaw=above.yaw)
 
@@ -322,8 +320,7 @@ class Director:
         last = phases[-1]
         if trajectory is None:
             end = _end_of(last.trajectory)
-            assert end.end.p_WB is not None
-            trajectory = _at_rest(self._config, end.end.p_WB, end.yaw)
+            trajectory = _at_rest(self._config, end.p_WB, end.yaw)
         arrival_ns = last.start_ns + last.trajectory.period_ns
         self.timeline.follow(
             [*phases, Phase(start_ns=arrival_ns, name=then, trajectory=trajectory)]

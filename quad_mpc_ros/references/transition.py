@@ -42,6 +42,12 @@ class FlatState:
     yaw_rate: float = 0.0
     inverted: bool = False
 
+    @property
+    def p_WB(self) -> Array:
+        """The position (3,) [m], which must not be free."""
+        assert self.end.p_WB is not None
+        return self.end.p_WB
+
     @staticmethod
     def at_rest(p_WB: Array | None, *, yaw: float) -> FlatState:
         """Return the state of rest at a position (3,) [m], or at any position for None."""

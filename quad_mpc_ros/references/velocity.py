@@ -104,10 +104,9 @@ def first_points(state: FlatState) -> Array:
     The n-th derivative is a spline of degree 5 - n of the n-th differences over the step.
     """
     end = state.end
-    assert end.p_WB is not None
     derivatives = np.array(
         [
-            (*end.p_WB, state.yaw),
+            (*state.p_WB, state.yaw),
             (*end.v_WB_W, state.yaw_rate),
             (*end.a_WB_W, 0.0),
             (*end.j_WB_W, 0.0),

@@ -14,7 +14,6 @@ from quad_mpc_ros.configuration import files
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
 from quad_mpc_ros.extras.campaigns.campaign_file import Overrides, campaign_from
-from quad_mpc_ros.extras.campaigns.flight import FlownFlight
 from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers, batched
 from quad_mpc_ros.recordings.evaluation.crash import crash_text
 from quad_mpc_ros.simulation.config import SimulatorConfig
@@ -99,38 +98,27 @@ class Direction:
         return f"{1e3 * by:.0f} ms" if self.change == "plus" else f"{100.0 * by:.0f} %"
 
 
-def _later(name: str, parameter: str) -> Direction:
-    return Direction(
-        name=name,
-        parameter=parameter,
-        change="plus",
-        most=0.2,
-        ready=0.04,
-        marginal=0.015,
-        advice=_LAG_TEXT,
-    )
-
-
-def _scaled(name: str, parameter: str, *, sign: float = 1.0) -> Direction:
-    return Direction(
-        name=name,
-        parameter=parameter,
-        change="times",
-        sign=sign,
-        most=0.6,
-        ready=0.2,
-        marginal=0.1,
-        advice=_MASS_TEXT,
-    )
-
-
+_LATER: dict[str, Any] = {
+    "change": "plus",
+    "most": 0.2,
+    "ready": 0.04,
+    "marginal": 0.015,
+    "advice": _LAG_TEXT,
+}
+_SCALED: dict[str, Any] = {
+    "change": "times",
+    "most": 0.6,
+    "ready": 0.2,
+    "marginal": 0.1,
+    "advice": _MASS_TEXT,
+}
 _DIRECTIONS = (
-    _later("body rates lag more", "rate_time_constant"),
-    _later("thrust lags more", "thrust_time_constant"),
-    _later("delay is longer", "command_delay"),
-    _scaled("thrust is less", "thrust_scale", sign=-1.0),
-    _scaled("thrust is more", "thrust_scale"),
-    _scaled("mass is more", "mass_scale"),
+    Direction(name="body rates lag more", parameter="rate_time_constant", **_LATER),
+    Direction(name="thrust lags more", parameter="thrust_time_constant", **_LATER),
+    Direction(name="delay is longer", parameter="command_delay", **_LATER),
+    Direction(name="thrust is less", parameter="thrust_scale", sign=-1.0, **_SCALED),
+    Direction(name="thrust is more", parameter="thrust_scale", **_SCALED),
+    Direction(name="mass is more", parameter="mass_scale", **_SCALED),
 )
 
 
@@ -277,18 +265,17 @@ def disturbed_campaign(config: Sequence[str], assignments: Sequence[str]) -> Cam
 
 def _flown(campaign: Campaign, engine: LocalWorkers) -> list[Flown]:
     batches = batched(range(campaign.flights), workers=engine.workers)
-    flown = [each for batch in engine.fly(campaign, batches) for each in batch]
-    return sorted((_judged(each) for each in flown), key=lambda each: each.number)
-
-
-def _judged(flight: FlownFlight) -> Flown:
-    row = flight.row
-    return Flown(
-        number=int(row["flight"]),
-        error=row.get("settled_error_max_m"),
-        lost=_why_lost(row),
-        parameter_file=flight.parameter_file,
-    )
+    flown = [
+        Flown(
+            number=int(flight.row["flight"]),
+            error=flight.row.get("settled_error_max_m"),
+            lost=_why_lost(flight.row),
+            parameter_file=flight.parameter_file,
+        )
+        for batch in engine.fly(campaign, batches)
+        for flight in batch
+    ]
+    return sorted(flown, key=lambda each: each.number)
 
 
 def _why_lost(row: Any) -> str:

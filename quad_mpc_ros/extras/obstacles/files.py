@@ -22,7 +22,7 @@ from quad_mpc_ros.configuration import UserError, files, ros_yaml
 from quad_mpc_ros.configuration.errors import text_of
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.obstacles.surfaces import area
-from quad_mpc_ros.extras.yaml_entries import Entries
+from quad_mpc_ros.extras.yaml_entries import Entry
 from quad_mpc_ros.simulation.shapes import Box, Cylinder, Scene, Shape, Sphere, Volume
 
 _SHAPE_KEYS = {"box": ("size",), "cylinder": ("radius", "height"), "sphere": ("radius",)}
@@ -44,46 +44,43 @@ def scene_of(content: object, source: str) -> Scene:
     """Return the scene in the content of a file; ``source`` is the prefix of errors."""
     if not isinstance(content, Mapping):
         raise UserError(f"{source}: given {text_of(content)}, expected 'obstacles:' with a list")
-    entries = Entries(source)
-    entries.check_keys("", content, ("obstacles", "volume"))
-    rows = content.get("obstacles", [])
-    if not isinstance(rows, list):
-        raise entries.error("obstacles", rows, "a list")
-    shapes = [_shape(entries, f"obstacles[{number}]", row) for number, row in enumerate(rows, 1)]
+    entry = Entry(content, source=source)
+    entry.check_keys(("obstacles", "volume"))
+    rows = entry.get("obstacles", [])
+    if not isinstance(rows.value, list):
+        raise rows.error("a list")
+    shapes = [_shape(row) for row in rows.items("a list")] if rows.value else []
     whole = sum(area(shape) for shape in shapes)
     if whole > _MAX_TOTAL_AREA:
         raise UserError(
             f"{source}: obstacles: given surfaces of {whole:.0f} m^2 in all, expected "
             f"{_MAX_TOTAL_AREA:.0f} m^2 at most; omit the ground and distant obstacles"
         )
-    return Scene(shapes, _volume(entries, content["volume"]) if "volume" in content else None)
+    return Scene(shapes, _volume(entry.get("volume")) if "volume" in content else None)
 
 
-def _shape(entries: Entries, entry: str, given: Any) -> Shape:
-    if not isinstance(given, Mapping):
-        raise entries.error(entry, given, "{shape: box, position: …}")
-    kind = given.get("shape")
+def _shape(entry: Entry) -> Shape:
+    if not isinstance(entry.value, Mapping):
+        raise entry.error("{shape: box, position: …}")
+    kind = entry.value.get("shape")
     if not isinstance(kind, str) or kind not in _SHAPE_KEYS:
-        raise entries.error(f"{entry}.shape", kind, f"one of {', '.join(_SHAPE_KEYS)}")
-    entries.check_keys(entry, given, (*_COMMON_KEYS, *_SHAPE_KEYS[kind]))
+        raise entry.error(f"one of {', '.join(_SHAPE_KEYS)}", key="shape")
+    entry.check_keys((*_COMMON_KEYS, *_SHAPE_KEYS[kind]))
     common: dict[str, Any] = {
-        "p_WO": entries.vector(f"{entry}.position", given.get("position")),
-        "R_WO": rotation_about_z(entries.number(f"{entry}.yaw", given.get("yaw", 0.0))),
-        "v_WO_W": entries.vector(f"{entry}.velocity", given.get("velocity", [0.0, 0.0, 0.0])),
-        "appears_at": entries.number(
-            f"{entry}.appears_at", given.get("appears_at", 0.0), least=0.0
-        ),
+        "p_WO": entry.get("position").vector(),
+        "R_WO": rotation_about_z(entry.get("yaw", 0.0).number()),
+        "v_WO_W": entry.get("velocity", [0.0, 0.0, 0.0]).vector(),
+        "appears_at": entry.get("appears_at", 0.0).number(least=0.0),
     }
     if kind == "box":
-        size = entries.vector(f"{entry}.size", given.get("size"))
+        size = entry.get("size").vector()
         if not (size > 0.0).all():
-            raise entries.error(f"{entry}.size", given["size"], "3 numbers > 0")
+            raise entry.error("3 numbers > 0", key="size")
         return Box(size=size, **common)
-    radius = entries.number(f"{entry}.radius", given.get("radius"), above=0.0)
+    radius = entry.get("radius").number(above=0.0)
     if kind == "sphere":
         return Sphere(radius=radius, **common)
-    height = entries.number(f"{entry}.height", given.get("height"), above=0.0)
-    return Cylinder(radius=radius, height=height, **common)
+    return Cylinder(radius=radius, height=entry.get("height").number(above=0.0), **common)
 
 
 def rotation_about_z(yaw: float) -> Array:
@@ -92,12 +89,10 @@ def rotation_about_z(yaw: float) -> Array:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _volume(entries: Entries, given: Any) -> Volume:
-    entries.check_keys("volume", given, ("minimum", "maximum"))
-    minimum, maximum = (
-        entries.vector(f"volume.{name}", given.get(name)) for name in ("minimum", "maximum")
-    )
+def _volume(entry: Entry) -> Volume:
+    entry.check_keys(("minimum", "maximum"))
+    minimum, maximum = (entry.get(name).vector() for name in ("minimum", "maximum"))
     if not (minimum < maximum).all():
-        expected = f"3 numbers below maximum {text_of(given['maximum'])}"
-        raise entries.error("volume.minimum", given["minimum"], expected)
+        below = text_of(entry.value["maximum"])
+        raise entry.error(f"3 numbers below maximum {below}", key="minimum")
     return Volume(minimum=minimum, maximum=maximum)

@@ -42,12 +42,6 @@ class NeighbourPositions(NamedTuple):
     received_ns: int
 
 
-class _Plan(NamedTuple):
-    times_ns: NDArray[np.int64]
-    p: Array
-    stamp_ns: int
-
-
 class _State(NamedTuple):
     stamp_ns: int
     p: Array
@@ -62,7 +56,7 @@ class Neighbour:
 
     def __init__(self, frame_id: str) -> None:
         self._frame_id = frame_id
-        self._plan: _Plan | None = None
+        self._plan: TimedPath | None = None
         self._state: _State | None = None
 
     def receive_odometry(self, odometry: OdometrySample) -> None:
@@ -82,7 +76,7 @@ class Neighbour:
         duration = 1e-9 * int(times_ns[-1] - times_ns[0])
         if not (np.diff(times_ns) > 0).all() or duration > _MAX_PLAN_DURATION:
             raise ValueError("a plan whose stamps do not increase, or longer than 10 s")
-        self._plan = _Plan(times_ns, p, path.stamp_ns)
+        self._plan = path
 
     def at(self, stamps_ns: Sequence[int], *, now_ns: int) -> NeighbourPositions | None:
         """Return the vehicle's predicted positions at times; None without a recent message."""
@@ -99,7 +93,7 @@ class Neighbour:
         return NeighbourPositions(state.p + seconds[:, None] * state.v, state.stamp_ns)
 
 
-def _along(plan: _Plan, times_ns: NDArray[np.int64]) -> Array:
+def _along(plan: TimedPath, times_ns: NDArray[np.int64]) -> Array:
     """Return positions (n, 3) on a plan, extrapolated with its first and last segment."""
     ends = np.searchsorted(plan.times_ns, times_ns, side="right").clip(1, len(plan.p) - 1)
     first_ns, last_ns = plan.times_ns[ends - 1], plan.times_ns[ends]

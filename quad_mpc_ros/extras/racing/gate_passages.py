@@ -93,13 +93,9 @@ def passages(
     ``radius`` [m] of the vehicle's bounding sphere defines clipping. ``moved`` has the poses of
     moving gates.
     """
+    moved = moved or MovedGates(courses=[course], held=np.zeros(len(seconds), dtype=np.int64))
     found = [
-        _nearest(
-            gate,
-            seconds,
-            *(_offsets(gate, p_WB) if moved is None else moved.offsets(number, p_WB)),
-            radius=radius,
-        )
+        _nearest(gate, seconds, *moved.offsets(number, p_WB), radius=radius)
         for number, gate in enumerate(course.gates)
     ]
     chosen = _in_order(found)
@@ -115,14 +111,6 @@ def passages(
     span = slice(max(int(reached[0]) - 1, 0), int(reached[0]) + 1)
     time = float(np.interp(-end.tolerance, -distance[span], seconds[span]))
     return Lap(passages=chosen, time=max(time, after))
-
-
-def _offsets(gate: Gate, p_WB: Array) -> tuple[Array, Array]:
-    """Return the offsets of a path (n, 3) from a gate before and after each step [m]."""
-    offsets = p_WB - gate.p_WG
-    if gate.R_WG is not None:
-        offsets = offsets @ gate.R_WG
-    return offsets[:-1], offsets[1:]
 
 
 def _nearest(

@@ -20,7 +20,7 @@ touch.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ import numpy as np
 from quad_mpc_ros.configuration import UserError, files, ros_yaml
 from quad_mpc_ros.configuration.errors import text_of
 from quad_mpc_ros.control.lie import Array, so3
-from quad_mpc_ros.extras.yaml_entries import Entries
+from quad_mpc_ros.extras.yaml_entries import Entry
 from quad_mpc_ros.references.course import OFF_UNIT, Course, Finish, Gate
 
 _MIN_GATES, _MAX_GATES = 2, 100  # passages of gates
@@ -90,91 +90,76 @@ def _content(given: str) -> tuple[Mapping[Any, Any], str]:
 
 def course_from(content: Mapping[Any, Any], *, source: str = "gates") -> Course:
     """Return the course in a file's content; ``source`` is the prefix of errors."""
-    entries = Entries(source)
-    entries.check_keys("", content, _COURSE_KEYS)
-    rows = content.get("gates")
-    if not isinstance(rows, Sequence) or isinstance(rows, str) or not rows:
-        raise entries.error("gates", rows, "a list of gates")
-    gates = [_gate(entries, f"gates[{number}]", row) for number, row in enumerate(rows, start=1)]
-    laps = entries.whole("laps", content.get("laps", 1), least=1, most=_MAX_GATES)
-    order = content.get("order", list(range(1, len(gates) + 1)))
-    if not isinstance(order, Sequence) or isinstance(order, str) or not order:
-        raise entries.error("order", order, f"numbers of gates from 1 to {len(gates)}")
-    numbers = [entries.whole("order", each, least=1, most=len(gates)) for each in order] * laps
+    entry = Entry(content, source=source)
+    entry.check_keys(_COURSE_KEYS)
+    gates = [_gate(each) for each in entry.get("gates").items("a list of gates")]
+    count = len(gates)
+    laps = entry.get("laps", 1).whole(least=1, most=_MAX_GATES)
+    order = entry.get("order", list(range(1, count + 1)))
+    places = order.items(f"numbers of gates from 1 to {count}")
+    numbers = [each.whole(least=1, most=count) for each in places] * laps
     if not _MIN_GATES <= len(numbers) <= _MAX_GATES:
-        raise entries.error(
-            "gates", len(numbers), f"{_MIN_GATES} to {_MAX_GATES} passages of gates in all laps"
+        raise Entry(len(numbers), source=source, name="gates").error(
+            f"{_MIN_GATES} to {_MAX_GATES} passages of gates in all laps"
         )
-    start, start_yaw = _start(entries, content.get("start"))
+    start, start_yaw = _start(entry.get("start"))
     course = Course(
         source=source,
         start=start,
         start_yaw=start_yaw,
         gates=tuple(gates[number - 1] for number in numbers),
         numbers=tuple(numbers),
-        end=_end(entries, content["end"]) if content.get("end") is not None else None,
+        end=_end(entry.get("end")) if content.get("end") is not None else None,
     )
-    _check_headings(entries, course)
+    _check_headings(course)
     return course
 
 
-def _place(entries: Entries, entry: str, given: Any) -> Array:
+def _place(entry: Entry) -> Array:
     """Return a position (3,) [m] not below the ground."""
-    found = entries.vector(entry, given)
+    found = entry.vector()
     if found[2] < 0.0:
-        raise entries.error(entry, given, "a position above the ground, z >= 0")
+        raise entry.error("a position above the ground, z >= 0")
     return found
 
 
-def _start(entries: Entries, given: Any) -> tuple[Array, float]:
-    if isinstance(given, Mapping):
-        entries.check_keys("start", given, ("position", "yaw"))
-        yaw = entries.number("start.yaw", given.get("yaw", 0.0))
-        return _place(entries, "start.position", given.get("position")), yaw
-    if given is None:
-        raise entries.error("start", given, "[x, y, z], where the vehicle starts at rest")
-    return _place(entries, "start", given), 0.0
+def _start(entry: Entry) -> tuple[Array, float]:
+    if isinstance(entry.value, Mapping):
+        entry.check_keys(("position", "yaw"))
+        return _place(entry.get("position")), entry.get("yaw", 0.0).number()
+    if entry.value is None:
+        raise entry.error("[x, y, z], where the vehicle starts at rest")
+    return _place(entry), 0.0
 
 
-def _end(entries: Entries, given: Any) -> Finish:
-    if not isinstance(given, Mapping):
-        place = _place(entries, "end", given)
-        return Finish(p_WB=place, tolerance=_END_TOLERANCE, at_rest=True)
-    entries.check_keys("end", given, ("position", "tolerance", "at_rest"))
-    at_rest = given.get("at_rest", True)
+def _end(entry: Entry) -> Finish:
+    if not isinstance(entry.value, Mapping):
+        return Finish(p_WB=_place(entry), tolerance=_END_TOLERANCE, at_rest=True)
+    entry.check_keys(("position", "tolerance", "at_rest"))
+    at_rest = entry.value.get("at_rest", True)
     if not isinstance(at_rest, bool):
-        raise entries.error("end.at_rest", at_rest, "true, or false for an end passed in flight")
-    return Finish(
-        p_WB=_place(entries, "end.position", given.get("position")),
-        tolerance=entries.number(
-            "end.tolerance", given.get("tolerance", _END_TOLERANCE), above=0.0, most=_MAX_OPENING
-        ),
-        at_rest=at_rest,
-    )
+        raise entry.error("true, or false for an end passed in flight", key="at_rest")
+    tolerance = entry.get("tolerance", _END_TOLERANCE).number(above=0.0, most=_MAX_OPENING)
+    return Finish(p_WB=_place(entry.get("position")), tolerance=tolerance, at_rest=at_rest)
 
 
-def _gate(entries: Entries, entry: str, given: Any) -> Gate:
-    entries.check_keys(entry, given, _GATE_KEYS)
-    R_WG = _axes(entries, entry, given)
+def _gate(entry: Entry) -> Gate:
+    entry.check_keys(_GATE_KEYS)
+    given, R_WG = entry.value, _axes(entry)
     is_round = "tolerance" in given
     if is_round == ("width" in given or "height" in given):
-        raise entries.error(entry, dict(given), "either width and height, or tolerance")
+        raise entry.error("either width and height, or tolerance")
     if not is_round and R_WG is None:
-        raise entries.error(entry, dict(given), "yaw or quaternion with width and height")
+        raise entry.error("yaw or quaternion with width and height")
     names = ("tolerance", "tolerance") if is_round else ("width", "height")
-    sizes = [
-        entries.number(f"{entry}.{name}", given.get(name), above=0.0, most=_MAX_OPENING)
-        for name in names
-    ]
+    sizes = [entry.get(name).number(above=0.0, most=_MAX_OPENING) for name in names]
     direction = given.get("direction", "both" if R_WG is None else "forward")
     if direction not in _DIRECTIONS or (R_WG is None and direction == "forward"):
         expected = " or ".join(_DIRECTIONS) + "; forward needs yaw or quaternion"
-        raise entries.error(f"{entry}.direction", direction, expected)
-    place = entries.vector(f"{entry}.position", given.get("position"))
+        raise entry.error(expected, key="direction")
+    place = entry.get("position").vector()
     if place[2] <= 0.0:
-        raise entries.error(
-            f"{entry}.position", given["position"], "a centre above the ground, z > 0"
-        )
+        raise entry.error("a centre above the ground, z > 0", key="position")
     share = 1.0 if is_round else 0.5
     return Gate(
         p_WG=place,
@@ -186,32 +171,28 @@ def _gate(entries: Entries, entry: str, given: Any) -> Gate:
     )
 
 
-def _axes(entries: Entries, entry: str, given: Mapping[Any, Any]) -> Array | None:
-    if "yaw" in given and "quaternion" in given:
-        raise entries.error(entry, dict(given), "yaw or quaternion, not both")
-    if "yaw" in given:
-        yaw = entries.number(f"{entry}.yaw", given["yaw"])
-        return so3.exp(np.array([0.0, 0.0, yaw]))
-    if "quaternion" in given:
-        q_xyzw = entries.vector(f"{entry}.quaternion", given["quaternion"], size=4)
+def _axes(entry: Entry) -> Array | None:
+    if "yaw" in entry.value and "quaternion" in entry.value:
+        raise entry.error("yaw or quaternion, not both")
+    if "yaw" in entry.value:
+        return so3.exp(np.array([0.0, 0.0, entry.get("yaw").number()]))
+    if "quaternion" in entry.value:
+        q_xyzw = entry.get("quaternion").vector(size=4)
         length = float(np.linalg.norm(q_xyzw))
         if abs(length - 1.0) > OFF_UNIT:
-            raise entries.error(
-                f"{entry}.quaternion", given["quaternion"], "x, y, z, w of length 1"
-            )
+            raise entry.error("x, y, z, w of length 1", key="quaternion")
         return so3.rotation_from_quaternion_xyzw(q_xyzw / length)
     return None
 
 
-def _check_headings(entries: Entries, course: Course) -> None:
+def _check_headings(course: Course) -> None:
     """Reject successive gates at one position, and gates with a reversed heading."""
     places = course.places()
     names = ["start", *(f"gates[{number}]" for number in course.numbers), "end"]
     for i, step in enumerate(np.diff(places, axis=0)):
         if np.linalg.norm(step) < _SAME_PLACE:
-            raise entries.error(
-                names[i + 1], places[i + 1].tolist(), f"a position other than that of {names[i]}"
-            )
+            place = Entry(places[i + 1].tolist(), source=course.source, name=names[i + 1])
+            raise place.error(f"a position other than that of {names[i]}")
     steps = np.diff(places, axis=0)
     for i, gate in enumerate(course.gates):
         if gate.R_WG is None or gate.both_ways:
@@ -220,9 +201,8 @@ def _check_headings(entries: Entries, course: Course) -> None:
         if (ways[:, 0] < -_MAX_REVERSED_COSINE).all():
             after = f" and on to {names[i + 2]}" if len(ways) > 1 else ""
             heading = math.atan2(gate.R_WG[1, 0], gate.R_WG[0, 0])
-            raise entries.error(
-                names[i + 1],
-                f"the heading {heading:.3g} rad",
+            given = f"the heading {heading:.3g} rad"
+            raise Entry(given, source=course.source, name=names[i + 1]).error(
                 f"a direction along the path from {names[i]}{after}: the gate faces backwards; "
-                "add or subtract pi, or set direction: both",
+                "add or subtract pi, or set direction: both"
             )

@@ -102,7 +102,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "one gate": ({"gates": COURSE["gates"][:1]}, "gates: given 1, expected 2 to 100 passages"),
     "200 gates": ({"gates": MANY}, "gates: given 200, expected 2 to 100 passages of gates"),
     "laps": ({"laps": 0}, "laps: given 0, expected a whole number from 1"),
-    "order": ({"order": [1, 4]}, "order: given 4, expected a whole number from 1 to 3"),
+    "order": ({"order": [1, 4]}, "order[2]: given 4, expected a whole number from 1 to 3"),
     "inside the ground": ({"gates__1__position": [10.0, 3.0, -0.2]}, "a centre above the ground"),
     "start in the ground": (
         {"start": [0.0, 0.0, -1.0]},
