@@ -20,7 +20,7 @@ from quad_mpc_ros.control.lie import Array
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-# Of a smooth turn: flat in the middle, where it is 1.52 times the mean.
+# The rate of a smooth turn is flat in the middle, where it is 1.52 times the mean.
 _RATE_SHAPE = Polynomial([1.0, 0.0, 0.0, 0.0, -1.0]) ** 3
 _ANGLE_SHAPE = _RATE_SHAPE.integ(lbnd=-1.0)
 # The completed share of the turn at u, and its derivatives.

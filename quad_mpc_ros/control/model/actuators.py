@@ -4,7 +4,7 @@ An actuator y follows its command c as dy/dt = (c - y) / tau. After a time t und
 share exp(-t / tau) of its distance to the command remains, on average over that time the share tau
 (1 - exp(-t / tau)) / t. Without a time constant the actuator equals its command.
 
-The simulator implements the lag independently (``simulation/actuators.py``), so that tests find
+The simulator implements the lag independently (``simulation/motion.py``), so that tests find
 errors.
 """
 

@@ -7,7 +7,7 @@ With the commanded rate w_c, the gain 1 / tau and the lag T of the torque,
 The natural frequency is 1 / sqrt(tau T), the damping ratio sqrt(tau / T) / 2. A gain D on the
 angular acceleration divides both tau and T by 1 + D. Without T the rate lags by tau alone.
 
-The simulator implements the loop independently (``simulation/actuators.py``), so that tests find
+The simulator implements the loop independently (``simulation/motion.py``), so that tests find
 errors.
 """
 

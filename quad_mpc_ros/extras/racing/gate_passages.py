@@ -127,7 +127,7 @@ def _nearest(
         miss = np.linalg.norm(offset, axis=1)
         places = _least_of_each_visit(miss, gate.half_width)
     else:
-        # Of the offsets before and after, so that consecutive signs are consistent.
+        # The sign after a step must be the sign before the next step.
         places = np.flatnonzero(gate.is_crossed(before[:, 0], after[:, 0]))
         share = np.zeros(len(p))
         share[places] = -before[places, 0] / step[places, 0]
