@@ -64,7 +64,7 @@ def draw_room(
 
 def top_of(axes: Any) -> float:
     """Return the height of the drawn box in 3D axes, as a share of the height of the axes."""
-    from mpl_toolkits.mplot3d.proj3d import proj_transform
+    from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
 
     corners = np.meshgrid(axes.get_xlim(), axes.get_ylim(), axes.get_zlim())
     x, y, _ = proj_transform(*(side.ravel() for side in corners), axes.get_proj())

@@ -6,7 +6,7 @@ import functools
 import sys
 import time
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -42,12 +42,12 @@ class PlayerNode(ReportingNode[PlayerConfig]):
     """Publishes the serialized messages of a bag with their recorded quality of service."""
 
     def __init__(self) -> None:
-        self._thread: PlaybackThread | None = None
+        self._threads = ExitStack()
         super().__init__("player", PlayerConfig)
         try:
             self._prepare()
         except BaseException:  # also signals: nothing else would stop the threads
-            self._end_threads()
+            self._threads.close()
             raise
 
     def _prepare(self) -> None:
@@ -86,6 +86,7 @@ class PlayerNode(ReportingNode[PlayerConfig]):
             clock_rate=config.clock_rate,
         )
         self._thread = PlaybackThread(self._playback, at_end=self._at_end)
+        self._threads.callback(self._thread.stop)
         if self._playback.finished:
             raise BagError(f"{config.bag}: no message after {config.start:g} s on these topics")
         for name, paused in (("pause", True), ("resume", False)):
@@ -102,12 +103,8 @@ class PlayerNode(ReportingNode[PlayerConfig]):
 
     def destroy_node(self) -> None:
         """Stop playing, then destroy the node."""
-        self._end_threads()
+        self._threads.close()
         super().destroy_node()
-
-    def _end_threads(self) -> None:
-        if self._thread is not None:
-            self._thread.stop()
 
     def _publish(self, message: RecordedMessage) -> None:
         self._send(self._outputs[message.topic], message.data)
