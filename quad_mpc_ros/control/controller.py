@@ -117,15 +117,8 @@ class Controller:
     @property
     def stages(self) -> tuple[Stage, ...]:
         """All owners of flight state, in the order of the control step."""
-        owners = (
-            self._inputs,
-            self._estimation,
-            self._guidance,
-            self._planning,
-            self._deciding,
-            self._limiting,
-        )
-        return tuple(stage for owner in owners for stage in owner.stages)
+        owners = [each for each in vars(self).values() if isinstance(each, Stage)]
+        return tuple(dict.fromkeys(stage for owner in owners for stage in owner.stages))
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Apply changed live parameters between two ticks; the warm start is kept."""
@@ -206,7 +199,7 @@ class Controller:
             return self._last_tick if self._is_answered() else self._answer_in_lockstep()
         if not self._decimation.is_due(accepted.stamp_ns):
             return None
-        return self._answer(accepted, held_ns=self._period_ns, now_ns=now_ns)
+        return self._control(accepted, held_ns=self._period_ns, now_ns=now_ns)
 
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> Tick | None:
         """Take a reference window.
@@ -255,9 +248,7 @@ class Controller:
         lost = self._limiting.acting is not None and self._inputs.is_odometry_lost(now_ns=now_ns)
         if self._config.lockstep or not lost:
             return None
-        sent_ns = self._estimation.elapsed_ns(now_ns=now_ns)
-        duration = self._period_ns * 1e-9
-        return self._control(Due(None, now_ns, sent_ns, now_ns, duration, time.perf_counter()))
+        return self._control(None, held_ns=self._period_ns, now_ns=now_ns)
 
     def seconds_until_odometry_lost(self, *, now_ns: int) -> float:
         """Return the time for which :meth:`watch` certainly does nothing [s]."""
@@ -290,7 +281,7 @@ class Controller:
         held_ns = self._period_ns
         if self._last_tick is not None:  # each odometry is answered, at any rate
             held_ns = min(odometry.stamp_ns - self._last_tick.stamp_ns, held_ns)
-        return self._answer(odometry, held_ns=held_ns, now_ns=odometry.stamp_ns)
+        return self._control(odometry, held_ns=held_ns, now_ns=odometry.stamp_ns)
 
     def _awaits_imu(self, stamp_ns: int) -> bool:
         """Whether an odometry in lockstep, except the first, waits for its IMU sample."""
@@ -299,15 +290,20 @@ class Controller:
         imu_ns = self._inputs.imu_stamp_ns
         return imu_ns is None or imu_ns < stamp_ns
 
-    def _answer(self, odometry: OdometrySample, *, held_ns: int, now_ns: int) -> Tick:
-        """Run the control step of an odometry; the command is expected to act for ``held_ns``."""
-        sent_ns = self._estimation.answer_ns(odometry.stamp_ns, now_ns=now_ns)
-        started, duration = time.perf_counter(), held_ns * 1e-9
-        return self._control(Due(odometry, odometry.stamp_ns, sent_ns, now_ns, duration, started))
+    def _control(self, odometry: OdometrySample | None, *, held_ns: int, now_ns: int) -> Tick:
+        """Run a control step: validate, estimate, guide, plan, decide, limit, record.
 
-    def _control(self, due: Due) -> Tick:
-        """Run a control step: validate, estimate, guide, plan, decide, limit, record."""
+        The command is expected to act for ``held_ns``.
+        """
         inputs, acting = self._inputs, self._limiting.acting
+        due = Due(
+            odometry,
+            stamp_ns=now_ns if odometry is None else odometry.stamp_ns,
+            sent_ns=now_ns - inputs.gate.offset.behind_ns,
+            now_ns=now_ns,
+            duration=held_ns * 1e-9,
+            started=time.perf_counter(),
+        )
         reference = inputs.reference_at(due.sent_ns, now_ns=due.now_ns)
         state = self._estimation.step(
             due,

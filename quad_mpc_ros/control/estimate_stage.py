@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.arrival_stamps import ArrivalStamps
-from quad_mpc_ros.control.estimation.clock_offset import Lateness
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation, LearnedModel
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.model.prediction import PredictedState
@@ -17,8 +16,6 @@ _RESET = (
     "the estimate of thrust, wind and lags did not fit the vehicle and was reset: check mass, "
     "thrust_curve and lags, and whether the odometry jumps"
 )
-
-
 _NO_ODOMETRY = Failure("estimate", "skipped without odometry")
 
 
@@ -34,34 +31,15 @@ class EstimateStage(Stage):
         self._log = log
         self._in_lockstep = config.lockstep
         self._vehicle = config.vehicle()
-        self._lateness = Lateness(config)
         self._arrival_stamps = ArrivalStamps()
         self.ground = GroundDetector(config.gravity)
         self.estimator = DelayCompensation(config, ground=self.ground)
         self._has_failed = False
-        # Answer of the last odometry, by the clock of the stamps and that of the arrivals.
-        self._answered_ns: tuple[int, int] | None = None
         self._resets_reported = 0
-
-    @property
-    def stages(self) -> tuple[Stage, ...]:
-        """This stage, clocks, ground detector and estimator."""
-        return self, self._lateness, self._arrival_stamps, self.ground, self.estimator
 
     def learned(self) -> LearnedModel:
         """Return the estimate for the fallbacks."""
         return self.estimator.learned()
-
-    def answer_ns(self, stamp_ns: int, *, now_ns: int) -> int:
-        """Take the arrival of an odometry; return the sending time of its command."""
-        sent_ns = stamp_ns + self._lateness.of(stamp_ns, now_ns=now_ns)
-        self._answered_ns = sent_ns, now_ns
-        return sent_ns
-
-    def elapsed_ns(self, *, now_ns: int) -> int:
-        """Return the time by the clock of the odometry's stamps."""
-        sent_ns, then_ns = self._answered_ns or (now_ns, now_ns)
-        return sent_ns + now_ns - then_ns
 
     def step(
         self,

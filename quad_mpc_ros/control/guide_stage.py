@@ -34,12 +34,6 @@ class GuideStage(Stage):
         self._plan: Plan | None = None
         self.delayed = DelayedReference(config)
 
-    @property
-    def stages(self) -> tuple[Stage, ...]:
-        """This stage, the delayed reference and the guide."""
-        guide = () if self.guide is None else self.guide.stages
-        return self, self.delayed, *guide
-
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Transform plan, windows and corridors by an announced odometry jump."""
         if self._plan is not None:

@@ -40,11 +40,6 @@ class PlanStage(Stage):
         self._log, self._deadline = log, deadline
         self._mpc = Mpc(config, deadline=deadline)
 
-    @property
-    def stages(self) -> tuple[Stage, ...]:
-        """This stage and the MPC."""
-        return self, *self._mpc.stages
-
     def step(self, due: Due, state: PredictedState | Failure, guided: Guided | Failure) -> Planned:
         """Return the plan, or the reason why no plan exists."""
         if isinstance(guided, Failure):

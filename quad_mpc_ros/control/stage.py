@@ -1,7 +1,7 @@
 """Stages of the control step, and the events that the controller passes to all of them.
 
 The control step is validate, estimate, guide, plan, decide, limit, record: one stage each. Stages
-own the flight state, partly through others that they list in :attr:`Stage.stages`.
+own the flight state, partly in attributes that are stages themselves.
 """
 
 from __future__ import annotations
@@ -49,8 +49,9 @@ class Stage:
 
     @property
     def stages(self) -> tuple[Stage, ...]:
-        """This stage and all stages that it owns."""
-        return (self,)
+        """This stage and the stages among its attributes, each once."""
+        owned = [each for each in vars(self).values() if isinstance(each, Stage)]
+        return tuple(dict.fromkeys((self, *(stage for each in owned for stage in each.stages))))
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Apply changed live parameters; the flight state is kept."""

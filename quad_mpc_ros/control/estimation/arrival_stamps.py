@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -40,14 +39,6 @@ _EARLIEST_TIME = 10.0  # s, time constant of the earliest arrival
 # Intervals that differ by less are equal [s]; after so many equal ones stamps are not corrected.
 _INTERVAL_TOLERANCE, _MIN_REGULAR = 0.001, 100
 _MIN_STEP_NS = 1_000_000  # between corrected stamps
-
-
-class _Before(NamedTuple):
-    """The previous odometry, and its interval [s] to the one before."""
-
-    odometry: OdometrySample
-    corrected_ns: int
-    interval: float
 
 
 class _Sums:
@@ -91,7 +82,8 @@ class ArrivalStamps(Stage):
     """Corrects stamps of arrival; true stamps are unchanged."""
 
     def __init__(self) -> None:
-        self._before: _Before | None = None
+        self._before: OdometrySample | None = None
+        self._corrected_ns, self._interval = 0, 0.0  # of the previous odometry
         self._regular = 0  # successive equal intervals
         self._begin()
 
@@ -105,25 +97,24 @@ class ArrivalStamps(Stage):
 
     def corrected(self, odometry: OdometrySample, *, now_ns: int) -> OdometrySample:
         """Return the odometry, twist in the body frame, with the stamp of its measurement."""
-        stamp_ns, before = odometry.stamp_ns, self._before
-        interval = 0.0 if before is None else 1e-9 * (stamp_ns - before.odometry.stamp_ns)
-        self._before = _Before(odometry, stamp_ns, interval)
+        stamp_ns, before, last_ns = odometry.stamp_ns, self._before, self._corrected_ns
+        interval = 0.0 if before is None else 1e-9 * (stamp_ns - before.stamp_ns)
+        regular = -_INTERVAL_TOLERANCE < interval - self._interval < _INTERVAL_TOLERANCE
+        self._before, self._corrected_ns, self._interval = odometry, stamp_ns, interval
         if before is None or not 0.0 < interval < _LONGEST_GAP:
             self._regular = 0
             self._begin()
             return odometry
-        regular = -_INTERVAL_TOLERANCE < interval - before.interval < _INTERVAL_TOLERANCE
         self._regular = self._regular + 1 if regular else 0
         if self._regular >= _MIN_REGULAR:  # not corrected until an interval differs
             if self._regular == _MIN_REGULAR:
                 self._begin()
             return odometry
-        late_ns = self._late_ns(before.odometry, odometry, interval, now_ns)
+        late_ns = self._late_ns(before, odometry, interval, now_ns)
         if late_ns == 0:
             return odometry
-        corrected_ns = max(stamp_ns - late_ns, before.corrected_ns + _MIN_STEP_NS)
-        self._before = _Before(odometry, min(corrected_ns, stamp_ns), interval)
-        return dataclasses.replace(odometry, stamp_ns=self._before.corrected_ns)
+        self._corrected_ns = min(max(stamp_ns - late_ns, last_ns + _MIN_STEP_NS), stamp_ns)
+        return dataclasses.replace(odometry, stamp_ns=self._corrected_ns)
 
     def _late_ns(
         self, before: OdometrySample, after: OdometrySample, interval: float, now_ns: int

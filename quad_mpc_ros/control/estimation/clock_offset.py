@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.stage import Stage
-
 # Largest relative drift of two clocks: real ones stay within 1e-4, but a simulation that should
 # run in real time can fall behind.
 _DRIFT = 0.02
@@ -44,31 +41,6 @@ class ClockOffset:
         """Set the offset at an arrival."""
         self.behind_ns, self._arrived_ns = behind_ns, now_ns
         self.last_age_ns = self.age_ns(stamp_ns, now_ns=now_ns)
-
-
-class Lateness(Stage):
-    """Lateness of an odometry relative to the fastest, whose latency is part of the input delay.
-
-    A lateness beyond ``odom_timeout``, of either sign, means that a clock was set: start again.
-    """
-
-    def __init__(self, config: MpcConfig) -> None:
-        self._offset: ClockOffset | None = None
-        self.reconfigure(config)
-
-    def reconfigure(self, config: MpcConfig) -> None:
-        """Apply a changed timeout."""
-        self._most_ns = round(config.odom_timeout * 1e9)
-
-    def of(self, stamp_ns: int, *, now_ns: int) -> int:
-        """Return the lateness of an odometry that arrives now."""
-        if self._offset is not None:
-            age_ns = self._offset.follow(stamp_ns, now_ns=now_ns)
-            if -self._most_ns <= age_ns <= self._most_ns:
-                return max(age_ns, 0)
-        self._offset = ClockOffset()
-        self._offset.set(now_ns - stamp_ns, stamp_ns=stamp_ns, now_ns=now_ns)
-        return 0
 
 
 class PersistentOffset:

@@ -18,9 +18,13 @@ from quad_mpc_ros.configuration.records import Record, RecordArray
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.command_history import CommandHistory, acting_between
 from quad_mpc_ros.control.estimation.ekf import VehicleEkf, update
-from quad_mpc_ros.control.estimation.error_state import MOTION
 from quad_mpc_ros.control.estimation.estimate_health import EstimateHealth
-from quad_mpc_ros.control.estimation.filter_state import Filter, is_at_bounds, write_estimated
+from quad_mpc_ros.control.estimation.filter_state import (
+    MOTION,
+    Filter,
+    is_at_bounds,
+    write_estimated,
+)
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.rate_update import add_offsets, track_acceleration
 from quad_mpc_ros.control.estimation.specific_force import SpecificForces
@@ -352,7 +356,8 @@ def _predict_ahead(
         kernels.store_vector(
             kernels.vector(x[MOTION.velocity : MOTION.disturbance]), predicted.state.v_WB_W
         )
-    write_estimated(estimate, predicted.parameters)
+    write_estimated(estimate)
+    predicted.parameters = estimate.estimated
     if end_ns > begin_ns:
         acting = acting_between(
             acts_ns=acts_ns, commands=commands, start_ns=begin_ns, end_ns=end_ns

@@ -2,7 +2,7 @@
 
 Between two odometries the MPC's own model predicts position, velocity, throttle and body rates
 from the commands that acted, delayed and lagged (:mod:`.process_model`). The measurements correct
-the prediction and the parameters (:mod:`.error_state` has the states, :mod:`.kalman` the
+the prediction and the parameters (:mod:`.filter_state` has the states, :mod:`.kalman` the
 equations). docs/explanation/estimation.md explains how the states are distinguished.
 
     dd/dt = noise, for d_z -d_z / T + noise        disturbance acceleration
@@ -29,20 +29,31 @@ import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.estimation import measurement_noise
-from quad_mpc_ros.control.estimation.assumptions import (
-    bandwidth_scale_of,
-    set_accelerometer_variances,
-    set_initial_variances,
-)
 from quad_mpc_ros.control.estimation.command_history import Acting
-from quad_mpc_ros.control.estimation.error_state import (
+from quad_mpc_ros.control.estimation.filter_state import (
+    ACCELEROMETER,
+    DISTURBANCE,
+    DRAG,
     LEARNED_STATES,
+    LONGEST_RATE_LAG,
     MOTION,
+    OFFSET,
+    OFFSET_BY_THRUST,
+    RATE_LAG,
+    RATES,
+    ROLL_PITCH,
+    SCALE,
     SCALE_BOUNDS,
+    THRUST_LAG,
+    TORQUE_LAG,
+    VERTICAL,
+    YAW,
+    Filter,
     RateEstimate,
     TranslationEstimate,
+    variances_at,
+    write_estimated,
 )
-from quad_mpc_ros.control.estimation.filter_state import Filter, write_estimated
 from quad_mpc_ros.control.estimation.rate_update import (
     begin_rates,
     take_rates,
@@ -59,6 +70,11 @@ from quad_mpc_ros.control.model.state import U_THROTTLE
 # A landing is detected some time after the touchdown, and the estimate since then is wrong. So the
 # estimate is restored from the oldest of some snapshots.
 _SNAPSHOT_PERIOD_NS, _MAX_SNAPSHOTS = 1_000_000_000, 5
+
+# Of the model's rates [rad/s / sqrt(s)] and angular accelerations [rad/s^2 / sqrt(s)].
+_RATE_PROCESS_NOISE, _ACCELERATION_PROCESS_NOISE = 0.2, 2.0
+# Latency of the default vehicle from command to response [s], and the largest bandwidth scale.
+_DEFAULT_LATENCY, _MAX_BANDWIDTH_SCALE = 0.13, 4.0
 
 
 class VehicleEkf:
@@ -129,9 +145,8 @@ class VehicleEkf:
 
     def parameters(self) -> ModelParameters:
         """Return the estimated parameters."""
-        estimated = ModelParameters.zeros()
-        write_estimated(self._filter, estimated[()])
-        return estimated[()]
+        write_estimated(self._filter)
+        return self._filter.estimated.copy()
 
     def keep(self, now_ns: int) -> None:
         """Keep a snapshot of estimate and covariance, once a second."""
@@ -206,7 +221,64 @@ def update(
         mode = update_mode(permitted, saturated, state.paused_for)
     elif mode == UpdateMode.LEARN:
         state.paused_for = 0.0
-    write_estimated(state, state.estimated)
+    write_estimated(state)
     mode = update_translation(state, before, after, acting, mode, reported_variance)
     update_rates(state, after, acting, mode)
     return mode
+
+
+def set_initial_variances(state: Filter, bandwidth_scale: float) -> None:
+    """Write the initial variances and the process noise of each state."""
+    nominal = state.nominal
+    translation, rates = state.process_noise.translation, state.process_noise.rates
+    roll, pitch, yaw = nominal.rate_time_constants.tolist()
+    torque_roll, _pitch, torque_yaw = nominal.torque_time_constants.tolist()
+    # Quickly estimated offsets raise the bandwidth: only for vehicles configured with short lags.
+    share = min(bandwidth_scale - 1.0, 1.0) if max(roll, pitch, yaw) > 0.0 else 0.0
+    d = MOTION.disturbance
+    for i, assumed, scale in (
+        (d, DISTURBANCE, 1.0),
+        (d + 1, DISTURBANCE, 1.0),
+        (d + 2, VERTICAL, 1.0),
+        (MOTION.scale, SCALE, 1.0),
+        (MOTION.lag, THRUST_LAG, nominal.thrust_time_constant),
+        (MOTION.drag, DRAG, 1.0),
+    ):
+        translation.P[i, i], translation.x[i] = variances_at(assumed, scale)
+    initial = measurement_noise.drift_variance_in(state.drift, 0.0)
+    for k in range(3):
+        translation.P[MOTION.bias + k, MOTION.bias + k] = initial
+    for i, assumed, scale in (
+        (RATES.lag + ROLL_PITCH, RATE_LAG, float(roll + pitch > 0.0)),
+        (RATES.lag + YAW, RATE_LAG, float(yaw > 0.0)),
+        (RATES.torque_lag + ROLL_PITCH, TORQUE_LAG, float(torque_roll > 0.0)),
+        (RATES.torque_lag + YAW, TORQUE_LAG, float(torque_yaw > 0.0)),
+        *((RATES.offset + k, OFFSET, share) for k in range(2)),
+        *((RATES.offset_by_thrust + k, OFFSET_BY_THRUST, share) for k in range(2)),
+    ):
+        rates.P[i, i], rates.x[i] = variances_at(assumed, scale)
+    rates.x[RATES.rate : RATES.acceleration] = _RATE_PROCESS_NOISE**2
+    rates.x[RATES.acceleration : RATES.lag] = _ACCELERATION_PROCESS_NOISE**2
+    # Late odometry looks like a lag; compensating a lag that does not exist oscillates. So the
+    # longest lag is closer to the configured one for quick vehicles.
+    longest = LONGEST_RATE_LAG - 1.0
+    state.longest_rate_lag = 1.0 + longest / bandwidth_scale
+
+
+def set_accelerometer_variances(state: Filter) -> None:
+    """Write the variances of the accelerometer's bias; without accelerometer they are 0."""
+    translation = state.process_noise.translation
+    for i in range(MOTION.accelerometer, MOTION.size):
+        translation.P[i, i], translation.x[i] = variances_at(ACCELEROMETER)
+
+
+def bandwidth_scale_of(nominal: ModelParameters, delay: float) -> float:
+    """Return the estimator's bandwidth relative to the default, at least 1.
+
+    Commands respond to the estimate, and a loop faster than the actuators oscillates.
+    """
+    roll, pitch, _yaw = nominal.rate_time_constants
+    latency = max(roll, pitch) + nominal.thrust_time_constant + delay
+    if latency <= _DEFAULT_LATENCY / math.sqrt(_MAX_BANDWIDTH_SCALE):
+        return _MAX_BANDWIDTH_SCALE
+    return float(max((_DEFAULT_LATENCY / latency) ** 2, 1.0))

@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.estimation.command_history import Acting
-from quad_mpc_ros.control.estimation.error_state import (
+from quad_mpc_ros.control.estimation.filter_state import (
     MOTION,
     RATES,
     ROLL_PITCH,
     YAW,
+    Filter,
     TranslationEstimate,
+    loop_lags,
 )
-from quad_mpc_ros.control.estimation.filter_state import Filter, loop_lags
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.actuators import first_order_lag
 from quad_mpc_ros.control.model.parameter_jacobians import (

@@ -7,10 +7,21 @@ import math
 import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
-from quad_mpc_ros.control.estimation import error_state, kalman
+from quad_mpc_ros.control.estimation import kalman
 from quad_mpc_ros.control.estimation.command_history import Acting
-from quad_mpc_ros.control.estimation.error_state import RATES, ROLL_PITCH, YAW
-from quad_mpc_ros.control.estimation.filter_state import Filter, LowpassedRates, loop_lags
+from quad_mpc_ros.control.estimation.filter_state import (
+    LONGEST_RATE_LAG,
+    OFFSET_BOUND,
+    OFFSET_BY_THRUST_BOUND,
+    RATES,
+    ROLL_PITCH,
+    SHORTEST_RATE_LAG,
+    TORQUE_LAG_FACTOR,
+    YAW,
+    Filter,
+    LowpassedRates,
+    loop_lags,
+)
 from quad_mpc_ros.control.estimation.process_model import predict_rates
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import Array, kernels
@@ -181,14 +192,14 @@ def _constrain_rates(state: Filter, considered: Array) -> None:
     """Project the parameters of the rates into their bounds."""
     x, P = state.rates.x, state.rates.P
     shortest, torque = (
-        math.log(error_state.SHORTEST_RATE_LAG),
-        math.log(error_state.TORQUE_LAG_FACTOR),
+        math.log(SHORTEST_RATE_LAG),
+        math.log(TORQUE_LAG_FACTOR),
     )
-    for k, longest in ((ROLL_PITCH, state.longest_rate_lag), (YAW, error_state.LONGEST_RATE_LAG)):
+    for k, longest in ((ROLL_PITCH, state.longest_rate_lag), (YAW, LONGEST_RATE_LAG)):
         kalman.constrain(x, P, RATES.lag + k, (shortest, math.log(longest)), considered)
         kalman.constrain(x, P, RATES.torque_lag + k, (-torque, torque), considered)
     for k in range(2):
-        i, most = RATES.offset + k, error_state.OFFSET_BOUND
+        i, most = RATES.offset + k, OFFSET_BOUND
         x[i] = kernels.clamp(x[i], -most, most)
-        i, most = RATES.offset_by_thrust + k, error_state.OFFSET_BY_THRUST_BOUND
+        i, most = RATES.offset_by_thrust + k, OFFSET_BY_THRUST_BOUND
         x[i] = kernels.clamp(x[i], -most, most)

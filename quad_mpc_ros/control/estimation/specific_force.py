@@ -19,23 +19,13 @@ from collections import deque
 import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
-from quad_mpc_ros.configuration.records import Record, Vector3
 from quad_mpc_ros.control.estimation import kalman
-from quad_mpc_ros.control.estimation.error_state import MOTION
+from quad_mpc_ros.control.estimation.filter_state import MOTION, SpecificForce
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.samples import ImuSample
 
 _MAX_SAMPLES = 1024
-
-
-class SpecificForce(Record):
-    """The mean specific force between two odometries, and the result of its update."""
-
-    f_B: Vector3  # m/s^2
-    variance: float  # m^2/s^4 along each axis, 0 without measurement
-    nis: float  # last normalised innovation squared, of 3 degrees of freedom
-    used: int  # whether the last measurement was used
 
 
 class SpecificForces:

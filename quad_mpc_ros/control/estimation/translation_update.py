@@ -7,15 +7,21 @@ import math
 import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
-from quad_mpc_ros.control.estimation import error_state, kalman, measurement_noise
+from quad_mpc_ros.control.estimation import kalman, measurement_noise
 from quad_mpc_ros.control.estimation.command_history import Acting
-from quad_mpc_ros.control.estimation.error_state import (
+from quad_mpc_ros.control.estimation.filter_state import (
+    DRAG_FACTORS,
+    LAG_FACTOR,
     LEARNED_STATES,
+    MAX_THRUST_DELAY,
+    MIN_DRAG_MARGIN,
     MOTION,
     SCALE_BOUNDS,
     VERTICAL_BOUND,
+    VERTICAL_TIME,
+    Filter,
+    write_estimated,
 )
-from quad_mpc_ros.control.estimation.filter_state import Filter, write_estimated
 from quad_mpc_ros.control.estimation.process_model import predict_translation, predict_unmodelled
 from quad_mpc_ros.control.estimation.specific_force import force_innovation
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode
@@ -71,8 +77,6 @@ def update_translation(
     # A push is not a jump, even if the odometry has little noise.
     margin = max(measurement_noise.USUAL**2 - white, 0.0)
     passed = kalman.squared_distance(innovation, margin) <= kalman.GATE
-    state.velocity_nis = kalman.squared_distance(innovation, 0.0)
-    state.velocity_innovation[:] = nu
     if mode != UpdateMode.HOLD and not passed:
         x[:] = was
         restart(state, after.p_WB, after.v_WB_W)
@@ -109,7 +113,7 @@ def _update_by_force(
     considered = _considered(state, UpdateMode.LEARN, after.R_WB, lag_is_observable)
     kalman.update(x, P, innovation, considered)
     _constrain_translation(state, considered)
-    write_estimated(state, state.estimated)
+    write_estimated(state)
     state.specific_force.used = 1
 
 
@@ -213,7 +217,7 @@ def _add_decay(x: Array, F: Array, mode: UpdateMode, duration: float) -> None:
         F[MOTION.bias + k, MOTION.bias + k] = kept
     if mode == UpdateMode.LEARN:
         vertical = MOTION.disturbance + 2
-        kept = math.exp(-duration / error_state.VERTICAL_TIME)
+        kept = math.exp(-duration / VERTICAL_TIME)
         x[vertical] *= kept
         F[vertical, vertical] = kept
 
@@ -273,14 +277,14 @@ def _constrain_translation(state: Filter, considered: Array) -> None:
     """Project the parameters into their bounds."""
     x, P, nominal = state.translation.x, state.translation.P, state.nominal
     lag, drag, d = nominal.thrust_time_constant, nominal.drag, MOTION.disturbance
-    factor, farthest = error_state.LAG_FACTOR, state.bounds.disturbance_max
-    latest = lag * factor + (error_state.MAX_THRUST_DELAY if lag > 0.0 else 0.0)
-    least, most = error_state.DRAG_FACTORS
+    factor, farthest = LAG_FACTOR, state.bounds.disturbance_max
+    latest = lag * factor + (MAX_THRUST_DELAY if lag > 0.0 else 0.0)
+    least, most = DRAG_FACTORS
     bounds = (
         (d, -farthest, farthest),
         (d + 1, -farthest, farthest),
         (d + 2, -VERTICAL_BOUND, VERTICAL_BOUND),
-        (MOTION.drag, least * drag, max(most * drag, drag + error_state.MIN_DRAG_MARGIN)),
+        (MOTION.drag, least * drag, max(most * drag, drag + MIN_DRAG_MARGIN)),
         (MOTION.lag, lag / factor, latest),
         (MOTION.scale, SCALE_BOUNDS[0], SCALE_BOUNDS[1]),
     )

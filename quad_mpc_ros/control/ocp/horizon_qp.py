@@ -133,17 +133,16 @@ class HorizonQP:
     def __init__(self, pattern: HorizonPattern) -> None:
         self.pattern = pattern
         n, nx, nu, nr, _ = pattern.sizes
-        self._scales = scales = _scales_of(pattern)
+        self.scales = scales = _scales_of(pattern)
         self.A, self.P = _constraint_matrix(pattern, scales), _cost_matrix(pattern, scales)
         rows, columns = self.A.shape
         self.q, self.lower, self.upper = np.zeros(columns), np.zeros(rows), np.zeros(rows)
-        self._numbers = _Numbers(self.P.data, self.q, self.A.data, self.lower, self.upper)
+        self.numbers = Numbers(self.P.data, self.q, self.A.data, self.lower, self.upper)
         self.is_soft = nr > 0
         self.first_soft_row = n * (nx + nu)
         """The first soft row; further soft rows and the bounds of slacks follow."""
         self.lower[self.first_soft_row : self.first_soft_row + n * nr] = -FREE
         self.upper[self.first_soft_row :] = FREE
-        self._multipliers = np.zeros(rows)
         self.cost_scale = 1.0
         """Factor on the cost, and so on the multipliers; 1 without soft rows."""
         self.magnitude = 0.0
@@ -151,35 +150,10 @@ class HorizonQP:
 
     def update(self, stages: HorizonStages) -> None:
         """Write the numbers of a horizon with the sizes of the pattern."""
-        self.cost_scale, self.magnitude = _write(stages, self._scales, self._numbers)
-
-    def warm_start(self, z: Array, y: Array) -> tuple[Array, Array]:
-        """Return a start for a problem with soft rows, from variables and multipliers.
-
-        ``y`` are multipliers of the cost without its scale. The slacks, written into ``z``, are
-        the row violations with all other variables zero. The multipliers of the slack bounds are
-        the slack costs minus the row multipliers. The next call overwrites the result.
-        """
-        _warm_start(
-            z,
-            kept=y,
-            y=self._multipliers,
-            cost_scale=self.cost_scale,
-            scales=self._scales,
-            numbers=self._numbers,
-        )
-        return z, self._multipliers
-
-    def read(self, z: Array, y: Array) -> tuple[bool, Array, Array]:
-        """Return whether all numbers of a solution are finite, its inputs and its states.
-
-        ``inputs`` (N, nu) and ``states`` 1 to N (N, nx) are in physical units; the multipliers
-        ``y`` become multipliers of the cost without its scale.
-        """
-        return _read(z, y, self.cost_scale, self._scales)
+        self.cost_scale, self.magnitude = _write(stages, self.scales, self.numbers)
 
 
-class _Scales(NamedTuple):
+class Scales(NamedTuple):
     """Factor of each entry of a stage's blocks, 0 outside of the pattern, and sizes.
 
     ``A`` (nx, nx), ``B`` (nx, nu), ``H`` (nx, nx, upper triangle) and ``normals`` (nr, nx)
@@ -197,10 +171,10 @@ class _Scales(NamedTuple):
     input_row: float
 
 
-def _scales_of(pattern: HorizonPattern) -> _Scales:
+def _scales_of(pattern: HorizonPattern) -> Scales:
     state, size, soft = pattern.state_size, pattern.input_size, pattern.limits
     row_size = soft.slack_size[soft.slack_of]
-    return _Scales(
+    return Scales(
         A=np.where(pattern.A, -state / state[:, None], 0.0),
         B=np.where(pattern.B, -size / state[:, None], 0.0),
         H=np.triu(np.where(pattern.H, state * state[:, None], 0.0)),
@@ -211,7 +185,7 @@ def _scales_of(pattern: HorizonPattern) -> _Scales:
     )
 
 
-def _constraint_matrix(pattern: HorizonPattern, scales: _Scales) -> sparse.csc_matrix:
+def _constraint_matrix(pattern: HorizonPattern, scales: Scales) -> sparse.csc_matrix:
     """Return ``A``, with arbitrary numbers in its pattern."""
     n, nx, nu, nr, ns = pattern.sizes
     width, input_rows, soft_rows = nu + nx + ns, n * nx, n * (nx + nu)
@@ -235,14 +209,14 @@ def _constraint_matrix(pattern: HorizonPattern, scales: _Scales) -> sparse.csc_m
     return sparse.csc_matrix(matrix)
 
 
-def _cost_matrix(pattern: HorizonPattern, scales: _Scales) -> sparse.csc_matrix:
+def _cost_matrix(pattern: HorizonPattern, scales: Scales) -> sparse.csc_matrix:
     """Return the upper triangle of ``P``, with arbitrary numbers in its pattern."""
     n, _, nu, _, ns = pattern.sizes
     blocks = [sparse.csc_matrix(block) for block in (np.eye(nu), scales.H, np.eye(ns))]
     return sparse.csc_matrix(sparse.block_diag(blocks * n))
 
 
-class _Numbers(NamedTuple):
+class Numbers(NamedTuple):
     """The numbers of OSQP's form: entries of ``P`` and ``A``, and its vectors."""
 
     P: Array
@@ -253,7 +227,7 @@ class _Numbers(NamedTuple):
 
 
 @compiled
-def _write(stages: HorizonStages, scales: _Scales, numbers: _Numbers) -> tuple[float, float]:
+def _write(stages: HorizonStages, scales: Scales, numbers: Numbers) -> tuple[float, float]:
     """Write the numbers of the QP; return the factor on its cost, and their magnitude."""
     _write_matrix(stages, scales, numbers.A)
     _write_cost(stages, scales, numbers)
@@ -269,7 +243,7 @@ def _write(stages: HorizonStages, scales: _Scales, numbers: _Numbers) -> tuple[f
 
 
 @compiled
-def _write_matrix(stages: HorizonStages, scales: _Scales, data: Array) -> None:
+def _write_matrix(stages: HorizonStages, scales: Scales, data: Array) -> None:
     """Write ``A``, column by column, without calls or branches per entry.
 
     An entry outside of the pattern is overwritten by the next entry.
@@ -302,7 +276,7 @@ def _write_matrix(stages: HorizonStages, scales: _Scales, data: Array) -> None:
 
 
 @compiled
-def _write_cost(stages: HorizonStages, scales: _Scales, numbers: _Numbers) -> None:
+def _write_cost(stages: HorizonStages, scales: Scales, numbers: Numbers) -> None:
     """Write ``P``, column by column, and ``q``."""
     n, nx, nu = stages.B.shape
     ns, sizes, k, z = stages.linear.shape[1], scales.sizes, 0, 0
@@ -326,7 +300,7 @@ def _write_cost(stages: HorizonStages, scales: _Scales, numbers: _Numbers) -> No
 
 
 @compiled
-def _write_bounds(stages: HorizonStages, scales: _Scales, numbers: _Numbers) -> None:
+def _write_bounds(stages: HorizonStages, scales: Scales, numbers: Numbers) -> None:
     """Write the right-hand sides of the dynamics, and the bounds of inputs and soft rows."""
     n, nx, nu = stages.B.shape
     nr, sizes = len(scales.slack_of), scales.sizes
@@ -346,7 +320,7 @@ def _write_bounds(stages: HorizonStages, scales: _Scales, numbers: _Numbers) -> 
 
 
 @compiled
-def _magnitude(numbers: _Numbers) -> float:
+def _magnitude(numbers: Numbers) -> float:
     """Return the largest magnitude of all numbers; NaN if any is NaN."""
     cost = kernels.infinity_norm(numbers.P), kernels.infinity_norm(numbers.q)
     rows = kernels.infinity_norm(numbers.lower), kernels.infinity_norm(numbers.upper)
@@ -356,9 +330,15 @@ def _magnitude(numbers: _Numbers) -> float:
 
 
 @compiled
-def _warm_start(
-    z: Array, kept: Array, y: Array, cost_scale: float, scales: _Scales, numbers: _Numbers
+def warm_start(
+    z: Array, kept: Array, y: Array, cost_scale: float, scales: Scales, numbers: Numbers
 ) -> None:
+    """Write a start for a problem with soft rows, from variables ``z`` and ``kept`` multipliers.
+
+    ``kept`` are multipliers of the cost without its scale. The slacks, written into ``z``, are the
+    row violations with all other variables zero. The multipliers ``y`` of the slack bounds are the
+    slack costs minus the row multipliers.
+    """
     for k in range(len(y)):
         y[k] = cost_scale * kept[k]
     slack_of, width = scales.slack_of, len(scales.sizes)
@@ -378,11 +358,17 @@ def _warm_start(
 
 
 @compiled
-def _read(z: Array, y: Array, cost_scale: float, scales: _Scales) -> tuple[bool, Array, Array]:
+def read(
+    z: Array, y: Array, cost_scale: float, scales: Scales, inputs: Array, states: Array
+) -> bool:
+    """Write inputs (N, nu) and states 1 to N (N, nx) of a solution in physical units.
+
+    The multipliers ``y`` become multipliers of the cost without its scale. Returns whether all
+    numbers are finite.
+    """
     nx, nu = scales.B.shape
-    sizes, steps = scales.sizes, len(z) // len(scales.sizes)
-    inputs, states = np.empty((steps, nu)), np.empty((steps, nx))
-    for i in range(steps):
+    sizes = scales.sizes
+    for i in range(len(inputs)):
         first = i * len(sizes)
         for k in range(nu):
             inputs[i, k] = z[first + k] * sizes[k]
@@ -390,5 +376,4 @@ def _read(z: Array, y: Array, cost_scale: float, scales: _Scales) -> tuple[bool,
             states[i, k] = z[first + nu + k] * sizes[nu + k]
     for k in range(len(y)):
         y[k] /= cost_scale
-    finite = math.isfinite(kernels.infinity_norm(z)) and math.isfinite(kernels.infinity_norm(y))
-    return finite, inputs, states
+    return math.isfinite(kernels.infinity_norm(z)) and math.isfinite(kernels.infinity_norm(y))

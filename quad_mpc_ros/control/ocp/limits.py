@@ -147,8 +147,7 @@ def compute_bounds(
         tilt = max(settings.tilt_max, own + TILT_MARGIN)
         has_tilt = settings.tilt_max > 0.0 and tilt < math.pi and not any_tilt
         bounds[i, _TILT] = tilt if has_tilt else FREE
-        v = kernels.vector(stage.v_WB_W)
-        speed = max(settings.speed_max, math.sqrt(kernels.dot(v, v)) + SPEED_MARGIN)
+        speed = max(settings.speed_max, kernels.length(stage.v_WB_W) + SPEED_MARGIN)
         bounds[i, _SPEED] = speed if settings.speed_max > 0.0 else FREE
 
 
@@ -182,11 +181,9 @@ def saturate_position_error(
     horizontal error does not outweigh height.
     """
     first, distance = target[0], settings.max_position_error
-    x, y, z = (
-        start.p_WB[0] - first.p_WB[0] + settings.step * first.v_WB_W[0],
-        start.p_WB[1] - first.p_WB[1] + settings.step * first.v_WB_W[1],
-        start.p_WB[2] - first.p_WB[2] + settings.step * first.v_WB_W[2],
-    )
+    off = kernels.minus(kernels.vector(start.p_WB), kernels.vector(first.p_WB))
+    moved = kernels.scaled(settings.step, kernels.vector(first.v_WB_W))
+    x, y, z = kernels.plus(off, moved)
     across = 1.0 - distance / max(math.hypot(x, y), distance)
     height = 1.0 - distance / max(abs(z), distance)
     for i in range(len(target)):
@@ -260,8 +257,7 @@ def _excess(state: StateRecord, bounds: Array) -> tuple[float, float]:
     body = body_in(state)
     R_31, R_32, R_33 = kernels.row(body.R, 2)
     tilt = math.atan2(math.hypot(R_31, R_32), R_33)
-    speed = math.sqrt(kernels.dot(body.v, body.v))
-    return tilt - bounds[_TILT], speed - bounds[_SPEED]
+    return tilt - bounds[_TILT], kernels.norm(body.v) - bounds[_SPEED]
 
 
 @compiled
@@ -344,11 +340,8 @@ def _write_speed(v: kernels.Vector, slope: Array, bound: float, row: Array) -> f
 
     Returns the offset of the plane.
     """
-    speed = math.sqrt(kernels.dot(v, v))
-    n = v
-    if speed < _MIN_SPEED:
-        n = -slope[V], -slope[V + 1], -slope[V + 2]
-    length = math.sqrt(kernels.dot(n, n))
+    n = v if kernels.norm(v) >= _MIN_SPEED else kernels.scaled(-1.0, kernels.vector(slope[V:]))
+    length = kernels.norm(n)
     n = kernels.scaled(1.0 / length, n) if length > 1e-12 else (1.0, 0.0, 0.0)
     kernels.store_vector(n, row[V:])
     return bound - kernels.dot(n, v)
@@ -370,8 +363,7 @@ def _write_weights(stages: HorizonStages, weights: Array, slopes: Array) -> None
             slopes[i, k] = slope
         p = slopes[i]
         _raise(weights, _TILT, _SLOPE_SHARE * math.hypot(p[THETA], p[THETA + 1]))
-        by_p = math.sqrt(p[P] ** 2 + p[P + 1] ** 2 + p[P + 2] ** 2)
-        by_v = math.sqrt(p[V] ** 2 + p[V + 1] ** 2 + p[V + 2] ** 2)
+        by_p, by_v = kernels.length(p[P:]), kernels.length(p[V:])
         _raise(weights, _SPEED, _SLOPE_SHARE * by_v)
         _raise(weights, _HALF_SPACES, _HALF_SPACE_SLOPE * by_p)
         _raise(weights, _HALF_SPACES, _HALF_SPACE_SLOPE * by_v / _SWERVE_TIME)

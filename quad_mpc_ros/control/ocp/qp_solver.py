@@ -12,7 +12,7 @@ import osqp
 
 from quad_mpc_ros.control.config import SolverParameters
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP
+from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP, read, warm_start
 
 new_osqp: Callable[[], Any] = osqp.OSQP
 """Factory for OSQP instances; tests replace it to inject failures."""
@@ -76,6 +76,9 @@ class QpSolver:
         self._osqp: Any = None
         self._z = self._zero = np.zeros(qp.A.shape[1])
         self._y = np.zeros(qp.A.shape[0])
+        self._multipliers = np.zeros(qp.A.shape[0])
+        n, nx, nu, *_ = qp.pattern.sizes
+        self._shapes = (n, nu), (n, nx)  # of inputs and states
 
     def solve(self, *, from_zero: bool = False, again: bool = False) -> QpSolution:
         """Solve the current problem of the QP, warm started in primal and dual.
@@ -92,11 +95,13 @@ class QpSolver:
         if qp.is_soft:
             if again and self._progress:
                 y[qp.first_soft_row :] = 0.0
-            z, y = qp.warm_start(z, y)
+            warm_start(z, y, self._multipliers, qp.cost_scale, qp.scales, qp.numbers)
+            y = self._multipliers
         result = self._solved_from(z, y)
         info = result.info
         # A solver may report "solved" and return NaN; the plan is what flies, so check the plan.
-        finite, inputs, states = qp.read(result.x, result.y)
+        inputs, states = np.empty(self._shapes[0]), np.empty(self._shapes[1])
+        finite = read(result.x, result.y, qp.cost_scale, qp.scales, inputs, states)
         solved = finite and info.status_val in self._accepted
         if solved or (finite and info.status_val == _OUT_OF_TIME):
             self._z, self._y = result.x, result.y  # keep the progress made for the next solve

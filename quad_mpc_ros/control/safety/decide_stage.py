@@ -56,11 +56,6 @@ class DecideStage(Stage):
         self._source = Source.WAITING
         self.reconfigure(config)
 
-    @property
-    def stages(self) -> tuple[Stage, ...]:
-        """This stage and its monitors."""
-        return self, self.limits, self._oscillation, self.consistency
-
     def reconfigure(self, config: MpcConfig) -> None:
         """Apply changed timeouts."""
         self._timeouts = ladder.timeouts_of(config)

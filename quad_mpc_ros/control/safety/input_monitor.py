@@ -50,11 +50,6 @@ class InputMonitor(Stage):
         """Stamp of the newest accelerometer sample."""
         self.reconfigure(config)
 
-    @property
-    def stages(self) -> tuple[Stage, ...]:
-        """The monitor and its checks."""
-        return self, self.gate, self.jumps
-
     def reconfigure(self, config: MpcConfig) -> None:
         """Apply changed timeouts."""
         self._control_period = 1.0 / config.control_rate

@@ -70,11 +70,6 @@ class LimitStage(Stage):
         self._kept: deque[LearnedModel] = deque(maxlen=_KEPT_ESTIMATES)
         self._kept_ns: int | None = None
 
-    @property
-    def stages(self) -> tuple[Stage, ...]:
-        """This stage and the fallbacks."""
-        return self, self._hover, self._blind
-
     def reconfigure(self, config: MpcConfig) -> None:
         """Apply changed limits."""
         self._config = config

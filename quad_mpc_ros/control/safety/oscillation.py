@@ -138,17 +138,10 @@ def _leans(pose: _Pose, reference: _Pose, before: _Pose) -> tuple[float, float, 
 @compiled
 def _lean(q_WB_xyzw: Array, q_reference_xyzw: Array) -> tuple[float, float]:
     """Return the angle of the thrust axis to the reference's, about world x and y [rad]."""
-    x, y, z = _thrust_axis(q_WB_xyzw)
-    asked_x, asked_y, asked_z = _thrust_axis(q_reference_xyzw)
-    about_x, about_y = asked_y * z - asked_z * y, asked_z * x - asked_x * z
-    sine = math.hypot(math.hypot(about_x, about_y), asked_x * y - asked_y * x)
-    angle = math.atan2(sine, asked_x * x + asked_y * y + asked_z * z)
+    up = kernels.column(kernels.rotation(kernels.quaternion_in(q_WB_xyzw)), 2)
+    asked = kernels.column(kernels.rotation(kernels.quaternion_in(q_reference_xyzw)), 2)
+    about = kernels.cross(asked, up)
+    sine = kernels.norm(about)
+    angle = math.atan2(sine, kernels.dot(asked, up))
     share = angle / sine if sine > 0.0 else 1.0
-    return share * about_x, share * about_y
-
-
-@compiled
-def _thrust_axis(q_xyzw: Array) -> kernels.Vector:
-    """Return the body's z axis in the world."""
-    x, y, z, w = kernels.quaternion_in(q_xyzw)
-    return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
+    return share * about[0], share * about[1]

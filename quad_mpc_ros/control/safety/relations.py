@@ -50,11 +50,16 @@ class RelationLimits(NamedTuple):
     twist: float
 
 
-class Pair(Record):
-    """Both low-passed sides of a relation, their means, and weighted sums of products."""
+class Sides(Record):
+    """Both low-passed sides of a relation."""
 
     x: Vector3
     y: Vector3
+
+
+class Pair(Sides):
+    """Both low-passed sides of a relation, their means, and weighted sums of products."""
+
     mean_x: Vector3  # 0 if the sides are compared as they are
     mean_y: Vector3
     xx: Matrix3
@@ -65,23 +70,22 @@ class Pair(Record):
 class KinematicPair(Pair):
     """The pair of a kinematic relation, low-passed by two stages."""
 
-    first_x: Vector3  # after the first stage
-    first_y: Vector3
+    first: Sides  # after the first stage
     difference: Vector3  # y - x of the last sample
     noise: float  # mean square of the noise in x or y because of the bound on a sample
 
 
 @compiled
 def lowpass(
-    pair: Pair, x: kernels.Vector, y: kernels.Vector, farthest: float, times: float
+    sides: Sides, x: kernels.Vector, y: kernels.Vector, farthest: float, times: float
 ) -> None:
     """Low-pass both sides over ``times`` time constants, with less weight beyond ``farthest``."""
     distance = kernels.norm(kernels.minus(y, x))
     weight = farthest / distance if distance > farthest else 1.0
     share = -math.expm1(-times)
     for k in range(3):
-        pair.x[k] += share * (weight * x[k] - pair.x[k])
-        pair.y[k] += share * (weight * y[k] - pair.y[k])
+        sides.x[k] += share * (weight * x[k] - sides.x[k])
+        sides.y[k] += share * (weight * y[k] - sides.y[k])
 
 
 @compiled
@@ -91,18 +95,15 @@ def lowpass_twice(
     """Low-pass both sides with two stages of ``times`` time constants each."""
     difference = kernels.minus(y, x)
     distance = kernels.norm(difference)
-    weight = farthest / distance if distance > farthest else 1.0
     turns_back = kernels.dot(difference, kernels.vector(pair.difference)) < 0.0
     cut = kernels.clamp(distance - farthest, 0.0, farthest) if turns_back else 0.0
     kernels.store_vector(difference, pair.difference)
     share = -math.expm1(-times)
     # Two stages reduce the variance of white noise to a quarter of the share of one sample.
     pair.noise += _NOISE_FORGETTING * share * (0.25 * share * cut * cut - pair.noise)
-    for k in range(3):
-        pair.first_x[k] += share * (weight * x[k] - pair.first_x[k])
-        pair.first_y[k] += share * (weight * y[k] - pair.first_y[k])
-        pair.x[k] += share * (pair.first_x[k] - pair.x[k])
-        pair.y[k] += share * (pair.first_y[k] - pair.y[k])
+    lowpass(pair.first, x, y, farthest, times)
+    first = kernels.vector(pair.first.x), kernels.vector(pair.first.y)
+    lowpass(pair, first[0], first[1], math.inf, times)
 
 
 @compiled

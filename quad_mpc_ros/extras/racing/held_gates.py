@@ -20,7 +20,6 @@ from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.ocp.plan import Plan
-from quad_mpc_ros.control.stage import Stage
 from quad_mpc_ros.references.course import Course, Gate
 
 # m: margin to the edge of an opening, plus the vehicle's radius for a planar gate; at most this
@@ -121,11 +120,6 @@ class CombinedGuide(Guide):
 
     def __init__(self, around: Guide, gates: HeldGates) -> None:
         self._around, self._gates = around, gates
-
-    @property
-    def stages(self) -> tuple[Stage, ...]:
-        """This guide and the stages of both guides."""
-        return self, *self._around.stages, *self._gates.stages
 
     def guide(
         self, odometry: OdometrySample, window: ReferenceWindow, plan: Plan | None

@@ -15,11 +15,10 @@ import pytest
 from fixtures.records import changed, state_of
 from scipy.stats import chi2
 
-from quad_mpc_ros.control.estimation import error_state, measurement_noise
+from quad_mpc_ros.control.estimation import filter_state, measurement_noise
 from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.ekf import VehicleEkf, update
-from quad_mpc_ros.control.estimation.error_state import MOTION
-from quad_mpc_ros.control.estimation.filter_state import Filter
+from quad_mpc_ros.control.estimation.filter_state import MOTION, Filter
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.parameters import parameters_of
@@ -36,7 +35,6 @@ class Consistency(NamedTuple):
     """Normalised squares of each flight over time (n, m)."""
 
     position_nis: Array
-    velocity_nis: Array
     motion_nees: Array
     learned_nees: Array
 
@@ -53,9 +51,9 @@ def flown(seed: int, drift: float) -> list[tuple[float, ...]]:
     nominal = parameters_of(vehicle, ActuatorLags(rate=0.05, thrust=0.04))[()]
     state = Filter.zeros()[()]
     ekf = VehicleEkf(nominal, throttle=vehicle.hover_throttle, delay=0.05, state=state)
-    walk, vertical_time = error_state.DISTURBANCE.random_walk, error_state.VERTICAL_TIME
-    vertical = error_state.VERTICAL.random_walk * math.sqrt(vertical_time / 2.0)
-    scale = 1.0 + error_state.SCALE.initial * float(np.clip(rng.normal(), -2.0, 2.0))
+    walk, vertical_time = filter_state.DISTURBANCE.random_walk, filter_state.VERTICAL_TIME
+    vertical = filter_state.VERTICAL.random_walk * math.sqrt(vertical_time / 2.0)
+    scale = 1.0 + filter_state.SCALE.initial * float(np.clip(rng.normal(), -2.0, 2.0))
     d = np.array([*rng.normal(size=2), vertical * rng.normal()])
     b = drift * rng.normal(size=3)
     body = Body(
@@ -98,7 +96,6 @@ def flown(seed: int, drift: float) -> list[tuple[float, ...]]:
         found.append(
             (
                 float(state.position_nis),
-                float(state.velocity_nis),
                 float(motion @ np.linalg.solve(P[KINEMATIC, KINEMATIC], motion)),
                 float(learned @ np.linalg.solve(P[LEARNED, LEARNED], learned)),
             )
@@ -115,7 +112,7 @@ def flights(drift: float) -> Consistency:
 @pytest.mark.parametrize("drift", [0.0, 0.3])
 @pytest.mark.parametrize(
     ("figure", "freedom"),
-    [("position_nis", 3), ("velocity_nis", 3), ("motion_nees", 6), ("learned_nees", 4)],
+    [("position_nis", 3), ("motion_nees", 6), ("learned_nees", 4)],
 )
 def test_averages_lie_within_bounds_of_chi_square(figure: str, freedom: int, drift: float) -> None:
     """The bounds are of 95 %; the covariance is at most a third too large on average."""

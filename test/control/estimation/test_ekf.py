@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 
 from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.ekf import VehicleEkf, update
-from quad_mpc_ros.control.estimation.error_state import MOTION
-from quad_mpc_ros.control.estimation.filter_state import Filter, is_at_bounds
+from quad_mpc_ros.control.estimation.filter_state import MOTION, Filter, is_at_bounds
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode, update_mode
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of

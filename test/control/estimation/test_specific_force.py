@@ -11,8 +11,7 @@ from fixtures.records import changed, state_of
 from quad_mpc_ros.control.estimation import ekf, kalman
 from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.ekf import VehicleEkf
-from quad_mpc_ros.control.estimation.error_state import MOTION, TranslationEstimate
-from quad_mpc_ros.control.estimation.filter_state import Filter
+from quad_mpc_ros.control.estimation.filter_state import MOTION, Filter, TranslationEstimate
 from quad_mpc_ros.control.estimation.process_model import predict_translation
 from quad_mpc_ros.control.estimation.specific_force import (
     SpecificForce,
