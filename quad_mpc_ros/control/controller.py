@@ -17,8 +17,7 @@ from quad_mpc_ros.configuration.arguments import instance, number
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimate_stage import EstimateStage
 from quad_mpc_ros.control.estimation.ground_state import GroundState
-from quad_mpc_ros.control.guide import Guide
-from quad_mpc_ros.control.guide_stage import GuideStage
+from quad_mpc_ros.control.guide import Guide, GuideStage
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import (
     CommandSample,
@@ -27,12 +26,11 @@ from quad_mpc_ros.control.model.samples import (
     ReferenceWindow,
 )
 from quad_mpc_ros.control.model.state import Input
-from quad_mpc_ros.control.plan_stage import Planned, PlanStage
+from quad_mpc_ros.control.mpc import Planned, PlanStage
 from quad_mpc_ros.control.safety.decide_stage import Decided, DecideStage
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
 from quad_mpc_ros.control.safety.limit_stage import LimitStage
-from quad_mpc_ros.control.stage import Due, Stage
-from quad_mpc_ros.control.stage_log import StageLog
+from quad_mpc_ros.control.stage import Due, Stage, StageLog
 from quad_mpc_ros.control.tick import Tick
 
 _SECOND = 1_000_000_000
@@ -92,7 +90,7 @@ class Controller:
             ground,
             limits=self._deciding.limits,
             consistency=self._deciding.consistency,
-            learned=self._estimation.learned,
+            learned=lambda: self._estimation.estimator.learned(),
             log=log,
         )
         self._period_ns = round(_SECOND / config.control_rate)
@@ -229,7 +227,7 @@ class Controller:
         """
         if not self._config.uses_accelerometer or not self._inputs.accept_imu(sample):
             return None
-        self._estimation.estimator.add_imu(sample)
+        self._estimation.estimator.specific_forces.add(sample)
         if self._config.lockstep and not self._is_answered():
             return self._answer_in_lockstep()
         return None
@@ -360,7 +358,10 @@ class Decimation:
 
     def is_due(self, stamp_ns: int) -> bool:
         """Take the stamp of an odometry; return whether the odometry triggers a tick."""
-        self._measure(stamp_ns)
+        if self._previous_ns is not None and stamp_ns > self._previous_ns:
+            distance_ns = min(stamp_ns - self._previous_ns, self._period_ns)
+            self._mean_ns += (distance_ns - self._mean_ns) // 4
+        self._previous_ns = stamp_ns
         away_ns = _CLOCK_SET_PERIODS * self._period_ns
         if self._due_ns is None or not -away_ns <= stamp_ns - self._due_ns <= away_ns:
             self._due_ns = stamp_ns  # the first odometry, or a clock was set
@@ -369,9 +370,3 @@ class Decimation:
         overdue = stamp_ns > self._due_ns + self._period_ns
         self._due_ns = (stamp_ns if overdue else self._due_ns) + self._period_ns
         return True
-
-    def _measure(self, stamp_ns: int) -> None:
-        if self._previous_ns is not None and stamp_ns > self._previous_ns:
-            distance_ns = min(stamp_ns - self._previous_ns, self._period_ns)
-            self._mean_ns += (distance_ns - self._mean_ns) // 4
-        self._previous_ns = stamp_ns

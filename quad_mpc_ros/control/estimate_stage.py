@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.arrival_stamps import ArrivalStamps
-from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation, LearnedModel
+from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.model.prediction import PredictedState
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
-from quad_mpc_ros.control.stage import Due, Failure, Stage
-from quad_mpc_ros.control.stage_log import StageLog
+from quad_mpc_ros.control.stage import Due, Failure, Stage, StageLog
 
 _RESET = (
     "the estimate of thrust, wind and lags did not fit the vehicle and was reset: check mass, "
@@ -36,10 +35,6 @@ class EstimateStage(Stage):
         self.estimator = DelayCompensation(config, ground=self.ground)
         self._has_failed = False
         self._resets_reported = 0
-
-    def learned(self) -> LearnedModel:
-        """Return the estimate for the fallbacks."""
-        return self.estimator.learned()
 
     def step(
         self,

@@ -1,4 +1,4 @@
-"""Stages of the control step, and the events that the controller passes to all of them.
+"""Stages of the control step, their events, counts and warnings.
 
 The control step is validate, estimate, guide, plan, decide, limit, record: one stage each. Stages
 own the flight state, partly in attributes that are stages themselves.
@@ -53,11 +53,67 @@ class Stage:
         owned = [each for each in vars(self).values() if isinstance(each, Stage)]
         return tuple(dict.fromkeys((self, *(stage for each in owned for stage in each.stages))))
 
+    _config: MpcConfig
+
     def reconfigure(self, config: MpcConfig) -> None:
         """Apply changed live parameters; the flight state is kept."""
+        self._config = config
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Transform the flight state by an announced odometry jump."""
 
     def engage(self, engaged: bool) -> None:
         """Set whether the vehicle executes commands."""
+
+
+class Counts(NamedTuple):
+    """Counts of a flight, explained in ``TickStats``."""
+
+    commands: int = 0
+    fallbacks: int = 0
+    solver_failures: int = 0
+    deadline_misses: int = 0
+    rejected_inputs: int = 0
+    stage_errors: int = 0
+
+
+class StageLog:
+    """Counts of a flight, and warnings for the log."""
+
+    def __init__(self) -> None:
+        self.counts = Counts()
+        self._warnings: list[str] = []
+
+    def warn(self, *warnings: str) -> None:
+        """Add warnings."""
+        self._warnings.extend(warnings)
+
+    def take_warnings(self) -> list[str]:
+        """Return the warnings since the last call."""
+        warnings, self._warnings = self._warnings, []
+        return warnings
+
+    def command(self, *, by_fallback: bool) -> None:
+        """Count a command."""
+        commands, fallbacks, *others = self.counts
+        self.counts = Counts(commands + 1, fallbacks + by_fallback, *others)
+
+    def reject(self, reason: str) -> None:
+        """Count an unusable input, and warn."""
+        self._count("rejected_inputs")
+        self.warn(reason)
+
+    def stage_error(self, stage: str, error: Exception) -> Failure:
+        """Count an exception in a stage other than the MPC, and warn."""
+        failure = Failure(stage, f"error in the {stage}: {error!r}")
+        self._count("stage_errors")
+        self.warn(failure.reason)
+        return failure
+
+    def no_plan(self, reason: str, *, counted: str = "solver_failures") -> Failure:
+        """Count a solve without plan, or a late plan as ``deadline_misses``."""
+        self._count(counted)
+        return Failure("plan", reason)
+
+    def _count(self, name: str) -> None:
+        self.counts = self.counts._replace(**{name: getattr(self.counts, name) + 1})

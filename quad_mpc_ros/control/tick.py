@@ -13,11 +13,11 @@ from quad_mpc_ros.control.model.samples import CommandSample
 if TYPE_CHECKING:  # reading the figures of a recording requires no solver
     from quad_mpc_ros.control.estimation.delay_compensation import EstimateStatus
     from quad_mpc_ros.control.estimation.ground_state import GroundState
-    from quad_mpc_ros.control.guide import Avoidance, Guided
+    from quad_mpc_ros.control.guide import Guided
     from quad_mpc_ros.control.mpc import MpcStep
     from quad_mpc_ros.control.ocp.plan import Plan
     from quad_mpc_ros.control.safety.ladder import Decision
-    from quad_mpc_ros.control.stage_log import Counts
+    from quad_mpc_ros.control.stage import Counts
 
 
 @dataclass(kw_only=True, eq=False)
@@ -56,7 +56,10 @@ class Tick:
     def stats(self) -> TickStats:
         """The figures of the tick, computed on first access: after the command is sent."""
         odom_age_ns, reference_age_ns = self.ages_ns
-        figures = {} if self.guided is None else _avoidance_figures(self.guided.avoidance)
+        figures: dict[str, Any] = {}
+        if self.guided is not None:
+            names = "avoidance", "avoidance_reason", "clearance_m"
+            figures = dict(zip(names, self.guided.avoidance, strict=True))
         return TickStats(
             stamp_ns=self.stamp_ns,
             source=self.decision.source.name.lower(),
@@ -124,14 +127,6 @@ class TickStats:
     def items(self) -> list[tuple[str, str]]:
         """Return the figures as text, numbers with all digits."""
         return [(field.name, str(getattr(self, field.name))) for field in dataclasses.fields(self)]
-
-
-def _avoidance_figures(avoidance: Avoidance) -> dict[str, Any]:
-    return {
-        "avoidance": avoidance.state,
-        "avoidance_reason": avoidance.reason,
-        "clearance_m": avoidance.clearance,
-    }
 
 
 def _solver_figures(step: MpcStep | None, estimate: EstimateStatus) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """Response of the controller's rate-loop model to commands held constant.
 
-Exact at any time (:mod:`quad_mpc_ros.control.model.rate_loop`). Without a torque lag the response
+Exact at any time (:mod:`quad_mpc_ros.control.model.actuators`). Without a torque lag the response
 is a first-order lag.
 """
 
@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.actuators import first_order_lag
-from quad_mpc_ros.control.model.rate_loop import axis_step, loop_step
+from quad_mpc_ros.control.model.actuators import axis_step, first_order_lag, loop_step
 
 _SHORTEST = 1e-12  # s
 

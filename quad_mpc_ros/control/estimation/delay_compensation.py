@@ -38,7 +38,7 @@ from quad_mpc_ros.control.model.rollout import (
     read_odometry,
     roll_forward,
 )
-from quad_mpc_ros.control.model.samples import ImuSample, Measured, OdometrySample
+from quad_mpc_ros.control.model.samples import Measured, OdometrySample
 from quad_mpc_ros.control.model.state import BODY_RATE, U_THROTTLE, Input
 from quad_mpc_ros.control.stage import Stage
 
@@ -108,7 +108,8 @@ class DelayCompensation(Stage):
             state=estimator.filter,
         )
         self._force_variance = config.accelerometer_noise**2 if config.uses_accelerometer else 0.0
-        self._specific_forces = SpecificForces()
+        self.specific_forces = SpecificForces()
+        """Accelerometer samples for the next odometry."""
         self._ground = ground
         self._health = EstimateHealth()
         self.status = EstimateStatus()
@@ -150,10 +151,6 @@ class DelayCompensation(Stage):
         self._sent[U_THROTTLE] = command.throttle
         self._sent[BODY_RATE] = self._rate_gain * command.w_WB_B
         self._history.record(self._sent, stamp_ns=stamp_ns)
-
-    def add_imu(self, sample: ImuSample) -> None:
-        """Buffer an accelerometer sample for the next odometry."""
-        self._specific_forces.add(sample)
 
     def engage(self, engaged: bool) -> None:
         """Set whether the vehicle executes commands (initially true).
@@ -239,12 +236,12 @@ class DelayCompensation(Stage):
         if measures:
             self.status = self.status._replace(
                 accelerometer=self._accelerometer_use(mode, is_measured),
-                imu_stamp_ns=self._specific_forces.newest_ns,
+                imu_stamp_ns=self.specific_forces.newest_ns,
             )
 
     def _take_specific_force(self, previous_ns: int, stamp_ns: int) -> bool:
         """Set the specific force since the last odometry; return whether it was measured."""
-        mean = self._specific_forces.mean(start_ns=previous_ns, end_ns=stamp_ns)
+        mean = self.specific_forces.mean(start_ns=previous_ns, end_ns=stamp_ns)
         force = self._estimator.filter.specific_force
         force.variance = 0.0 if mean is None else self._force_variance
         if mean is not None:

@@ -1,7 +1,7 @@
 """The extended Kalman filter of the vehicle's motion and parameters.
 
 Between two odometries the MPC's own model predicts position, velocity, throttle and body rates
-from the commands that acted, delayed and lagged (:mod:`.process_model`). The measurements correct
+from the commands that acted, delayed and lagged. The measurements correct
 the prediction and the parameters (:mod:`.filter_state` has the states, :mod:`.kalman` the
 equations). docs/explanation/estimation.md explains how the states are distinguished.
 
@@ -109,9 +109,7 @@ class VehicleEkf:
         measurement_noise.start(state.position_noise, measurement_noise.LEAST_OF_POSITION)
         measurement_noise.start_drift(state.drift)
         state.translation.x[MOTION.scale] = 1.0
-        set_initial_variances(state, bandwidth_scale)
-        if uses_accelerometer:
-            set_accelerometer_variances(state)
+        set_initial_variances(state, bandwidth_scale, uses_accelerometer)
         self.start_over()
         self.start(p_WB=np.zeros(3), v_WB_W=np.zeros(3), w_WB_B=np.zeros(3))
 
@@ -221,13 +219,12 @@ def update(
         mode = update_mode(permitted, saturated, state.paused_for)
     elif mode == UpdateMode.LEARN:
         state.paused_for = 0.0
-    write_estimated(state)
     mode = update_translation(state, before, after, acting, mode, reported_variance)
     update_rates(state, after, acting, mode)
     return mode
 
 
-def set_initial_variances(state: Filter, bandwidth_scale: float) -> None:
+def set_initial_variances(state: Filter, bandwidth_scale: float, uses_accelerometer: bool) -> None:
     """Write the initial variances and the process noise of each state."""
     nominal = state.nominal
     translation, rates = state.process_noise.translation, state.process_noise.rates
@@ -243,6 +240,10 @@ def set_initial_variances(state: Filter, bandwidth_scale: float) -> None:
         (MOTION.scale, SCALE, 1.0),
         (MOTION.lag, THRUST_LAG, nominal.thrust_time_constant),
         (MOTION.drag, DRAG, 1.0),
+        *(
+            (i, ACCELEROMETER, float(uses_accelerometer))
+            for i in range(MOTION.accelerometer, MOTION.size)
+        ),
     ):
         translation.P[i, i], translation.x[i] = variances_at(assumed, scale)
     initial = measurement_noise.drift_variance_in(state.drift, 0.0)
@@ -263,13 +264,6 @@ def set_initial_variances(state: Filter, bandwidth_scale: float) -> None:
     # longest lag is closer to the configured one for quick vehicles.
     longest = LONGEST_RATE_LAG - 1.0
     state.longest_rate_lag = 1.0 + longest / bandwidth_scale
-
-
-def set_accelerometer_variances(state: Filter) -> None:
-    """Write the variances of the accelerometer's bias; without accelerometer they are 0."""
-    translation = state.process_noise.translation
-    for i in range(MOTION.accelerometer, MOTION.size):
-        translation.P[i, i], translation.x[i] = variances_at(ACCELEROMETER)
 
 
 def bandwidth_scale_of(nominal: ModelParameters, delay: float) -> float:

@@ -16,7 +16,6 @@ this module.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from quad_mpc_ros.control.estimation.crash import FAST, SLOW, CrashDetector
 from quad_mpc_ros.control.estimation.ground_motion import MotionFilter
@@ -55,15 +54,6 @@ _NEAR_GROUND = 0.5  # m above the place on the ground, as odometry drifts
 _MIN_HEIGHT_CHANGE = 0.01  # m within its window: the reference climbs or sinks
 
 
-class _ReferenceHeights(NamedTuple):
-    """Current, lowest and highest height of the reference [m], and its largest speed [m/s]."""
-
-    height: float
-    lowest: float
-    highest: float
-    speed: float
-
-
 class GroundDetector(Stage):
     """Decides the ground state at each odometry."""
 
@@ -80,7 +70,7 @@ class GroundDetector(Stage):
         self._engaged = True
         self._motion = MotionFilter(gravity)
         self._window: ReferenceWindow | None = None
-        self._reference_heights = _ReferenceHeights(0.0, 0.0, 0.0, 0.0)
+        self._reference_heights = 0.0, 0.0, 0.0, 0.0
         self._forget()
 
     def _forget(self) -> None:
@@ -188,12 +178,11 @@ class GroundDetector(Stage):
             return (GroundEvidence.LIES,)
         found: tuple[GroundEvidence, ...] = ()
         height = float(odometry.p_WB[2])
-        heights = self._heights_of(window, height)
-        top, rise = heights.highest, _MIN_HEIGHT_CHANGE
-        self._climbs = top > height + HEIGHT or top > heights.height + rise
-        below = heights.height < height - HEIGHT
-        rests = not self._climbs and (heights.speed < _MOVING_SPEED or below)
-        sinks = heights.lowest < heights.height - _MIN_HEIGHT_CHANGE
+        wanted, lowest, highest, speed = self._heights_of(window, height)
+        self._climbs = highest > height + HEIGHT or highest > wanted + _MIN_HEIGHT_CHANGE
+        below = wanted < height - HEIGHT
+        rests = not self._climbs and (speed < _MOVING_SPEED or below)
+        sinks = lowest < wanted - _MIN_HEIGHT_CHANGE
         self._lands = rests and (below or sinks) and self._is_low(height)
         if self._climbs:
             found += (GroundEvidence.CLIMBS,)
@@ -205,18 +194,21 @@ class GroundDetector(Stage):
             found += (GroundEvidence.RESTS,)
         return found
 
-    def _heights_of(self, window: ReferenceWindow | None, height: float) -> _ReferenceHeights:
-        """Return heights of the reference: -inf if idle, the vehicle's without a reference."""
+    def _heights_of(
+        self, window: ReferenceWindow | None, height: float
+    ) -> tuple[float, float, float, float]:
+        """Return current, lowest and highest height [m] and largest speed [m/s] of the reference.
+
+        Heights are -inf if the reference is idle, and the vehicle's without a reference.
+        """
         if self.idle_wanted:
-            return _ReferenceHeights(-math.inf, -math.inf, -math.inf, 0.0)
+            return -math.inf, -math.inf, -math.inf, 0.0
         if window is None:
-            return _ReferenceHeights(height, height, height, 0.0)
+            return height, height, height, 0.0
         if window is not self._window:
             self._window, heights = window, window.p_WB[:, 2].tolist()
             speed = kernels.largest_length(window.v_WB_W)
-            self._reference_heights = _ReferenceHeights(
-                heights[0], min(heights), max(heights), speed
-            )
+            self._reference_heights = heights[0], min(heights), max(heights), speed
         return self._reference_heights
 
     def _follow_ground(self, odometry: OdometrySample) -> None:

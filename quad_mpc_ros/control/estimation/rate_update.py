@@ -1,4 +1,8 @@
-"""Prediction and update of the body rates and their parameters."""
+"""Prediction and update of the body rates and their parameters.
+
+The modelled rates follow their commands and offsets through the loop of each axis. The Jacobian is
+the forward differences of this prediction.
+"""
 
 from __future__ import annotations
 
@@ -22,15 +26,14 @@ from quad_mpc_ros.control.estimation.filter_state import (
     LowpassedRates,
     loop_lags,
 )
-from quad_mpc_ros.control.estimation.process_model import predict_rates
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.model.actuators import first_order_lag
+from quad_mpc_ros.control.model.actuators import axis_step, first_order_lag, loop_step
 from quad_mpc_ros.control.model.parameters import modelled_thrust
-from quad_mpc_ros.control.model.rate_loop import axis_step, loop_step
 from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.state import U_RATE, U_THROTTLE
 
+_DIFFERENCE = 1e-6  # of forward differences
 _LOWPASS_TIME = 0.1  # s, low-pass of commands and rates
 # Of the angular acceleration: shortest time of a correction, and the lag that halves it.
 _CORRECTION_TIME, _CORRECTED_LAG = 0.05, 0.1  # s
@@ -53,9 +56,7 @@ def update_rates(state: Filter, after: StateRecord, acting: Acting, mode: Update
     if mode in (UpdateMode.HOLD, UpdateMode.REJECT):
         take_rates(state)
         return
-    F, H = np.empty((n, n)), np.zeros((3, n))
-    predict_rates(state, lowpass, F)
-    Q = np.zeros(n)
+    F, H, Q = predict_rates(state, lowpass), np.zeros((3, n)), np.zeros(n)
     for i in range(n):
         if i < RATES.lag or P[i, i] < noise.P[i, i]:
             Q[i] = noise.x[i] * duration
@@ -70,6 +71,58 @@ def update_rates(state: Filter, after: StateRecord, acting: Acting, mode: Update
     R = _RATE_NOISE**2 / duration + (share * off) ** 2
     kalman.update(x, P, kalman.innovation(P, H, R, nu), considered)
     _constrain_rates(state, considered)
+
+
+@compiled
+def predict_rates(state: Filter, acting: Acting) -> Array:
+    """Predict rates and accelerations of the model, and return the Jacobian (n, n)."""
+    x, F = state.rates.x, np.eye(RATES.size)
+    for axis in range(3):
+        k, i, j = YAW if axis == 2 else ROLL_PITCH, RATES.rate + axis, RATES.acceleration + axis
+        w, acceleration = _followed(state, acting, axis, (x[i], x[j]), math.inf)
+        columns = (
+            i,
+            j,
+            RATES.lag + k,
+            RATES.torque_lag + k,
+            RATES.offset + axis,
+            RATES.offset_by_thrust + axis,
+        )
+        for n in range(6 if axis < 2 else 4):  # yaw has no offsets
+            column, kept = columns[n], x[columns[n]]
+            x[column] += _DIFFERENCE
+            moved = _followed(state, acting, axis, (x[i], x[j]), math.inf)
+            x[column] = kept
+            F[i, column] = (moved[0] - w) / _DIFFERENCE
+            F[j, column] = (moved[1] - acceleration) / _DIFFERENCE
+        x[i], x[j] = w, acceleration
+    return F
+
+
+@compiled
+def _followed(
+    state: Filter, acting: Acting, axis: int, start: tuple[float, float], most: float
+) -> tuple[float, float]:
+    """Return rate and acceleration of an axis after commands, from both at their ``start``.
+
+    ``most`` bounds the demanded acceleration [rad/s^2].
+    """
+    (tau, lag), (w, acceleration) = loop_lags(state, axis), start
+    for n in range(len(acting.durations)):
+        loop = loop_step(tau, lag, most, acting.durations[n])
+        command = acting.commands[n, U_RATE + axis]
+        if axis < 2:
+            command += _offset(state, axis, acting.commands[n, U_THROTTLE])
+        step = axis_step(loop, w, acceleration, command)
+        w, acceleration = step.rate, step.acceleration
+    return w, acceleration
+
+
+@compiled
+def _offset(state: Filter, axis: int, throttle: float) -> float:
+    """Return the estimated offset of roll or pitch rate from its command at a throttle."""
+    x, thrust = state.rates.x, modelled_thrust(state.nominal, throttle)
+    return float(x[RATES.offset + axis] + x[RATES.offset_by_thrust + axis] * thrust)
 
 
 @compiled
@@ -108,20 +161,15 @@ def track_acceleration(
     The measured rates correct the acceleration of the model. A shorter torque lag needs less
     correction: the model's own error decays with the lag.
     """
-    commands, duration = acting.commands.copy(), acting.durations.sum()
-    for n in range(len(commands)):
-        add_offsets(state, commands[n])
+    duration = acting.durations.sum()
     for axis in range(3):
-        tau, lag = loop_lags(state, axis)
-        w, acceleration = before.w_WB_B[axis], before.angular_acceleration[axis]
+        _tau, lag = loop_lags(state, axis)
         if lag <= 0.0:
             after.angular_acceleration[axis] = 0.0
             continue
-        for n in range(len(commands)):
-            most = state.nominal.angular_acceleration_max[axis]
-            loop = loop_step(tau, lag, most, acting.durations[n])
-            step = axis_step(loop, w, acceleration, commands[n, U_RATE + axis])
-            w, acceleration = step.rate, step.acceleration
+        start = before.w_WB_B[axis], before.angular_acceleration[axis]
+        most = state.nominal.angular_acceleration_max[axis]
+        w, acceleration = _followed(state, acting, axis, start, most)
         missed = (after.w_WB_B[axis] - w) / max(duration, _CORRECTION_TIME)
         share = lag / (lag + _CORRECTED_LAG)
         after.angular_acceleration[axis] = acceleration + share * missed
@@ -182,9 +230,8 @@ def _lowpassed(lowpass: LowpassedRates, acting: Acting, measured: Array) -> Acti
 @compiled
 def add_offsets(state: Filter, command: Array) -> None:
     """Add the estimated rate offsets to a command (4,)."""
-    x, thrust = state.rates.x, modelled_thrust(state.nominal, command[U_THROTTLE])
     for k in range(2):
-        command[U_RATE + k] += x[RATES.offset + k] + x[RATES.offset_by_thrust + k] * thrust
+        command[U_RATE + k] += _offset(state, k, command[U_THROTTLE])
 
 
 @compiled

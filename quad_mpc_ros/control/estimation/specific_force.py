@@ -1,8 +1,8 @@
 """The measurement model of the accelerometer.
 
 An accelerometer measures the specific force, the acceleration minus gravity, in the body. The mean
-over an interval follows from the predicted change of the velocity (:mod:`.process_model`), so no
-model of the forces is needed here:
+over an interval follows from the predicted change of the velocity (:mod:`.translation_update`), so
+no model of the forces is needed here:
 
     f_B = R' ((v(dt) - v) / dt - g) + a + n,     H = R' (F_v - E_v) / dt,   H_a = 1,
 
@@ -74,7 +74,9 @@ def force_innovation(
     ``duration`` [s], with the Jacobian ``F``; ``between`` are the measured states at both ends.
     """
     H, nu = np.zeros((3, MOTION.size)), np.empty(3)
-    R = half_way(between)
+    R = kernels.matrix(between[0].R_WB)
+    turn = kernels.log(kernels.multiply(kernels.transposed(R), kernels.matrix(between[1].R_WB)))
+    R = kernels.multiply(R, kernels.exp(kernels.scaled(0.5, turn)))  # half way
     for k in range(3):
         axis = kernels.column(R, k)
         force = axis[2] * gravity
@@ -86,11 +88,3 @@ def force_innovation(
         H[k, MOTION.accelerometer + k] = 1.0
         nu[k] = measured.f_B[k] - force - x[MOTION.accelerometer + k]
     return kalman.innovation(P, H, measured.variance, nu)
-
-
-@compiled
-def half_way(between: tuple[StateRecord, StateRecord]) -> kernels.Matrix:
-    """Return the attitude half way between two measured attitudes."""
-    before, after = kernels.matrix(between[0].R_WB), kernels.matrix(between[1].R_WB)
-    turn = kernels.log(kernels.multiply(kernels.transposed(before), after))
-    return kernels.multiply(before, kernels.exp(kernels.scaled(0.5, turn)))

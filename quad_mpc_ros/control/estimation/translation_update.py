@@ -1,4 +1,9 @@
-"""Prediction, gate and update of position and velocity and their parameters."""
+"""Prediction, gate and update of position and velocity and their parameters.
+
+Position, velocity and throttle follow the MPC's model from the commands that acted, delayed and
+lagged, with the estimated parameters. The attitude rotates at a constant rate between two measured
+attitudes. The Jacobian is the forward differences of this prediction.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +27,14 @@ from quad_mpc_ros.control.estimation.filter_state import (
     Filter,
     write_estimated,
 )
-from quad_mpc_ros.control.estimation.process_model import predict_translation, predict_unmodelled
 from quad_mpc_ros.control.estimation.specific_force import force_innovation
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.model.rollout import StateRecord
+from quad_mpc_ros.control.model.parameters import modelled_thrust
+from quad_mpc_ros.control.model.rollout import Body, StateRecord, propagated
+from quad_mpc_ros.control.model.state import U_THROTTLE
 
+_DIFFERENCE = 1e-6  # of forward differences
 _ACCELERATION_NOISE = 0.1  # m/s^2 / sqrt(Hz), process noise of the model
 _UNMODELLED_ACCELERATION = 100.0  # m/s^2, if other forces move the vehicle
 _BIAS_TIME = 1.0  # s, time constant of the velocity bias
@@ -48,18 +55,12 @@ def update_translation(
 ) -> UpdateMode:
     """Predict, gate and update; return the mode, which is REJECT if the velocity jumped."""
     x, P, duration = state.translation.x, state.translation.P, acting.durations.sum()
-    F, lag_is_observable = np.empty((MOTION.size, MOTION.size)), False
     state.specific_force.used = 0
     if mode == UpdateMode.LEARN and state.specific_force.variance > 0.0:
-        _update_by_force(state, before, after, acting, F)
+        _update_by_force(state, before, after, acting)
     was = x.copy()
-    if mode == UpdateMode.HOLD:
-        predict_unmodelled(state.estimated, state.translation, acting, F)
-    else:
-        predict_translation(
-            state.estimated, state.drag_shape, state.translation, acting, before, after, F
-        )
-        lag_is_observable = _lag_is_observable(state, F, duration)
+    F = predict_translation(state, acting, before, after, mode != UpdateMode.HOLD)
+    lag_is_observable = _lag_is_observable(state, F, duration)
     _update_noise(state, was, (before, after), mode, duration)
     white = measurement_noise.variance_in(state.velocity_noise)
     drifting = measurement_noise.drift_variance_in(state.drift, reported_variance)
@@ -94,14 +95,12 @@ def update_translation(
 
 @compiled
 def _update_by_force(
-    state: Filter, before: StateRecord, after: StateRecord, acting: Acting, F: Array
+    state: Filter, before: StateRecord, after: StateRecord, acting: Acting
 ) -> None:
-    """Correct the estimate at ``before`` with the specific force since then; F is overwritten."""
+    """Correct the estimate at ``before`` with the specific force since then."""
     x, P, duration = state.translation.x, state.translation.P, acting.durations.sum()
     was = x.copy()
-    predict_translation(
-        state.estimated, state.drag_shape, state.translation, acting, before, after, F
-    )
+    F = predict_translation(state, acting, before, after, True)
     later = x.copy()
     x[:] = was
     lag_is_observable = _lag_is_observable(state, F, duration)
@@ -113,8 +112,60 @@ def _update_by_force(
     considered = _considered(state, UpdateMode.LEARN, after.R_WB, lag_is_observable)
     kalman.update(x, P, innovation, considered)
     _constrain_translation(state, considered)
-    write_estimated(state)
     state.specific_force.used = 1
+
+
+@compiled
+def predict_translation(
+    state: Filter, acting: Acting, before: StateRecord, after: StateRecord, modelled: bool
+) -> Array:
+    """Predict the translation, and return the Jacobian (n, n) of the prediction.
+
+    ``before`` and ``after`` are the measured states. Without forces, if not ``modelled``, the
+    velocity is constant. Disturbance and bias have 1 on the diagonal.
+    """
+    x, F, R = state.translation.x, np.eye(MOTION.size), kernels.matrix(before.R_WB)
+    turn = kernels.log(kernels.multiply(kernels.transposed(R), kernels.matrix(after.R_WB)))
+    w, start = kernels.scaled(1.0 / acting.durations.sum(), turn), x.copy()
+    write_estimated(state)
+    _propagate(state, acting, R, w, modelled)
+    predicted = x.copy()
+    for i in range(MOTION.velocity, MOTION.bias):
+        x[:] = start
+        x[i] += _DIFFERENCE
+        write_estimated(state)
+        _propagate(state, acting, R, w, modelled)
+        for k in range(MOTION.bias):
+            if k < MOTION.disturbance or k == MOTION.throttle:
+                F[k, i] = (x[k] - predicted[k]) / _DIFFERENCE
+    x[:] = start
+    write_estimated(state)
+    x[:] = predicted
+    return F
+
+
+@compiled
+def _propagate(
+    state: Filter, acting: Acting, R: kernels.Matrix, w: kernels.Vector, modelled: bool
+) -> None:
+    """Propagate position, velocity and throttle from an attitude on, at constant rates."""
+    x, model, duration = state.translation.x, state.estimated, acting.durations.sum()
+    p, v = x[MOTION.position : MOTION.velocity], x[MOTION.velocity : MOTION.disturbance]
+    actuators, none = (x[MOTION.throttle], w[0], w[1], w[2]), (0.0, 0.0, 0.0)
+    body = Body(kernels.vector(p), kernels.vector(v), R, actuators, none)
+    for n in range(len(acting.durations)):
+        command = acting.commands[n, U_THROTTLE], w[0], w[1], w[2]
+        body = propagated(model, command, acting.durations[n], body)
+    throttle = body.actuators[U_THROTTLE]
+    # To first order, the velocity lags by a thrust delay beyond the longest time constant times
+    # the change of the thrust.
+    late = max(x[MOTION.lag] - model.thrust_time_constant, 0.0)
+    change = modelled_thrust(model, throttle) - modelled_thrust(model, x[MOTION.throttle])
+    lacking = kernels.scaled(-late * model.thrust_scale * change, kernels.column(body.R, 2))
+    for k in range(3):
+        p[k] = body.p[k] + 0.5 * duration * lacking[k] if modelled else p[k] + duration * v[k]
+        v[k] = body.v[k] + lacking[k] if modelled else v[k]
+    x[MOTION.throttle] = throttle
 
 
 @compiled

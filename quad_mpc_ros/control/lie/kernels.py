@@ -201,21 +201,13 @@ def transposed(a: Matrix) -> Matrix:
 @compiled
 def row(a: Matrix, index: int) -> Vector:
     """Return row 0, 1 or 2."""
-    if index == 0:
-        return a[0], a[1], a[2]
-    if index == 1:
-        return a[3], a[4], a[5]
-    return a[6], a[7], a[8]
+    return a[3 * index], a[3 * index + 1], a[3 * index + 2]
 
 
 @compiled
 def column(a: Matrix, index: int) -> Vector:
     """Return a column of a matrix."""
-    if index == 0:
-        return a[0], a[3], a[6]
-    if index == 1:
-        return a[1], a[4], a[7]
-    return a[2], a[5], a[8]
+    return a[index], a[3 + index], a[6 + index]
 
 
 @compiled

@@ -14,14 +14,14 @@ ten times as long for three numbers.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from quad_mpc_ros.configuration.arguments import array
 from quad_mpc_ros.configuration.errors import ArgumentError
 from quad_mpc_ros.control.lie import Array, formulas
-from quad_mpc_ros.control.lie.formulas import SMALL_ANGLE, Matrix, Quaternion
 
 
 def hat(phi: ArrayLike) -> Array:
@@ -40,18 +40,17 @@ def hat(phi: ArrayLike) -> Array:
 def exp(phi: ArrayLike) -> Array:
     """Return the rotation by the rotation vector ``phi`` (Rodrigues); (..., 3) → (..., 3, 3)."""
     phi = array(phi, "phi", ..., 3)
+    square = np.sum(phi * phi, axis=-1)
+    if not np.isfinite(square).all():
+        raise ArgumentError("phi", phi, "finite numbers with finite squares")
     if phi.ndim == 1:
-        x, y, z = phi.tolist()
-        square = x * x + y * y + z * z
-        if not square < math.inf:  # NaN compares with nothing
-            raise ArgumentError("phi", phi, _ROTATION_VECTOR)
-        sine, versine, _ = formulas.turn_ratios(square)
-        return _array(formulas.polynomial((x, y, z), sine, versine))
-    angle = np.sqrt(np.sum(phi * phi, axis=-1))[..., None, None]  # to multiply matrices with
-    if not np.isfinite(angle).all():
-        raise ArgumentError("phi", phi, _ROTATION_VECTOR)
-    skew = hat(phi)
-    return _EYE + _sinc(angle) * skew + _versine(angle) * (skew @ skew)
+        sine, versine, _ = formulas.turn_ratios(float(square))
+    else:  # np.sinc(x) is sin(pi x) / (pi x)
+        turns = np.sqrt(square) / math.pi
+        sine, versine = np.sinc(turns), 0.5 * np.sinc(0.5 * turns) ** 2
+    x, y, z = np.moveaxis(phi, -1, 0)
+    entries = formulas.polynomial((x, y, z), sine, versine)
+    return np.stack(entries, axis=-1).reshape(*phi.shape, 3)
 
 
 def log(rotation: Array) -> Array:
@@ -60,23 +59,11 @@ def log(rotation: Array) -> Array:
     The result comes from the unit quaternion, whose vector part is well conditioned near pi, where
     the trace formula divides by zero. At exactly pi two opposite axes are valid; one is returned.
     """
-    rotation = array(rotation, "rotation", ..., 3, 3)
-    if rotation.ndim == 2:
-        try:
-            return np.array(formulas.rotation_vector(_quaternion(rotation)))
-        except ArithmeticError:
-            raise ArgumentError("rotation", rotation.tolist(), _ROTATION) from None
-    q = quaternion_xyzw_from_rotation(rotation)
-    vector, w = q[..., :3], q[..., 3:]  # w >= 0: the shorter way round
-    sine = np.sqrt(np.sum(vector * vector, axis=-1, keepdims=True))
-    small = sine < SMALL_ANGLE
-    t = sine / np.where(small, w, 1.0)
-    ratio = np.where(
-        small,
-        2.0 * (1.0 - t**2 / 3.0 + t**4 / 5.0) / np.where(small, w, 1.0),  # 2 atan(t) / (w t)
-        2.0 * np.arctan2(sine, w) / np.where(small, 1.0, sine),
-    )
-    return np.asarray(ratio * vector)
+    q_xyzw = quaternion_xyzw_from_rotation(rotation)
+    vectors = [
+        formulas.rotation_vector((x, y, z, w)) for x, y, z, w in q_xyzw.reshape(-1, 4).tolist()
+    ]
+    return np.array(vectors).reshape(*q_xyzw.shape[:-1], 3)
 
 
 def shortest_rotation(start: Array, end: Array) -> Array:
@@ -119,7 +106,7 @@ def rotation_from_quaternion_xyzw(q_xyzw: ArrayLike) -> Array:
         x, y, z, w = q.tolist()
         if not 0.0 < x * x + y * y + z * z + w * w < math.inf:
             raise ArgumentError("q_xyzw", q.tolist(), _QUATERNION)
-        return _array(formulas.rotation((x, y, z, w)))
+        return np.array(formulas.rotation((x, y, z, w))).reshape(3, 3)
     norm = np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
     if not np.all(np.isfinite(norm) & (norm > 0.0)):
         raise ArgumentError("q_xyzw", q.tolist(), _QUATERNION)
@@ -140,66 +127,17 @@ def rotation_from_quaternion_xyzw(q_xyzw: ArrayLike) -> Array:
 def quaternion_xyzw_from_rotation(rotation: Array) -> Array:
     """Return the unit quaternion (x, y, z, w) with w >= 0; (..., 3, 3) → (..., 4).
 
-    Each of the four products ``4 q_i q`` is linear in the matrix; the product with the largest
-    norm is the best conditioned everywhere, including at pi (Shepperd 1978).
+    Raises :class:`ArgumentError` for numbers that are not those of a rotation.
     """
-    r = array(rotation, "rotation", ..., 3, 3)
-    if r.ndim == 2:
-        return np.array(_quaternion(r))
-    if not np.isfinite(r).all():
-        raise ArgumentError("rotation", r, _ROTATION)
-    xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
-    products = np.empty((*r.shape[:-2], 4, 4))
-    products[..., 0, 0] = 1.0 + xx - yy - zz
-    products[..., 1, 1] = 1.0 - xx + yy - zz
-    products[..., 2, 2] = 1.0 - xx - yy + zz
-    products[..., 3, 3] = 1.0 + xx + yy + zz
-    products[..., 0, 1] = products[..., 1, 0] = r[..., 1, 0] + r[..., 0, 1]
-    products[..., 0, 2] = products[..., 2, 0] = r[..., 0, 2] + r[..., 2, 0]
-    products[..., 1, 2] = products[..., 2, 1] = r[..., 2, 1] + r[..., 1, 2]
-    products[..., 0, 3] = products[..., 3, 0] = r[..., 2, 1] - r[..., 1, 2]
-    products[..., 1, 3] = products[..., 3, 1] = r[..., 0, 2] - r[..., 2, 0]
-    products[..., 2, 3] = products[..., 3, 2] = r[..., 1, 0] - r[..., 0, 1]
-    best = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
-    q = np.take_along_axis(products, best[..., None, None], axis=-2)[..., 0, :]
-    q = q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
-    return np.asarray(np.where(q[..., 3:] < 0.0, -q, q))
-
-
-_EYE = np.eye(3)
-_ROTATION_VECTOR = "finite numbers with finite squares"
-_QUATERNION = "a quaternion that is finite and not zero"
-_ROTATION = "a rotation: finite, orthogonal"
-
-
-def _quaternion(rotation: Array) -> Quaternion:
-    """Return the unit quaternion of a rotation (3, 3), as plain numbers."""
-    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    rotation = array(rotation, "rotation", ..., 3, 3)
+    rows: list[Any] = rotation.reshape(-1, 9).tolist()
     try:
-        return formulas.quaternion((a, b, c, d, e, f, g, h, i))
+        q_xyzw = np.array([formulas.quaternion(row) for row in rows])
     except (ArithmeticError, ValueError):
-        raise ArgumentError("rotation", rotation.tolist(), _ROTATION) from None
+        q_xyzw = np.full((len(rows), 4), math.nan)
+    if not np.isfinite(q_xyzw).all():
+        raise ArgumentError("rotation", rotation, "a rotation: finite, orthogonal")
+    return q_xyzw.reshape(*rotation.shape[:-2], 4)
 
 
-def _array(matrix: Matrix) -> Array:
-    """Return the (3, 3) of plain numbers."""
-    return np.array(matrix).reshape(3, 3)
-
-
-def _sinc(angle: Array) -> Array:
-    """sin(a) / a."""
-    small, safe = _split(angle)
-    return np.where(small, 1.0 - angle**2 / 6.0 + angle**4 / 120.0, np.sin(safe) / safe)
-
-
-def _versine(angle: Array) -> Array:
-    """(1 - cos(a)) / a^2, by the half angle: no cancellation."""
-    small, safe = _split(angle)
-    closed = 2.0 * np.sin(0.5 * safe) ** 2 / safe**2
-    return np.where(small, 0.5 - angle**2 / 24.0 + angle**4 / 720.0, closed)
-
-
-def _split(angle: Array) -> tuple[NDArray[np.bool_], Array]:
-    """Return where the angle is small, and an angle that is safe to divide by."""
-    small = angle < SMALL_ANGLE
-    return small, np.where(small, 1.0, angle)
+_QUATERNION = "a quaternion that is finite and not zero"

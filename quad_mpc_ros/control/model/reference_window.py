@@ -91,7 +91,7 @@ def sample_into(
 ) -> None:
     """Write the points (m,) at times (m,) after the stamp of a window of samples (n,)."""
     last = len(samples) - 1
-    lower, segment, still = 0, -1, False
+    lower, segment = 0, -1
     R, turn, w_before, w_after = _segment(samples[0], samples[0])
     for k in range(len(times_ns)):
         time, point = times_ns[k], points[k]
@@ -105,8 +105,7 @@ def sample_into(
         if lower != segment:
             R, turn, w_before, w_after = _segment(before, after)
             segment = lower if not holds else -1
-            still = not holds and _is_still(before, after)
-        if holds or still:
+        if holds:
             moving = 1.0 if lower < last else 0.0
             for i in range(3):
                 point.p_WB[i] = before.p_WB[i]
@@ -131,21 +130,6 @@ def sample_into(
         kernels.store_vector(
             kernels.apply(kernels.right_jacobian((x0, x1, x2)), (s0, s1, s2)), point.w_WB_B
         )
-
-
-@compiled
-def _is_still(before: SampleRecord, after: SampleRecord) -> bool:
-    """Whether the reference rests between two samples."""
-    for i in range(3):
-        if before.p_WB[i] != after.p_WB[i]:
-            return False
-    return _is_at_rest(before) and _is_at_rest(after) and _is_same_attitude(before, after)
-
-
-@compiled
-def _is_at_rest(sample: SampleRecord) -> bool:
-    turns = not kernels.is_zero(sample.w_WB_W)
-    return not turns and kernels.is_zero(sample.v_WB_W) and kernels.is_zero(sample.a_WB_W)
 
 
 @compiled

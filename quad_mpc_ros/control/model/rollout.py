@@ -3,7 +3,7 @@
 State: position and velocity in the world, attitude R_WB, and the actuators, throttle and body rate
 (4,), in the order of the inputs, and angular acceleration. The throttle follows its command with a
 first-order lag (:mod:`quad_mpc_ros.control.model.actuators`), the rates follow with a lag of
-second order (:mod:`quad_mpc_ros.control.model.rate_loop`),
+second order (:mod:`quad_mpc_ros.control.model.actuators`),
 
     dp/dt = v,  dv/dt = g + k (T(s)/m) R_WB e3 - R D R' v + k_h (u_x^2 + u_y^2) R e3 + d,
     dR/dt = R [w],  dw/dt = alpha,  T dalpha/dt = (w_c - w) / tau_w - alpha,
@@ -35,9 +35,16 @@ from typing import NamedTuple
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vector3
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.model.actuators import Actuators, actuators_in, first_order_lag
+from quad_mpc_ros.control.model.actuators import (
+    Actuators,
+    AxisStep,
+    LoopResponse,
+    actuators_in,
+    axis_step,
+    first_order_lag,
+    loop_step,
+)
 from quad_mpc_ros.control.model.parameters import ModelParameters
-from quad_mpc_ros.control.model.rate_loop import AxisStep, LoopResponse, axis_step, loop_step
 from quad_mpc_ros.control.model.state import U_RATE, U_THROTTLE
 
 SUBSTEPS = 4
@@ -244,15 +251,9 @@ def _axis_step(step: Discretisation, x: Body, command: Actuators, axis: int) -> 
 
 
 @compiled
-def substeps_of(duration: float) -> int:
-    """Return the number of substeps of a prediction over a duration [s]."""
-    return max(1, math.ceil(duration / _LONGEST_SUBSTEP - 1e-9))
-
-
-@compiled
 def propagated(model: ModelParameters, command: Actuators, duration: float, x: Body) -> Body:
     """Return a state after a duration [s] under a command."""
-    count = substeps_of(duration)
+    count = max(1, math.ceil(duration / _LONGEST_SUBSTEP - 1e-9))
     step = discretised(model, duration / count)
     for _ in range(count):
         x, _midpoint = substep(model, step, command, x)

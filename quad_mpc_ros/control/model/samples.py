@@ -7,7 +7,6 @@ converted to rotations inside the controller. Stamps are integer nanoseconds.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -58,8 +57,6 @@ class OdometrySample:
     frame_id: str = "odom"
     child_frame_id: str = "base_link"
     v_variance: float = 0.0
-    measured: Measured = dataclasses.field(init=False, repr=False)
-    """Position, attitude, velocity and body rates."""
 
     def __post_init__(self) -> None:
         _set_converted(
@@ -73,8 +70,6 @@ class OdometrySample:
             child_frame_id=instance(self.child_frame_id, "child_frame_id", str),
             v_variance=number(self.v_variance, "v_variance"),
         )
-        measured = self.p_WB, self.q_WB_xyzw, self.v_WB_B, self.w_WB_B
-        object.__setattr__(self, "measured", measured)
 
     @classmethod
     def at_rest(
@@ -99,6 +94,11 @@ class OdometrySample:
             w_WB_B=np.zeros(3),
             frame_id=frame_id,
         )
+
+    @property
+    def measured(self) -> Measured:
+        """Position, attitude, velocity and body rates."""
+        return self.p_WB, self.q_WB_xyzw, self.v_WB_B, self.w_WB_B
 
     @property
     def speed(self) -> float:

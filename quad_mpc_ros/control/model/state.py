@@ -52,17 +52,8 @@ class Input(NamedTuple):
         return np.array((self.throttle, *self.w_WB_B.tolist()))
 
 
-def boxplus(x: State, tangent: Array) -> State:
-    """Return x ⊞ tangent: positions and velocities add, the attitude rotates in the body."""
-    return State(
-        p_WB=x.p_WB + tangent[POSITION],
-        v_WB_B=x.v_WB_B + tangent[VELOCITY],
-        R_WB=x.R_WB @ so3.exp(tangent[ATTITUDE]),
-    )
-
-
 def boxminus(x: State, y: State) -> Array:
-    """Return x ⊟ y (9,), the tangent at y that leads to x: ``boxplus(y, boxminus(x, y)) == x``."""
+    """Return x ⊟ y (9,), the tangent at y that leads to x: y ⊞ (x ⊟ y) = x."""
     return np.concatenate(
         (x.p_WB - y.p_WB, x.v_WB_B - y.v_WB_B, so3.log(y.R_WB.T @ x.R_WB)),
     )

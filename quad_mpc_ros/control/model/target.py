@@ -76,21 +76,19 @@ def sample_target(
         path_times(speeds, dt, elapsed_ns, times_ns)
     sample_into(times_ns, samples, points)
     held, tilts = np.empty((count, INPUT_SIZE)), np.empty((count, 3))
-    R_held, throttle, tilt = kernels.matrix(points[0].R_WB), 0.0, (0.0, 0.0, 0.0)
-    R_start = R_held
+    R_start = kernels.matrix(points[0].R_WB)
     for k in range(count):
         point = points[k]
         slowed = (0.0, 0.0, 0.0)
         if len(speeds) > 0:
             slowed = _slow_down(model, speed_at(speeds, k), point)
-        if k == 0 or not _is_same(point, points[k - 1]):
-            R_held, throttle, tilt = _hold(
-                model,
-                kernels.matrix(point.R_WB),
-                kernels.vector(point.v_WB_W),
-                kernels.vector(point.a_WB_W),
-            )
-            tilt = kernels.plus(tilt, slowed)
+        R_held, throttle, tilt = _hold(
+            model,
+            kernels.matrix(point.R_WB),
+            kernels.vector(point.v_WB_W),
+            kernels.vector(point.a_WB_W),
+        )
+        tilt = kernels.plus(tilt, slowed)
         if k == 0:
             R_start = R_held
         held[k, U_THROTTLE] = throttle
@@ -148,17 +146,6 @@ def _slow_down(model: ModelParameters, speed: float, point: PointRecord) -> kern
     kernels.store_vector(kernels.scaled(speed, kernels.vector(point.w_WB_B)), point.w_WB_B)
     kernels.store_matrix(kernels.multiply(Q, kernels.matrix(point.R_WB)), point.R_WB)
     return kernels.log(Q)
-
-
-@compiled
-def _is_same(point: PointRecord, before: PointRecord) -> bool:
-    """Whether the motion of the reference equals that of the previous substep, as at rest."""
-    same = True
-    for n in range(3):
-        same &= point.v_WB_W[n] == before.v_WB_W[n] and point.a_WB_W[n] == before.a_WB_W[n]
-        for k in range(3):
-            same &= point.R_WB[n, k] == before.R_WB[n, k]
-    return same
 
 
 @compiled
@@ -273,10 +260,9 @@ def reference_input(reference: ReferencePoints, vehicle: Vehicle) -> Input:
     The throttle generates the part of m (a + R D R' v + g) along the reference's thrust axis,
     within the limits of the motors.
     """
-    thrust = vehicle.mass * vehicle.specific_thrust(
-        a_WB_W=reference.a_WB_W[None], v_WB_W=reference.v_WB_W[None], R_WB=reference.R_WB[None]
-    )
-    return Input(throttle=vehicle.nearest_throttle(float(thrust[0])), w_WB_B=reference.w_WB_B)
+    one = ReferencePoints(**{name: each[None] for name, each in vars(reference).items()})
+    throttle = float(reference_throttles(one, vehicle)[0])
+    return Input(throttle=throttle, w_WB_B=reference.w_WB_B)
 
 
 def reference_throttles(references: ReferencePoints, vehicle: Vehicle) -> Array:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -40,13 +39,6 @@ _CLIMB_SPEED, _MOVING_SPEED = 0.3, 1.0  # m/s
 _FULL_THROTTLE_LIFT = 1.3  # thrust over weight that is much at full throttle
 # At rest far from the reference: an estimated disturbance leaves no such error.
 _AWAY_DISTANCE, _REST_SPEED, _AWAY_NS = 0.1, 0.1, 3_000_000_000  # m, m/s, ns
-
-
-class DescentState(NamedTuple):
-    """Attitude (3, 3) and velocity (3,) for a descent; the velocity is None if unknown."""
-
-    R_WB: Array
-    v_WB_W: Array | None
 
 
 class ConsistencyMonitor(Stage):
@@ -99,8 +91,10 @@ class ConsistencyMonitor(Stage):
         """Do not compare across an announced odometry jump."""
         self._stamp_ns = None
 
-    def descent_state(self, odometry: OdometrySample) -> DescentState | None:
-        """Return the state for a descent after a contradiction, None if the motors have to idle.
+    def descent_state(self, odometry: OdometrySample) -> tuple[Array, Array | None] | None:
+        """Return attitude (3, 3) and velocity (3,) for a descent, None if the motors have to idle.
+
+        The velocity, in the world, is None if unknown.
 
         A take-off is aborted. With wrong rates or missing thrust the reported attitude is used. A
         vehicle that does not follow commanded rates cannot be levelled; if it turns against them,
@@ -110,16 +104,16 @@ class ConsistencyMonitor(Stage):
             return None
         x, found, track = state_from_odometry(odometry), self._found, self._memory[()].older
         if found & Relation.ATTITUDE and found & Relation.RATES:
-            return DescentState(x.R_WB, x.v_WB_W)
+            return x.R_WB, x.v_WB_W
         if found == Relation.THRUST:
-            return DescentState(x.R_WB, None)
+            return x.R_WB, None
         if found & Relation.REVERSED:
             return None
         if found == Relation.RATES:
-            return DescentState(np.eye(3), None)
+            return np.eye(3), None
         if not found & (Relation.ATTITUDE | Relation.RATES | Relation.LIFT):
-            return DescentState(x.R_WB, track.v_attitude_W.copy())
-        return DescentState(track.R_WB.copy(), track.v_WB_W.copy())
+            return x.R_WB, track.v_attitude_W.copy()
+        return track.R_WB.copy(), track.v_WB_W.copy()
 
     def check(
         self,
@@ -142,18 +136,20 @@ class ConsistencyMonitor(Stage):
         before_ns, self._stamp_ns = self._stamp_ns, odometry.stamp_ns
         step_ns = 0 if before_ns is None else odometry.stamp_ns - before_ns
         compares = 0 < step_ns <= _LONGEST_STEP_NS
+        is_flying = self._ground.learning is UpdateMode.LEARN
         found = compare_step(
             memory=self._memory,
             used=odometry.measured,
             reported=reported.measured,
             command=acted,
             duration=1e-9 * step_ns if compares else 0.0,
-            is_flying=self._ground.learning is UpdateMode.LEARN,
+            is_flying=is_flying,
             is_on_ground=self._ground.allowed is AllowedCommand.IDLE,
             descends=self.breach is not None,
         )
         if compares and self.breach is None:
-            self._judge(found, odometry, acted, p_reference)
+            # A vehicle that does not certainly fly may be held at rest.
+            self._judge(found, odometry, acted, p_reference if is_flying else None)
         return self.breach
 
     def _judge(
@@ -196,11 +192,10 @@ class ConsistencyMonitor(Stage):
         return since_ns is not None and stamp_ns - since_ns >= _MUCH_THRUST_NS
 
     def _stays_away(self, odometry: OdometrySample, p_reference: Array | None) -> bool:
-        """Whether a vehicle in flight has long been at rest away from its reference."""
+        """Whether a vehicle has long been at rest away from its reference, if that is known."""
         stamp_ns = odometry.stamp_ns
         away = (
             self._learns
-            and self._ground.learning is UpdateMode.LEARN
             and p_reference is not None
             and odometry.speed < _REST_SPEED
             and math.dist(odometry.p_WB.tolist(), p_reference.tolist()) > _AWAY_DISTANCE

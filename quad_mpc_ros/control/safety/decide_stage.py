@@ -11,16 +11,15 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.prediction import PredictedState
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
+from quad_mpc_ros.control.mpc import Planned
 from quad_mpc_ros.control.ocp.plan import Plan
-from quad_mpc_ros.control.plan_stage import Planned
 from quad_mpc_ros.control.safety import ladder
 from quad_mpc_ros.control.safety.consistency import ConsistencyMonitor
 from quad_mpc_ros.control.safety.flight_limits import FlightLimits
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
 from quad_mpc_ros.control.safety.ladder import Action, Breach, Decision, LadderState, Source
 from quad_mpc_ros.control.safety.oscillation import OscillationMonitor
-from quad_mpc_ros.control.stage import Due, Stage
-from quad_mpc_ros.control.stage_log import StageLog
+from quad_mpc_ros.control.stage import Due, Stage, StageLog
 
 _CRASHED = (
     "crashed: the vehicle is upside down, or does not rise with thrust; put it upright, then "

@@ -74,16 +74,14 @@ class FlightLimits(Stage):
         self, odometry: OdometrySample, *, share: float = 1.0, distance: float = 0.0
     ) -> Breach | None:
         """Return the worst breach of limits times ``share`` and walls moved by ``distance``."""
-        reasons = (
-            (self._fence.action, self._outside(odometry, distance) if self._fenced else None),
-            (self._envelope.action, self._excess(odometry, share)),
-        )
-        breaches = [
-            Breach(Action[action.upper()], reason)
-            for action, reason in reasons
-            if reason is not None
-        ]
-        return max(breaches, key=lambda breach: breach.action, default=None)
+        worst: Breach | None = None
+        outside = self._outside(odometry, distance) if self._fenced else None
+        excess = self._excess(odometry, share)
+        for action, reason in ((self._fence.action, outside), (self._envelope.action, excess)):
+            breach = None if reason is None else Breach(Action[action.upper()], reason)
+            if breach is not None and (worst is None or breach.action > worst.action):
+                worst = breach
+        return worst
 
     def _outside(self, odometry: OdometrySample, distance: float) -> str | None:
         outside = self._wall(odometry.p_WB, distance)

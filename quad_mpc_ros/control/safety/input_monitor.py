@@ -16,8 +16,7 @@ from quad_mpc_ros.control.safety.odometry_gate import SLOW, OdometryGate
 from quad_mpc_ros.control.safety.odometry_jumps import OdometryJumps
 from quad_mpc_ros.control.safety.validation import BODY, coverage_fault, imu_fault
 from quad_mpc_ros.control.safety.window_validation import reference_fault
-from quad_mpc_ros.control.stage import Failure, Stage
-from quad_mpc_ros.control.stage_log import StageLog
+from quad_mpc_ros.control.stage import Failure, Stage, StageLog
 
 # Largest lead of an IMU stamp over the newest odometry, which may have stopped.
 _MAX_IMU_LEAD_NS = 1_000_000_000

@@ -26,8 +26,7 @@ from quad_mpc_ros.control.safety.fallbacks import (
 from quad_mpc_ros.control.safety.flight_limits import FlightLimits
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
 from quad_mpc_ros.control.safety.ladder import Source
-from quad_mpc_ros.control.stage import Due, Stage
-from quad_mpc_ros.control.stage_log import StageLog
+from quad_mpc_ros.control.stage import Due, Stage, StageLog
 
 # Sources that track a position; their tilt is replaced near the ground.
 _POSITION_SOURCES = (Source.MPC, Source.PLAN, Source.HOVER)
@@ -70,10 +69,6 @@ class LimitStage(Stage):
         self._kept: deque[LearnedModel] = deque(maxlen=_KEPT_ESTIMATES)
         self._kept_ns: int | None = None
 
-    def reconfigure(self, config: MpcConfig) -> None:
-        """Apply changed limits."""
-        self._config = config
-
     def replace(self, u: Input, *, now_ns: int) -> None:
         """Replace the active command."""
         self.acting, self._sent_ns = u, now_ns
@@ -96,7 +91,11 @@ class LimitStage(Stage):
         allowed = self._ground.allowed
         if self._ground.state is GroundState.UNKNOWN and source is not Source.MPC:
             allowed = AllowedCommand.ALL  # the vehicle may be in the air
-        u = self._limited(self._allowed(wanted, allowed, source), due.now_ns)
+        u = self._allowed(wanted, allowed, source)
+        if self.acting is not None:
+            elapsed = max(due.now_ns - self._sent_ns, 0) * 1e-9
+            u = rate_limited(u, self.acting, self._config.slew, duration=elapsed)
+        u = clamped(u, self._config)
         self.replace(u, now_ns=due.now_ns)
         self._log.command(by_fallback=source is not Source.MPC)
         return u
@@ -147,9 +146,10 @@ class LimitStage(Stage):
         at = self._consistency.descent_state(odometry)
         if at is None:
             return idle(self._config)
+        R_WB, v_WB_W = at
         return self._blind.command(
-            at.R_WB,
-            v_WB_W=at.v_WB_W,
+            R_WB,
+            v_WB_W=v_WB_W,
             elapsed=elapsed,
             learned=self._kept[0] if self._kept else LearnedModel(),
         )
@@ -175,10 +175,3 @@ class LimitStage(Stage):
                 return Input(throttle=throttle, w_WB_B=turn)
             case _:
                 return wanted
-
-    def _limited(self, wanted: Input, now_ns: int) -> Input:
-        """Return the command within its bounds and slew limits."""
-        if self.acting is not None:
-            elapsed = max(now_ns - self._sent_ns, 0) * 1e-9
-            wanted = rate_limited(wanted, self.acting, self._config.slew, duration=elapsed)
-        return clamped(wanted, self._config)

@@ -32,8 +32,7 @@ from quad_mpc_ros.control.lie import Array, formulas, kernels
 from quad_mpc_ros.control.lie.kernels import Quaternion, Vector
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import Measured, OdometrySample
-from quad_mpc_ros.control.stage import Stage
-from quad_mpc_ros.control.stage_log import StageLog
+from quad_mpc_ros.control.stage import Stage, StageLog
 
 _NOISE_FACTOR = 4.0
 _POSITION_ACCELERATION = 20.0  # m/s^2, largest expected between positions

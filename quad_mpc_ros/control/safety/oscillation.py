@@ -42,8 +42,8 @@ class OscillationMonitor(Stage):
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Apply changed parameters."""
-        self._config = config.oscillation
-        self._action = Action[self._config.action.upper()]
+        self._limits = config.oscillation
+        self._action = Action[self._limits.action.upper()]
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Transform the previous reference, which has not jumped."""
@@ -73,7 +73,7 @@ class OscillationMonitor(Stage):
 
     def _is_oscillation(self, odometry: OdometrySample, reference: _Pose, now_ns: int) -> bool:
         """Count swings near the reference since its last jump."""
-        pose, threshold = (odometry.p_WB, odometry.q_WB_xyzw), self._config.tilt_amplitude
+        pose, threshold = (odometry.p_WB, odometry.q_WB_xyzw), self._limits.tilt_amplitude
         before, self._reference = self._reference or reference, reference
         lean_x, lean_y, restarts = _leans(pose=pose, reference=reference, before=before)
         if restarts:
@@ -86,7 +86,7 @@ class OscillationMonitor(Stage):
     def _begin(self, now_ns: int) -> None:
         """Start the hold time, longer after a recent oscillation."""
         again = self._until_ns is not None and now_ns - self._until_ns < _MEMORY_NS
-        first_ns = round(self._config.hold_time * _SECOND)
+        first_ns = round(self._limits.hold_time * _SECOND)
         self._hold_ns = min(_HOLD_GROWTH * self._hold_ns, _MAX_HOLD_NS) if again else first_ns
         self._until_ns = now_ns + self._hold_ns
         self._forget()

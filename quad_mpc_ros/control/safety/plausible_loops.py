@@ -1,7 +1,7 @@
 """Whether body rates follow their commands like a ringing or slow rate loop.
 
 Such a loop turns against its command temporarily, a reversed axis permanently. So the rates of
-each axis are compared with the rates of a few loops (:mod:`..model.rate_loop`). A loop explains an
+each axis are compared with the rates of a few loops (:mod:`..model.actuators`). A loop explains an
 axis if the residual is below half of the variance of the rates of the last seconds, or no more
 than a slow motion.
 """
@@ -16,7 +16,7 @@ import numpy as np
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, Vector3
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.model.rate_loop import axis_step, loop_step
+from quad_mpc_ros.control.model.actuators import axis_step, loop_step
 
 # (tau, T) [s]: three of a damping ratio of 0.7, two that ring.
 _LOOPS = np.array([(0.12, 0.06), (0.24, 0.12), (0.4, 0.2), (0.04, 0.06), (0.04, 0.16)])

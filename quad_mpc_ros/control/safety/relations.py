@@ -57,11 +57,13 @@ class Sides(Record):
     y: Vector3
 
 
-class Pair(Sides):
+class Pair(Record):
     """Both low-passed sides of a relation, their means, and weighted sums of products."""
 
     mean_x: Vector3  # 0 if the sides are compared as they are
     mean_y: Vector3
+    x: Vector3
+    y: Vector3
     xx: Matrix3
     yx: Matrix3
     yy: Matrix3
@@ -77,7 +79,7 @@ class KinematicPair(Pair):
 
 @compiled
 def lowpass(
-    sides: Sides, x: kernels.Vector, y: kernels.Vector, farthest: float, times: float
+    sides: Sides | Pair, x: kernels.Vector, y: kernels.Vector, farthest: float, times: float
 ) -> None:
     """Low-pass both sides over ``times`` time constants, with less weight beyond ``farthest``."""
     distance = kernels.norm(kernels.minus(y, x))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from fixtures.box_plus import boxplus
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
@@ -14,7 +15,6 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.state import (
     State,
     boxminus,
-    boxplus,
     odometry_from_state,
     state_from_odometry,
 )

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from fixtures.box_plus import boxplus
 from fixtures.plant_motion import rate
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.state import Input, State, boxminus, boxplus
+from quad_mpc_ros.control.model.state import Input, State, boxminus
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.control.ocp.paper import error_dynamics
 

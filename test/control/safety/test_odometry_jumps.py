@@ -14,7 +14,7 @@ from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.odometry_jumps import OdometryJumps
-from quad_mpc_ros.control.stage_log import StageLog
+from quad_mpc_ros.control.stage import StageLog
 
 SECOND = 1_000_000_000
 Where = Callable[[float], Array]

@@ -20,15 +20,13 @@ from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.prediction import PredictedState, Prediction
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
-from quad_mpc_ros.control.mpc import Mpc, MpcStep
+from quad_mpc_ros.control.mpc import Mpc, MpcStep, Planned, PlanStage
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.ocp.qp_solver import QpSolution
-from quad_mpc_ros.control.plan_stage import Planned, PlanStage
 from quad_mpc_ros.control.safety.decide_stage import DecideStage
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
 from quad_mpc_ros.control.safety.limit_stage import LimitStage
-from quad_mpc_ros.control.stage import Due, Failure
-from quad_mpc_ros.control.stage_log import StageLog
+from quad_mpc_ros.control.stage import Due, Failure, StageLog
 
 MakeOdometry = Callable[..., OdometrySample]
 MakeWindow = Callable[..., ReferenceWindow]
