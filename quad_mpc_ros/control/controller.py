@@ -320,7 +320,7 @@ class Controller:
     def _record(self, due: Due, planned: Planned, decided: Decided, u: Input | None) -> Tick:
         """Pass command and plan to the stages that record them, and return the tick."""
         inputs, estimation, guidance = self._inputs, self._estimation, self._guidance
-        command = None
+        command, odometry, now_ns = None, inputs.odometry, due.now_ns
         if u is not None:
             self._sent_ns = due.sent_ns
             estimation.record(u, stamp_ns=due.sent_ns)
@@ -334,8 +334,11 @@ class Controller:
             guided=guidance.guided,
             behind=guidance.delayed.behind,
             step=planned.step,
-            counts=self._log.counts,
-            ages_ns=inputs.ages_ns(due.now_ns),
+            counts=dict(self._log.counts),
+            ages_ns=(
+                0 if odometry is None else now_ns - odometry.stamp_ns,
+                now_ns - (inputs.reference_ns or 0),
+            ),
             reference_stamp_ns=0 if inputs.reference is None else inputs.reference.stamp_ns,
             ground=estimation.ground.state,
             estimate=estimation.estimator.status,

@@ -58,7 +58,7 @@ class DelayedReference(Stage):
 
     def take(self, plan: Plan, *, stamp_ns: int) -> None:
         """Take the plan for the odometry of a stamp; the plan's speeds determine the delay."""
-        if self._engaged and plan.speeds.size > 0:
+        if self._engaged:
             self._flown = _Flown(plan, stamp_ns, stamp_ns)
 
     def reset_estimate(self, reset: EstimateReset) -> None:

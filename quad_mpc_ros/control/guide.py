@@ -130,7 +130,7 @@ class GuideStage(Stage):
     def record(self, plan: Plan | None, *, sent_ns: int) -> None:
         """Take the plan that is flown, None without a plan."""
         self._plan = plan
-        if plan is not None:
+        if plan is not None and plan.speeds.size > 0:
             self.delayed.take(plan, stamp_ns=sent_ns)
 
 

@@ -142,11 +142,6 @@ class Planned(NamedTuple):
     step: MpcStep | None
     failure: Failure | None
 
-    @property
-    def plan(self) -> Plan | None:
-        """The plan to fly."""
-        return None if self.step is None or self.failure is not None else self.step.plan
-
 
 class PlanStage(Stage):
     """Plans from the estimate along the guided window."""

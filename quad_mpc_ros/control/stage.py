@@ -66,22 +66,22 @@ class Stage:
         """Set whether the vehicle executes commands."""
 
 
-class Counts(NamedTuple):
-    """Counts of a flight, explained in ``TickStats``."""
-
-    commands: int = 0
-    fallbacks: int = 0
-    solver_failures: int = 0
-    deadline_misses: int = 0
-    rejected_inputs: int = 0
-    stage_errors: int = 0
+_COUNTS = (
+    "commands",
+    "fallbacks",
+    "solver_failures",
+    "deadline_misses",
+    "rejected_inputs",
+    "stage_errors",
+)
 
 
 class StageLog:
     """Counts of a flight, and warnings for the log."""
 
     def __init__(self) -> None:
-        self.counts = Counts()
+        self.counts = dict.fromkeys(_COUNTS, 0)
+        """Counts of a flight, explained in ``TickStats``."""
         self._warnings: list[str] = []
 
     def warn(self, *warnings: str) -> None:
@@ -95,25 +95,22 @@ class StageLog:
 
     def command(self, *, by_fallback: bool) -> None:
         """Count a command."""
-        commands, fallbacks, *others = self.counts
-        self.counts = Counts(commands + 1, fallbacks + by_fallback, *others)
+        self.counts["commands"] += 1
+        self.counts["fallbacks"] += by_fallback
 
     def reject(self, reason: str) -> None:
         """Count an unusable input, and warn."""
-        self._count("rejected_inputs")
+        self.counts["rejected_inputs"] += 1
         self.warn(reason)
 
     def stage_error(self, stage: str, error: Exception) -> Failure:
         """Count an exception in a stage other than the MPC, and warn."""
         failure = Failure(stage, f"error in the {stage}: {error!r}")
-        self._count("stage_errors")
+        self.counts["stage_errors"] += 1
         self.warn(failure.reason)
         return failure
 
     def no_plan(self, reason: str, *, counted: str = "solver_failures") -> Failure:
         """Count a solve without plan, or a late plan as ``deadline_misses``."""
-        self._count(counted)
+        self.counts[counted] += 1
         return Failure("plan", reason)
-
-    def _count(self, name: str) -> None:
-        self.counts = self.counts._replace(**{name: getattr(self.counts, name) + 1})

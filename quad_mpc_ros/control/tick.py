@@ -17,7 +17,6 @@ if TYPE_CHECKING:  # reading the figures of a recording requires no solver
     from quad_mpc_ros.control.mpc import MpcStep
     from quad_mpc_ros.control.ocp.plan import Plan
     from quad_mpc_ros.control.safety.ladder import Decision
-    from quad_mpc_ros.control.stage import Counts
 
 
 @dataclass(kw_only=True, eq=False)
@@ -32,8 +31,9 @@ class Tick:
         guided: Result of the guide, None without a guide.
         behind: Delay behind the reference's clock, formulation ``contouring`` [s].
         step: The step of the MPC, None without a step.
-        counts: Counts of the flight so far.
-        ages_ns: Ages of odometry and reference [ns].
+        counts: Counts of the flight so far, by name.
+        ages_ns: Age of the odometry by its stamp, 0 without odometry, and of the reference since
+            its arrival, the time itself without reference [ns].
         reference_stamp_ns: Stamp of the reference [ns], 0 without a reference.
         ground: The ground state.
         estimate: Status of the estimate.
@@ -46,7 +46,7 @@ class Tick:
     guided: Guided | None
     behind: float
     step: MpcStep | None
-    counts: Counts
+    counts: dict[str, Any]
     ages_ns: tuple[int, int]
     reference_stamp_ns: int
     ground: GroundState
@@ -71,7 +71,7 @@ class Tick:
             progress_delay_s=self.behind,
             estimate_resets=self.estimate.resets,
             **figures,
-            **self.counts._asdict(),
+            **self.counts,
             **_solver_figures(self.step, self.estimate),
         )
 

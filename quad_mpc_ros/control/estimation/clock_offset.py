@@ -32,7 +32,7 @@ class ClockOffset:
         if self._until_last:
             drift_ns = min(max(drift_ns, 0), max(self.last_age_ns, 0))
         self.behind_ns += drift_ns
-        age_ns = self.age_ns(stamp_ns, now_ns=now_ns)
+        age_ns = now_ns - stamp_ns - self.behind_ns
         self.behind_ns += min(age_ns, 0)
         self._arrived_ns, self.last_age_ns = now_ns, max(age_ns, 0)
         return age_ns

@@ -42,7 +42,12 @@ class CrashDetector:
 
     def update(self, stamp_ns: int, motion: VehicleMotion) -> bool:
         """Take the motion at a stamp; return whether the vehicle has crashed."""
-        self._detect_collision(stamp_ns, motion.reported_speed)
+        before_ns, before = self._previous
+        stopped, self._previous = before - motion.reported_speed, (stamp_ns, motion.reported_speed)
+        if stopped > _COLLISION_DECELERATION * 1e-9 * (stamp_ns - before_ns):
+            self._collided_ns = stamp_ns
+        elif self._collided_ns is not None and stamp_ns - self._collided_ns > _COLLISION_MEMORY_NS:
+            self._collided_ns = None
         if self.found:
             self.found = motion.climb >= -FAST
             if not self.found:
@@ -57,11 +62,3 @@ class CrashDetector:
         inverted = self._inverted.lasts(stamp_ns, motion.height, fall)
         self.found = self._stopped.lasts(stamp_ns, motion.height, rise) or inverted
         return self.found
-
-    def _detect_collision(self, stamp_ns: int, speed: float) -> None:
-        before_ns, before = self._previous
-        if before - speed > _COLLISION_DECELERATION * 1e-9 * (stamp_ns - before_ns):
-            self._collided_ns = stamp_ns
-        elif self._collided_ns is not None and stamp_ns - self._collided_ns > _COLLISION_MEMORY_NS:
-            self._collided_ns = None
-        self._previous = stamp_ns, speed

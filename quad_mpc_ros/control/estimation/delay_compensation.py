@@ -268,7 +268,8 @@ class DelayCompensation(Stage):
                 self._ekf.start_over()
             if self._health.was_reset(stamp_ns):
                 text = "reset"
-        self.status = EstimateStatus(text, self._health.resets)
+        if (text, self._health.resets) != self.status[:2]:
+            self.status = EstimateStatus(text, self._health.resets)
 
     def _permitted_mode(self, previous_ns: int) -> UpdateMode:
         """Return the update that commands and ground permit since the previous odometry."""

@@ -31,7 +31,8 @@ class EstimateHealth:
         """
         share = formulas.lowpass_share(duration, _REFUSED_TIME)
         self._refused += share * ((1.0 if refused else 0.0) - self._refused)
-        since_ns = self._bounds_since_ns = since(self._bounds_since_ns, now_ns, lasts=at_bounds)
+        since_ns = since(self._bounds_since_ns, now_ns) if at_bounds else None
+        self._bounds_since_ns = since_ns
         stuck = since_ns is not None and now_ns - since_ns > _AT_BOUNDS_NS
         recent = self._reset_ns is not None and 0 <= now_ns - self._reset_ns < _RESET_INTERVAL_NS
         if recent or not (stuck or self._refused > _MAX_REFUSED_SHARE):

@@ -166,8 +166,9 @@ class GroundDetector(Stage):
         self._thrust = max(thrust, 0.0)  # the curve may be negative at throttle 0
         little, lift = thrust <= NO_LIFT, self._motion.now.lift
         lifts = lift >= (_LIFT_OFF_LIFT if self.state.is_on_ground else _FLIGHT_LIFT)
-        self._little_since_ns = since(self._little_since_ns, odometry.stamp_ns, lasts=little)
-        self._lifting_since_ns = since(self._lifting_since_ns, odometry.stamp_ns, lasts=lifts)
+        stamp_ns = odometry.stamp_ns
+        self._little_since_ns = since(self._little_since_ns, stamp_ns) if little else None
+        self._lifting_since_ns = since(self._lifting_since_ns, stamp_ns) if lifts else None
 
     def _evidence(
         self, odometry: OdometrySample, window: ReferenceWindow | None

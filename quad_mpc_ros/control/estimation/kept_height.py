@@ -49,8 +49,6 @@ class KeptHeight:
         return kept
 
 
-def since(since_ns: int | None, now_ns: int, *, lasts: bool) -> int | None:
-    """Return the start time of a condition, None if the condition is false."""
-    if not lasts:
-        return None
+def since(since_ns: int | None, now_ns: int) -> int:
+    """Return the start time of a condition that is true, ``since_ns`` or now."""
     return now_ns if since_ns is None else since_ns

@@ -23,7 +23,7 @@ from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.parameters import rate_offset_at
 from quad_mpc_ros.control.model.prediction import PredictedState
 from quad_mpc_ros.control.model.reference_window import SampleRecord, packed
-from quad_mpc_ros.control.model.rollout import SUBSTEPS, body_in, roll_out
+from quad_mpc_ros.control.model.rollout import SUBSTEPS, roll_out
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.model.state import INPUT_SIZE, U_RATE, U_THROTTLE
 from quad_mpc_ros.control.model.target import TargetStage, sample_target
@@ -136,11 +136,22 @@ class ManifoldProblem:
         ``inputs`` (N, nu) and ``states`` 1 to N (N, nx) are the QP's solution. The arrays of the
         plan are copies.
         """
-        cost, plan = line_search(self._problem, inputs, self._cost, self._stamp_ns)
+        plan, step = self._problem.work.plan, self._config.horizon_step
+        commands = np.empty((plan.inputs.size // INPUT_SIZE, INPUT_SIZE))
+        cost = line_search(self._problem, inputs, self._cost, commands)
         converged = not cost < _CONVERGENCE_RATIO * self._cost
         self._cost, self._iterations = cost, self._iterations - 1
         self._last = self._stamp_ns, cost
-        return plan, converged or self._iterations == 0
+        flown = Plan(
+            self._stamp_ns,
+            step,
+            step / SUBSTEPS,
+            commands,
+            p_WB=plan.states["p_WB"].copy(),
+            R_WB=plan.states["R_WB"].copy(),
+            speeds=self._problem.work.progress.plan.copy(),
+        )
+        return flown, converged or self._iterations == 0
 
 
 @compiled
@@ -231,27 +242,20 @@ def _follow_path(problem: Problem, speeds: Array) -> None:
 
 
 @compiled
-def line_search(problem: Problem, change: Array, cost: float, stamp_ns: int) -> tuple[float, Plan]:
-    """Take the longest step along a ``change`` (N, nu) that lowers the cost.
+def line_search(problem: Problem, change: Array, cost: float, commands: Array) -> float:
+    """Take the longest step along a ``change`` (N, nu) that lowers the cost; return its cost.
 
-    If no step lowers the cost, the nominal plan is kept. Returns the cost reached, and the plan
-    from ``stamp_ns`` on, with inputs as commands, without offset and gain of the rates.
+    If no step lowers the cost, the nominal plan is kept. The inputs are written as ``commands``
+    (N M, 4), without offset and gain of the rates.
     """
     reached = _search(problem, change, cost)
-    settings, plan = problem.settings[()], problem.work.plan
-    model, gain = problem.prediction[()].parameters, settings.rate_gain
-    inputs, count = plan.inputs.reshape((-1, INPUT_SIZE)).copy(), len(plan.states)
-    for i in range(len(inputs)):
-        offset = rate_offset_at(model, inputs[i, U_THROTTLE])
+    model, gain = problem.prediction[()].parameters, problem.settings[()].rate_gain
+    commands[:] = problem.work.plan.inputs.reshape((-1, INPUT_SIZE))
+    for i in range(len(commands)):
+        offset = rate_offset_at(model, commands[i, U_THROTTLE])
         for k in range(3):
-            inputs[i, U_RATE + k] = (inputs[i, U_RATE + k] - offset[k]) / gain[k]
-    p_WB, R_WB = np.empty((count, 3)), np.empty((count, 3, 3))
-    for i in range(count):
-        body = body_in(plan.states[i])
-        kernels.store_vector(body.p, p_WB[i])
-        kernels.store_matrix(body.R, R_WB[i])
-    step, speeds = settings.step, problem.work.progress.plan.copy()
-    return reached, Plan(stamp_ns, step, step / SUBSTEPS, inputs, p_WB, R_WB, speeds)
+            commands[i, U_RATE + k] = (commands[i, U_RATE + k] - offset[k]) / gain[k]
+    return reached
 
 
 @compiled

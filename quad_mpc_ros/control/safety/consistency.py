@@ -188,7 +188,7 @@ class ConsistencyMonitor(Stage):
         lift = self._memory["force"]["x"][2] / self._gravity  # over the weight
         full = throttle >= self._full_throttle and lift > _FULL_THROTTLE_LIFT
         much = is_still and (full or lift > _MUCH_THRUST)
-        since_ns = self._much_since_ns = since(self._much_since_ns, stamp_ns, lasts=much)
+        since_ns = self._much_since_ns = since(self._much_since_ns, stamp_ns) if much else None
         return since_ns is not None and stamp_ns - since_ns >= _MUCH_THRUST_NS
 
     def _stays_away(self, odometry: OdometrySample, p_reference: Array | None) -> bool:
@@ -200,7 +200,7 @@ class ConsistencyMonitor(Stage):
             and odometry.speed < _REST_SPEED
             and math.dist(odometry.p_WB.tolist(), p_reference.tolist()) > _AWAY_DISTANCE
         )
-        since_ns = self._away_since_ns = since(self._away_since_ns, stamp_ns, lasts=away)
+        since_ns = self._away_since_ns = since(self._away_since_ns, stamp_ns) if away else None
         return since_ns is not None and stamp_ns - since_ns >= _AWAY_NS
 
 

@@ -67,7 +67,8 @@ class DecideStage(Stage):
         odometry_ns = self._inputs.odometry_ns or 0
         return (
             self._source is Source.MPC
-            and not self._is_down
+            and not self._ground.state.is_on_ground
+            and self._ground.state is not GroundState.CRASHED
             and 0 <= now_ns - odometry_ns <= self._timeouts.gap
         )
 
@@ -89,7 +90,7 @@ class DecideStage(Stage):
             breach = self.consistency.breach
             if not fault and planned.step is not None:
                 fault = self.predicted_breach(planned.step.state)
-        plan = None if fault else planned.plan
+        plan = None if fault or planned.step is None else planned.step.plan
         crashed = self._ground.state is GroundState.CRASHED
         decision, self._ladder = ladder.decide(
             ladder.LadderInputs(
@@ -98,7 +99,7 @@ class DecideStage(Stage):
                 reference_ns=self._inputs.reference_valid_ns(due.now_ns),
                 plan_fault=_CRASHED if crashed else fault,
                 breach=breach,
-                on_ground=self._is_down,
+                on_ground=crashed or self._ground.state.is_on_ground,
                 is_predicted=due.odometry is None and plan is not None,
                 jumped=self._inputs.jumps.fault,
             ),
@@ -108,10 +109,6 @@ class DecideStage(Stage):
         self._source = decision.source
         since_ns = self._ladder.blind_since_ns
         return Decided(decision, plan, None if since_ns is None else due.now_ns - since_ns)
-
-    @property
-    def _is_down(self) -> bool:
-        return self._ground.state.is_on_ground or self._ground.state is GroundState.CRASHED
 
     def _breach(
         self,

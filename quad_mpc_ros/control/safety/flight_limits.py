@@ -67,7 +67,7 @@ class FlightLimits(Stage):
             and self.breach_at(odometry, share=_RECOVERY_SHARE, distance=_RECOVERY_DISTANCE)
             is None
         )
-        since_ns = self._kept_since_ns = since(self._kept_since_ns, now_ns, lasts=kept)
+        since_ns = self._kept_since_ns = since(self._kept_since_ns, now_ns) if kept else None
         return since_ns is not None and now_ns - since_ns >= _RECOVERY_NS
 
     def breach_at(

@@ -138,26 +138,15 @@ class InputMonitor(Stage):
         return self.reference if fault is None else Failure("validate", fault)
 
     def reference_valid_ns(self, now_ns: int) -> int | None:
-        """Return the arrival of the reference; now, while its window covers the horizon."""
-        window, odometry = self.reference, self.odometry
-        if (
-            window is None
-            or odometry is None
-            or not self._covers_horizon(window, odometry.stamp_ns)
-        ):
-            return self.reference_ns
-        return now_ns
+        """Return the arrival of the reference; now, if it is old but covers the horizon."""
+        window, odometry, arrived_ns = self.reference, self.odometry, self.reference_ns
+        if window is None or odometry is None or arrived_ns is None:
+            return arrived_ns
+        old = not 0 <= now_ns - arrived_ns <= self._reference_timeout_ns
+        return now_ns if old and self._covers_horizon(window, odometry.stamp_ns) else arrived_ns
 
     def _covers_horizon(self, window: ReferenceWindow, stamp_ns: int) -> bool:
         return window.stamp_ns + int(window.offset_ns[-1]) - stamp_ns >= self._horizon_ns
-
-    def ages_ns(self, now_ns: int) -> tuple[int, int]:
-        """Return the age of the odometry by its stamp and of the reference since its arrival.
-
-        Without odometry its age is 0, without reference its age is the time itself.
-        """
-        odometry_ns = self.odometry.stamp_ns if self.odometry is not None else now_ns
-        return now_ns - odometry_ns, now_ns - (self.reference_ns or 0)
 
     def report(self) -> None:
         """Warn, once, if the rate of the odometry limits the control rate."""

@@ -107,7 +107,7 @@ def decide(
 ) -> tuple[Decision, LadderState]:
     """Return the decision and the next state."""
     has_odometry = _is_within(inputs.odometry_ns, inputs.now_ns, timeouts.odometry)
-    fault = _input_fault(inputs, timeouts) or inputs.plan_fault
+    fault = _input_fault(inputs, timeouts, has_odometry) or inputs.plan_fault
     # Plans from predicted states give the fallbacks no more time.
     planned_ns = state.planned_ns if fault or inputs.is_predicted else inputs.now_ns
     if planned_ns is None:
@@ -155,11 +155,12 @@ def _level(
     return Decision(Source.SILENT, fault)
 
 
-def _input_fault(inputs: LadderInputs, timeouts: Timeouts) -> str:
+def _input_fault(inputs: LadderInputs, timeouts: Timeouts, has_odometry: bool) -> str:
     if inputs.odometry_ns is None:
         return "no odometry yet"
-    longest_ns = timeouts.gap if inputs.is_predicted else timeouts.odometry
-    if not _is_within(inputs.odometry_ns, inputs.now_ns, longest_ns):
+    if inputs.is_predicted:
+        has_odometry = _is_within(inputs.odometry_ns, inputs.now_ns, timeouts.gap)
+    if not has_odometry:
         return f"odometry is {_seconds(inputs.now_ns - inputs.odometry_ns)} old"
     if inputs.reference_ns is None:
         return "no reference yet"

@@ -81,7 +81,10 @@ class LimitStage(Stage):
             decided: The active source, and the plan that can be flown.
             corridor: The free region, None for no constraint.
         """
-        self._dead_reckon(due)
+        if due.odometry is not None:
+            self._blind.release()
+        else:
+            self._dead_reckon(due.now_ns)
         if decided.plan is not None:
             self._plan, self._planned_ns = decided.plan, due.now_ns
         wanted = self._wanted(due, decided, corridor)
@@ -100,16 +103,14 @@ class LimitStage(Stage):
         self._log.command(by_fallback=source is not Source.MPC)
         return u
 
-    def _dead_reckon(self, due: Due) -> None:
-        """Update dead reckoning in steps without odometry."""
+    def _dead_reckon(self, now_ns: int) -> None:
+        """Update dead reckoning in a step without odometry."""
         newest = self._inputs.odometry
-        if due.odometry is not None:
-            self._blind.release()
-        elif newest is not None and self.acting is not None:
+        if newest is not None and self.acting is not None:
             self._blind.dead_reckon(
                 state_from_odometry(newest).R_WB,
                 self.acting.w_WB_B,
-                duration=(due.now_ns - self._sent_ns) * 1e-9,
+                duration=(now_ns - self._sent_ns) * 1e-9,
             )
 
     def _wanted(self, due: Due, decided: Decided, corridor: Corridor | None) -> Input | None:
