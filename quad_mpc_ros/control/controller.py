@@ -191,8 +191,8 @@ class Controller:
         accepted = self._inputs.accept_odometry(odometry, now_ns=now_ns)
         if accepted is None:
             return None
-        for reset in self._inputs.jumps.take_resets():
-            self._estimation.estimator.reset_estimate(reset)
+        while self._inputs.jumps.resets:
+            self._estimation.estimator.reset_estimate(self._inputs.jumps.resets.pop(0))
         if self._config.lockstep:
             return self._last_tick if self._is_answered() else self._answer_in_lockstep()
         if not self._decimation.is_due(accepted.stamp_ns):

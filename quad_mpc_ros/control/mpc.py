@@ -169,7 +169,7 @@ class PlanStage(Stage):
         """Return the reason why the plan of a step cannot be flown, else None."""
         if step.plan is None:
             return self._log.no_plan(f"solver: {step.solution.status}")
-        if not infinity_norm(step.plan.inputs.ravel()) < math.inf:  # also true for NaN
+        if not infinity_norm(step.plan.inputs) < math.inf:  # also true for NaN
             return self._log.no_plan("the plan is not finite")
         if step.step_time > self._deadline:
             reason = f"late: the plan took {1e3 * step.step_time:.1f} ms"

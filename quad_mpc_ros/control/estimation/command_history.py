@@ -56,10 +56,6 @@ class CommandHistory:
         self.acts_ns = self._times_ns[:0]
         self.commands[0] = self._initial
 
-    def covers(self, time_ns: int) -> bool:
-        """Whether the command that acted at a time is known."""
-        return self.acts_ns.size > 0 and self.acts_ns.item(0) <= time_ns
-
 
 @compiled
 def acting_between(

@@ -266,7 +266,7 @@ class DelayCompensation(Stage):
                 stamp_ns, duration=duration, refused=refused, at_bounds=at_bounds
             ):
                 self._ekf.start_over()
-            if self._health.was_reset(stamp_ns):
+            if self._health.resets > 0 and self._health.was_reset(stamp_ns):
                 text = "reset"
         if (text, self._health.resets) != self.status[:2]:
             self.status = EstimateStatus(text, self._health.resets)
@@ -279,7 +279,8 @@ class DelayCompensation(Stage):
             if self._ground.state.is_on_ground:
                 self._ekf.restore()
         settling_ns = _ACTUATOR_SETTLING_NS if self._was_idle else 0
-        acts = self._history.covers(previous_ns - settling_ns)
+        acts_ns = self._history.acts_ns
+        acts = acts_ns.size > 0 and acts_ns.item(0) <= previous_ns - settling_ns
         if not (self._learns and self._engaged and acts):
             return UpdateMode.HOLD
         if permitted is UpdateMode.LEARN:

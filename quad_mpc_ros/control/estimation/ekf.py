@@ -1,9 +1,9 @@
 """The extended Kalman filter of the vehicle's motion and parameters.
 
 Between two odometries the MPC's own model predicts position, velocity, throttle and body rates
-from the commands that acted, delayed and lagged. The measurements correct
-the prediction and the parameters (:mod:`.filter_state` has the states, :mod:`.kalman` the
-equations). docs/explanation/estimation.md explains how the states are distinguished.
+from the commands that acted, delayed and lagged. The measurements correct the prediction and the
+parameters (:mod:`.filter_state` has the states, :mod:`.kalman` the equations).
+docs/explanation/estimation.md explains how the states are distinguished.
 
     dd/dt = noise, for d_z -d_z / T + noise        disturbance acceleration
     db/dt = -b / T_b + noise                       bias of the measured velocity

@@ -87,6 +87,8 @@ OFFSET = StateNoise(0.3, 0.06)
 OFFSET_BY_THRUST = StateNoise(0.05, 0.001)
 ACCELEROMETER = StateNoise(0.3, 0.01)  # m/s^2, bias and tilt of its mounting
 
+DIFFERENCE = 1e-6  # of states, for the Jacobians of predictions
+
 VERTICAL_BOUND = 3.0  # m/s^2
 SCALE_BOUNDS = (0.5, 1.5)
 LAG_FACTOR = 2.0  # of the thrust's time constant, either way

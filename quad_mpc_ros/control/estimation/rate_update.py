@@ -14,6 +14,7 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.estimation import kalman
 from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.filter_state import (
+    DIFFERENCE,
     LONGEST_RATE_LAG,
     OFFSET_BOUND,
     OFFSET_BY_THRUST_BOUND,
@@ -33,7 +34,6 @@ from quad_mpc_ros.control.model.parameters import modelled_thrust
 from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.state import U_RATE, U_THROTTLE
 
-_DIFFERENCE = 1e-6  # of forward differences
 _LOWPASS_TIME = 0.1  # s, low-pass of commands and rates
 # Of the angular acceleration: shortest time of a correction, and the lag that halves it.
 _CORRECTION_TIME, _CORRECTED_LAG = 0.05, 0.1  # s
@@ -90,11 +90,11 @@ def predict_rates(state: Filter, acting: Acting) -> Array:
         )
         for n in range(6 if axis < 2 else 4):  # yaw has no offsets
             column, kept = columns[n], x[columns[n]]
-            x[column] += _DIFFERENCE
+            x[column] += DIFFERENCE
             moved = _followed(state, acting, axis, (x[i], x[j]), math.inf)
             x[column] = kept
-            F[i, column] = (moved[0] - w) / _DIFFERENCE
-            F[j, column] = (moved[1] - acceleration) / _DIFFERENCE
+            F[i, column] = (moved[0] - w) / DIFFERENCE
+            F[j, column] = (moved[1] - acceleration) / DIFFERENCE
         x[i], x[j] = w, acceleration
     return F
 

@@ -15,6 +15,7 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.estimation import kalman, measurement_noise
 from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.filter_state import (
+    DIFFERENCE,
     DRAG_FACTORS,
     LAG_FACTOR,
     LEARNED_STATES,
@@ -34,7 +35,6 @@ from quad_mpc_ros.control.model.parameters import modelled_thrust
 from quad_mpc_ros.control.model.rollout import Body, StateRecord, propagated
 from quad_mpc_ros.control.model.state import U_THROTTLE
 
-_DIFFERENCE = 1e-6  # of forward differences
 _ACCELERATION_NOISE = 0.1  # m/s^2 / sqrt(Hz), process noise of the model
 _UNMODELLED_ACCELERATION = 100.0  # m/s^2, if other forces move the vehicle
 _BIAS_TIME = 1.0  # s, time constant of the velocity bias
@@ -132,12 +132,12 @@ def predict_translation(
     predicted = x.copy()
     for i in range(MOTION.velocity, MOTION.bias):
         x[:] = start
-        x[i] += _DIFFERENCE
+        x[i] += DIFFERENCE
         write_estimated(state)
         _propagate(state, acting, R, w, modelled)
         for k in range(MOTION.bias):
             if k < MOTION.disturbance or k == MOTION.throttle:
-                F[k, i] = (x[k] - predicted[k]) / _DIFFERENCE
+                F[k, i] = (x[k] - predicted[k]) / DIFFERENCE
     x[:] = start
     write_estimated(state)
     x[:] = predicted

@@ -38,12 +38,12 @@ _rotation_vector = compiled(formulas.rotation_vector)
 
 @compiled
 def infinity_norm(values: Array) -> float:
-    """Return the largest magnitude in (n,); NaN if any is NaN."""
+    """Return the largest magnitude in an array; NaN if any is NaN."""
     # Without their sign the bits of floats order as whole numbers do, NaN above infinity, and of
     # those a processor compares several at a time.
     found = np.zeros(1, dtype=np.int64)
     most = found[0]
-    for bits in values.view(np.int64):
+    for bits in values.ravel().view(np.int64):
         most = max(most, bits & _MAGNITUDE)
     found[0] = most
     return float(found.view(np.float64)[0])

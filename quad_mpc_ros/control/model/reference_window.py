@@ -75,10 +75,13 @@ class PointRecord(Record):
     w_WB_B: Vector3
 
 
+_SAMPLE_FIELDS = SampleRecord.names()
+
+
 def packed(window: ReferenceWindow) -> RecordArray[SampleRecord]:
     """Return the samples of a window (n,) for compiled code."""
     samples, arrays = SampleRecord.zeros(window.offset_ns.size), vars(window)
-    for name in SampleRecord.names():
+    for name in _SAMPLE_FIELDS:
         samples[name] = arrays[name]
     return samples
 

@@ -137,10 +137,11 @@ class ConsistencyMonitor(Stage):
         step_ns = 0 if before_ns is None else odometry.stamp_ns - before_ns
         compares = 0 < step_ns <= _LONGEST_STEP_NS
         is_flying = self._ground.learning is UpdateMode.LEARN
+        used = odometry.measured
         found = compare_step(
             memory=self._memory,
-            used=odometry.measured,
-            reported=reported.measured,
+            used=used,
+            reported=used if reported is odometry else reported.measured,
             command=acted,
             duration=1e-9 * step_ns if compares else 0.0,
             is_flying=is_flying,

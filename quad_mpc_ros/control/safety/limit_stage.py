@@ -99,7 +99,7 @@ class LimitStage(Stage):
             elapsed = max(due.now_ns - self._sent_ns, 0) * 1e-9
             u = rate_limited(u, self.acting, self._config.slew, duration=elapsed)
         u = clamped(u, self._config)
-        self.replace(u, now_ns=due.now_ns)
+        self.acting, self._sent_ns = u, due.now_ns
         self._log.command(by_fallback=source is not Source.MPC)
         return u
 
@@ -120,7 +120,10 @@ class LimitStage(Stage):
             self._hover.release()
         match source:
             case Source.MPC | Source.PLAN if self._plan is not None:
-                self._keep_estimate(due.now_ns)
+                kept_ns = self._kept_ns
+                if kept_ns is None or not 0 <= due.now_ns - kept_ns < _ESTIMATE_PERIOD_NS:
+                    self._kept_ns = due.now_ns
+                    self._kept.append(self._learned())
                 elapsed = (due.now_ns - self._planned_ns) * 1e-9
                 return self._plan.command_over(elapsed, due.duration)
             case Source.HOVER if newest is not None:
@@ -154,15 +157,6 @@ class LimitStage(Stage):
             elapsed=elapsed,
             learned=self._kept[0] if self._kept else LearnedModel(),
         )
-
-    def _keep_estimate(self, now_ns: int) -> None:
-        """Keep the estimate for a descent, once a second."""
-        if (
-            self._kept_ns is None
-            or not -_ESTIMATE_PERIOD_NS < now_ns - self._kept_ns < _ESTIMATE_PERIOD_NS
-        ):
-            self._kept_ns = now_ns
-            self._kept.append(self._learned())
 
     def _allowed(self, wanted: Input, allowed: AllowedCommand, source: Source) -> Input:
         """Return the part of a source's command that may be sent to the motors."""

@@ -64,28 +64,22 @@ class OdometryGate(Stage):
 
     def _take(self, odometry: OdometrySample, now_ns: int) -> None:
         stamp_ns = odometry.stamp_ns
-        age_ns = self.offset.age_ns(stamp_ns, now_ns=now_ns)
-        if self._newest is None or abs(age_ns) > self._timeout_ns:
+        age_ns = self.offset.follow(stamp_ns, now_ns=now_ns)
+        if self._newest is None or not -self._timeout_ns <= age_ns <= self._timeout_ns:
             self.offset.set(now_ns - stamp_ns, stamp_ns=stamp_ns, now_ns=now_ns)
             self._began_ns = now_ns
-        else:
-            self.offset.follow(stamp_ns, now_ns=now_ns)
         self._confirmed = self._confirmed or now_ns - self._began_ns > self._timeout_ns
         if self._newest is None or not _repeats(odometry, self._newest):
             self.changed_ns = now_ns
         if self._newest is not None and stamp_ns > self._newest.stamp_ns:
-            self._measure_period(stamp_ns - self._newest.stamp_ns)
+            # The median over at least a second and five periods is robust against losses.
+            self._steps_ns.append(stamp_ns - self._newest.stamp_ns)
+            self._measured_ns += self._steps_ns[-1]
+            if self._measured_ns >= _SECOND and len(self._steps_ns) >= _MIN_PERIODS:
+                self.period = statistics.median(self._steps_ns) / _SECOND
+                self._steps_ns, self._measured_ns = [], 0
         self._newest = odometry
         self._misfits.clear()
-
-    def _measure_period(self, step_ns: int) -> None:
-        """Set the median over at least a second and five periods, robust against losses."""
-        self._steps_ns.append(step_ns)
-        self._measured_ns += step_ns
-        if self._measured_ns >= _SECOND and len(self._steps_ns) >= _MIN_PERIODS:
-            self.period = statistics.median(self._steps_ns) / _SECOND
-            self._steps_ns.clear()
-            self._measured_ns = 0
 
     def _misfit_in_lockstep(
         self, odometry: OdometrySample, newest: OdometrySample, _: int

@@ -123,7 +123,11 @@ class OdometryJumps(Stage):
 
     def __init__(self, log: StageLog) -> None:
         self._log = log
-        self._resets: list[EstimateReset] = []
+        self.resets: list[EstimateReset] = []
+        """Accepted jumps of the heading, which the controller takes.
+
+        The vehicle did not turn, so vectors in the world are rotated instead.
+        """
         self._engaged = True
         self._begin()
 
@@ -139,14 +143,6 @@ class OdometryJumps(Stage):
     def engage(self, engaged: bool) -> None:
         """Set whether the vehicle executes commands; if not, odometry is used unchanged."""
         self._engaged = engaged
-
-    def take_resets(self) -> list[EstimateReset]:
-        """Return the jumps of the heading accepted since the last call.
-
-        The vehicle did not turn, so vectors in the world are rotated instead.
-        """
-        resets, self._resets = self._resets, []
-        return resets
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Transform the tracked odometry by an announced odometry jump."""
@@ -208,7 +204,7 @@ class OdometryJumps(Stage):
         turn, stamp_ns = float(self._tracking["turn"]), odometry.stamp_ns
         about = EstimateReset(stamp_ns=stamp_ns, turn=turn, step_W=np.zeros(3))
         step_W = odometry.p_WB - about.points(odometry.p_WB)
-        self._resets.append(dataclasses.replace(about, step_W=step_W, frame_id=odometry.frame_id))
+        self.resets.append(dataclasses.replace(about, step_W=step_W, frame_id=odometry.frame_id))
 
     def _replaced(self, odometry: OdometrySample) -> OdometrySample:
         """Return the odometry with position, attitude and velocity in use."""

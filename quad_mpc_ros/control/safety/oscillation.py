@@ -66,22 +66,21 @@ class OscillationMonitor(Stage):
         if not self._engaged:
             return None
         if self._until_ns is None or now_ns >= self._until_ns:
-            if reference is None or not self._is_oscillation(odometry, reference, now_ns):
+            if reference is None:
+                return None
+            # Count swings near the reference since its last jump.
+            pose, threshold = (odometry.p_WB, odometry.q_WB_xyzw), self._limits.tilt_amplitude
+            before, self._reference = self._reference or reference, reference
+            lean_x, lean_y, restarts = _leans(pose=pose, reference=reference, before=before)
+            if restarts:
+                self._forget()
+            about_x, about_y = self._reversals
+            x = about_x.count(lean_x, threshold=threshold, now_ns=now_ns)
+            y = about_y.count(lean_y, threshold=threshold, now_ns=now_ns)
+            if x < _MAX_REVERSALS and y < _MAX_REVERSALS:
                 return None
             self._begin(now_ns)
         return Breach(self._action, "the vehicle oscillates: lags or delay may exceed the model's")
-
-    def _is_oscillation(self, odometry: OdometrySample, reference: _Pose, now_ns: int) -> bool:
-        """Count swings near the reference since its last jump."""
-        pose, threshold = (odometry.p_WB, odometry.q_WB_xyzw), self._limits.tilt_amplitude
-        before, self._reference = self._reference or reference, reference
-        lean_x, lean_y, restarts = _leans(pose=pose, reference=reference, before=before)
-        if restarts:
-            self._forget()
-        about_x, about_y = self._reversals
-        x = about_x.count(lean_x, threshold=threshold, now_ns=now_ns)
-        y = about_y.count(lean_y, threshold=threshold, now_ns=now_ns)
-        return x >= _MAX_REVERSALS or y >= _MAX_REVERSALS
 
     def _begin(self, now_ns: int) -> None:
         """Start the hold time, longer after a recent oscillation."""

@@ -77,4 +77,4 @@ def _reference_fault(
 @compiled
 def _are_usable(rows: Array) -> bool:
     """Whether all elements of an (n, m) array are finite and at most ``LARGEST``."""
-    return kernels.infinity_norm(rows.ravel()) <= LARGEST  # also false for NaN
+    return kernels.infinity_norm(rows) <= LARGEST  # also false for NaN

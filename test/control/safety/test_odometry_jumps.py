@@ -211,7 +211,7 @@ def test_integrates_body_rates_while_the_attitude_is_off(
     )
     assert errors.max() < 0.02
     assert off.max() < 0.1
-    assert not jumps.take_resets()
+    assert not jumps.resets
 
 
 @pytest.mark.parametrize("measures_the_next", [False, True])
@@ -236,7 +236,7 @@ def test_accepts_a_lasting_heading_and_turns_the_estimate() -> None:
     accepted = TIMES[int(np.argmax(errors > 0.5))]
     assert accepted == pytest.approx(6.0, abs=0.05)
     assert errors[TIMES > 8.01].max() < 1e-6  # and a step back at once
-    there, back = jumps.take_resets()
+    there, back = jumps.resets
     assert there.turn == pytest.approx(0.9, abs=0.02)
     assert back.turn == pytest.approx(-0.9, abs=0.02)
     at = np.array([2.0 * accepted, 0.0, 0.0])
