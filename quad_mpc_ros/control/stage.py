@@ -53,11 +53,8 @@ class Stage:
         owned = [each for each in vars(self).values() if isinstance(each, Stage)]
         return tuple(dict.fromkeys((self, *(stage for each in owned for stage in each.stages))))
 
-    _config: MpcConfig
-
     def reconfigure(self, config: MpcConfig) -> None:
         """Apply changed live parameters; the flight state is kept."""
-        self._config = config
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Transform the flight state by an announced odometry jump."""

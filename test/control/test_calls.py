@@ -11,7 +11,7 @@ from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
-MOST = 350
+MOST = 300
 """Reached, rounded up to the next ten; 95 of them are those of OSQP's own interface."""
 BEFORE, COUNTED = 100, 100  # steps
 

@@ -7,8 +7,8 @@ Conventions follow Solà, Deray, Atchuthan, "A micro Lie theory for state estima
 
 Arguments with a wrong shape, or no rotations, raise :class:`ArgumentError`, a ``ValueError``.
 
-A single rotation goes through plain numbers (:mod:`.formulas`), batches through NumPy, which takes
-ten times as long for three numbers.
+The formulas are those of compiled code (:mod:`.formulas`). NumPy computes the sines of a batch of
+rotation vectors, and a batch of quaternions, because these batches may be long.
 """
 
 from __future__ import annotations

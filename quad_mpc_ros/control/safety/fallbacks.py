@@ -50,6 +50,10 @@ class HoverFallback(Stage):
         self._p_hold: Array | None = None
         self._integral = np.zeros(3)
 
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Apply changed bounds; the held position is kept."""
+        self._config = config
+
     def release(self) -> None:
         """Reset the held position; the next call holds the position at that time."""
         if self._p_hold is not None:
@@ -112,6 +116,10 @@ class BlindFallback(Stage):
         self._config = config
         self._vehicle = config.vehicle()
         self._R_WB: Array | None = None
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Apply changed bounds; the attitude is kept."""
+        self._config = config
 
     def release(self) -> None:
         """Reset the dead reckoned attitude, as odometry is available."""

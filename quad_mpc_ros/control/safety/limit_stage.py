@@ -69,6 +69,10 @@ class LimitStage(Stage):
         self._kept: deque[LearnedModel] = deque(maxlen=_KEPT_ESTIMATES)
         self._kept_ns: int | None = None
 
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Apply changed limits."""
+        self._config = config
+
     def replace(self, u: Input, *, now_ns: int) -> None:
         """Replace the active command."""
         self.acting, self._sent_ns = u, now_ns
