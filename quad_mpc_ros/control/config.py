@@ -346,7 +346,8 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     torque_time_constant: float | tuple[float, ...] = parameter(
         0.02,
         doc="manifold: time constant of the torque in the rate loop; the loop rings if it "
-        "exceeds rate_time_constant. With 0 the rates have a first-order lag.",
+        "exceeds rate_time_constant. With 0 the rates have a first-order lag, and the problem is "
+        "smaller.",
         unit="s",
         minimum=0.0,
         maximum=1.0,

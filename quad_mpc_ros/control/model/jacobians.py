@@ -36,6 +36,8 @@ from quad_mpc_ros.control.model.state import TANGENT_SIZE, THETA, U_RATE, U_THRO
 OMEGA, S, ALPHA = TANGENT_SIZE, TANGENT_SIZE + 3, TANGENT_SIZE + 4
 RATE, THROTTLE, STATE_SIZE = slice(OMEGA, S), S, ALPHA + 3
 ACCELERATION = slice(ALPHA, STATE_SIZE)
+WITHOUT_ACTUATORS, WITHOUT_ACCELERATION = OMEGA, ALPHA
+"""Sizes of the state without actuator lags, and without a lag of the torque."""
 
 # Columns of the sensitivities to attitude, rates, angular accelerations, commanded rates, and with
 # anisotropic drag to the velocity.
@@ -85,12 +87,16 @@ def jacobians(
     A: Array,
     B: Array,
 ) -> None:
-    """Roll out like :func:`roll_out` and write A (N, 16, 16) and B (N, 16, 4).
+    """Roll out like :func:`roll_out` and write A (N, nx, nx) and B (N, nx, 4).
 
-    The input of a stage changes the commands of all its substeps whose ``free`` (N, M, 4) is 1; it
-    is 0 for commands at a bound. Larger matrices keep their other entries.
+    ``nx`` is 16, 13 without a lag of the torque, or 9 without actuator lags. The input of a stage
+    changes the commands of all its substeps whose ``free`` (N, M, 4) is 1; it is 0 for commands at
+    a bound.
     """
     steps, substeps = inputs.shape[:2]
+    columns = _FROM_ACCELERATION if A.shape[1] > WITHOUT_ACTUATORS else _FROM_RATE
+    if A.shape[1] > WITHOUT_ACCELERATION:
+        columns = _FROM_COMMAND
     d = discretised(model, step / substeps)
     x = body_in(start)
     store_body(x, states[0])
@@ -113,7 +119,7 @@ def jacobians(
             decay, share = midpoint.lag
             air = air_slopes(model, d, midpoint)
             _propagate_rates(midpoint, let, sensitivities)
-            _propagate(d, midpoint, air, sensitivities)
+            _propagate(d, midpoint, air, columns, sensitivities)
             slope = model.thrust_scale * (2.0 * model.a * midpoint.throttle + model.b)
             thrust_slope_W = kernels.scaled(slope, kernels.column(midpoint.R, 2))
             slowed = kernels.scaled(slope, air.by_thrust)
@@ -138,11 +144,14 @@ def jacobians(
             own_p += d.phi1 * own_v
             own_v *= d.velocity_decay
         store_body(x, states[i + 1])
-        _fill(A[i], B[i], (own_p, own_v), sensitivities, by_throttle, by_command)
-        A[i, S, S], B[i, S, U_THROTTLE] = kept, gained
+        _fill(A[i], B[i], own_p, own_v, sensitivities, by_command)
         if d.anisotropic:
             # Anisotropic drag couples the axes of the velocity.
             _fill_columns(A[i], V, _FROM_VELOCITY, sensitivities)
+        if columns > _FROM_RATE:
+            _fill_actuators(A[i], B[i], kept, gained, sensitivities, by_throttle)
+        if columns > _FROM_ACCELERATION:
+            _fill_accelerations(A[i], B[i], sensitivities)
 
 
 @compiled
@@ -236,13 +245,19 @@ def _propagate(
     d: Discretisation,
     midpoint: Midpoint,
     air: AirSlopes,
+    columns: int,
     sensitivities: _Sensitivities,
 ) -> None:
-    """Propagate the sensitivities to attitude, rates and velocity over a substep."""
+    """Propagate the sensitivities to attitude, rates and velocity over a substep.
+
+    Only the first ``columns`` of the state are needed; the other columns are zero.
+    """
     dR, dv, dp, _rates, _accelerations, means = sensitivities
     J = kernels.right_jacobian(midpoint.half_turn)
     x_axis, y_axis = kernels.column(midpoint.R, 0), kernels.column(midpoint.R, 1)
     for n in range(_FROM_VELOCITY):
+        if columns <= n < _FROM_COMMAND:
+            continue
         # By how much half of the turn moves.
         half = (0.0, 0.0, 0.0)
         if n >= _FROM_RATE:
@@ -273,31 +288,19 @@ def _propagate(
 def _fill(
     A: Array,
     B: Array,
-    own: tuple[float, float],
+    own_p: float,
+    own_v: float,
     sensitivities: _Sensitivities,
-    by_throttle: tuple[kernels.Vector, kernels.Vector],
     by_command: tuple[kernels.Vector, kernels.Vector],
 ) -> None:
-    """Write the non-zero entries, except those of the throttle itself.
-
-    ``own`` are the sensitivities of position and velocity to the velocity along each axis.
-    """
+    """Write the non-zero entries of position, velocity and attitude."""
     _fill_columns(A, THETA, 0, sensitivities)
-    _fill_columns(A, OMEGA, _FROM_RATE, sensitivities)
-    _fill_columns(A, ALPHA, _FROM_ACCELERATION, sensitivities)
     _fill_columns(B, U_RATE, _FROM_COMMAND, sensitivities)
-    rates, accelerations = sensitivities.rates, sensitivities.accelerations
     for k in range(3):
         A[P + k, P + k] = 1.0
-        A[P + k, V + k], A[V + k, V + k] = own
-        A[V + k, S], A[P + k, S] = by_throttle[0][k], by_throttle[1][k]
+        A[P + k, V + k] = own_p
+        A[V + k, V + k] = own_v
         B[V + k, U_THROTTLE], B[P + k, U_THROTTLE] = by_command[0][k], by_command[1][k]
-        A[OMEGA + k, OMEGA + k] = rates[k, _BY_RATE]
-        A[OMEGA + k, ALPHA + k] = rates[k, _BY_ACCELERATION]
-        B[OMEGA + k, U_RATE + k] = rates[k, _BY_COMMAND]
-        A[ALPHA + k, OMEGA + k] = accelerations[k, _BY_RATE]
-        A[ALPHA + k, ALPHA + k] = accelerations[k, _BY_ACCELERATION]
-        B[ALPHA + k, U_RATE + k] = accelerations[k, _BY_COMMAND]
 
 
 @compiled
@@ -309,3 +312,33 @@ def _fill_columns(matrix: Array, column: int, first: int, sensitivities: _Sensit
             matrix[P + k, column + n] = dp[first + n, k]
             matrix[V + k, column + n] = dv[first + n, k]
             matrix[THETA + k, column + n] = dR[first + n, k]
+
+
+@compiled
+def _fill_actuators(
+    A: Array,
+    B: Array,
+    kept: float,
+    gained: float,
+    sensitivities: _Sensitivities,
+    by_throttle: tuple[kernels.Vector, kernels.Vector],
+) -> None:
+    """Write the columns and rows of body rate and throttle."""
+    _fill_columns(A, OMEGA, _FROM_RATE, sensitivities)
+    for k in range(3):
+        A[V + k, S], A[P + k, S] = by_throttle[0][k], by_throttle[1][k]
+        A[OMEGA + k, OMEGA + k] = sensitivities.rates[k, _BY_RATE]
+        B[OMEGA + k, U_RATE + k] = sensitivities.rates[k, _BY_COMMAND]
+    A[S, S], B[S, U_THROTTLE] = kept, gained
+
+
+@compiled
+def _fill_accelerations(A: Array, B: Array, sensitivities: _Sensitivities) -> None:
+    """Write the columns and rows of the angular acceleration."""
+    _fill_columns(A, ALPHA, _FROM_ACCELERATION, sensitivities)
+    accelerations = sensitivities.accelerations
+    for k in range(3):
+        A[OMEGA + k, ALPHA + k] = sensitivities.rates[k, _BY_ACCELERATION]
+        A[ALPHA + k, OMEGA + k] = accelerations[k, _BY_RATE]
+        A[ALPHA + k, ALPHA + k] = accelerations[k, _BY_ACCELERATION]
+        B[ALPHA + k, U_RATE + k] = accelerations[k, _BY_COMMAND]

@@ -38,6 +38,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.config import MpcConfig
@@ -47,6 +48,8 @@ from quad_mpc_ros.control.model.jacobians import (
     RATE,
     STATE_SIZE,
     THROTTLE,
+    WITHOUT_ACCELERATION,
+    WITHOUT_ACTUATORS,
     jacobians,
 )
 from quad_mpc_ros.control.model.prediction import Prediction
@@ -116,7 +119,11 @@ class Problem(NamedTuple):
 
 def pattern_of(config: MpcConfig, limits: Limits) -> HorizonPattern:
     """Return the sparsity of the QP, and the natural sizes of its variables."""
-    nx, nu = STATE_SIZE, INPUT_SIZE
+    lags, nx, nu = config.lags, WITHOUT_ACTUATORS, INPUT_SIZE
+    # Without lags rate and throttle are their commands and need no states of their own.
+    if max(*per_axis(lags.rate), lags.thrust) > 0.0:
+        has_acceleration = max(per_axis(lags.torque)) > 0.0
+        nx = STATE_SIZE if has_acceleration else WITHOUT_ACCELERATION
     diagonal, all_states = np.eye(3, dtype=bool), progress.SIZE
     A = np.zeros((all_states, all_states), dtype=bool)
     A[POSITION, POSITION] = A[POSITION, VELOCITY] = A[VELOCITY, VELOCITY] = diagonal

@@ -246,3 +246,17 @@ def check_jacobians(model: ModelParameters, held: tuple[int, ...], stage: int) -
     np.testing.assert_allclose(A[stage], np.column_stack(by_x), atol=2e-8)
     np.testing.assert_allclose(B[stage], np.column_stack(by_u), atol=2e-8)
     return B[stage]
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_jacobians_without_actuators_equal_the_full_ones(vehicle: Vehicle) -> None:
+    inputs = np.repeat(commands(3, 4)[:, None, :], SUBSTEPS, axis=1)
+    model, free = model_of((0.0, 0.0, 0.0), vehicle=vehicle), np.ones_like(inputs)
+    states = rolled_out(start(3), inputs, model)
+    found = []
+    for size in (9, STATE_SIZE):
+        A, B = np.zeros((3, size, size)), np.zeros((3, size, 4))
+        jacobians(model, STEP, inputs, free, states[0].copy(), states, A, B)
+        found.append((A[:, :9, :9], B[:, :9]))
+    np.testing.assert_array_equal(found[0][0], found[1][0])
+    np.testing.assert_array_equal(found[0][1], found[1][1])

@@ -142,10 +142,10 @@ def test_disabled_limits_are_not_in_the_problem() -> None:
     plain = HorizonQP(ManifoldProblem(agile()).pattern())
     far_off = agile().updated({"advanced.limits.position_error_max": 0.1})
     other = HorizonQP(ManifoldProblem(far_off).pattern())
-    assert plain.A.shape == other.A.shape == (10 * 20, 10 * 20)
+    assert plain.A.shape == other.A.shape == (10 * 13, 10 * 13)
     for name in LIMITS:
         config = agile().updated({name: LIMITS[name]})
-        assert HorizonQP(ManifoldProblem(config).pattern()).A.shape[1] == 10 * 21
+        assert HorizonQP(ManifoldProblem(config).pattern()).A.shape[1] == 10 * 14
 
 
 def test_limits_change_in_flight_and_stay_in_the_pattern() -> None:
