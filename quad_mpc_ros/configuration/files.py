@@ -6,6 +6,7 @@ file serves ``ros2 run … --params-file`` and the command line of this package.
 
 from __future__ import annotations
 
+import difflib
 import math
 import os
 import re
@@ -182,15 +183,27 @@ def is_file(path: Path) -> bool:
 def parameter_file(option: str, given: str) -> Path:
     """Return the path of a parameter file; raise :class:`UserError` unless it exists.
 
-    ``option`` is the name of the option.
+    ``option`` is the name of the option. The error suggests the nearest existing name.
     """
     path = Path(given)
     if is_file(path):
         return path
     reason = "is a folder" if path.is_dir() else "does not exist"
     raise UserError(
-        f"{option}: given {given!r}, which {reason}, expected the path of a ROS parameter file"
+        f"{option}: given {given!r}, which {reason}, expected the path of a ROS parameter "
+        f"file{_nearest_file(path)}"
     )
+
+
+def _nearest_file(path: Path) -> str:
+    """Return the nearest file of the same folder or preset, as a hint."""
+    try:
+        beside = {file.stem: file for file in path.parent.glob("*.y*ml") if file.is_file()}
+    except OSError:
+        beside = {}
+    there = {**presets(), **beside}
+    near = difflib.get_close_matches(path.stem, there, n=1)  # endings are alike
+    return f" (did you mean {there[near[0]]}?)" if near else ""
 
 
 def _located(source: str) -> Path:
@@ -202,7 +215,7 @@ def _located(source: str) -> Path:
         return shipped[source]
     raise UserError(
         f"--config: given {source!r}, expected a parameter file or a preset "
-        f"({', '.join(shipped)}){did_you_mean(source, shipped)}"
+        f"({', '.join(shipped)}){_nearest_file(path)}"
     )
 
 

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quad_mpc_ros.control.lie import kernels
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 
 NO_LIFT = 0.4
@@ -114,7 +113,7 @@ def idling(window: ReferenceWindow, gravity: float) -> ReferenceWindow:
 
 def idles(window: ReferenceWindow, gravity: float) -> bool:
     """Whether a window requests idle motors: at rest, with less force than any flight requires."""
-    if kernels.largest_length(window.v_WB_W) > 0.0:
+    if np.count_nonzero(window.v_WB_W):
         return False
     force = np.linalg.norm(window.a_WB_W + np.array([0.0, 0.0, gravity]), axis=1)
     return bool(np.all(force < NO_LIFT * gravity))
