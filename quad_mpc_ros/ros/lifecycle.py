@@ -68,12 +68,12 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
 
     def __init__(self, name: str, configuration: type[C]) -> None:
         """Declare the parameters. Raises :class:`ConfigurationError` for bad values."""
+        self._configured = False  # also of an incomplete node, which ROS may destroy
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.exit_code = 0
         self.state = "unconfigured"
         """Lifecycle state: unconfigured, inactive, active, finalized, or a transition."""
         self.active = False
-        self._configured = False
         self._autostarting = False
         self._gc_frozen = False
         self._fault: Exception | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import gc
 import os
 import re
@@ -195,6 +196,8 @@ def stop() -> None:
 def until_the_end(node: Node, callback: Callable[_P, None]) -> Callable[_P, None]:
     """Return a callback whose errors are ignored after ROS was shut down."""
 
+    # From Kilted on, rclpy passes a TimerInfo to callbacks whose signature accepts one.
+    @functools.wraps(callback)
     def guarded(*arguments: _P.args, **named: _P.kwargs) -> None:
         try:
             callback(*arguments, **named)

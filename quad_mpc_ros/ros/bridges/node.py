@@ -25,6 +25,7 @@ from quad_mpc_ros.ros.bridges.bridge import (
     Subscription,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.bridges.line import ReconnectingLine
 from quad_mpc_ros.ros.bridges.thrust import thrust_map_findings
 from quad_mpc_ros.ros.clocks import SteadyTime, create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
@@ -49,6 +50,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
 
     def __init__(self, kind: type[Bridge]) -> None:
         _require(kind)
+        self._line: ReconnectingLine | None = None  # ROS may destroy an incomplete node
         super().__init__(kind.name, kind.Config)
         self._bridge = bridge = kind(self.config, _new)
         command = dataclasses.replace(topics.COMMAND, name=self.config.mpc_command_topic)
