@@ -7,7 +7,7 @@ SHELL ["/bin/bash", "-o", "pipefail", "-c"]
 WORKDIR /workspace
 
 # What package.xml names, from Ubuntu and from ROS. Their versions are those of the release.
-COPY package.xml src/quad_mpc_ros/
+COPY package.xml requirements.txt src/quad_mpc_ros/
 # hadolint ignore=DL3008
 RUN apt-get update \
     && apt-get install --yes --no-install-recommends python3-venv \
@@ -17,9 +17,8 @@ RUN apt-get update \
 
 # What neither of them has, into an environment that sees the rest: Ubuntu's Python takes none.
 ENV VIRTUAL_ENV=/opt/quad_mpc PATH=/opt/quad_mpc/bin:$PATH
-# hadolint ignore=DL3013
 RUN python3 -m venv --system-site-packages /opt/quad_mpc \
-    && pip install --no-cache-dir osqp mcap rosbags numba
+    && pip install --no-cache-dir --requirement src/quad_mpc_ros/requirements.txt
 
 COPY . src/quad_mpc_ros
 RUN . /opt/ros/jazzy/setup.bash \

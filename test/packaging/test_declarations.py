@@ -20,9 +20,16 @@ from quad_mpc_ros.ros.bridges.registry import load_bridge
 ROOT = Path(__file__).parents[2]
 
 # Python packages that are imported by another name than they are installed by.
-IMPORT_NAMES = {"PyYAML": "yaml", "python3-yaml": "yaml"}
+IMPORT_NAMES = {
+    "PyYAML": "yaml",
+    "python3-yaml": "yaml",
+    "python3-catkin-pkg-modules": "catkin_pkg",
+    "python3-pytest-timeout": "pytest_timeout",
+}
 # Packages that come inside another one.
-COMES_WITH = {"mpl_toolkits": "matplotlib"}
+COMES_WITH = {"mpl_toolkits": "matplotlib", "mcap_ros2": "mcap-ros2-support"}
+# Messages of flight stacks and parts of ROS, in tests that are skipped without them.
+INSTALLED_BY_OTHERS = {"crazyflie_interfaces", "rosbag2_interfaces", "rosidl_adapter"}
 
 
 @pytest.fixture(scope="module")
@@ -117,27 +124,41 @@ def test_every_python_dependency_is_used() -> None:
     assert python_dependencies() <= imports_of(ROOT / "quad_mpc_ros").keys()
 
 
-PIP_LINE = re.compile(r"pip install (?:--no-cache-dir )?(osqp [a-z ]+)")
+def requirements() -> list[str]:
+    lines = (ROOT / "requirements.txt").read_text().splitlines()
+    return [line for line in lines if not line.startswith("#")]
 
 
-def test_the_workspace_section_installs_all_that_a_flight_needs() -> None:
-    """Also where rosdep was not run, and where pip brings another NumPy than Ubuntu's."""
-    readme = (ROOT / "README.md").read_text()
-    section = readme[readme.index("## Use it in a ROS 2 workspace") :]
-    line = PIP_LINE.search(section)
-    assert line
-    listed = {import_name(name) for name in line[1].split()}
-    with_others = {"numpy", "scipy", "yaml"}  # of osqp, osqp, ROS 2
-    assert listed | with_others == python_dependencies()
-    assert "rosdep install --from-paths" in section
-    assert "quad_mpc compile" in section
+def test_requirements_and_package_xml_name_all_python_dependencies(package_xml: Package) -> None:
+    declared_ones = setup_arguments()["install_requires"]
+    assert set(requirements()) <= set(declared_ones)
+    listed = {import_name(each) for each in requirements()}
+    assert listed | ros_dependencies(package_xml) >= python_dependencies()
+    # Also where rosdep was not run: these come with osqp, osqp and ROS 2.
+    assert listed | {"numpy", "scipy", "yaml"} == python_dependencies()
 
 
-@pytest.mark.parametrize("page", ["Dockerfile", "package.xml"])
-def test_packages_missing_in_ubuntu_are_installed_with_one_line(
-    page: str, package_xml: Package
-) -> None:
-    line = PIP_LINE.search((ROOT / page).read_text())
-    assert line
-    listed = {import_name(name) for name in line[1].split()}
-    assert listed == python_dependencies() - ros_dependencies(package_xml)
+@pytest.mark.parametrize("page", ["README.md", "Dockerfile"])
+def test_requirements_are_installed_with_one_line_after_rosdep(page: str) -> None:
+    text = (ROOT / page).read_text()
+    rosdep, pip = text.index("rosdep install"), text.index("src/quad_mpc_ros/requirements.txt")
+    assert rosdep < pip < text.rindex("quad_mpc compile")
+    assert "pip install" in text[rosdep : pip + 1]
+
+
+def test_every_import_of_the_tests_is_declared(package_xml: Package) -> None:
+    extras = setup_arguments()["extras_require"]
+    optional = {import_name(name) for extra in extras.values() for name in extra}
+    known = ros_dependencies(package_xml) | python_dependencies() | optional
+    known |= {import_name(each.name) for each in package_xml.test_depends}
+    ours = {path.stem for folder in ("test", "bench") for path in (ROOT / folder).glob("*")}
+    undeclared = imports_of(ROOT / "test").keys() - known - ours - INSTALLED_BY_OTHERS
+    assert undeclared == set()
+
+
+def test_package_xml_has_all_that_a_release_needs(package_xml: Package) -> None:
+    assert {url.type for url in package_xml.urls} == {"website", "repository", "bugtracker"}
+    assert package_xml.authors
+    named = (ROOT / "CONTRIBUTING.md").read_text()
+    for url in package_xml.urls:
+        assert ".example" not in url.url or "`package.xml`" in named
