@@ -97,10 +97,22 @@ setup(
     name=PACKAGE,
     version=re.search(r'__version__ = "(.+)"', INIT)[1],
     description="Model predictive control of a quadrotor on SO(3) for ROS 2",
+    long_description="Odometry and a reference in, throttle and body rates out. With a simulator, "
+    "bridges to flight stacks, recording and analysis.",
     license="Apache-2.0",
+    author="quad_mpc_ros contributors",
     maintainer="quad_mpc_ros maintainers",
     maintainer_email="maintainers@quad-mpc-ros.example",
     python_requires=">=3.11",
+    classifiers=[
+        "Development Status :: 4 - Beta",
+        "Intended Audience :: Science/Research",
+        "Operating System :: POSIX :: Linux",
+        "Programming Language :: Python :: 3.11",
+        "Programming Language :: Python :: 3.12",
+        "Programming Language :: Python :: 3.13",
+        "Topic :: Scientific/Engineering",
+    ],
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={
         "quad_mpc_ros": ["py.typed"],

@@ -27,6 +27,7 @@ root_doc = "docs/index"
 include_patterns = [
     "README.md",
     "CONTRIBUTING.md",
+    "QUALITY_DECLARATION.md",
     "CHANGELOG.rst",
     "examples/README.md",
     "docs/**.md",

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from quad_mpc_ros.references.config import ReferenceConfig
     from quad_mpc_ros.simulation.config import SimulatorConfig
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 __all__ = [
     "CommandSample",

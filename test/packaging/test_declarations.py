@@ -80,6 +80,7 @@ def test_package_xml_is_valid_and_of_ament_python(package_xml: Package) -> None:
 
 def test_version_is_the_same_everywhere(package_xml: Package) -> None:
     assert package_xml.version == quad_mpc_ros.__version__
+    assert f"\nversion: {package_xml.version}\n" in (ROOT / "CITATION.cff").read_text()
 
 
 def test_setup_and_package_xml_describe_the_same_package(package_xml: Package) -> None:
@@ -87,6 +88,7 @@ def test_setup_and_package_xml_describe_the_same_package(package_xml: Package) -
     assert setup_arguments()["maintainer"] == maintainer.name
     assert setup_arguments()["maintainer_email"] == maintainer.email
     assert [setup_arguments()["license"]] == package_xml.licenses
+    assert [each.name for each in package_xml.authors] == [setup_arguments()["author"]]
 
 
 @pytest.mark.parametrize(("name", "target"), declared("console_scripts").items())
@@ -158,7 +160,6 @@ def test_every_import_of_the_tests_is_declared(package_xml: Package) -> None:
 
 def test_package_xml_has_all_that_a_release_needs(package_xml: Package) -> None:
     assert {url.type for url in package_xml.urls} == {"website", "repository", "bugtracker"}
-    assert package_xml.authors
     named = (ROOT / "CONTRIBUTING.md").read_text()
     for url in package_xml.urls:
         assert ".example" not in url.url or "`package.xml`" in named
