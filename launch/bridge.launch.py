@@ -16,6 +16,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
+from quad_mpc_ros.messages.topics import REP147_NAMES
 from quad_mpc_ros.ros.bridges.registry import bridge_packages
 from quad_mpc_ros.ros.parameter_files import read_parameter_file
 
@@ -60,6 +61,12 @@ def generate_launch_description() -> LaunchDescription:
                 choices=SWITCH,
                 description="run the nodes in one process, which takes less memory",
             ),
+            DeclareLaunchArgument(
+                "rep147",
+                default_value="false",
+                choices=SWITCH,
+                description="use the topic names of REP-147 for requests",
+            ),
             OpaqueFunction(function=_nodes),
         ]
     )
@@ -78,7 +85,8 @@ def _nodes(context) -> list:
         "output": "screen",
     }
     # ROSflight has a topic /command of its own, of another type.
-    moved = bridge == "rosflight"
+    moved = {"command": "mpc/command"} if bridge == "rosflight" else {}
+    requests = REP147_NAMES if given("rep147") == "true" else {}
     if given("one_process") == "true":
         return [
             Node(
@@ -87,7 +95,10 @@ def _nodes(context) -> list:
                 arguments=["--bridge", bridge, "--reference", with_reference],
                 # Of one of them, in whatever namespace; ROS reads reference:mode in none.
                 ros_arguments=["-p", f"mode:={mode}"] if with_reference == "true" else [],
-                remappings=[("mpc:command", "mpc/command")] if moved else [],
+                remappings=[
+                    *((f"mpc:{name}", to) for name, to in moved.items()),
+                    *((f"reference:{name}", to) for name, to in requests.items()),
+                ],
                 **common,
             )
         ]
@@ -96,7 +107,7 @@ def _nodes(context) -> list:
             package=PACKAGE,
             executable="mpc_node",
             name="mpc",
-            remappings=[("command", "mpc/command")] if moved else [],
+            remappings=list(moved.items()),
             **common,
         )
     ]
@@ -107,6 +118,7 @@ def _nodes(context) -> list:
                 package=PACKAGE,
                 executable="reference_node",
                 name="reference",
+                remappings=list(requests.items()),
                 **{**common, "parameters": parameters},
             )
         )

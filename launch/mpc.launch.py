@@ -1,6 +1,7 @@
 """The controller for a drone stack: mpc, and the reference unless ``with_reference`` is false.
 
 ros2 launch quad_mpc_ros mpc.launch.py config:=my_vehicle.yaml odom:=/uav1/odometry/filtered
+ros2 launch quad_mpc_ros mpc.launch.py rep147:=true
 """
 
 from pathlib import Path
@@ -12,6 +13,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
+from quad_mpc_ros.messages.topics import REP147_NAMES
 from quad_mpc_ros.ros.parameter_files import read_parameter_file
 
 PACKAGE = "quad_mpc_ros"
@@ -21,14 +23,6 @@ TOPICS = ("odom", "reference", "command")
 def generate_launch_description() -> LaunchDescription:
     """Return mpc and reference with their topics open to remapping."""
     default_config = Path(get_package_share_directory(PACKAGE), "config", "default.yaml")
-    remappings = [(topic, LaunchConfiguration(topic)) for topic in TOPICS]
-    common = {
-        "package": PACKAGE,
-        "namespace": LaunchConfiguration("namespace"),
-        "parameters": [LaunchConfiguration("config")],
-        "remappings": remappings,
-        "output": "screen",
-    }
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -42,25 +36,41 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "with_reference", default_value="true", description="start the reference node"
             ),
+            DeclareLaunchArgument(
+                "rep147",
+                default_value="false",
+                choices=["true", "false"],
+                description="use the topic names of REP-147 for requests",
+            ),
             *(
                 DeclareLaunchArgument(
                     topic, default_value=topic, description=f"topic used for {topic}"
                 )
                 for topic in TOPICS
             ),
-            OpaqueFunction(function=_refuse_wrong_file),
-            Node(executable="mpc_node", name="mpc", **common),
-            Node(
-                executable="reference_node",
-                name="reference",
-                condition=IfCondition(LaunchConfiguration("with_reference")),
-                **common,
-            ),
+            OpaqueFunction(function=_nodes),
         ]
     )
 
 
-def _refuse_wrong_file(context) -> list:
-    """Refuse a parameter file that is not there, which launch would only warn of."""
+def _nodes(context) -> list:
+    # launch would only warn of a parameter file that is not there.
     read_parameter_file("config", LaunchConfiguration("config").perform(context))
-    return []
+    rep147 = LaunchConfiguration("rep147").perform(context) == "true"
+    remappings = [(topic, LaunchConfiguration(topic)) for topic in TOPICS]
+    common = {
+        "package": PACKAGE,
+        "namespace": LaunchConfiguration("namespace"),
+        "parameters": [LaunchConfiguration("config")],
+        "output": "screen",
+    }
+    return [
+        Node(executable="mpc_node", name="mpc", remappings=remappings, **common),
+        Node(
+            executable="reference_node",
+            name="reference",
+            condition=IfCondition(LaunchConfiguration("with_reference")),
+            remappings=[*remappings, *(REP147_NAMES.items() if rep147 else ())],
+            **common,
+        ),
+    ]

@@ -99,6 +99,12 @@ GOAL_POSE = Topic(name="goal_pose", type_name="geometry_msgs/msg/PoseStamped", r
 TRAJECTORY = Topic(name="trajectory", type_name=REFERENCE.type_name, reliable=True)
 # A velocity to follow, published by teleop_twist_keyboard, teleop_twist_joy or Nav2.
 VELOCITY = Topic(name="cmd_vel", type_name="geometry_msgs/msg/TwistStamped", optional=True)
+REP147_NAMES = {
+    TRAJECTORY.name: "command_trajectory",
+    GOAL_POSE.name: "command_pose",
+    VELOCITY.name: "command_velocity",
+}
+"""Names of REP-147 for requests to the reference node; launch files remap to these names."""
 PREDICTED_PATH = Topic(name="mpc/predicted_path", type_name="nav_msgs/msg/Path")
 # The half-spaces that constrain the plan near obstacles.
 CORRIDOR = Topic(name="mpc/corridor", type_name=OBSTACLES.type_name, optional=True)

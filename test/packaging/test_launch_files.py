@@ -26,6 +26,7 @@ from fixtures.setup_py import declared, write_metadata
 from quad_mpc_ros.commands.run_configuration import SCHEMA
 from quad_mpc_ros.configuration import Configuration, UserError, files
 from quad_mpc_ros.messages.markers import VisualisationConfig
+from quad_mpc_ros.messages.topics import REP147_NAMES
 from quad_mpc_ros.ros.bridges.registry import bridge_configurations
 from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
 from quad_mpc_ros.ros.nodes.reference_node import ReferenceNode
@@ -324,6 +325,7 @@ CALLS: list[tuple[str, dict[str, str]]] = [
     *(("bridge.launch.py", {"bridge": bridge}) for bridge in BRIDGES),
     *(("bridge.launch.py", {"bridge": bridge, "one_process": "false"}) for bridge in BRIDGES),
     ("bridge.launch.py", {"bridge": "px4", "with_reference": "false", "namespace": "uav1"}),
+    ("bridge.launch.py", {"bridge": "px4", "rep147": "true"}),
     ("fleet.launch.py", {"one_process": "false"}),
     ("stack.launch.py", {}),
     *(("stack.launch.py", {"bridge": bridge, "namespace": "uav1"}) for bridge in BRIDGES),
@@ -402,6 +404,13 @@ def test_rosflight_launch_remaps_the_mpcs_command_topic(launch: Launch) -> None:
         for file in ("bridge.launch.py", "stack.launch.py"):
             (stack,) = launch(file, bridge=bridge)
             assert stack.remappings.get("mpc:command", "command") == topic
+
+
+def test_rep147_remaps_the_requests_of_the_reference(launch: Launch) -> None:
+    for one_process, prefix in (("true", "reference:"), ("false", "")):
+        nodes = launch("bridge.launch.py", bridge="px4", rep147="true", one_process=one_process)
+        remappings = [node.remappings for node in nodes if node.name in ("", "reference")]
+        assert remappings == [{f"{prefix}{name}": to for name, to in REP147_NAMES.items()}]
 
 
 def test_fleet_nodes_have_one_namespace_per_vehicle(launch: Launch) -> None:
@@ -487,7 +496,7 @@ def test_remapped_topics_are_those_of_the_nodes(launch: Launch) -> None:
     """Each remapping moves a topic of a node that it is given to, in the node itself."""
     topics = {name: f"/elsewhere/{name}" for name in ("odom", "reference", "command")}
     moved: set[str] = set()
-    for node in launch("mpc.launch.py", namespace="uav1", **topics):
+    for node in launch("mpc.launch.py", namespace="uav1", rep147="true", **topics):
         rules = [("__ns", f"/{node.namespace}"), ("__node", node.name), *node.remappings.items()]
         arguments = [part for a, b in rules for part in ("-r", f"{a}:={b}")]
         files_given = [part for each in node.parameters for part in ("--params-file", str(each))]
@@ -507,4 +516,7 @@ def test_remapped_topics_are_those_of_the_nodes(launch: Launch) -> None:
         assert found & set(topics.values())
         assert not found & {f"/uav1/{topic}" for topic in topics}
         moved |= found & set(topics.values())
+        if node.name == "reference":
+            requests = ("command_trajectory", "command_pose", "command_velocity")
+            assert {f"/uav1/{name}" for name in requests} <= found
     assert moved == set(topics.values())

@@ -24,6 +24,7 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.messages import cdr, conversions, diagnostics
+from quad_mpc_ros.messages.topics import REP147_NAMES
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 
@@ -31,9 +32,12 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Pilot:
-    """Asks the reference node for what is to be flown, and keeps what it publishes."""
+    """Asks the reference node for what is to be flown, and keeps what it publishes.
 
-    def __init__(self, peer: Any) -> None:
+    With ``rep147``, the requests use the topic names of REP-147.
+    """
+
+    def __init__(self, peer: Any, *, rep147: bool = False) -> None:
         self._peer = peer
         self._raw: list[bytes] = []
         self.paths: list[PathMessage] = []
@@ -52,9 +56,12 @@ class Pilot:
             name: node.create_client(Trigger, f"reference/{name}")
             for name in ("takeoff", "start", "hold", "land")
         }
-        self._goal = node.create_publisher(PoseStamped, "goal_pose", 1)
-        self._trajectory = node.create_publisher(MultiDOFJointTrajectory, "trajectory", 1)
-        self._velocity = node.create_publisher(TwistStamped, "cmd_vel", 1)
+        names = ("goal_pose", "trajectory", "cmd_vel")
+        if rep147:
+            names = ("command_pose", "command_trajectory", "command_velocity")
+        self._goal = node.create_publisher(PoseStamped, names[0], 1)
+        self._trajectory = node.create_publisher(MultiDOFJointTrajectory, names[1], 1)
+        self._velocity = node.create_publisher(TwistStamped, names[2], 1)
 
     def await_node(self) -> None:
         assert self._peer.wait(
@@ -194,14 +201,20 @@ def trajectory_message(
 
 
 @pytest.fixture
-def pilot(start: Start, peer: Any) -> Pilot:
-    """Return the pilot of a node in real time whose vehicle stands on the ground."""
-    made = Pilot(peer)
+def pilot(start: Start, peer: Any, request: pytest.FixtureRequest) -> Pilot:
+    """Return the pilot of a node in real time whose vehicle stands on the ground.
+
+    The parameter is whether the node is remapped as launch files do with ``rep147:=true``.
+    """
+    rep147 = getattr(request, "param", False)
+    made = Pilot(peer, rep147=rep147)
+    remaps = [f"{name}:={to}" for name, to in REP147_NAMES.items()] if rep147 else []
     many = (
         "-p",
         "advanced.window_duration:=0.4",
     )  # a window that reaches less far is renewed sooner
-    start("reference", "-p", "mode:=on_request", "-p", "takeoff_height:=0.5", *many)
+    rules = [word for remap in remaps for word in ("-r", remap)]
+    start("reference", "-p", "mode:=on_request", "-p", "takeoff_height:=0.5", *many, *rules)
     made.await_node()
     odometry = peer.node.create_publisher(Odometry, "odom", qos_profile_sensor_data)
     assert peer.wait(odometry.get_subscription_count)
@@ -267,6 +280,7 @@ def test_bad_input_is_rejected_with_a_reason_and_the_flight_continues(
     assert windows[-1].p_WB[-1, 2] > 0.3  # the take-off goes on
 
 
+@pytest.mark.parametrize("pilot", [False, True], ids=["default", "rep147"], indirect=True)
 def test_requests_are_accepted_reported_and_drawn(pilot: Pilot, peer: Any) -> None:
     steps = peer.node.create_publisher(TransformStamped, "odom_reset", 10)
     assert pilot.call("takeoff").success
@@ -281,6 +295,8 @@ def test_requests_are_accepted_reported_and_drawn(pilot: Pilot, peer: Any) -> No
     assert peer.wait(lambda: np.allclose(_end(pilot.paths[-1])[:2], [0.2, 0.1], atol=1e-3))
     assert peer.wait(lambda: _rests(pilot), timeout=20.0)
     assert_nothing_jumps(pilot.windows())
+    pilot.send_velocity(frame_id="map")
+    assert peer.wait(lambda: any(each.startswith("velocity") for each in pilot.requests))
 
     # A reference at rest moves along with a step of the estimate.
     held = pilot.windows()[-1]
