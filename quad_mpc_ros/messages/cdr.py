@@ -206,6 +206,7 @@ def written_diagnostics(
     name: str,
     text: str,
     values: Sequence[tuple[str, str]],
+    hardware_id: str = "",
 ) -> bytes:
     """Return a ``diagnostic_msgs/DiagnosticArray`` of one status; ``level`` is one byte."""
     parts = [
@@ -217,7 +218,7 @@ def written_diagnostics(
         b"\0\0\0",
         _chunk(name),
         _fresh_chunk(text),
-        _chunk(""),
+        _chunk(hardware_id),
         struct.pack("<I", len(values)),
     ]
     for key, value in values:

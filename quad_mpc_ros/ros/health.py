@@ -159,6 +159,7 @@ class HealthReporter:
             name=self._node.get_fully_qualified_name(),
             text="; ".join([*faults, health.text]),
             values=[*peers, *health.values, *vehicle],
+            hardware_id=self._node.get_namespace().strip("/") or "vehicle",
         )
         self._publisher.publish(message)
         self._reported_s, self._reported_peers = time.monotonic(), peers

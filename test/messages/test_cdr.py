@@ -170,12 +170,18 @@ def test_path(window: ReferenceWindow, step_ns: int) -> None:
 @given(STAMPS, TEXTS, TEXTS, st.lists(st.tuples(TEXTS, TEXTS), max_size=6))
 def test_diagnostics(stamp_ns: int, name: str, text: str, values: list[tuple[str, str]]) -> None:
     data = cdr.written_diagnostics(
-        stamp_ns=stamp_ns, level=diagnostics.WARN, name=name, text=text, values=values
+        stamp_ns=stamp_ns,
+        level=diagnostics.WARN,
+        name=name,
+        text=text,
+        values=values,
+        hardware_id=text,
     )
     message = decoded(data, STATS)
     (status,) = message.status
     assert conversions.nanoseconds(message.header.stamp) == stamp_ns
     assert (status.level, status.name, status.message) == (1, name, text)
+    assert status.hardware_id == text
     assert [(pair.key, pair.value) for pair in status.values] == values
 
 

@@ -14,9 +14,11 @@ import yaml
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
+from quad_mpc_ros.commands.params import own_nodes
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import topics
 from quad_mpc_ros.messages.diagnostics import STATS_NAME
+from quad_mpc_ros.ros.bridges.registry import bridge_configurations
 
 VIEWERS = Path(__file__).parents[2] / "config" / "viewers"
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -119,3 +121,14 @@ def test_every_viewer_shows_odometry_command_and_stats() -> None:
     for addresses, separator in ((FOXGLOVE_PATHS, "."), (CURVES, "/")):
         seen = {topic_in(address, separator)[0].name for address in addresses}
         assert seen >= {topics.ODOMETRY.name, topics.COMMAND.name, topics.STATS.name}
+
+
+@pytest.mark.parametrize("namespace", ["", "/uav1"])
+def test_each_node_belongs_to_one_group_of_the_aggregator(namespace: str) -> None:
+    file = yaml.safe_load((VIEWERS / "diagnostic_aggregator.yaml").read_text())
+    groups = [
+        each for each in file["analyzers"]["ros__parameters"].values() if each != "Quadrotor"
+    ]
+    for node in (*own_nodes(), *bridge_configurations()):
+        name = f"{namespace}/{node}"
+        assert [any(part in name for part in each["contains"]) for each in groups].count(True) == 1

@@ -9,13 +9,14 @@ import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from fixtures.processes import PATIENCE
 from geometry_msgs.msg import PoseStamped, TwistStamped
+from lifecycle_msgs.msg import Transition
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from rclpy.client import Client
@@ -225,6 +226,60 @@ def test_a_shutdown_from_every_state_ends_the_process(
         assert node.to("shutdown")
         assert processes[name].wait(PATIENCE) == 0
         assert "Traceback" not in (tmp_path / f"{name}.log").read_text()
+
+
+class LifecycleManager:
+    """Speaks the protocol of ``nav2_lifecycle_manager`` with ``bond_timeout: 0.0``.
+
+    Each transition goes to all nodes in order, by number; then ``get_state`` must name its goal.
+    """
+
+    GOALS: ClassVar = {
+        Transition.TRANSITION_CONFIGURE: "inactive",
+        Transition.TRANSITION_ACTIVATE: "active",
+        Transition.TRANSITION_DEACTIVATE: "inactive",
+        Transition.TRANSITION_CLEANUP: "unconfigured",
+    }
+
+    def __init__(self, nodes: list[Any]) -> None:
+        self._nodes = nodes
+
+    def startup(self) -> bool:
+        first = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
+        return all(self._change(self._nodes, each) for each in first)
+
+    def reset(self) -> bool:
+        last = (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
+        return all(self._change(self._nodes[::-1], each) for each in last)
+
+    def shutdown(self) -> None:
+        self.reset()
+        for node in self._nodes[::-1]:
+            assert node.to(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
+
+    def _change(self, nodes: list[Any], transition: int) -> bool:
+        return all(node.to(transition) and node.state == self.GOALS[transition] for node in nodes)
+
+
+def test_nav2_lifecycle_manager_starts_resets_and_shuts_down(
+    start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
+) -> None:
+    """The MPC activates by itself, for its inputs arrive after the manager's last transition."""
+    feed.reference = False
+    processes = [
+        start("reference", *WAIT),
+        start("recorder", *WAIT, "-p", f"directory:={tmp_path / 'bag'}"),
+    ]
+    start("mpc")
+    manager, mpc = LifecycleManager([managed("reference"), managed("recorder")]), managed("mpc")
+    assert manager.startup()
+    assert mpc.reports("active")
+    assert manager.reset()
+    shutil.rmtree(tmp_path / "bag")
+    assert manager.startup()
+    manager.shutdown()
+    assert [process.wait(PATIENCE) for process in processes] == [0, 0]
+    assert mpc.state == "active"
 
 
 # --- the reference
