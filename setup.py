@@ -1,6 +1,9 @@
 """Installation, by colcon (ament_python) and by pip."""
 
+import gzip
+import os
 import re
+import tarfile
 from pathlib import Path
 
 from setuptools import Distribution, find_packages, setup
@@ -83,6 +86,29 @@ class InstallData(Distribution().get_command_class("install_data")):
         return paths
 
 
+class ReproducibleSdist(Distribution().get_command_class("sdist")):
+    """Makes the same archive of the same files, if SOURCE_DATE_EPOCH [s] is set."""
+
+    def make_archive(self, base_name, format, root_dir=None, base_dir=None, **options):
+        time = os.environ.get("SOURCE_DATE_EPOCH")
+        if time is None or format != "gztar":
+            return super().make_archive(base_name, format, root_dir, base_dir, **options)
+
+        def without_origin(entry):
+            entry.mtime, entry.uid, entry.gid, entry.uname, entry.gname = int(time), 0, 0, "", ""
+            entry.mode = 0o755 if entry.mode & 0o100 else 0o644
+            return entry
+
+        path = f"{base_name}.tar.gz"
+        with (
+            Path(path).open("wb") as file,
+            gzip.GzipFile("", "wb", fileobj=file, mtime=int(time)) as packed,
+            tarfile.open(fileobj=packed, mode="w") as archive,
+        ):
+            archive.add(base_dir, filter=without_origin)
+        return path
+
+
 class DataInEditable(Distribution):
     """Data files also in editable installs, for which setuptools asks ``has_data``."""
 
@@ -104,6 +130,7 @@ setup(
     description="Model predictive control of a quadrotor on SO(3) for ROS 2",
     long_description="Odometry and a reference in, throttle and body rates out. With a simulator, "
     "bridges to flight stacks, recording and analysis.",
+    long_description_content_type="text/plain",
     license="Apache-2.0",
     author="quad_mpc_ros contributors",
     maintainer="quad_mpc_ros maintainers",
@@ -138,7 +165,7 @@ setup(
     ],
     zip_safe=False,
     distclass=DataInEditable,
-    cmdclass={"install_data": InstallData},
+    cmdclass={"install_data": InstallData, "sdist": ReproducibleSdist},
     install_requires=[
         "numpy>=1.26",
         "scipy>=1.11",
