@@ -158,8 +158,5 @@ def test_every_import_of_the_tests_is_declared(package_xml: Package) -> None:
     assert undeclared == set()
 
 
-def test_package_xml_has_all_that_a_release_needs(package_xml: Package) -> None:
+def test_package_xml_names_website_repository_and_bugtracker(package_xml: Package) -> None:
     assert {url.type for url in package_xml.urls} == {"website", "repository", "bugtracker"}
-    named = (ROOT / "CONTRIBUTING.md").read_text()
-    for url in package_xml.urls:
-        assert ".example" not in url.url or "`package.xml`" in named

