@@ -150,7 +150,7 @@ def test_every_example_has_an_outcome_and_is_listed() -> None:
 
 def test_examples_are_short() -> None:
     for path in EXAMPLES.glob("*.py"):
-        assert len(path.read_text().splitlines()) <= 75, path
+        assert len(path.read_text().splitlines()) <= 77, path  # two of them on the licence
 
 
 def test_the_readme_shows_the_first_step() -> None:
