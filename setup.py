@@ -31,6 +31,7 @@ EXTRAS = {
     "drawn_course": "quad_mpc_ros.extras.racing.verdict:drawn_course",
     "gates_path": "quad_mpc_ros.extras.racing.gate_path:gates_path",
     "race_figures": "quad_mpc_ros.extras.racing.verdict:race_figures",
+    "law_planner": "quad_mpc_ros.extras.controllers.law_stage:law_planner",
     "read_course": "quad_mpc_ros.extras.racing.gates:read_course",
     "read_scene": "quad_mpc_ros.extras.obstacles.files:read_scene",
     "simulated_surroundings": "quad_mpc_ros.extras.obstacles.simulated:SimulatedSurroundings",

@@ -13,6 +13,7 @@ from quad_mpc_ros.commands.campaign_options import (
     new_or_resumed,
 )
 from quad_mpc_ros.commands.progress import ProgressLine
+from quad_mpc_ros.commands.run_options import add_controller
 
 if TYPE_CHECKING:
     from quad_mpc_ros.extras.campaigns.campaign import Campaign
@@ -28,6 +29,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "were flown, crashed or not. Ctrl-C or a kill loses only the running flights."
     )
     add_campaign_options(parser, "campaign")
+    add_controller(parser)
     parser.add_argument(
         "--flights", type=int, metavar="N", help="number of flights; overrides the file"
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.campaign_options import add_engine_options, engine_of
 from quad_mpc_ros.commands.output import create_out, prepared_out, results_in, write_json
-from quad_mpc_ros.commands.run_options import add_config, add_out, add_set
+from quad_mpc_ros.commands.run_options import add_config, add_controller, add_out, add_set
 
 if TYPE_CHECKING:
     from quad_mpc_ros.extras.campaigns.rehearsal import Rehearsal
@@ -28,6 +28,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     add_config(parser, "(default, agile, …, your vehicle file)")
     add_set(parser, "set one parameter, for example mpc.horizon_steps=20")
+    add_controller(parser)
     add_out(parser, f"{RESULT} and {LOST}/; must not contain these results yet", "rehearsal")
     add_engine_options(parser)
 

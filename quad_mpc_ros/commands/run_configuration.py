@@ -20,7 +20,7 @@ from quad_mpc_ros.commands.run_options import (
 from quad_mpc_ros.configuration import ConfigurationError, UserError, files
 from quad_mpc_ros.configuration.arguments import number
 from quad_mpc_ros.configuration.vehicle import disagreements
-from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.config import MPC, MpcConfig
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.recordings.recording import SCENE_NAME, flown_points
 from quad_mpc_ros.references.config import ReferenceConfig
@@ -84,6 +84,7 @@ def run_configuration(
     _check_imu(loaded.mpc, loaded.simulator)
     make_plant(loaded.simulator)  # fails if a package is missing
     mpc = _with_course(loaded.mpc)
+    _check_controller(mpc.controller)
     root = options.out or create_out("fleet" if vehicle else reference.trajectory)
     out = prepared_out(root / vehicle)
     nodes = {node: getattr(loaded, node).vehicle_values() for node in SCHEMA}
@@ -124,6 +125,14 @@ def _check_imu(mpc: MpcConfig, simulator: SimulatorConfig) -> None:
             simulator.imu_rate,
             "a number above 0 with mpc.advanced.accelerometer_noise",
         )
+
+
+def _check_controller(name: str) -> None:
+    """Raise :class:`UserError` for an unknown controller."""
+    if name != MPC:
+        from quad_mpc_ros.extras.controllers.registry import controller_class
+
+        controller_class(name)
 
 
 def _of_obstacles(options: argparse.Namespace) -> list[str]:

@@ -32,6 +32,20 @@ def add_configuration_options(parser: argparse.ArgumentParser) -> None:
     add_set(parser, "set one parameter, for example mpc.horizon_steps=20")
 
 
+def add_controller(parser: argparse.ArgumentParser) -> None:
+    """Add ``--controller``, which is short for ``--set mpc.controller=NAME``."""
+    parser.add_argument(
+        "--controller",
+        type="mpc.controller={}".format,
+        action="append",
+        default=[],
+        dest="assignments",
+        metavar="NAME",
+        help="controller: mpc, geometric, px4, lqr, a name that another package registers, or "
+        "module:Class, which is also searched in the working directory (default: mpc)",
+    )
+
+
 def add_config(parser: argparse.ArgumentParser, which: str = "") -> None:
     """Add ``--config``; ``which`` describes the files."""
     parser.add_argument(
@@ -69,6 +83,7 @@ def add_out(parser: argparse.ArgumentParser, content: str, label: str) -> None:
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a run to a command."""
     add_configuration_options(parser)
+    add_controller(parser)
     parser.add_argument(
         "--start",
         choices=("ground", "reference"),

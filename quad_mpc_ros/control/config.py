@@ -17,6 +17,9 @@ from quad_mpc_ros.configuration import (
 from quad_mpc_ros.configuration.box import FARTHEST, NO_WALL, BoxParameters
 from quad_mpc_ros.control.model.vehicle import ActuatorLags, VehicleParameters
 
+MPC = "mpc"
+"""Name of the MPC among the controllers."""
+
 _live = functools.partial(parameter, live=True)
 _advanced = functools.partial(parameter, advanced=True)
 _live_advanced = functools.partial(_live, advanced=True)
@@ -300,6 +303,11 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
 
     control_rate: float = parameter(
         50.0, doc="Control rate; faster odometry is decimated to it.", unit="Hz", above=0.0
+    )
+    controller: str = parameter(
+        MPC,
+        doc="Controller: mpc, geometric, px4, lqr, a name that another package registers, or "
+        "module:Class. Input checks, limits and failsafe apply to every controller.",
     )
     formulation: str = parameter(
         "manifold",

@@ -26,7 +26,7 @@ from quad_mpc_ros.control.model.samples import (
     ReferenceWindow,
 )
 from quad_mpc_ros.control.model.state import Input
-from quad_mpc_ros.control.mpc import Planned, PlanStage
+from quad_mpc_ros.control.mpc import NewPlanner, Planned, PlanStage
 from quad_mpc_ros.control.safety.decide_stage import Decided, DecideStage
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
 from quad_mpc_ros.control.safety.limit_stage import LimitStage
@@ -56,6 +56,7 @@ class Controller:
         config: Parameters; :meth:`reconfigure` changes live parameters.
         deadline: Longest time for a plan [s]; later plans are dropped.
         guide: Guide for obstacles or gates, None without a guide.
+        planner: Stage that replaces the MPC, for another controller.
 
     The constructor, :meth:`step` and :meth:`replace_last_command` raise :class:`.ArgumentError`, a
     ``ValueError``, for an argument of a wrong type; other methods check no types. Unusable
@@ -71,7 +72,12 @@ class Controller:
     """
 
     def __init__(
-        self, config: MpcConfig, *, deadline: float = math.inf, guide: Guide | None = None
+        self,
+        config: MpcConfig,
+        *,
+        deadline: float = math.inf,
+        guide: Guide | None = None,
+        planner: NewPlanner = PlanStage,
     ) -> None:
         self._config = instance(config, "config", MpcConfig)
         endless = isinstance(deadline, float) and deadline == math.inf
@@ -81,7 +87,7 @@ class Controller:
         self._inputs = InputMonitor(config, log)
         self._estimation = EstimateStage(config, log)
         self._guidance = GuideStage(config, guide, log)
-        self._planning = PlanStage(config, deadline=self._deadline, log=log)
+        self._planner, self._planning = planner, planner(config, self._deadline, log)
         ground = self._estimation.ground
         self._deciding = DecideStage(config, self._inputs, ground, log)
         self._limiting = LimitStage(
@@ -110,7 +116,8 @@ class Controller:
 
     def fresh_copy(self) -> Controller:
         """Return a new controller with the same configuration, deadline and guide."""
-        return Controller(self._config, deadline=self._deadline, guide=self._guidance.guide)
+        guide, planner = self._guidance.guide, self._planner
+        return Controller(self._config, deadline=self._deadline, guide=guide, planner=planner)
 
     @property
     def stages(self) -> tuple[Stage, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -143,10 +144,23 @@ class Planned(NamedTuple):
     failure: Failure | None
 
 
-class PlanStage(Stage):
-    """Plans from the estimate along the guided window."""
+class Planner(Stage, ABC):
+    """A stage that plans from the estimate along the guided window."""
 
-    def __init__(self, config: MpcConfig, *, deadline: float, log: StageLog) -> None:
+    @abstractmethod
+    def step(self, due: Due, state: PredictedState | Failure, guided: Guided | Failure) -> Planned:
+        """Return the plan, or the reason why no plan exists."""
+
+
+NewPlanner = Callable[[MpcConfig, float, StageLog], Planner]
+"""Makes a planner of a configuration and its deadline [s]: the longest step; later plans are
+dropped."""
+
+
+class PlanStage(Planner):
+    """Plans with the MPC."""
+
+    def __init__(self, config: MpcConfig, deadline: float, log: StageLog) -> None:
         """``deadline`` [s] is the longest step time; later plans are dropped."""
         self._log, self._deadline = log, deadline
         self._mpc = Mpc(config, deadline=deadline)

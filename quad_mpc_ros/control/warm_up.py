@@ -8,7 +8,9 @@ import math
 
 import numpy as np
 
-from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.configuration import optional_part
+from quad_mpc_ros.control.config import MPC, MpcConfig
+from quad_mpc_ros.control.control_law import ControlLaw
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.guide import Guide
@@ -17,7 +19,7 @@ from quad_mpc_ros.control.model.parameters import parameters_of
 from quad_mpc_ros.control.model.prediction import PredictedState
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
-from quad_mpc_ros.control.mpc import Mpc
+from quad_mpc_ros.control.mpc import Mpc, NewPlanner, PlanStage
 
 # Close enough for the estimator to learn between them, and longer than any input delay.
 _TICKS_NS = (1_000_000_000, 1_300_000_000, 1_600_000_000, 1_620_000_000)
@@ -28,9 +30,20 @@ _SPEED = 0.3  # m/s
 
 
 def warmed_up(
-    config: MpcConfig, *, deadline: float = math.inf, guide: Guide | None = None
+    config: MpcConfig,
+    *,
+    deadline: float = math.inf,
+    guide: Guide | None = None,
+    law: ControlLaw | None = None,
 ) -> Controller:
-    """Return a new controller with all code compiled."""
+    """Return a new controller with all code compiled.
+
+    A ``law`` replaces the MPC, or that of ``config.controller``, for which :class:`UserError` is
+    raised if it cannot be created.
+    """
+    planner: NewPlanner = PlanStage
+    if law is not None or config.controller != MPC:
+        planner = optional_part("law_planner", needed_by="mpc.controller")(config, law)
     _compile(
         dataclasses.replace(
             config,
@@ -46,7 +59,7 @@ def warmed_up(
             blind_time=10.0,
         )
     )
-    return Controller(config, deadline=deadline, guide=guide)
+    return Controller(config, deadline=deadline, guide=guide, planner=planner)
 
 
 def compile_problem(config: MpcConfig) -> None:

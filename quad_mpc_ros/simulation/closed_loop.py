@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from quad_mpc_ros.configuration import optional_part
+from quad_mpc_ros.configuration.arguments import instance
 from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.control_law import ControlLaw
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import (
@@ -43,8 +45,8 @@ from quad_mpc_ros.simulation.surroundings import (
 
 _DEFAULT_DURATION = 10.0  # s
 
-ControlLaw = Callable[[OdometrySample, ReferenceWindow], CommandSample | None]
-"""Returns the command for an odometry, or None to keep the last command."""
+CommandFunction = Callable[[OdometrySample, ReferenceWindow], CommandSample | None]
+"""Returns the command for an odometry, or None to keep the last command; nothing is checked."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,7 +59,7 @@ class LoopStep:
         sent_ns: Time of its publication [ns], at which the command was sent to the plant.
         window: The reference from the odometry's stamp on.
         tick: Tick of the controller; None if the control rate skipped the odometry, and with a
-            control law.
+            function.
         command: The command sent to the plant, if any.
         voltage: Voltage of the battery [V], if measured with the odometry.
         imu: IMU samples since the last odometry, delivered before the odometry.
@@ -82,7 +84,7 @@ def fly(
     reference: ReferenceConfig | None = None,
     plant: Plant | None = None,
     trajectory: Trajectory | Path | None = None,
-    controller: Controller | ControlLaw | None = None,
+    controller: Controller | ControlLaw | CommandFunction | None = None,
     scene: Scene | None = None,
     world: ObstacleReceiver | None = None,
     on_reference: bool = False,
@@ -110,13 +112,13 @@ def fly(
     if on_reference:
         simulator = simulator.updated(start_on(flown, simulator))
     plant = plant or make_plant(simulator)
-    if controller is None:
+    if controller is None or isinstance(controller, ControlLaw):
         mpc = mpc or MpcConfig()
         world, guide = None, None
         if mpc.guided_by:
             guidance = optional_part("guidance", needed_by=mpc.guided_by)(mpc)
             world, guide = guidance.world, guidance.guide
-        controller = warmed_up(mpc, guide=guide)
+        controller = warmed_up(mpc, guide=guide, law=controller)
     server = ReferenceServer(reference, flown)
     stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)
     server.start(SIMULATION_START_NS)
@@ -174,7 +176,7 @@ def start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> dict[str, An
 
 
 def _answered(
-    controller: Controller | ControlLaw,
+    controller: Controller | CommandFunction,
     sent: SentOdometry,
     window: ReferenceWindow,
     *,
@@ -182,7 +184,9 @@ def _answered(
 ) -> tuple[Tick | None, CommandSample | None]:
     if not isinstance(controller, Controller):
         command = controller(sent.odometry, window)
-        return None, None if command is None else command.checked()
+        if command is not None:
+            command = instance(command, "command", CommandSample).checked()
+        return None, command
     for sample in sent.imu:
         controller.receive_imu(sample)
     controller.receive_reference(window, now_ns=now_ns)

@@ -25,6 +25,7 @@ from quad_mpc_ros.extras.campaigns.campaign import (
     value_in,
 )
 from quad_mpc_ros.extras.campaigns.variation import SameAs, Variation, variation_of
+from quad_mpc_ros.extras.controllers.registry import controller_class
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
@@ -189,7 +190,8 @@ class _Reader:
             settle_time=self._settle_time(simulator.duration),
             start=start,
         )
-        campaign.configured(campaign.drawn(0))  # raises for incompatible parameters
+        mpc = campaign.configured(campaign.drawn(0)).mpc  # raises for incompatible parameters
+        controller_class(mpc.controller)
         return campaign
 
     def _given(self) -> dict[str, dict[str, Any]]:

@@ -24,9 +24,14 @@ _SETTLED_RATIO = 0.5  # of the MPC's ticks: the estimates are those of the rest
 
 
 def commanding(flight: Flight) -> dict[str, Any]:
-    """Return the number of ticks of each source, and the first failsafe tick."""
+    """Return the number of ticks of each source, and the first failsafe tick.
+
+    In a flight without commands the last tick counts, which has the reason.
+    """
     sources = flight.stats["source"]
     without = np.flatnonzero(np.isin(sources, WITHOUT_MPC))
+    if not len(flight.commands.stamp_ns):
+        without = np.arange(len(sources))[-1:]
     first = None
     if len(without):
         at = int(without[0])

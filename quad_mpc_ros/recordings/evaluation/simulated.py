@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, cast
 
 from quad_mpc_ros.configuration import ArgumentError, files
 from quad_mpc_ros.configuration.arguments import instance, number
 from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.control_law import ControlLaw
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import TickStats
@@ -22,7 +23,7 @@ from quad_mpc_ros.recordings.logs import Log, Received, T
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.path import Path
 from quad_mpc_ros.references.trajectory import Trajectory
-from quad_mpc_ros.simulation.closed_loop import ControlLaw, LoopStep, fly
+from quad_mpc_ros.simulation.closed_loop import CommandFunction, LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.simulation.shapes import Scene
@@ -88,9 +89,10 @@ def simulate(
     duration: float = 10.0,
     plant: Plant | None = None,
     trajectory: Trajectory | Path | None = None,
-    controller: Controller | ControlLaw | None = None,
+    controller: Controller | ControlLaw | CommandFunction | None = None,
     scene: Scene | None = None,
     on_reference: bool = False,
+    observe: Callable[[LoopStep], None] | None = None,
 ) -> Flight:
     """Fly the closed loop in simulated time, like ``quad_mpc simulate``.
 
@@ -105,9 +107,12 @@ def simulate(
         plant: A plant that replaces the simulator's plant.
         trajectory: Replaces the trajectory of ``reference``: a path (position and its derivatives
             over time; attitude follows from flatness), or a trajectory.
-        controller: Controller that replaces the MPC.
+        controller: Controller that replaces ``mpc.controller``: an object with ``reset`` and
+            ``step`` (:class:`.ControlLaw`), with the checks, limits and failsafe of the MPC; or
+            a function of odometry and reference window, whose commands are flown unchecked.
         scene: Obstacles that replace the simulator's file; the flight ends at a collision.
         on_reference: Start in motion on the reference, not at the initial state of ``simulator``.
+        observe: Called with each step.
 
     Returns:
         The flight as arrays; :func:`summarise` has its figures of merit.
@@ -133,6 +138,9 @@ def simulate(
     duration = number(duration, "duration", above=0.0, below=_MAX_DURATION)
     _check_parts(plant=plant, trajectory=trajectory, controller=controller)
     mpc = dataclasses.replace(mpc, lockstep=True)
+    if isinstance(controller, ControlLaw):
+        kind = type(controller)
+        mpc = dataclasses.replace(mpc, controller=f"{kind.__module__}:{kind.__qualname__}")
     if simulator.duration == 0.0:
         simulator = dataclasses.replace(simulator, duration=duration)
     if scene is not None:
@@ -149,13 +157,17 @@ def simulate(
         on_reference=on_reference,
     ):
         log.take(step)
+        if observe is not None:
+            observe(step)
     return log.flight(FlightConfig(mpc, simulator, reference))
 
 
 def _check_parts(**given: object) -> None:
     """Reject parts of a flight that lack required methods."""
     for name, part in given.items():
-        if part is None or isinstance(part, Controller):
+        if part is None:
+            continue
+        if isinstance(part, Controller | ControlLaw) and not isinstance(part, type):
             continue
         methods = _METHODS[name]
         has_all = all(callable(getattr(part, method, None)) for method in methods)

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from quad_mpc_ros.control.config import MPC
 from quad_mpc_ros.control.safety.odometry_gate import SLOW
 from quad_mpc_ros.recordings.evaluation.commanding import WITHOUT_MPC
 from quad_mpc_ros.recordings.evaluation.crash import crash_text
@@ -38,6 +39,7 @@ _FAILSAFE_ADVICE = {
     "do not lift": "Check motors, battery, mass and thrust_curve "
     "(docs/tutorials/first_flight.md).",
     "the vehicle oscillates": "Raise lags or delay by half, or fly default (docs/howto/tune.md).",
+    "the controller": "Correct the controller (docs/tutorials/your_controller.md).",
     "solver": "Increase advanced.solver.max_iterations (docs/howto/tune.md).",
     "": "Look up the reason and fix it (docs/reference/diagnostics.md).",
 }
@@ -111,21 +113,28 @@ def verdict_on(summary: Summary) -> Verdict:
 def _commanded(s: Summary) -> str:
     """Return the active sources, and the first reason for a source other than the MPC."""
     ticks, without = s["commanding"]["ticks"], _without_mpc(s)
+    first = s["commanding"]["first_without_mpc"]
     if not s["commands"]:
-        return "No command was sent. See the solver status in mpc/stats."
+        reason = first["reason"] if first else ""
+        return f"No command was sent. {reason or 'See the solver status in mpc/stats'}."
     if not ticks:
         return f"{s['commands']} commands; their source was not recorded."
     if without:
         counts = ", ".join(f"{count} {source}" for source, count in without.items())
-        first = s["commanding"]["first_without_mpc"]
         return (
-            f"The MPC was not active at {sum(without.values())} of {sum(ticks.values())} ticks: "
-            f"{counts}. First at {first['time_s']:.2f} s: {first['reason']}."
+            f"{_name(s)} was not active at {sum(without.values())} of {sum(ticks.values())} "
+            f"ticks: {counts}. First at {first['time_s']:.2f} s: {first['reason']}."
         )
     due = s["commands"] + s["unanswered_odometries"]
     if due > s["commands"]:
-        return f"The MPC sent {s['commands']} of the {due} commands that were due."
-    return f"The MPC sent all {due} commands."
+        return f"{_name(s)} sent {s['commands']} of the {due} commands that were due."
+    return f"{_name(s)} sent all {due} commands."
+
+
+def _name(s: Summary) -> str:
+    """Return the controller as the subject of a sentence."""
+    name = s["config"].get("mpc", {}).get("controller", MPC)
+    return "The MPC" if name == MPC else f"The controller {name}"
 
 
 def _without_mpc(s: Summary) -> dict[str, int]:
@@ -158,8 +167,9 @@ def _failsafe_before_crash(s: Summary) -> bool:
 
 
 def _failsafe_findings(s: Summary) -> Iterator[_Finding]:
-    if _without_mpc(s):
-        reason = s["commanding"]["first_without_mpc"]["reason"]
+    first = s["commanding"]["first_without_mpc"]
+    if first and first["reason"]:
+        reason = first["reason"]
         advice = next(to_do for part, to_do in _FAILSAFE_ADVICE.items() if part in reason)
         yield f"The failsafe was active: {reason}.", advice
 

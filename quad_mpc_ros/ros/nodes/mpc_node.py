@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rclpy.publisher import Publisher
 
 from quad_mpc_ros.configuration import UserError, optional_part
-from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.config import MPC, MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.guide import FAILED
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
@@ -279,6 +279,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             if tick.command is not None:
                 self._command.publish(cdr.written_command(tick.command))
             self._log_change(tick)
+            self._note_errors(tick)
             self._publish_insight(tick)
             self._tick = tick
             self._garbage.after_tick()
@@ -286,6 +287,12 @@ class MpcNode(ManagedNode[MpcConfig]):
         if self._obstacle_inputs is not None:
             for refusal in self._obstacle_inputs.take_warnings():
                 self.warnings.warn(refusal)
+
+    def _note_errors(self, tick: Tick) -> None:
+        """Let the node end with exit code 1 after an error of a controller other than the MPC."""
+        failed = tick.counts.solver_failures + tick.counts.deadline_misses > 0
+        if failed and self._controller.config.controller != MPC:
+            self.exit_code = 1
 
     def _check_faults(self) -> None:
         """Detect and log other command publishers and a ringing or slow rate loop."""
@@ -337,7 +344,8 @@ class MpcNode(ManagedNode[MpcConfig]):
         if now is before:
             return
         if now is Source.MPC:
-            self.get_logger().info("the MPC flies")
+            name = self._controller.config.controller
+            self.get_logger().info(f"{'the MPC' if name == MPC else name} flies")
             return
         text = f"{now.name.lower()} takes over: {tick.decision.reason}"
         # Two statements: rclpy raises if one statement logs with two severities.
