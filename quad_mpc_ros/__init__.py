@@ -5,7 +5,8 @@ These names are the public API. No name needs ROS; each name is imported on firs
 - to control: :class:`.Controller`, :class:`.MpcConfig`, :class:`.Vehicle`;
 - inputs and outputs: :class:`.OdometrySample`, :class:`.ReferenceWindow`, :class:`.CommandSample`;
 - to simulate: :func:`.simulate`, :class:`.SimulatorConfig`, :class:`.ReferenceConfig`, with
-  :func:`.load_config` for presets and parameter files;
+  :func:`.load_config` for presets and parameter files, :class:`.FunctionPath` for a reference
+  p(t), and :func:`.simulate_run` to save the flight;
 - to plan a race through gates: :func:`.plan_race` (the extra ``plan``);
 - to read and evaluate a flight: :class:`.Recording`, :class:`.Flight`, :func:`.summarise`;
 - to identify a vehicle: :func:`.identify`;
@@ -30,6 +31,7 @@ from __future__ import annotations
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from quad_mpc_ros.analysis.identification.fit import identify
+    from quad_mpc_ros.commands.simulate import simulate_run
     from quad_mpc_ros.control.config import MpcConfig
     from quad_mpc_ros.control.controller import Controller
     from quad_mpc_ros.control.lie import so3
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
     from quad_mpc_ros.recordings.flight import Flight
     from quad_mpc_ros.recordings.recording import Recording
     from quad_mpc_ros.references.config import ReferenceConfig
+    from quad_mpc_ros.references.function_path import FunctionPath
     from quad_mpc_ros.simulation.config import SimulatorConfig
 
 __version__ = "1.0.0"
@@ -49,6 +52,7 @@ __all__ = [
     "CommandSample",
     "Controller",
     "Flight",
+    "FunctionPath",
     "MpcConfig",
     "OdometrySample",
     "Recording",
@@ -60,6 +64,7 @@ __all__ = [
     "load_config",
     "plan_race",
     "simulate",
+    "simulate_run",
     "so3",
     "summarise",
 ]
@@ -69,6 +74,7 @@ _MODULES = {
     "CommandSample": "control.model.samples",
     "Controller": "control.controller",
     "Flight": "recordings.flight",
+    "FunctionPath": "references.function_path",
     "MpcConfig": "control.config",
     "OdometrySample": "control.model.samples",
     "Recording": "recordings.recording",
@@ -80,6 +86,7 @@ _MODULES = {
     "load_config": "recordings.evaluation.simulated",
     "plan_race": "extras.racing.planning.race_plan",
     "simulate": "recordings.evaluation.simulated",
+    "simulate_run": "commands.simulate",
     "so3": "control.lie",
     "summarise": "recordings.evaluation.metrics",
 }

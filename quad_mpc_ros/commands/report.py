@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from quad_mpc_ros.commands.output import check_writable, write_new
+from quad_mpc_ros.commands.output import check_writable, results_in, write_new
 from quad_mpc_ros.configuration import UserError
 
 
@@ -36,12 +36,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="write odometry.csv, commands.csv and ticks.csv of each run into a folder in DIR",
     )
+    parser.add_argument(
+        "--format",
+        choices=("pdf", "svg", "png"),
+        help="also write the figures as files into the folder <name of the page>_figures",
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace existing files")
 
 
 def run(options: argparse.Namespace) -> int:
     """Read, draw and write; return the exit code."""
-    from quad_mpc_ros.analysis.report import csv_tables, page, read_runs
+    from quad_mpc_ros.analysis.report import csv_tables, page, read_runs, run_figures
 
     bags = _named(options.runs)
     _check(options, list(bags))
@@ -51,6 +56,11 @@ def run(options: argparse.Namespace) -> int:
         print(f"{run.name}: {run.verdict.line}")
         print("\n".join(f"  to do: {each}" for each in run.verdict.advice))
     print(f"report  {options.out}")
+    if options.format is not None:
+        with results_in(_figure_folder(options)):
+            for _ in run_figures(runs, _figure_folder(options), options.format):
+                pass
+        print(f"figures {_figure_folder(options)}")
     if options.csv is not None:
         for run in runs:
             for name, text in csv_tables(run).items():
@@ -81,12 +91,20 @@ def _named(given: Sequence[Path]) -> dict[str, Path]:
     return bags
 
 
+def _figure_folder(options: argparse.Namespace) -> Path:
+    page: Path = options.out
+    return page.with_name(f"{page.stem}_figures")
+
+
 def _check(options: argparse.Namespace, names: Sequence[str]) -> None:
     """Reject existing output files before anything is read."""
     from quad_mpc_ros.analysis.report import TABLE_NAMES
 
     planned = [("--out", options.out)]
     for name in names:
+        if options.format is not None:
+            file = _figure_folder(options) / f"path_{name}.{options.format}"
+            planned.append(("--format", file))
         if options.csv is not None:
             planned += [("--csv", options.csv / name / f"{each}.csv") for each in TABLE_NAMES]
     for option, path in planned:

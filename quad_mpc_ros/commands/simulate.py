@@ -5,17 +5,26 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from pathlib import Path
+from typing import Any
 
+from quad_mpc_ros.analysis.figures import write_figures
+from quad_mpc_ros.commands.output import prepared_out, results_in, write_json
 from quad_mpc_ros.commands.progress import ProgressLine
 from quad_mpc_ros.commands.results import finish
 from quad_mpc_ros.commands.run_configuration import SCHEMA, run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.commands.run_recorder import RunRecorder
 from quad_mpc_ros.configuration import ConfigurationError
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.messages import cdr, topics
+from quad_mpc_ros.recordings.evaluation.metrics import summarise
+from quad_mpc_ros.recordings.evaluation.simulated import simulate
+from quad_mpc_ros.recordings.flight import Flight
+from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.server import ReferenceServer
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
-from quad_mpc_ros.simulation.config import PLANTS, make_plant
+from quad_mpc_ros.simulation.config import PLANTS, SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 
 
@@ -66,6 +75,30 @@ def run(options: argparse.Namespace) -> int:
     wall_seconds = time.monotonic() - started
     progress.close()
     return finish(config.out, wall_seconds=wall_seconds)
+
+
+def simulate_run(
+    out: Path,
+    mpc: MpcConfig | None = None,
+    simulator: SimulatorConfig | None = None,
+    reference: ReferenceConfig | None = None,
+    **options: Any,
+) -> Flight:
+    """Fly like :func:`.simulate`, save the run like ``quad_mpc simulate``, and return the flight.
+
+    ``out`` is a new folder; all other arguments are those of :func:`.simulate`. Raises
+    :class:`UserError` for a folder that has a run or cannot be written.
+    """
+    out, steps = prepared_out(Path(out)), list[LoopStep]()
+    flight = simulate(mpc, simulator, reference, observe=steps.append, **options)
+    frame_id = steps[0].odometry.frame_id
+    with RunRecorder(out / "bag", parameters=flight.parameters, frame_id=frame_id) as recorder:
+        for step in steps:
+            _record(recorder, step)
+    with results_in(out):
+        write_json(out / "summary.json", summarise(flight))
+        write_figures(flight, out / "figures")
+    return flight
 
 
 def _record(recorder: RunRecorder, step: LoopStep) -> None:

@@ -35,6 +35,10 @@ def own_plant(names: Names) -> None:
     assert names["thrust_scale"] == pytest.approx(0.9 / 1.1, abs=0.03)
 
 
+def own_controller(names: Names) -> None:
+    assert names["rmse"]["MPC"] < 0.01 < names["rmse"]["PID"] < 0.5
+
+
 def own_reference(names: Names) -> None:
     assert names["rmse"] < 0.001
     assert names["speed"].max() == pytest.approx(np.hypot(2.0, 1.0) * np.pi / 3.0, rel=1e-2)
@@ -93,6 +97,7 @@ OUTCOMES: dict[str, Callable[[Names], None]] = {
     for outcome in (
         first_step,
         closed_loop,
+        own_controller,
         own_plant,
         own_reference,
         own_weights,

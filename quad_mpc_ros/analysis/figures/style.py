@@ -81,12 +81,13 @@ def rgb(colour: str) -> tuple[float, float, float]:
 
 
 def save(figure: Figure, path: Path, *, cropped: bool = False) -> Path:
-    """Write a figure as PNG, create missing folders, and return the path.
+    """Write a figure as PNG, PDF or SVG, create missing folders, and return the path.
 
     A ``cropped`` figure has no white rows above and below.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, format="png", bbox_inches=_drawn_part(figure) if cropped else None)
+    kind, part = path.suffix.removeprefix(".").lower(), _drawn_part(figure) if cropped else None
+    figure.savefig(path, format=kind or "png", bbox_inches=part)
     return path
 
 

@@ -1,10 +1,11 @@
 """Report of recorded runs: a self-contained HTML page, and their time series as CSV.
 
-:func:`read_runs` reads bags, :func:`page` makes the HTML, :func:`csv_tables` the tables.
+:func:`read_runs` reads bags, :func:`page` makes the HTML, :func:`csv_tables` the tables,
+:func:`run_figures` the figures as files.
 """
 
-from quad_mpc_ros.analysis.report.page import page
+from quad_mpc_ros.analysis.report.page import page, run_figures
 from quad_mpc_ros.analysis.report.run import ReportedRun, read_runs
 from quad_mpc_ros.analysis.report.series import TABLE_NAMES, csv_tables
 
-__all__ = ["TABLE_NAMES", "ReportedRun", "csv_tables", "page", "read_runs"]
+__all__ = ["TABLE_NAMES", "ReportedRun", "csv_tables", "page", "read_runs", "run_figures"]

@@ -79,15 +79,26 @@ def _in_words(run: ReportedRun, *, unfolded: bool) -> str:
 def _figures(runs: Sequence[ReportedRun]) -> Iterator[str]:
     """Yield the sections with figures that all runs have."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "figure.png")
-        paths = [_image(write_path(run.flight, path), run.name) for run in runs]
-        yield _section("path", "Path in space", paths)
-        flights = {run.name: run.flight for run in runs}
-        for figure in _FIGURES:
-            counts = {len(figure.panels(flight)) for flight in flights.values()}
-            if len(counts) == 1 and counts != {0}:
-                image = _image(write_flights(figure, flights, path), figure.title)
-                yield _section(figure.name, figure.title, [image])
+        for name, title, images in run_figures(runs, Path(folder), "png"):
+            yield _section(name, title, [_image(path, text) for path, text in images.items()])
+
+
+def run_figures(
+    runs: Sequence[ReportedRun], folder: Path, file_format: str
+) -> Iterator[tuple[str, str, dict[Path, str]]]:
+    """Draw the figures that all runs have; yield name, title, and files with their texts.
+
+    ``file_format`` is ``png``, ``pdf`` or ``svg``. Raises ``OSError``.
+    """
+    paths = {folder / f"path_{run.name}.{file_format}": run for run in runs}
+    drawn = {write_path(run.flight, path): run.name for path, run in paths.items()}
+    yield "path", "Path in space", drawn
+    flights = {run.name: run.flight for run in runs}
+    for figure in _FIGURES:
+        counts = {len(figure.panels(flight)) for flight in flights.values()}
+        if len(counts) == 1 and counts != {0}:
+            path = write_flights(figure, flights, folder / f"{figure.name}.{file_format}")
+            yield figure.name, figure.title, {path: figure.title}
 
 
 def _parameters(runs: Sequence[ReportedRun]) -> str:
