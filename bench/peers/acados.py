@@ -14,11 +14,16 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import dataclasses
+import fcntl
+import functools
+import hashlib
 import importlib
 import json
 import os
 import shutil
 import sys
+import tempfile
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -35,6 +40,7 @@ from peers.peer import (
 )
 
 from quad_mpc_ros.configuration import per_axis
+from quad_mpc_ros.configuration.compilation import cache_folder
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.reference_window import sample
@@ -167,11 +173,59 @@ class AcadosPeer:
             self._solver.constraints_set(stage, "lh", -bound)
 
 
-def build_solver(config: MpcConfig, folder: Path, *, converge: bool = False) -> Any:
+class AcadosController:
+    """The peer behind the interface of all controllers.
+
+    It flies with ``--controller peers.acados:AcadosController`` where ``bench`` is in the search
+    path. Lags, delay and disturbance are left out of its model. Where HPIPM fails, the last
+    command is repeated, with the inputs of the reference as the next guess.
+    """
+
+    def __init__(self, config: MpcConfig) -> None:
+        lags = dict.fromkeys(("rate_time_constant", "thrust_time_constant", "input_delay"), 0.0)
+        self._config = dataclasses.replace(config, **lags, estimate_disturbance=False)
+        self._solver = _solver_of(self._config)
+        self.reset()
+
+    def reset(self) -> None:
+        """Discard the last solution."""
+        self._peer = AcadosPeer(self._config, self._solver)
+        self._last: CommandSample | None = None
+
+    def step(self, odometry: OdometrySample, window: ReferenceWindow) -> CommandSample:
+        """Return the first input of one real-time iteration."""
+        command = self._peer.step(odometry, window)
+        if command is None:
+            command, peer = self._last, AcadosPeer(self._config, self._solver)
+            if command is None:
+                raise RuntimeError("HPIPM found no first solution")
+            self._peer = peer
+        self._last = command
+        return command
+
+
+@functools.cache
+def _solver_of(config: MpcConfig) -> Any:
+    """Return the solver of a configuration, compiled once in the compile cache."""
+    digest = hashlib.sha256(repr(config).encode()).hexdigest()[:16]
+    folder = Path(cache_folder() or tempfile.mkdtemp(), f"acados-{digest}")
+    folder.mkdir(exist_ok=True)
+    built = folder / "built"
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # other workers need the same solver
+        solver = build_solver(config, folder, compile_it=not built.exists())
+        built.touch()
+    return solver
+
+
+def build_solver(
+    config: MpcConfig, folder: Path, *, converge: bool = False, compile_it: bool = True
+) -> Any:
     """Return an ``AcadosOcpSolver`` of a configuration, compiled in ``folder``.
 
     It takes one real-time iteration a call, or with ``converge`` as many SQP iterations as it
-    needs. Raises :class:`PeerUnavailableError` when acados is not installed, cannot compile, or
+    needs. Without ``compile_it`` the folder has been compiled. Raises
+    :class:`PeerUnavailableError` when acados is not installed, cannot compile, or
     has no model of what the configuration asks for.
     """
     _require_plain_model(config)
@@ -188,7 +242,11 @@ def build_solver(config: MpcConfig, folder: Path, *, converge: bool = False) -> 
             template = importlib.import_module("acados.acados_template")
             problem = _problem(template, config, folder, converge=converge)
             return template.AcadosOcpSolver(
-                problem, json_file=str(folder / f"{problem.model.name}.json"), verbose=True
+                problem,
+                json_file=str(folder / f"{problem.model.name}.json"),
+                build=compile_it,
+                generate=compile_it,
+                verbose=True,
             )
     except Exception as error:  # whatever its generator and compiler raise
         raise PeerUnavailableError(

@@ -51,6 +51,34 @@ def test_simulate_and_lockstep_flight_send_identical_commands(
     assert payloads(out / "bag") == payloads(lockstep / "bag")
 
 
+BROKEN = """
+from quad_mpc_ros.extras.controllers.geometric import GeometricController
+
+class Broken(GeometricController):
+    left = 60
+
+    def step(self, odometry, reference):
+        self.left -= 1
+        if self.left < 0:
+            raise RuntimeError("no ideas left")
+        return super().step(odometry, reference)
+"""
+
+
+def test_a_controller_flies_in_the_node_until_it_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "broken_controller.py").write_text(BROKEN)
+    monkeypatch.chdir(tmp_path)
+    options = ["--lockstep", "--controller", "broken_controller:Broken", "--reference", "hover"]
+    assert main(["fly", *options, "--duration", "3", "--out", "run"]) == 1
+    commanding = json.loads(Path("run/summary.json").read_text())["commanding"]
+    assert commanding["ticks"]["mpc"] == 60 and commanding["ticks"]["hover"] > 50
+    log = Path("run/log/mpc.log").read_text()
+    assert "broken_controller:Broken flies" in log
+    assert log.count("no ideas left; it stays out until it is engaged again") == 1
+
+
 def test_a_planned_race_is_the_same_in_lockstep_and_simulated(tmp_path: Path) -> None:
     pytest.importorskip("casadi")
     course, plan = tmp_path / "course.yaml", tmp_path / "race.csv"

@@ -1,0 +1,296 @@
+"""Fly the MPC and the other controllers side by side, and write docs/measurements/controllers.md.
+
+    python bench/controllers.py --flights 500
+
+Every row is a campaign that all controllers fly: the same vehicles, odometry, delays, limits and
+failsafe. ``--flights`` is the number of flights of the two large campaigns; the rows with one
+vehicle have fixed numbers. With ``--cells FILE`` an interrupted run continues. The times are those
+of the first flight of each campaign, flown alone after all others. ``--page`` is where the page
+goes; without it the table is printed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markdown_table import markdown_table
+
+from quad_mpc_ros import simulate, summarise
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.extras.campaigns.campaign import Campaign
+from quad_mpc_ros.extras.campaigns.campaign_file import (
+    Overrides,
+    campaign_from,
+    located_campaign,
+    read_campaign,
+)
+from quad_mpc_ros.extras.campaigns.flying import fly
+from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers
+
+ACADOS = "peers.acados:AcadosController"
+CONTROLLERS = {
+    "mpc": "MPC",
+    "geometric": "geometric",
+    "px4": "PX4",
+    "lqr": "LQR",
+    ACADOS: "acados",
+}
+GAINS = {
+    "mpc": ("preset `default`", "lags, delay; estimates thrust, wind and lags"),
+    "geometric": ("rotorpy's, for Lee, Leok and McClamroch 2010", "rigid body"),
+    "px4": ("defaults of PX4's position and attitude controllers", "none; has an integral"),
+    "lqr": ("`Q` and `R` of the MPC", "lag of the body rates"),
+    ACADOS: ("`Q`, `R`, limits and horizon of the MPC", "rigid body with drag"),
+}
+_VEHICLE: dict[str, Any] = {
+    # As configured in the MPC, with the noise of the large campaigns.
+    "simulator.rate_time_constant": {"same_as": "mpc.rate_time_constant"},
+    "simulator.torque_time_constant": {"same_as": "mpc.torque_time_constant"},
+    "simulator.thrust_time_constant": {"same_as": "mpc.thrust_time_constant"},
+    "simulator.command_delay": {"same_as": "mpc.input_delay"},
+    "simulator.seed": {"integers": [0, 1000000]},
+}
+_NOISE = {
+    "simulator.position_noise": 0.003,
+    "simulator.attitude_noise": 0.003,
+    "simulator.velocity_noise": 0.02,
+    "simulator.rate_noise": 0.02,
+}
+# Otherwise the failsafe would end flights with a constant error or an oscillation.
+_WARN_ONLY = ("mpc.consistency.action=warn", "mpc.advanced.oscillation.action=warn")
+_SMALL, _DELAYED = 4, 4  # flights of the rows with one vehicle
+_SPEED = float(np.hypot(3.0, 3.0))  # m/s of the lemniscate at 1 rad/s, at its centre
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """A row: a campaign, the column of its table that is the error, and why it is as it is."""
+
+    name: str
+    content: Mapping[str, Any] | str
+    why: str
+    error: str = "settled_error_mean_m"
+
+    def campaign(self, controller: str, flights: int) -> Campaign:
+        """Return the campaign, flown by a controller; ``flights`` for those of a file."""
+        assignments = [f"mpc.controller={controller}", *_WARN_ONLY]
+        if isinstance(self.content, str):
+            overrides = Overrides(config=[], assignments=assignments, flights=flights)
+            return read_campaign(located_campaign(Path(self.content)), overrides)
+        return campaign_from(self.content, Overrides(config=[], assignments=assignments))
+
+
+def _one_vehicle(reference: str, duration: float, **changes: float) -> dict[str, Any]:
+    return {
+        "flights": _SMALL,
+        "seed": 1,
+        "reference": reference,
+        "duration": duration,
+        "settle_time": 4.0,
+        "set": {**_NOISE, **{f"reference.{name}": value for name, value in changes.items()}},
+        "vary": _VEHICLE,
+    }
+
+
+def _late(by_ms: int) -> dict[str, Any]:
+    delay = {"same_as": "mpc.input_delay", "plus": 1e-3 * by_ms}
+    position = {"uniform": [[-0.4, -0.4, 1.6], [0.4, 0.4, 2.4]]}
+    return {
+        "flights": _DELAYED,
+        "seed": 1,
+        "reference": "hover",
+        "duration": 10.0,
+        "settle_time": 5.0,
+        "start": "reference",
+        "set": _NOISE,
+        "vary": {
+            **_VEHICLE,
+            "simulator.initial_position": position,
+            "simulator.command_delay": delay,
+        },
+    }
+
+
+ROWS = (
+    Row(
+        name="square, error at the corners",
+        content=_one_vehicle("square", 12.0),
+        error="waypoint_error_max_m",
+        why="the MPC settles within the 2 s at a corner; the other controllers approach more "
+        "slowly, the LQR because its position error is bounded.",
+    ),
+    Row(
+        name="lemniscate, 2 m/s",
+        content=_one_vehicle("lemniscate", 14.0, angular_frequency=2.0 / _SPEED),
+        why="the MPC predicts the lags of the vehicle; the other controllers fall behind by "
+        "these lags, PX4 most, because it has no setpoint for roll and pitch rates.",
+    ),
+    Row(
+        name="lemniscate, 8 m/s",
+        content=_one_vehicle("lemniscate", 14.0, angular_frequency=8.0 / _SPEED),
+        why="the reference tilts by up to 65°, and PX4 limits the tilt to 45°; the attitude "
+        "loop of the geometric controller lags; the LQR models neither delay nor thrust "
+        "lag and turns over.",
+    ),
+    Row(
+        name="campaign `hover`",
+        content="hover",
+        why="the MPC estimates thrust and wind; the geometric controller has no integral, and "
+        "the integral of PX4 is slow; the LQR turns over where lags and delay are long.",
+    ),
+    Row(
+        name="campaign `lemniscate`",
+        content="lemniscate",
+        why="the causes are those of the hover; PX4 also lacks a setpoint for roll and pitch "
+        "rates.",
+    ),
+    Row(
+        name="hover, modelled delay",
+        content=_late(0),
+        why="with the modelled delay all controllers hover; the LQR is close to instability.",
+    ),
+    Row(
+        name="hover, 20 ms more delay",
+        content=_late(20),
+        why="20 ms make the LQR unstable: its model has no delay, and `Q` and `R` demand high "
+        "gains.",
+    ),
+    Row(
+        name="hover, 40 ms more delay",
+        content=_late(40),
+        why="the other controllers tolerate 40 ms.",
+    ),
+    Row(
+        name="hover, 80 ms more delay",
+        content=_late(80),
+        why="the geometric controller oscillates; the weights of the MPC were chosen for this "
+        "delay, and the gains of PX4 are low.",
+    ),
+)
+
+_PAGE = """\
+# Controllers
+
+The [controllers](../tutorials/your_controller.md) of this package in simulation, {date};
+`python bench/controllers.py --flights {flights} --controllers {names} --page
+docs/measurements/controllers.md` writes this page. All controllers get the same odometry, reference, mass and thrust curve, and fly the
+same vehicles with the same limits. The failsafe of the MPC only warns of oscillations and
+contradictions, so that no failsafe ends a flight before the controller does. In the large
+campaigns only the mass is configured ([ranges](robustness.md#random-vehicles)). In the other rows
+the lags and the delay of the vehicle are those that the MPC models, plus the stated delay, with
+the same noise.
+
+{controllers}
+
+*Error*: mean distance to the reference after settling; mean and 95th percentile over the
+completed flights. *Time*: median of a step of the controller alone, for the MPC including its
+estimator. All are in Python, but the solvers and the functions of the MPC are compiled. *Crashed*
+follows the [crash criteria](../howto/campaigns.md#crash-criteria). The gains of the other
+controllers were not tuned for these vehicles.
+
+{table}
+
+{why}
+"""
+
+
+def main() -> None:
+    """Fly all rows with all controllers, and write or print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--flights", type=int, default=500)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--controllers", nargs="*", choices=[*CONTROLLERS], default=[*CONTROLLERS])
+    parser.add_argument("--page", type=Path)
+    parser.add_argument("--cells", type=Path, help="file of finished cells, to continue a run")
+    options = parser.parse_args()
+    finished = Finished(options.cells)
+    engine = LocalWorkers(options.workers)
+    lines = []
+    for row in ROWS:
+        for name in options.controllers:
+            campaign = row.campaign(name, options.flights)
+            flown = partial(cells, campaign, row.error, engine)
+            found = finished.get(f"{row.name}, {name}, {campaign.flights} flights", flown)
+            lines.append([row.name, CONTROLLERS[name], *found])
+            print("  ".join(lines[-1]), file=sys.stderr, flush=True)
+    # Last, when nothing else of this program runs.
+    for line, (row, name) in zip(lines, product(ROWS, options.controllers), strict=True):
+        timed = partial(step_time, row.campaign(name, 1))
+        line += finished.get(f"{row.name}, {name}, time", timed)
+    header = ["flights", "controller", "crashed", "error, mean", "error, p95", "time"]
+    table = markdown_table(header, lines, align="llrrrr")
+    if options.page is None:
+        print(table)
+        return
+    why = "\n".join(f"- *{row.name}*: {row.why}" for row in ROWS)
+    date = datetime.date.today().isoformat()
+    gains = [[CONTROLLERS[name], *GAINS[name]] for name in options.controllers]
+    page = _PAGE.format(
+        date=date,
+        flights=options.flights,
+        names=" ".join(options.controllers),
+        controllers=markdown_table(["controller", "gains", "model"], gains),
+        table=table,
+        why=why,
+    )
+    options.page.write_text(page, encoding="utf-8")
+
+
+def cells(campaign: Campaign, error: str, engine: LocalWorkers) -> list[str]:
+    """Fly a campaign; return the crashes, and mean and p95 of the errors."""
+    rows = fly(campaign, engine)
+    failed = [row["error"] for row in rows if row.get("error")]
+    if failed:
+        raise UserError(f"{len(failed)} flights ended with an error: {failed[0]}")
+    crashed = sum(bool(row["crashed"]) for row in rows)
+    errors = [float(row[error]) for row in rows if not row["crashed"] and row[error] is not None]
+    return [f"{crashed} of {len(rows)}", *_centimetres(errors)]
+
+
+def _centimetres(errors: Sequence[float]) -> tuple[str, str]:
+    if not errors:
+        return "-", "-"
+    p95 = float(np.percentile(errors, 95, method="inverted_cdf"))
+    return f"{100 * np.mean(errors):.1f} cm", f"{100 * p95:.1f} cm"
+
+
+class Finished:
+    """Cells by their name, kept in a JSON file if there is one."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        exists = path is not None and path.is_file()
+        self._cells: dict[str, list[str]] = json.loads(path.read_text()) if exists else {}
+
+    def get(self, name: str, measure: Callable[[], list[str]]) -> list[str]:
+        """Return the cells of a name, measured now if they are not there."""
+        if name not in self._cells:
+            self._cells[name] = measure()
+            if self._path is not None:
+                self._path.write_text(json.dumps(self._cells, indent=1))
+        return self._cells[name]
+
+
+def step_time(campaign: Campaign) -> list[str]:
+    """Fly the first flight alone; return the median time of a controller's step."""
+    plan = campaign.plan(0)
+    summary = summarise(simulate(*plan.config, trajectory=plan.trajectory))
+    own = plan.config.mpc.controller != "mpc"
+    taken = summary["solve_time_us" if own else "step_time_us"]["p50"]
+    return [f"{1e-3 * taken:.2f} ms"]
+
+
+if __name__ == "__main__":
+    main()
