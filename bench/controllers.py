@@ -183,8 +183,9 @@ _PAGE = """\
 
 The [controllers](../tutorials/your_controller.md) of this package in simulation, {date};
 `python bench/controllers.py --flights {flights} --controllers {names} --page
-docs/measurements/controllers.md` writes this page. All controllers get the same odometry, reference, mass and thrust curve, and fly the
-same vehicles with the same limits. The failsafe of the MPC only warns of oscillations and
+docs/measurements/controllers.md` writes this page. All controllers get the same odometry,
+reference, mass and thrust curve, and fly the same vehicles with the same limits. The failsafe of
+the MPC only warns of oscillations and
 contradictions, so that no failsafe ends a flight before the controller does. In the large
 campaigns only the mass is configured ([ranges](robustness.md#random-vehicles)). In the other rows
 the lags and the delay of the vehicle are those that the MPC models, plus the stated delay, with

@@ -290,7 +290,7 @@ class MpcNode(ManagedNode[MpcConfig]):
 
     def _note_errors(self, tick: Tick) -> None:
         """Let the node end with exit code 1 after an error of a controller other than the MPC."""
-        failed = tick.counts.solver_failures + tick.counts.deadline_misses > 0
+        failed = tick.counts["solver_failures"] + tick.counts["deadline_misses"] > 0
         if failed and self._controller.config.controller != MPC:
             self.exit_code = 1
 
