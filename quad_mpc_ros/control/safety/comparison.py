@@ -53,14 +53,16 @@ from quad_mpc_ros.control.safety.relations import (
 _LOWPASS = 0.15  # s
 _ATTITUDE_STAGE, _POSITION_STAGE = 0.04, 0.075  # s, time constants of two equal stages
 _UNMODELLED_LAG = 0.1  # s, additional lag of the rates
-# Yaw has the least torque: time constant of the largest yaw acceleration, and its lower bound.
-_YAW_ACCELERATION_TIME, _LEAST_YAW_ACCELERATION = 2.0, 3.0  # s, rad/s^2
+# Time constant of the largest angular acceleration of each axis, and its lower bound.
+_ACCELERATION_TIME, _LEAST_ACCELERATION = 2.0, 3.0  # s, rad/s^2
+_ACCELERATION_MARGIN = 1.5  # of the demand over the acceleration shown, which lags
 _TRACK_TIME = 1.0  # s, between two starts of dead reckoning
 # Vertical force over the commanded thrust, and margins as shares of gravity.
 _LEAST_LIFT, _FALLING, _SOME_THRUST = 0.25, 0.9, 0.5
 # Commanded thrust over the vertical force, that force over gravity, and speed [m/s] of a vehicle
 # that climbs without thrust.
 _LEAST_THRUST, _RISING, _RISING_SPEED = 0.25, 1.1, 1.0
+_CALM_RATE = 2.0  # rad/s, of a vehicle that needs little torque
 # Rotations in rad/s, positions in m/s, forces in m/s^2. The second of a kinematic relation is for
 # x as a function of y, which detects values that are too large.
 _ATTITUDE = RelationLimits(floor=0.4, share=0.12, least=0.35, twist=0.6)
@@ -103,7 +105,7 @@ class ConsistencyState(Record):
     # The same behind an additional, unmodelled lag.
     late_throttle: float
     commanded_late: Vector3
-    yaw_acceleration: float  # rad/s^2, recent maximum
+    angular_acceleration: Vector3  # rad/s^2, recent maxima
     unturned_rate: float  # rad/s, body rate of the last sample if the attitude hardly turned
     attitude: KinematicPair
     position: KinematicPair
@@ -152,7 +154,7 @@ def compare_step(
     v = kernels.apply(R, kernels.vector(v_WB_B))
     found = 0
     if duration > 0.0:
-        _follow_yaw_torque(state, w[2], duration)
+        _follow_torque(state, w, duration)
         _follow_command(state, command, duration)
         _compare_motion(state, p, v, R_reported, w, duration)
         if is_on_ground:
@@ -162,7 +164,9 @@ def compare_step(
             start_force(memory)
         else:
             _compare_with_command(state, (v, w), R, duration)
-            follow_loops(state.plausible, command.w_WB_B, w, duration)
+            shown = kernels.vector(state.angular_acceleration)
+            most = kernels.scaled(_ACCELERATION_MARGIN, shown)
+            follow_loops(state.plausible, command.w_WB_B, w, most, duration)
         found = _contradicted(state, is_flying)
     _follow_tracks(state, (p, v, R), duration, is_flying, descends)
     if duration <= 0.0:
@@ -198,20 +202,21 @@ def _follow_command(state: ConsistencyState, command: Input, duration: float) ->
         rate = command.w_WB_B[k]
         state.commanded[k] = rate + kept * (state.commanded[k] - rate)
         late = state.commanded[k] + late_kept * (state.commanded_late[k] - state.commanded[k])
-        if k == 2:
-            most = state.yaw_acceleration * duration
+        if k == 2:  # yaw has the least torque
+            most = state.angular_acceleration[k] * duration
             before = state.commanded_late[k]
             late = kernels.clamp(late, before - most, before + most)
         state.commanded_late[k] = late
 
 
 @compiled
-def _follow_yaw_torque(state: ConsistencyState, yaw_rate: float, duration: float) -> None:
-    """Update the recent maximum of the yaw acceleration from the yaw rate."""
-    kept = math.exp(-duration / _YAW_ACCELERATION_TIME)
-    observed = abs(yaw_rate - state.w_WB_B[2]) / duration
-    remembered = max(kept * state.yaw_acceleration, observed)
-    state.yaw_acceleration = max(remembered, _LEAST_YAW_ACCELERATION)
+def _follow_torque(state: ConsistencyState, w: kernels.Vector, duration: float) -> None:
+    """Update the recent maxima of the angular acceleration, which saturated rotors limit."""
+    kept = math.exp(-duration / _ACCELERATION_TIME)
+    for k in range(3):
+        observed = abs(w[k] - state.w_WB_B[k]) / duration
+        remembered = max(kept * state.angular_acceleration[k], observed)
+        state.angular_acceleration[k] = max(remembered, _LEAST_ACCELERATION)
 
 
 @compiled
@@ -337,7 +342,9 @@ def _contradicted(state: ConsistencyState, is_flying: bool) -> int:
         found |= Relation.LIFT
     thrust = max(state.force.x[2], state.force_late.x[2])
     rises = state.force.y[2] > _RISING * gravity and state.v_WB_W[2] > _RISING_SPEED
-    if rises and thrust < _LEAST_THRUST * state.force.y[2]:
+    # A mixer that prefers torque raises the thrust of a vehicle that has to turn.
+    is_calm = kernels.norm(kernels.vector(state.w_WB_B)) < _CALM_RATE
+    if rises and is_calm and thrust < _LEAST_THRUST * state.force.y[2]:
         found |= Relation.CLIMB
     return found
 

@@ -2,8 +2,9 @@
 
 Such a loop turns against its command temporarily, a reversed axis permanently. So the rates of
 each axis are compared with the rates of a few loops (:mod:`..model.actuators`). A loop explains an
-axis if the residual is below half of the variance of the rates of the last seconds, or no more
-than a slow motion.
+axis if the residual is below three quarters of the variance of the rates of the last seconds, or
+no more than a slow motion. Saturated rotors limit the angular acceleration: the loops have bounds
+that follow from the vehicle's own.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from quad_mpc_ros.control.model.actuators import axis_step, loop_step
 # (tau, T) [s]: three of a damping ratio of 0.7, two that ring.
 _LOOPS = np.array([(0.12, 0.06), (0.24, 0.12), (0.4, 0.2), (0.04, 0.06), (0.04, 0.16)])
 _LOWPASS, _MEMORY = 0.05, 0.6  # s
-_LEFT_SHARE, _FLOOR = 0.5, 0.3  # of the squares, and in rad/s
+_LEFT_SHARE, _FLOOR = 0.75, 0.3  # of the squares, and in rad/s
 
 _OfLoops = Annotated[Array, (len(_LOOPS), 3)]
 
@@ -51,9 +52,16 @@ def start_loops(state: PlausibleRates, w: kernels.Vector) -> None:
 
 @compiled
 def follow_loops(
-    state: PlausibleRates, command: Array, w: kernels.Vector, duration: float
+    state: PlausibleRates,
+    command: Array,
+    w: kernels.Vector,
+    acceleration_max: kernels.Vector,
+    duration: float,
 ) -> None:
-    """Compare body rates with the loops' rates after a command (3,) for a duration [s]."""
+    """Compare body rates with the loops' rates after a command (3,) for a duration [s].
+
+    ``acceleration_max`` bounds the demanded angular acceleration of each axis [rad/s^2].
+    """
     share, forgotten = -math.expm1(-duration / _LOWPASS), -math.expm1(-duration / _MEMORY)
     for axis in range(3):
         state.measured[axis] += share * (w[axis] - state.measured[axis])
@@ -61,7 +69,7 @@ def follow_loops(
         y = state.measured[axis] - state.mean_measured[axis]
         state.squares[axis] += forgotten * (y * y - state.squares[axis])
         for k in range(len(_LOOPS)):
-            loop = loop_step(_LOOPS[k, 0], _LOOPS[k, 1], math.inf, duration)
+            loop = loop_step(_LOOPS[k, 0], _LOOPS[k, 1], acceleration_max[axis], duration)
             after = axis_step(
                 loop, state.rates[k, axis], state.acceleration[k, axis], command[axis]
             )
