@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.arrival_stamps import ArrivalStamps
+from quad_mpc_ros.control.estimation.clock_offset import Lateness
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.model.prediction import PredictedState
@@ -30,6 +31,7 @@ class EstimateStage(Stage):
         self._log = log
         self._in_lockstep = config.lockstep
         self._vehicle = config.vehicle()
+        self.lateness = Lateness(config)
         self._arrival_stamps = ArrivalStamps()
         self.ground = GroundDetector(config.gravity)
         self.estimator = DelayCompensation(config, ground=self.ground)

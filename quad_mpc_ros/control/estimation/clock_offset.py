@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-# Largest relative drift of two clocks: real ones stay within 1e-4, but a simulation that should
-# run in real time can fall behind.
-_DRIFT = 0.02
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.stage import Stage
+
+# Least time per drift of two clocks: real ones drift by 1e-4, but a simulation that should run in
+# real time can fall behind by 2 %.
+_TIME_PER_DRIFT = 50
 
 
 class ClockOffset:
@@ -19,7 +22,7 @@ class ClockOffset:
         self._until_last = until_last
         self.behind_ns = 0
         self.last_age_ns = 0
-        """The latency of the last arrival."""
+        """The latency of the last arrival; negative for the fastest."""
         self._arrived_ns = 0
 
     def age_ns(self, stamp_ns: int, *, now_ns: int) -> int:
@@ -28,19 +31,50 @@ class ClockOffset:
 
     def follow(self, stamp_ns: int, *, now_ns: int) -> int:
         """Take an arrival, update the offset, and return the age by the previous offset."""
-        drift_ns = round(_DRIFT * (now_ns - self._arrived_ns))
+        drift_ns = (now_ns - self._arrived_ns) // _TIME_PER_DRIFT
         if self._until_last:
             drift_ns = min(max(drift_ns, 0), max(self.last_age_ns, 0))
         self.behind_ns += drift_ns
         age_ns = now_ns - stamp_ns - self.behind_ns
-        self.behind_ns += min(age_ns, 0)
-        self._arrived_ns, self.last_age_ns = now_ns, max(age_ns, 0)
+        if age_ns < 0:
+            self.behind_ns += age_ns
+        self._arrived_ns, self.last_age_ns = now_ns, age_ns
         return age_ns
 
     def set(self, behind_ns: int, *, stamp_ns: int, now_ns: int) -> None:
         """Set the offset at an arrival."""
         self.behind_ns, self._arrived_ns = behind_ns, now_ns
         self.last_age_ns = self.age_ns(stamp_ns, now_ns=now_ns)
+
+
+class Lateness(Stage):
+    """Sending times by the clock of the stamps, from the lateness of answered odometries.
+
+    The lateness is relative to the fastest odometry, whose latency is part of the input delay.
+    Only answered odometries count, as only their arrivals are recorded. A lateness beyond
+    ``odom_timeout``, of either sign, means that a clock was set: start again.
+    """
+
+    def __init__(self, config: MpcConfig) -> None:
+        self._offset: ClockOffset | None = None
+        self.reconfigure(config)
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Apply a changed timeout."""
+        self._most_ns = round(config.odom_timeout * 1e9)
+
+    def sent_ns(self, stamp_ns: int | None, *, now_ns: int) -> int:
+        """Return the time by the clock of the stamps; an answered odometry arrives now."""
+        offset = self._offset
+        if stamp_ns is None:
+            return now_ns if offset is None else now_ns - offset.behind_ns
+        if offset is not None:
+            age_ns = offset.follow(stamp_ns, now_ns=now_ns)
+            if -self._most_ns <= age_ns <= self._most_ns:
+                return now_ns - offset.behind_ns
+        self._offset = ClockOffset()
+        self._offset.set(now_ns - stamp_ns, stamp_ns=stamp_ns, now_ns=now_ns)
+        return stamp_ns
 
 
 class PersistentOffset:

@@ -37,8 +37,7 @@ class OdometryGate(Stage):
         """Arrival of the last odometry that did not repeat the previous one."""
         self.checks_stamps = True
         """Whether stamps are compared with arrivals."""
-        self.offset = ClockOffset()
-        """Between the clocks of stamps and arrivals; the fastest latency is in ``input_delay``."""
+        self._offset = ClockOffset()
         self._began_ns = 0
         self._confirmed = False  # the offset, by later odometries
         self._misfits = PersistentOffset()
@@ -64,9 +63,9 @@ class OdometryGate(Stage):
 
     def _take(self, odometry: OdometrySample, now_ns: int) -> None:
         stamp_ns = odometry.stamp_ns
-        age_ns = self.offset.follow(stamp_ns, now_ns=now_ns)
+        age_ns = self._offset.follow(stamp_ns, now_ns=now_ns)
         if self._newest is None or not -self._timeout_ns <= age_ns <= self._timeout_ns:
-            self.offset.set(now_ns - stamp_ns, stamp_ns=stamp_ns, now_ns=now_ns)
+            self._offset.set(now_ns - stamp_ns, stamp_ns=stamp_ns, now_ns=now_ns)
             self._began_ns = now_ns
         self._confirmed = self._confirmed or now_ns - self._began_ns > self._timeout_ns
         if self._newest is None or not _repeats(odometry, self._newest):
@@ -93,7 +92,7 @@ class OdometryGate(Stage):
             return NOT_ADVANCING
         if now_ns - self.changed_ns > self._timeout_ns and _repeats(odometry, newest):
             return "odometry reports motion but its values do not change"
-        ahead_ns = -self.offset.age_ns(odometry.stamp_ns, now_ns=now_ns)
+        ahead_ns = -self._offset.age_ns(odometry.stamp_ns, now_ns=now_ns)
         backwards = odometry.stamp_ns < newest.stamp_ns
         if not backwards and -self._timeout_ns <= ahead_ns <= self._timeout_ns:
             return None
@@ -102,7 +101,7 @@ class OdometryGate(Stage):
         behind_ns, timeout_ns = now_ns - odometry.stamp_ns, self._timeout_ns
         lasting_ns = self._misfits.duration_ns(behind_ns, now_ns=now_ns, tolerance_ns=timeout_ns)
         if lasting_ns > timeout_ns:
-            self.offset.behind_ns = behind_ns
+            self._offset.behind_ns = behind_ns
             return None
         if backwards:
             return _BACKWARDS

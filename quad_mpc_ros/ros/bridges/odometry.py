@@ -34,7 +34,7 @@ class OdometryStamps:
         if not agrees:
             age_ns = offset.follow(stack_ns, now_ns=now_ns)
         if self._was_set(stack_ns, now_ns) or age_ns < -_CLOCK_TOLERANCE_NS:
-            self._set(stack_ns, now_ns, age_ns=min(last_age_ns, _CLOCK_TOLERANCE_NS))
+            self._set(stack_ns, now_ns, age_ns=min(max(last_age_ns, 0), _CLOCK_TOLERANCE_NS))
         elif (agrees or age_ns >= 0) and self._has_been_late(age_ns, now_ns):
             self._set(stack_ns, now_ns, age_ns=0)
         elif agrees:

@@ -12,9 +12,9 @@ import pytest
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.estimation.arrival_stamps import ArrivalStamps
+from quad_mpc_ros.control.estimation.clock_offset import Lateness
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.control.safety.odometry_gate import OdometryGate
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
@@ -25,14 +25,22 @@ DAY = 86_400_000 * MS
 
 @pytest.mark.parametrize("clock_ns", [0, DAY, -DAY], ids=["same clock", "behind", "ahead"])
 def test_lateness_is_relative_to_the_fastest_with_any_clock(clock_ns: int) -> None:
-    gate, found = OdometryGate(MpcConfig(odom_timeout=0.1, lockstep=False)), []
-    for k, late in enumerate([30, 0, 25, 60]):
-        odometry = OdometrySample.at_rest(np.zeros(3), stamp_ns=20 * k * MS)
-        now_ns = clock_ns + (20 * k + 5 + late) * MS
-        assert gate.refusal(odometry, now_ns=now_ns) is None
-        found.append(now_ns - gate.offset.behind_ns - odometry.stamp_ns)
+    lateness = Lateness(MpcConfig(odom_timeout=0.1))
+    found = [
+        lateness.sent_ns(20 * k * MS, now_ns=clock_ns + (20 * k + 5 + late) * MS) - 20 * k * MS
+        for k, late in enumerate([30, 0, 25, 60])
+    ]
     # The offset is followed by 2 % of the time.
     assert found == [0, 0, pytest.approx(25 * MS, abs=3 * MS), pytest.approx(60 * MS, abs=3 * MS)]
+    later_ns = clock_ns + 200 * MS
+    assert lateness.sent_ns(None, now_ns=later_ns) == pytest.approx(195 * MS, abs=3 * MS)
+
+
+def test_lateness_restarts_when_a_clock_is_set() -> None:
+    lateness = Lateness(MpcConfig(odom_timeout=0.1))
+    assert lateness.sent_ns(0, now_ns=0) == 0
+    assert lateness.sent_ns(20 * MS, now_ns=320 * MS) == 20 * MS
+    assert lateness.sent_ns(40 * MS, now_ns=350 * MS) == pytest.approx(50 * MS, abs=MS)
 
 
 class Jittered:
