@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 # Flies the square, and leaves its bag and figures in runs/:
 #   docker build --tag quad_mpc_ros .
 #   docker run --rm --volume "$PWD/runs:/home/ubuntu/runs" quad_mpc_ros

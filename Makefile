@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 # VENV and PYTHON may be given: make test VENV=.venv-312 PYTHON=python3.12
 export VENV PYTHON
 IN_VENV = @tools/in_venv.sh

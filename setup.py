@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Installation, by colcon (ament_python) and by pip."""
 
 import gzip

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Hover and lemniscate by odometry with a noisy velocity, without an accelerometer and with one.
 
 python -P bench/accelerometer.py --plant rotors --seeds 4

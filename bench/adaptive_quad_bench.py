@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly the trials of AdaptiveQuadBench, on rotorpy, and write how they went.
 
 python bench/adaptive_quad_bench.py --out runs/adaptive_quad_bench

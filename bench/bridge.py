@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """How long a bridge takes, from the arrival of a command to the message on its way to the stack.
 
 python bench/bridge.py [--seconds S] [--rate R]

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What a campaign costs beside its flights: handing them out, taking their results, the table.
 
 python bench/campaign_cost.py [--workers N] [--flights N]

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """How many times real time the closed loop in one process takes, and where the time goes.
 
 python bench/closed_loop.py [--duration S] [--repeats N] [--only FLIGHT ...]

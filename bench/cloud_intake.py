@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What it costs to take clouds of 100,000 points in, as a share of a core at 10 Hz.
 
     python -P bench/cloud_intake.py [--points 100000] [--scans 60]

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Take off and land in MuJoCo, which simulates the contact with the ground.
 
 python bench/contacts.py --out runs/contacts

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Race the Split-S of CPC with deviating vehicles: contouring compared with plain tracking.
 
     python bench/contouring.py --flights 50

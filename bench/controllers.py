@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly the MPC and the other controllers side by side, and write docs/measurements/controllers.md.
 
     python bench/controllers.py --flights 500

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Steps of the odometry in hover: what they do with the estimator on and off.
 
 python -P bench/estimate_steps.py                   # the table of docs/measurements/robustness.md

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly through a forest of pillars, sensed within 6 m: count the goals reached without contact.
 
     python -P bench/forest.py [--speed 5] [--flights 100] [--unknown]

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly configurations from soft to agile and draw accuracy against margin: docs/howto/tune.md.
 
 python bench/front.py [--flights 40] [--workers 2] [--image docs/images/tuning_front.png]

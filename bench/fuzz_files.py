@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Mutate every kind of file that the package reads: each is read, or refused in one line.
 
     python bench/fuzz_files.py [--count 10000] [--seed 43] [--kind NAME] [--keep DIR]

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Odometry with one wrong field in one message of ten: what is rejected, and how far it moves.
 
     python -P bench/fuzz_odometry.py                 # 10,000 wrong messages

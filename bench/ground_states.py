@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Count the states of the ground in the flights of campaigns, none of which touches it.
 
 python bench/ground_states.py hover lemniscate --flights 250 --duration 6

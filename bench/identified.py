@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Identify vehicles of the plant rotors from noisy flights, and fly with what is found.
 
 python bench/identified.py sun_2022 paper --seeds 20

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Identify vehicles of a campaign from their own flights, and fly the same flights again.
 
 python bench/identified_unknown.py lemniscate --seed 5 --flights 21

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly vehicles drawn by the rules of l2f in l2f, an independent plant, under three rate loops.
 
     python -P bench/l2f_vehicles.py --flights 64

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Play a recorded flight over and over into one long bag, to test tools with an hour of data.
 
 python bench/long_bag.py runs/…/bag long_bag --hours 1

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Tables of Markdown, which the benches print for a page."""
 
 from __future__ import annotations

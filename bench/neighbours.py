@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly vehicles that share their plans: antipodal goals on a circle, and Luis' random goals.
 
     python -P bench/neighbours.py circle [--trials 100]

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A flight over DDS in real time beside a bare relay: latency, processor, memory, start.
 
 python bench/node_latency.py [--rate HZ] [--duration S] [--set NODE.PARAM=VALUE ...]

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What keeping clear costs: the step with eight half-spaces and without by turns, and the map.
 
     python -P bench/obstacle_cost.py

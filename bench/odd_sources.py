@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly vehicles and odometries beyond the variations of the shipped campaigns.
 
 python -P bench/odd_sources.py                                   # all, 60 flights each

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Measure what a control step costs, next to other controllers and to OSQP alone.
 
 python bench/performance.py              # prints the tables

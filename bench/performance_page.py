@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The measurements of ``bench/performance.py`` as tables and as a page of documentation."""
 
 from __future__ import annotations

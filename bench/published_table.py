@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What benches that fly a published table share: options, parallel flights, what is written."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Record the traffic of a flight for a while: what is lost, what it takes, does memory grow.
 
 python bench/record.py --duration 600

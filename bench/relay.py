@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A bare relay: answers each odometry with a command, as rclpy's tutorials would write it.
 
 What ``bench/node_latency.py`` measures the controller beside. It imports nothing of this package.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Replay a bag and record it again: is every byte there, and how true is the timing.
 
 python bench/replay.py BAG [--rate X]

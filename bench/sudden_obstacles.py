@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The sudden obstacles of IPC: a pillar that slides into the way of a vehicle in flight.
 
     python -P bench/sudden_obstacles.py [--plant ideal|default] [--runs 10] [--out FILE]

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly the table of Sun et al. (T-RO 2022) and write it beside their figures.
 
 python bench/sun_2022.py --out runs/sun_2022

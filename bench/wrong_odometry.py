@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly with odometry in wrong conventions, and with vehicles that do not follow commands.
 
 python -P bench/wrong_odometry.py                          # all, in the air and from the ground

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """How Sphinx makes the documentation: ``make docs``.
 
 Its source is the whole checkout, so that README.md, CONTRIBUTING.md and the pages of docs/ link to

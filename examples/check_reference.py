@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Can the vehicle fly it? Needs of a reference against the limits, before anything flies.
 
 A lemniscate is asked for ever faster, until it is refused; ``time_scaling="auto"`` slows it down

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The closed loop: the same square by both formulations, judged by its figures of merit.
 
 The paper's formulation is linearised at the present state and flies an ideal vehicle; the default

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A bridge to a flight stack of one's own, flown against a stand-in of the stack. No ROS needed.
 
 A bridge gets the stack's messages and the time, and fills the stack's messages; it refuses what is

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Identifying a vehicle from a recorded flight: python examples/identify_vehicle.py [BAG]
 
 Without a bag, one is simulated with lags and a delay that the controller does not know of.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A controller of one's own: PID on the position, P on the attitude, body rates and throttle out.
 
     python examples/own_controller.py

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A plant of one's own: anything with ``apply``, ``advance_to`` and ``odometry`` flies.
 
 This one has a slung load's worth of extra mass that the controller does not know of, and a battery

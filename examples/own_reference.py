@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A reference of one's own: a path with its derivatives; attitude and rates follow by flatness.
 
 p(t) = (r cos w t, r sin w t, h + c sin 2 w t): a crown. A package of one's own can also register

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Weights and bounds of one's own: how they trade the error of position for calm body rates.
 
 Q weighs position, velocity and attitude, R throttle and body rates. What a configuration does not

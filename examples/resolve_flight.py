@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What would another controller have commanded? python examples/resolve_flight.py [BAG]
 
 The recorded flight stays as it was; only the answers are new. With the recorded parameters they

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A node of one's own around the controller: odometry in, command out. Needs rclpy.
 
 ``mpc_node`` does more: lifecycle, live parameters, diagnostics, real time. This is the least. The

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Wind: the controller estimates the acceleration that its model does not explain.
 
 Drag pulls the vehicle along with the air at mu (wind - v), mu = 0.2 1/s, so a wind of 5 m/s

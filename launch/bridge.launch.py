@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The controller in a flight stack: mpc, reference and the bridge to the stack, in one process.
 
 ros2 launch quad_mpc_ros bridge.launch.py bridge:=px4 config:=my_vehicle.yaml

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly several vehicles at once, each in a namespace: uav1, uav2 and so on.
 
 ros2 launch quad_mpc_ros fleet.launch.py vehicles:=4

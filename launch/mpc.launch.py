@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The controller for a drone stack: mpc, and the reference unless ``with_reference`` is false.
 
 ros2 launch quad_mpc_ros mpc.launch.py config:=my_vehicle.yaml odom:=/uav1/odometry/filtered

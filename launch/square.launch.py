@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly the square: simulator, reference, mpc and recorder.
 
 ros2 launch quad_mpc_ros square.launch.py

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The controller of a vehicle in one process: mpc and reference, and a bridge if one is named.
 
 ros2 launch quad_mpc_ros stack.launch.py config:=my_vehicle.yaml

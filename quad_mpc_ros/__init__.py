@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Model predictive control of a quadrotor on SO(3), for ROS 2 and without it.
 
 These names are the public API. No name needs ROS; each name is imported on first use.

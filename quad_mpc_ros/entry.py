@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Entry points of the executables: Ctrl-C ends an executable at once, even during imports.
 
 Python turns SIGINT into an exception, which prints a page of traceback during an import. So the

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Give every test a ROS domain of its own on the loopback, and shared fixtures."""
 
 from __future__ import annotations

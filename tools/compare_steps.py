@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Whether a control step takes longer than it did: two installations, run by turns.
 
     python tools/compare_steps.py [--pairs 10] OLD_PYTHON NEW_PYTHON [-- OPTIONS of simulate]

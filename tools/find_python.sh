@@ -1,4 +1,6 @@
 #!/usr/bin/env bash
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 # tools/find_python.sh VERSION...
 #
 # Prints the path of a Python of one of the versions that can make virtual environments and, when

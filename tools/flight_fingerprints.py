@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Digests of the commands of many flights, to show that a change alters none of them by a bit.
 
     python -P tools/flight_fingerprints.py before.txt    # in one environment

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly PX4, real or simulated, from take-off to landing, several times, and print how well.
 
     python tools/fly_px4.py --config vehicle.yaml [--bridge mavlink] [--flights 5 | --short]

@@ -1,4 +1,6 @@
 #!/usr/bin/env bash
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 # tools/in_venv.sh EXTRA[,EXTRA...] COMMAND...
 #
 # Runs COMMAND where quad_mpc_ros and the given extras of setup.py are installed: in the virtual

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Take a simulated PX4 over and give it back, again and again, and print how much it tilted.
 
     python tools/px4_handovers.py --config vehicle.yaml [--bridge mavlink] [--out DIR]

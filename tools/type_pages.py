@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Run the commands of the pages in an environment with nothing but the package.
 
     python tools/type_pages.py [--environment FOLDER] [--patience S] [PAGE...]

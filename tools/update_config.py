@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Write config/<node>.yaml and docs/reference/parameters.md from the code.
 
 Run it after changing a parameter; a test fails while the files are not what it would write.

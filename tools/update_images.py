@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Draw the figures of README and of the pages on reproduction, references and racing.
 
 python tools/update_images.py

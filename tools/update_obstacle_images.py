@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Draw the figures of the page on obstacles: a flight among them, and what it knows on the way.
 
 python tools/update_obstacle_images.py

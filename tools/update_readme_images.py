@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Draw the pictures of README: a lemniscate around pillars as an animation, nodes and topics.
 
 python tools/update_readme_images.py

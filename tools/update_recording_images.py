@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly, identify and resolve, and write the figures of the pages on identify and resolve.
 
 python tools/update_recording_images.py

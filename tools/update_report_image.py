@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly twice, and write the image of the page on reports.
 
 python tools/update_report_image.py

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly what docs/howto/tune.md speaks of, print its numbers, and draw its figures.
 
 python tools/update_tuning_images.py

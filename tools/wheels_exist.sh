@@ -1,4 +1,6 @@
 #!/usr/bin/env bash
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 # tools/wheels_exist.sh [PYTHON]
 #
 # Whether everything that setup.py asks for can be installed from wheels on a Raspberry Pi 5 or a

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """acados as a peer: one real-time iteration with HPIPM on the same problem.
 
 R. Verschueren et al., "acados: a modular open-source framework for fast embedded optimal

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """This package's controller as a peer: validation, safety ladder and all, as in the node."""
 
 from __future__ import annotations

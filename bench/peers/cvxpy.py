@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """cvxpy as a peer, as the paper uses it: the same QP, rebuilt at every step.
 
 S. Diamond and S. Boyd, "CVXPY: A Python-embedded modeling language for convex optimization",

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A peer: a controller that ``bench/performance.py`` compares with this package's."""
 
 from __future__ import annotations

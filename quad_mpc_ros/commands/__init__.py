@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Commands of ``quad_mpc``, one module each, and exit codes.
 
 ``add_options(parser)`` adds the options and the description of a command, ``run(options)`` runs

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``quad_mpc campaign``: many flights with varied parameters, on all cores."""
 
 from __future__ import annotations

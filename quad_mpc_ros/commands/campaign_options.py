@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Options, workers and resuming of the commands that fly campaigns."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``quad_mpc check-reference``: compare a reference with the limits of the vehicle."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``quad_mpc compile``: compile all code now, so that no node compiles when it starts."""
 
 from __future__ import annotations

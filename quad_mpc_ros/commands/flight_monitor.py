@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Monitor of a flight: connections of the nodes, progress, early ends."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``quad_mpc fly``: the four nodes as processes over DDS, from discovery to the summary."""
 
 from __future__ import annotations

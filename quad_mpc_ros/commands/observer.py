@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Node of a command that observes a flight, spun from the main thread."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Output files and folders of commands; existing files are kept, new files are complete."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``quad_mpc plan``: time-optimal race through gates, as a file to fly."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Progress: one line, updated in a terminal, or a line per second in a log."""
 
 from __future__ import annotations

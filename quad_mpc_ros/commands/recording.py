@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Options, topics and parameters of the commands that read a recording."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``quad_mpc rehearse``: find the errors of a vehicle file that the MPC tolerates."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``quad_mpc resolve``: recompute the commands of a recorded flight."""
 
 from __future__ import annotations

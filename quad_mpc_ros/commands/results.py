@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Results of a run: summary, figures, printed table, exit code."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Configuration of a run: parameters of all nodes, trajectory, output folder."""
 
 from __future__ import annotations

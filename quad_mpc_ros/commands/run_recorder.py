@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Recording of a simulated or resolved run without ROS, with the messages of the nodes."""
 
 from __future__ import annotations

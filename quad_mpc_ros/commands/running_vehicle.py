@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Observation of the running nodes of a vehicle, for the checks before a flight."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``quad_mpc watch``: print the status of flying vehicles."""
 
 from __future__ import annotations

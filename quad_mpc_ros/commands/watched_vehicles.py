@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Status of flying vehicles over DDS: a table with a column for each vehicle.
 
 Most values are from ``/diagnostics``, where the nodes report once a second. Odometry and reference

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Parameters as frozen dataclasses, parameter files, and compilation.
 
 Imports nothing else of the package.

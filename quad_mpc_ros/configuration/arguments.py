@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Validation of arguments of the public API.
 
 Each function returns the argument in the type that the library uses, or raises

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Atomic writing of files: readers find the new file or the previous one."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Compiling functions with Numba and keeping the machine code in a cache on disk.
 
 Numba looks a function up by the path and the modification time of its file. Numba does not check

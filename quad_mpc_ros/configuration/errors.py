@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Errors that are reported in one line instead of a traceback."""
 
 from __future__ import annotations

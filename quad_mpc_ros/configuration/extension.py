@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of trajectories and plants of other packages.
 
 A package registers a trajectory or plant with an entry point ``name = module:OBJECT`` in a group

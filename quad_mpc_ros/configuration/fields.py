@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Declaration of a parameter: name, type, default, unit, range and meaning in one place.
 
 A node's parameters are the fields of a frozen dataclass derived from :class:`Configuration`.

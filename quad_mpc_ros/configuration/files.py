@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Reading parameters: ROS parameter files, shipped presets, and ``node.parameter=value``.
 
 The files are standard (``node: ros__parameters:``, with ``/**`` for every node), so that the same

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Records: named numbers for Python and compiled code.
 
 A class that derives from :class:`Record` declares fields. NumPy makes a structured type of them,

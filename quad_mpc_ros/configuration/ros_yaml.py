@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The reader of every YAML file of this package, with the rules of ROS.
 
 PyYAML follows YAML 1.1 and reads ``5e-2``, ``1e3`` and ``y`` as text, ``1_000`` and ``1:30`` as

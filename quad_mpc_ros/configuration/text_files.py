@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Reading text files and tables of comma-separated values; YAML is read by :mod:`.ros_yaml`."""
 
 from __future__ import annotations

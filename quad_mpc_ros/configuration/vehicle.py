@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of a vehicle file, which have the same meaning for every node.
 
 A vehicle file is a ROS parameter file with these parameters below ``/**``. Each node reads its

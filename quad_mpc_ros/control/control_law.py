@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The interface of controllers that fly in place of the MPC."""
 
 from __future__ import annotations

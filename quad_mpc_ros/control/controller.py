@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The controller of the node and the simulation: inputs in, at most one command out.
 
 An odometry that is due triggers the control step: validate, estimate, guide, plan, decide, limit,

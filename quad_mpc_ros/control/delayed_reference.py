@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The delay of the vehicle behind the reference, and the delayed reference.
 
 The publisher of the reference does not know the delay: windows begin at the current time. Samples

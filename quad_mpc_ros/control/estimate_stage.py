@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The estimate stage: the ground state, and the state in which a command will act."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The guide stage: the window and the corridor to fly, and the interface of guides.
 
 Guides change the reference for obstacles or gates in each tick.

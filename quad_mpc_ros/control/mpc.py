@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The plan stage: the SQP loop (linearise, update, solve, line search), and the check of plans."""
 
 from __future__ import annotations

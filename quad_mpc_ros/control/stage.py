@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Stages of the control step, their events, counts and warnings.
 
 The control step is validate, estimate, guide, plan, decide, limit, record: one stage each. Stages

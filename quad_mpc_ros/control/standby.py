@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The newest inputs of an inactive controller, and whether the controller can be activated."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The configured guide around obstacles and through gates."""
 
 from __future__ import annotations

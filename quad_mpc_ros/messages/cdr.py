@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The bytes of messages read or written at every tick, without an object for each field.
 
 CDR as used by DDS (OMG DDSI-RTPS, 10.2; XCDR version 1): four bytes with the byte order, then the

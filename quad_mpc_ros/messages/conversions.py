@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Conversions between ROS messages and the types of this package.
 
 A function reads the attributes of a message, or fills a given message, and imports no message

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The active corridor as a ``sensor_msgs/PointCloud2`` whose points are half-spaces.
 
 A point is a half-space n' p <= b on the position at the end of a stage, with the fields ``stage``,

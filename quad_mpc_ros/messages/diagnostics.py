@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Diagnostics: the statistics of a tick of the MPC, and the levels of a status."""
 
 from __future__ import annotations

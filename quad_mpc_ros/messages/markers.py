@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A flight as ``visualization_msgs/Marker`` for viewers, and the parameters of the node.
 
 No message package is imported, as in ``conversions``.

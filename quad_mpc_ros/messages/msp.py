@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Frames of the MultiWii Serial Protocol, version 1, the protocol of Betaflight.
 
 A frame is ``$M``, direction, size, command, payload and a checksum, the exclusive or of the last

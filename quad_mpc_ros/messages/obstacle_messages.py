@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Messages about obstacles other than clouds: markers, plans and transforms."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Reading and writing ``sensor_msgs/PointCloud2`` without a loop over points."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Message definitions and type hashes, with or without a ROS installation."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The topics of the package: name, type and quality of service, once for nodes and bags.
 
 Names are relative, so a namespace makes a second vehicle and remaps work.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Recorded runs: rosbag2 directories with MCAP, written and read without ROS.
 
 ``recording`` returns the flight in a bag as arrays, ``reader`` reads any bag message by message,

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The metadata of rosbag2, derived from the files of a bag: ``metadata.yaml``."""
 
 from __future__ import annotations

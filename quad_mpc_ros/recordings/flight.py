@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A recorded flight as arrays: odometry, reference, commands, statistics of control steps."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The values of a recording, by kind and in recorded order, with eight bytes per number.
 
 A log grows while messages are read and is indexed like a list of :class:`Received`, whose items

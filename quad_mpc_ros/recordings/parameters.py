@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The parameters of the nodes of a run, stored in its bag: one MCAP metadata record per node."""
 
 from __future__ import annotations

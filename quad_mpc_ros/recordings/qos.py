@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Quality of service in bags: the profiles of rosbags in the YAML of rosbag2."""
 
 from __future__ import annotations

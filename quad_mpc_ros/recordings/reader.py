@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Reading a bag: a rosbag2 directory of MCAP files, or a single MCAP file."""
 
 from __future__ import annotations

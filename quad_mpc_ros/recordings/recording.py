@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The recording of one vehicle: opens a bag once and converts its messages to values."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Repair of an interrupted recording: index, ``metadata.yaml``."""
 
 from __future__ import annotations

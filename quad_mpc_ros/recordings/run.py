@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The inputs and outputs of a controller in a recorded flight, message by message."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Writing a bag: a rosbag2 directory with one MCAP file."""
 
 from __future__ import annotations

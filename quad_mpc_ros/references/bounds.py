@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Limits of requests to the reference: the fence, and limits of commanded velocities."""
 
 from __future__ import annotations

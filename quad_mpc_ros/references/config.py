@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """All trajectories by name, and the parameters of the reference node.
 
 A trajectory is registered here: its name in ``TRAJECTORIES``, and its parameters, if any, as a

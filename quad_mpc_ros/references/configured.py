@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Trajectories from a configuration, checked against the vehicle's limits, or from a message."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Gates and courses: geometry shared by figures and the optional racing."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The sequence of the reference: take-off, hold, trajectory, goal, landing.
 
 A state machine over a :class:`Timeline`, without ROS and clock. A request is either accepted and

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """An ellipse, horizontal or vertical, with a choice of headings, and the circle.
 
 With semi-axes A and B around the origin, x = A sin(w t), and y, or z of a vertical ellipse, is B

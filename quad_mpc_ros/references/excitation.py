@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A flight for identification: frequency sweeps along all axes at once about one position.
 
 x, y, z and the rotation about body z oscillate with a frequency that sweeps between a highest and

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Feasibility of a trajectory: required throttle, rates and height, and their limits.
 
 The throttle follows from Newton's law with drag, the body rates are the trajectory's. Both are

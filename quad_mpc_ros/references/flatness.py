@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Differential flatness with drag: from a path and a yaw to attitude, body rates and thrust.
 
 The model is the controller's: dv/dt = g + (T/m) z_B - mu v, so the specific thrust must be the

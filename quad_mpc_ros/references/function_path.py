@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A path of a plain function p(t); derivatives come from a spline through its samples."""
 
 from __future__ import annotations

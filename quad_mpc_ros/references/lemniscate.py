@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A lemniscate, x = A_x sin(w t) and y = A_y sin(2 w t), at a constant heading.
 
 Smooth and, by differential flatness with drag, complete: attitude, body rates and acceleration

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The reference of a live flight: requests and odometry in, windows out; without ROS.
 
 With ``at_once`` the configured trajectory starts at the first odometry and is flown until a

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Manoeuvres in which the vehicle turns upside down: vertical loop, flip and split-S.
 
 A vertical loop is a full circle in a vertical plane, from rest at its lowest point and back. The

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Paths of minimum snap: a leg between two ends, and a path through waypoints.
 
 The integral of the squared fourth derivative is minimal. Between two ends the solution is one

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Complete motions: position, velocity, acceleration, attitude and body rates over time.
 
 Optimised motions are flown unchanged, not by flatness from a smoothed path, because they are at

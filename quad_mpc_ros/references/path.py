@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Paths: the position of the vehicle's centre over time, and its yaw.
 
 By differential flatness (``flatness.py``) position with its derivatives up to jerk, and yaw,

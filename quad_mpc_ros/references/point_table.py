@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Paths from positions over time.
 
 Points come from a recorded run, a message, or a file of comma-separated values with units in the

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The reference server: from a trajectory to the windows that are published."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A smooth curve near measured points: penalised B-splines.
 
 Eilers and Marx, "Flexible smoothing with B-splines and penalties" (1996): least squares on a

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The paper's reference (section 2.2): a square of waypoints, each held for a while.
 
 The corners in order, from the origin: east, north, west, and back; heading east throughout.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Successive trajectories on a clock, and the time of a flight."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Trajectories: references as functions of time, and their common parameters."""
 
 from __future__ import annotations

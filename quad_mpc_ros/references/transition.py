@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Transitions between flat states without a jump, and take-off.
 
 Position, velocity, attitude and rates do not jump.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A path that follows velocity commands, within a box and limits of speed and acceleration.
 
 In steps of ``STEP`` a double integrator follows a valid command and then brakes to rest. The

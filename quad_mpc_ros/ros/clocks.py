@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Steady timers and steady time, independent of jumps of the system clock."""
 
 from __future__ import annotations

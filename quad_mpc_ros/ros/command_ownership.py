@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Ensures that one node commands the vehicle of a namespace.
 
 Each MPC reports on ``/diagnostics`` its command topic and the start of its activity. An MPC

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Log the progress of a compilation, which takes up to a minute."""
 
 from __future__ import annotations

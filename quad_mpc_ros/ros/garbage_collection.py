@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Garbage collection at times when no command is delayed."""
 
 from __future__ import annotations

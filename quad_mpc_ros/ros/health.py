@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Health of a node on ``/diagnostics``, once a second and when a peer joins or leaves.
 
 The counts of matched peers show when nodes are connected, which is later than their start.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Base of the lifecycle nodes: transitions, parameters, health, autostart.
 
 A node's hooks implement the transitions. This module logs a failed transition in one line,

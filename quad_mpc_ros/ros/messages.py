@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Messages and quality of service for rclpy; message packages are imported on first use."""
 
 from __future__ import annotations

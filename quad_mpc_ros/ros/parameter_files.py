@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Parameter files and ``-p`` on the ROS command line of a process, by section.
 
 rclpy merges the sections for a node and ignores other sections, also misspelt names. This module

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Conversion between configuration dataclasses and rclpy parameters.
 
 The dataclass is the single source of names, types, ranges and descriptions. The dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Detects a ringing or slow rate loop from the estimated time constants."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Run nodes from the command line: start, spin, clean end, exit code."""
 
 from __future__ import annotations

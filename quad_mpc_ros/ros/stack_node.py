@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The controller of a vehicle in one process: MPC, reference and an optional bridge.
 
     stack_node --ros-args --params-file vehicle.yaml                 # mpc and reference

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Comparison of the vehicle parameters that nodes report in their diagnostics."""
 
 from __future__ import annotations

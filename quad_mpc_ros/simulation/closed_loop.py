@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The closed loop in one process and without ROS, in the order of a lockstep flight."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The registered plants, and the parameters of the simulator node.
 
 To add a plant, add its name to ``PLANTS`` and its own parameters, if any, as a base of

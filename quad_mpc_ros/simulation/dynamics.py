@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Continuous dynamics of the plant ``internal``: paper and true rigid body, compiled.
 
 The model of the controller (``control/model/rollout.py``) is implemented independently.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The plant ``internal``: true state, actuators, wind, ground.
 
 Equations and integrator are independent of the controller's (``control/model/rollout.py``), so

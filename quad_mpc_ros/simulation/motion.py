@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The motion of the internal plant at constant command and wind, compiled.
 
 One call advances any number of steps: actuators, equations of motion, ground.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The parameters of the plants ``betaflight``, ``mujoco`` and ``rotorpy``, optional parts.
 
 ``betaflight`` and ``mujoco`` also have the parameters of the plant ``rotors``. The origin of a

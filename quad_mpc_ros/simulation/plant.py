@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The interface of plants, and a base class with time, command delay, steady wind and gusts."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Odometry measurements: noise, bias, drift, losses and delay; and an accelerometer."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Obstacles and the flight volume: positions, and distances to their surfaces.
 
 A shape has a frame O at its centre, with ``p_WO``, ``R_WO`` and a constant velocity ``v_WO_W``.

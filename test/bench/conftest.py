@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Initial states and short flights, for tests of the comparison."""
 
 from __future__ import annotations

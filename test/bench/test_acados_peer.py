@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """acados as an oracle: another model, another integrator, another solver, the same optimum."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The trials of AdaptiveQuadBench: drawn in its order, perturbed by physics, and flown."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """cvxpy as an oracle: the QP written down a second time, stage by stage, and solved elsewhere."""
 
 from __future__ import annotations

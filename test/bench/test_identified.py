@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The table of what is identified: a short one is made, of a vehicle whose drag is the body's."""
 
 from __future__ import annotations

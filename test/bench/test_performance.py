@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The comparison of a control step with other controllers, and the page that it publishes."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The table of Sun et al.: its references are theirs, and every cell of it flies."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A user's mistake: one line that names it, exit code 2, nothing written over."""
 
 from __future__ import annotations

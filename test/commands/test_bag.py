@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``quad_mpc bag``: what it prints, also for files that are not bags."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``quad_mpc check-reference`` as a user runs it, and a recorded run as a reference."""
 
 from __future__ import annotations

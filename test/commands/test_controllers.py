@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``--controller`` on the command line, saved runs, and their figures as PDF."""
 
 from __future__ import annotations

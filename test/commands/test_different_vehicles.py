@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Before a run the command line warns of nodes that were given different vehicles."""
 
 from __future__ import annotations

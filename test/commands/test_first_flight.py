@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The vehicle file of the page on the first flight works with every node and command."""
 
 from __future__ import annotations

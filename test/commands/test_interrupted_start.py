@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Ctrl-C during the start of a program ends it by the signal or with exit code 130."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Files of every kind that are broken by chance: read, or refused in one line.
 
 ``bench/fuzz_files.py`` does the same with ten thousand of each kind.

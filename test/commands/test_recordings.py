@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``quad_mpc resolve`` and ``quad_mpc identify`` on valid and invalid bags."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """``quad_mpc tune`` from the command line: a small study that is really flown, and mistakes."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The table of ``quad_mpc watch`` with received, missing and old values."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Whatever is wrong with what a command or node is given: one line, exit code 2, nothing touched.
 
 The cases are generated from what commands, nodes and parameters declare, new ones included: some

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A file that is written is there as a whole, or as it was before."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The compile cache: one folder for each installation, as Numba looks functions up."""
 
 from __future__ import annotations

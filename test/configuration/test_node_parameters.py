@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The parameters of the nodes: names people rely on, and what each refuses."""
 
 from __future__ import annotations

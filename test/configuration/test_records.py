@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Records: declared once, the same numbers by name in Python and in compiled code."""
 
 from __future__ import annotations

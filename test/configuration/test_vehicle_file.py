@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One vehicle file: every node and the simulator read their share of it."""
 
 from __future__ import annotations

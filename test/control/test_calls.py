@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """How many Python calls a control step takes, a cost that no other process disturbs."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A centre of mass that is off: what rates have beyond their commands is learned and taken off."""
 
 from __future__ import annotations

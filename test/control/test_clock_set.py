@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A clock that is set, back or on: nothing is read that is not there, nothing wrong is learned."""
 
 from __future__ import annotations

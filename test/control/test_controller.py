@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The controller as the node uses it: inputs, commands and their times."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The delayed reference: which samples of its windows are kept, and until when."""
 
 from __future__ import annotations

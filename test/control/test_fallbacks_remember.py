@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fallbacks use the estimate from before a failure, and the estimate persists."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The closed loop on the ground and back to it, with odometry as noisy as estimators make it."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The state of the ground in flights where MuJoCo says what the ground does.
 
 What is right: with contact and the reference at rest on the ground ``on_ground``, and half a

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Hover in wind with more or less thrust than modelled, among noise: what is learned is true.
 
 In a hover the scale of the thrust and a vertical disturbance look alike; nothing pushes up here.

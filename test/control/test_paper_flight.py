@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The paper's flight, tick by tick, against its problem written a second time and solved exactly.
 
 The oracle shares no code with the package: it takes the recorded odometry, reference and previous

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Resets, live parameters and errors in flight reach every owner of flight state separately."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Inputs of an inactive controller, and whether they suffice to activate it."""
 
 from __future__ import annotations

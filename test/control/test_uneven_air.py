@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Drag that differs between the body axes, and lift: what it costs to know it, and not to."""
 
 from __future__ import annotations

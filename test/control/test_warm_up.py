@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """After warming up nothing is left to compile, as that would take seconds in flight."""
 
 from __future__ import annotations

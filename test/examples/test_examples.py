@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Run every example as a program and check its outcome."""
 
 from __future__ import annotations

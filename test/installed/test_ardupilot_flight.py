@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly ArduPilot SITL in lockstep with the plant ``rotors``, with bridge, reference and MPC.
 
 The tests check accuracy, settings, and the behaviour when a part fails.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Play and record bags with the real rosbag2, and resolve them bit for bit."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Each bridge flies with the installed messages of its stack as well as without a bridge."""
 
 from __future__ import annotations

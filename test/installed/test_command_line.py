@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The nodes under the real ``ros2``: run, lifecycle, param, service."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The launch files with the real ``ros2 launch``: start and shutdown."""
 
 from __future__ import annotations

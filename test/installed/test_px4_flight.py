@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly PX4 SITL with ``tools/fly_px4.py`` from take-off to landing.
 
 At half the speed of the wall clock, so that a busy machine keeps up.

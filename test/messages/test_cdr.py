@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Messages as bytes: what rclpy writes is read, what is written is rclpy's, nothing read wrong."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Decoding against rclpy's generated classes and Fast CDR."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Messages and values: nothing lost, every field in its place."""
 
 from __future__ import annotations

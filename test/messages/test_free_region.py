@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The edges of what half-spaces leave free, and the corridor as a message."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What viewers are shown: where it stands, how large it is, and when it vanishes."""
 
 from __future__ import annotations

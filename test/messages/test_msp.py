@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Frames of MSP: published examples, and what a line makes of them."""
 
 from __future__ import annotations

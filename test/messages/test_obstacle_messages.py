@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Clouds, markers, plans and transforms from messages of other writers, and from broken ones."""
 
 from __future__ import annotations

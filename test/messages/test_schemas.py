@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Schemas against the installed packages, rosidl's own parser, and rosbag2's test vector."""
 
 from __future__ import annotations

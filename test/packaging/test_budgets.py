@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The lines of Python of each part stay within the budgets of pyproject.toml."""
 
 from __future__ import annotations

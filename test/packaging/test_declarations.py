@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What setup.py, package.xml and the code say of the package must agree."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Rules of the code that ruff does not have: short argument lists, no circles, one reader."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What a process imports: who needs no compiled code has no compiler in its memory."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """tools/in_venv.sh, the work behind ``make``, with a stand-in for Python that installs nothing."""
 
 from __future__ import annotations

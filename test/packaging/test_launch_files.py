@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Execute the launch files with a fake launch API, because no wheel contains the real one.
 
 The stand-in takes what launch and launch_ros of Jazzy take, as far as the files use it, and

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Every source file names its copyright and its licence."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Run the checks of ``make lint`` as tests, so that ``colcon test`` reports style and types."""
 
 from __future__ import annotations

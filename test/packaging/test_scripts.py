@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What tools, benches and examples import of the package is there: few of them run in tests."""
 
 from __future__ import annotations

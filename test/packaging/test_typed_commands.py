@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The commands of the pages exist: options, executables, launch files, presets, names.
 
 ``tools/type_pages.py`` executes the commands; these tests only parse them, which is fast.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The files for viewers name topics and fields that exist, with the quality that is offered."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The product flies without its optional parts, and names the one that something needs."""
 
 from __future__ import annotations

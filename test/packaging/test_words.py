@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Words and sentences that neither code nor pages use, as CONTRIBUTING.md explains."""
 
 from __future__ import annotations

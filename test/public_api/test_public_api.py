@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The public API: names, imports, types and examples."""
 
 from __future__ import annotations

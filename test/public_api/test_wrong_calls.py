@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Wrong calls of the library end in one kind of error that names the argument, and in no crash."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """From a bag to a flight, with bags made by hand."""
 
 from __future__ import annotations

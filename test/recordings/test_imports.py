@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What records or copies loads no library that it does not use."""
 
 from __future__ import annotations

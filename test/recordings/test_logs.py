@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A log gives back what was put into it, bit for bit."""
 
 from __future__ import annotations

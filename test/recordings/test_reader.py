@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Reading bags of other writers, of interrupted recordings, and of broken files."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Repair of cut and damaged bags, judged by other people's readers and by what was written."""
 
 from __future__ import annotations

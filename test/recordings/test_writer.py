@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Written bags as other people's readers see them, and what happens when writing fails."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Transitions and the director: nothing jumps, whatever is asked for and when."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Every trajectory: values are derivatives of each other, and the vehicle's thrust suffices.
 
 The oracles are finite differences and Newton's law.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Feasibility of references, compared with hand calculations."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Differential flatness: its states and inputs fly the path through the true dynamics."""
 
 from __future__ import annotations

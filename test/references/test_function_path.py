@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A reference made of a plain function: derivatives, yaw, period, and refused functions."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The reference of a live flight: requests, refusals, and continuity."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Loop, flip and split-S: what they look like, and what the vehicle does in them."""
 
 from __future__ import annotations

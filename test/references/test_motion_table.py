@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Motions that are flown as they are given: between their rows, as files, and refused ones."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A trajectory of another package, passed to the loop or registered by entry point."""
 
 from __future__ import annotations

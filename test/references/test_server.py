@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Windows as they are published, and what a controller reads out of them."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The paper's square as a function of time, and a single point, a hover."""
 
 from __future__ import annotations

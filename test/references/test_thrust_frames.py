@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Attitude along a thrust that goes anywhere: continuous where a single chart is not."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Paths that are given as a thrust: Newton's law along them, from nothing but positions."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The time of a flight, which stands still while nothing of it is published."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Garbage collection between control steps, in a separate process because it cannot be undone."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """An alarm of a managed node comes when its callback said, and no more often."""
 
 from __future__ import annotations

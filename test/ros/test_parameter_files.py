@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Parameter files and overrides of a node: read as ROS reads them, and errors refused."""
 
 from __future__ import annotations

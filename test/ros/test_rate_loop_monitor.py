@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Which vehicles have a rate loop that the MPC's node reports, with which numbers."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A word of a parameter file, of ``--set`` or of ``-p`` is to us what it is to ROS."""
 
 from __future__ import annotations

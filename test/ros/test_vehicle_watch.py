@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Nodes that were given different vehicles say so, in the log once and in their health."""
 
 from __future__ import annotations

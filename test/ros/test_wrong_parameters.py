@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A running node refuses every wrong value of every parameter, and says why."""
 
 from __future__ import annotations

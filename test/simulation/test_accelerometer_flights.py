@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Flights with an accelerometer in gusts, and with a missing one."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A reference that is too fast: the vehicle cuts corners without contouring, is late with it."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Odometry of an autopilot's estimator: good positions, velocity errors over a second."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The default settles with 80 ms more delay of the commands than modelled."""
 
 from __future__ import annotations

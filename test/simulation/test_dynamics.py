@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The equations of motion against physics and an integrator of another kind."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Announced steps of the estimate in flight: the vehicle keeps its true position."""
 
 from __future__ import annotations

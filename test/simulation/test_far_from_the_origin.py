@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Flights in UTM coordinates are those at the origin, moved."""
 
 from __future__ import annotations

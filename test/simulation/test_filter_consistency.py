@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The filter in closed loop on plants that are not its model: NIS and NEES."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A vehicle whose hover throttle is not the modelled one, from its first tick on."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Landing of the simulated vehicle with controller and live reference."""
 
 from __future__ import annotations

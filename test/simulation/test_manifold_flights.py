@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Flights with the default formulation: accuracy, robustness, and recovery.
 
 Each flight is that of ``quad_mpc simulate`` with the arguments given here.

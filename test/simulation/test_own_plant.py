@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A plant and a control law of another package, passed to the loop or registered."""
 
 from __future__ import annotations

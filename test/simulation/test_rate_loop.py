@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The rate loop of second order against an integrator of another kind and against closed forms."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Smooth and acrobatic references in the loop, with the actuators' lags and delay modelled."""
 
 from __future__ import annotations

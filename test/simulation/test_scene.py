@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Several shapes over time, and the volume of flight."""
 
 from __future__ import annotations

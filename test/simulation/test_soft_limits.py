@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Soft limits in flight: jumps of the reference stay within them, and flips are unchanged."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A correlated error of the odometry's velocity: a first-order Gauss-Markov process."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Effects of wind and gusts on the vehicle, and statistics of the gusts."""
 
 from __future__ import annotations

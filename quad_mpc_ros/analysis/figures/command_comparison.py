@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Comparison of the commands of a controller with the recorded commands."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Figures over time of a flight, or of several flights next to each other."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Panels of curves over time: state, errors, inputs, solver and command source of a flight."""
 
 from __future__ import annotations

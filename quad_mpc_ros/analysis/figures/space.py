@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Parts of figures in space: axes, line coloured by speed, vehicles, gates."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Style of all figures: size, axes, palette of Okabe and Ito (safe for colour blindness)."""
 
 from __future__ import annotations

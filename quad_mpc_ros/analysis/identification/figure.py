@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Figure of an identification: measured and fitted body rates and specific force."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fit of the response model: coarse search, robust least squares, confidence intervals."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Response of the controller's rate-loop model to commands held constant.
 
 Exact at any time (:mod:`quad_mpc_ros.control.model.actuators`). Without a torque lag the response

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Measurements for an identification: motion, and commands by the stamps that they answer."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Response model of the identification, its residuals and their derivatives.
 
 Commands act after the delay d; the throttle follows them with a first-order lag, the body rates

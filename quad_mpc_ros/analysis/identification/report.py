@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The report of an identification: a table, and a ROS parameter file for the controller."""
 
 from __future__ import annotations

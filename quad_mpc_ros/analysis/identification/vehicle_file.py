@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Vehicle file: identified and kept parameters of the vehicle, for all nodes."""
 
 from __future__ import annotations

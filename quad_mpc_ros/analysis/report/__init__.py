@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Report of recorded runs: a self-contained HTML page, and their time series as CSV.
 
 :func:`read_runs` reads bags, :func:`page` makes the HTML, :func:`csv_tables` the tables,

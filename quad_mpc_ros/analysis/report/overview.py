@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """HTML tables of runs, with a column for each run."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A run of the report: its flight and its metrics."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Correction of odometry stamped on arrival: the displacement reveals the measurement time.
 
 Between two odometries the vehicle moves by its velocity times the time between the measurements.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The offset between the clock of a source's stamps and the clock of their arrivals."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Crash detection.
 
 A false crash would cut the motors of a flying vehicle. So a vehicle counts as crashed only if it

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Delay compensation: prediction of the state in which the next command will act.
 
 A command sent now acts after the input delay. The state is predicted over the delay through the

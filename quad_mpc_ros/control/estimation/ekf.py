@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The extended Kalman filter of the vehicle's motion and parameters.
 
 Between two odometries the MPC's own model predicts position, velocity, throttle and body rates

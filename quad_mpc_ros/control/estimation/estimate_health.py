@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Health of the estimate, and the decision to reset it."""
 
 from __future__ import annotations

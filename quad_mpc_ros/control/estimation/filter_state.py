@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The states of the filter, its record, and the model parameters derived from the record.
 
 The attitude is measured, so translation and body rates are not coupled and have separate filters.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Landing detection: the only module that decides whether the vehicle is on the ground or flies.
 
 The limit stage, the estimator and, via ``mpc/ground_state``, the reference and the bridges use it.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Filtered motion and thrust of a vehicle, for the ground detector.
 
 With less than a share of its recent thrust in flight, a vehicle must fall. If its sink rate has

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The ground states and their transitions.
 
 :class:`~.ground_detector.GroundDetector` applies the table and publishes the state on

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The Kalman filter, compiled: predict, gate, update; consider and constrain.
 
     predict   P <- F P F' + Q

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Detection of a height that a vehicle in the air could not hold: it is on the ground.
 
 A body with an acceleration of at least a covers at least a T^2 / 8 of height in a time T, the

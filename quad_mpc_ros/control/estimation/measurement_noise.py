@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Estimation of the measurement noise of position and velocity, which few odometry sources report.
 
 **White noise** of one measurement appears in two successive changes with opposite signs,

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Prediction and update of the body rates and their parameters.
 
 The modelled rates follow their commands and offsets through the loop of each axis. The Jacobian is

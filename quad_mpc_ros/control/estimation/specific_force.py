@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The measurement model of the accelerometer.
 
 An accelerometer measures the specific force, the acceleration minus gravity, in the body. The mean

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Prediction, gate and update of position and velocity and their parameters.
 
 Position, velocity and throttle follow the MPC's model from the commands that acted, delayed and

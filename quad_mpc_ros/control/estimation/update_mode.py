@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The update mode of an odometry: the states that the odometry may change.
 
 The commands and the ground permit a mode. A saturated command permits at most *velocity only*, and

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The formulas of SO(3), and a low-pass, on plain numbers, for Python and Numba.
 
 :mod:`.so3` calls them uncompiled, without Numba, and :mod:`.kernels` compiles them. Both give

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Vectors and rotations as plain numbers, for functions that Numba compiles.
 
 NumPy takes a microsecond for each operation on three numbers, and a horizon has thousands of them.

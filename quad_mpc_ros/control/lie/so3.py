@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The rotation group SO(3) and its Lie algebra.
 
 A rotation is a 3x3 matrix, a tangent vector is a rotation vector ``phi`` (axis times angle, rad).

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Lags of throttle and body rates, in compiled code.
 
 An actuator y follows its command c as dy/dt = (c - y) / tau. After a time t under one command the

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The free region: half-spaces on the position for every stage of a horizon."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """An announced jump of the odometry frame: the vehicle stays, its coordinates change."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Exact Jacobians of the rollout, in compiled loops.
 
 x_{i+1} = f(x_i, u_i) over a stage of substeps; A_i = df/dx and B_i = df/du through ⊞, that is in

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The state predicted for the time when the next command acts."""
 
 from __future__ import annotations

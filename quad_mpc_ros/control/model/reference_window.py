@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Sampling a window of the reference at any time, independent of the window's own step."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The prediction model, rolled out in compiled loops.
 
 State: position and velocity in the world, attitude R_WB, and the actuators, throttle and body rate

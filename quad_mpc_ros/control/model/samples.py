@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Inputs and outputs of the controller: odometry, IMU, reference, command.
 
 These types have the values of the ROS messages without ROS. Nodes, bags and the simulator all use

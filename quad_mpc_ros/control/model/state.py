@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The state of the vehicle as a manifold: R^3 x R^3 x SO(3) with ⊞ and ⊟.
 
 Paper, section 2.1 and [17]: x = (p, v, q) and u = (s, omega). Tangent order: position, velocity,

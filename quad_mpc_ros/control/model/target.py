@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The target of a horizon: the reference, and the inputs that hold the reference.
 
 The throttle of these inputs generates the specific force a + R D R' v + g e3 minus lift and

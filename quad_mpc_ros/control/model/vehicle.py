@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The vehicle: mass, drag, the throttle curve of the paper (Eq. 2, Table 1), and outline."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The voltage of a battery that scales the thrust."""
 
 from __future__ import annotations

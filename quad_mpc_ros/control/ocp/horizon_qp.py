@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A horizon as a sparse quadratic program: its numbers, and OSQP's matrices of a fixed pattern::
 
     minimise    sum_{i=1..N}   1/2 x_i' H_i x_i + g_i' x_i

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Soft limits on the plan: bounds, rows of the QP, and the penalty for violations.
 
     tilt_i <= bound,   |v_i| <= bound,   n_ij' p_i <= b_ij,  j = 1..K             i = 1..N

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The formulation ``manifold``: SQP on the problem of :mod:`.problem`, and ``contouring``.
 
 An iteration writes the QP about a plan and takes the step δ + α dδ, with the largest of a few α

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The paper's formulation, exactly: 9 errors, 4 inputs, A and B frozen over the horizon.
 
     min   sum_{i=0..N} x̃[i]' Q x̃[i] + sum_{i=0..N-1} ũ[i]' R ũ[i]            (section 2.3)

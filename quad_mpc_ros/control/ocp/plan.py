@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Plans: the predicted trajectory of the controller, and the iterates of the SQP."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The optimal control problem on SO(3), and its QP about a plan::
 
     minimise    sum_{i=1..N}   w_i |e_i|_Q^2 + sum_{i=0..N-1} |δ_i|_R^2,    e_i = x_i ⊟ x_r,i

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Progress along the reference as a variable of the problem: state, input and cost.
 
 A reference is a path p(θ), v(θ), a(θ) of its own time θ, and θ advances at a speed ν_i >= 0 in

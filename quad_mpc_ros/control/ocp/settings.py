@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Weights and bounds of the optimal control problem, for compiled code."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One step of the comparison of odometry and commands, between two odometries.
 
 ===========  ==================================  =======================================

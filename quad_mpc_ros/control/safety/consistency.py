@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Consistency of odometry and commands: four relations, and the reaction to a contradiction.
 
 :mod:`.comparison` compares an odometry with the previous one and the command in between,

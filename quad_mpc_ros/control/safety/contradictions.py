@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The most likely cause of a contradiction: the known mistake that fits the measurements best.
 
 Each mistake predicts the matrix M of y = M x for every relation of :mod:`.consistency`, for a

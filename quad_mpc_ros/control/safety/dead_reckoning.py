@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Dead reckoning from the commands, for the descent after a contradiction."""
 
 from __future__ import annotations

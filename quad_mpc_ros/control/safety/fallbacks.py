@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Controllers that need no solver: hover in place, and level and descend without odometry.
 
 The hover law is geometric attitude control (Lee, Leok, McClamroch 2010) with body rates as the

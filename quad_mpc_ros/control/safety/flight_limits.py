@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The fence and the envelope: limits on position, tilt, rates and speed.
 
 A fence with the action hover is breached as soon as the vehicle can no longer stop inside. A

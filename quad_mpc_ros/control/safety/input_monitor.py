@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The newest valid odometry and reference, and their ages."""
 
 from __future__ import annotations

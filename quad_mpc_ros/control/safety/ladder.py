@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The safety ladder: the active source, and the reason (docs/explanation/safety.md).
 
 A pure state machine from inputs and state to a decision and the new state. The ladder reads no

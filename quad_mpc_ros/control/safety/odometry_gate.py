@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Acceptance of odometry by its stamps.
 
 A valid odometry is rejected if its stamp does not fit its arrival, if stamps go backwards, or if

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Unannounced jumps of the odometry: attitude, velocity or position that other fields contradict.
 
 Between two odometries the attitude should change by the mean body rates, the velocity by possible

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Detection of a limit cycle, which occurs if lags or delay are longer than modelled.
 
 Every correction then comes too late, and the thrust axis swings to both sides of the reference's

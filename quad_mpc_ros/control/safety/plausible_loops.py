@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Whether body rates follow their commands like a ringing or slow rate loop.
 
 Such a loop turns against its command temporarily, a reversed axis permanently. So the rates of

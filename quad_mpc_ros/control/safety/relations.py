@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Pairs of vectors that must be equal: their low-pass, their sums of products, and the test.
 
 With y = M x, every M is the identity. Flipped or swapped axes, a wrong heading, wrong units, a

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Validation of reference windows, compiled because they are large and frequent."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Aerostack2 (as2_msgs, geometry_msgs), ENU and FLU.
 
 The platform must be in offboard mode and in the control mode for body rates. Commands are a twist

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Crazyswarm2 (geometry_msgs, nav_msgs).
 
 The firmware keeps the thrust locked until it receives a setpoint with thrust 0. Without setpoints

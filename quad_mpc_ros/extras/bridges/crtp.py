@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Packets of the Crazy RealTime Protocol of the Crazyflie, over radio, USB and UDP.
 
 A packet is a byte with port and channel, and up to 30 bytes of data, little endian. Positions and

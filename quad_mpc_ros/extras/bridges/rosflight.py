@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """ROSflight 2 (rosflight_msgs, roscopter_msgs), NED and FRD.
 
 The safety pilot arms and hands over with switches of the RC transmitter; ROS topics cannot. Once

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The flights of a campaign: parameters that all flights share, and parameters that vary.
 
 Each varied parameter has its own random numbers, from the seed, the flight's number and the

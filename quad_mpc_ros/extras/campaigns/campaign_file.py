@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Reading and writing campaign files, see ``docs/howto/campaigns.md``."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The picture of a campaign: distribution of the error, and error over each varied parameter.
 
 The axes at the top show the cumulative distribution of the settled errors of completed flights.

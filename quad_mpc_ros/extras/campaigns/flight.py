@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One flight of a campaign, from its number to its row of the table.
 
 The outcome follows from the true states: crash, settled error, tilt.

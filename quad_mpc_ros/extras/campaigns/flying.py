@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Flying a campaign into a folder, resuming an interrupted one, and its result as text."""
 
 from __future__ import annotations

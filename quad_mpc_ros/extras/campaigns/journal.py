@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The finished flights of a campaign on disk: journal and table.
 
 The journal has one line for each flight, in order of their completion. Its first line identifies

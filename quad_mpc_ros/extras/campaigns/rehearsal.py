@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Margins of a configuration: model errors from which a disturbed vehicle still recovers.
 
 Disturbed vehicles fly with increasing model errors, until one does not recover. The verdict is

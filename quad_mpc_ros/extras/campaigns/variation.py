@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Variations of a parameter from flight to flight, as listed below ``vary`` in a campaign file."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The stage that plans with a controller other than the MPC, and checks its commands."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Linear quadratic regulator on the error state of the MPC.
 
 The error about the reference is (p, v, attitude, body rates), attitude as Log(R_r' R), all in the

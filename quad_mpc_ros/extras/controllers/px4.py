@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The cascade of PX4's multicopter controllers, with its default gains.
 
 PX4-Autopilot, ``mc_pos_control`` (``PositionControl.cpp``) and ``mc_att_control``

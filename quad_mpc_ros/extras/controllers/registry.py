@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Controllers by name: those of this package, of other packages, and ``module:Class``.
 
 The table below names the controllers of this package. Other packages register theirs as entry

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What the controllers share: the measured and the desired state, and the command."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Obstacle avoidance: the window and the corridor of each control step.
 
 If the reference, the plan and the straight line to the reference are clear, the reference is flown

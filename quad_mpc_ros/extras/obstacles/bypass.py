@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Selection of the points where the reference is left and rejoined around an obstacle.
 
 A straight reference is left at once and rejoined at the end of the known part. At a bend, this

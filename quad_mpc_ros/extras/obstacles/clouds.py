@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Points of clouds: scans that expire, or a permanent map."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Half-spaces around a path: a convex free region for every stage of a horizon.
 
 The region is inflated around the segment of the path that a stage covers, until it touches points

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Poses of message frames in the frame of the odometry, at their stamps."""
 
 from __future__ import annotations

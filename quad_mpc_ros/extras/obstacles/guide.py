@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The guide: a point mass that follows a path in time, and the resulting window.
 
 The point mass starts with the vehicle's state and steers towards a point ahead on the path (pure

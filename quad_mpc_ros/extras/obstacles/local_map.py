@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Map of static obstacles around the vehicle: a KD-tree of points and a distance grid.
 
 The map is built in the control step or in another thread.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Other vehicles: positions predicted from published plans and odometry, and separation.
 
 Vehicles that share their plans are separated by a plane at each stage. The plane is half way

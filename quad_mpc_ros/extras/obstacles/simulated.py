@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Simulated obstacle sensor and collisions with a scene.
 
 Rays are intersected with shapes exactly, with the slab method (Kay and Kajiya, SIGGRAPH 1986).

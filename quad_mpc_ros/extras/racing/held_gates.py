@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Guide that keeps the plan inside gate openings with half-spaces near an edge.
 
 A plan that closely follows a reference through the gates needs no constraint. If the last plan is

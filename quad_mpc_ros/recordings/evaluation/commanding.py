@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Sources of the commands of a flight, distances from its limits, estimates of the controller."""
 
 from __future__ import annotations

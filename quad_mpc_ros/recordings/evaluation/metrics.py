@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The figures of merit of a flight: the content of ``summary.json``."""
 
 from __future__ import annotations

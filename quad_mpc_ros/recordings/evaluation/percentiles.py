@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Percentiles for all tables, pages and files of this package."""
 
 from __future__ import annotations

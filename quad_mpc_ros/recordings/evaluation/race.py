@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The gate passages of a flight, evaluated by the optional racing package."""
 
 from __future__ import annotations

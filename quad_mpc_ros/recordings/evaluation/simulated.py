@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A simulated flight as arrays, like a recorded flight: the closed loop without ROS and files."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Uncompleted tasks of a flight, and limits that its reference exceeds."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Verdict on a flight from its summary: success, problems, and next steps."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Waypoints in a reference: positions that are held for a while and left by a jump."""
 
 from __future__ import annotations

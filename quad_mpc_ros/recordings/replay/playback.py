@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Playback of a bag: due times of its messages, and the threads that read ahead and publish.
 
 All times are integers in nanoseconds. *Steady* times are from the clock that drives the playback;

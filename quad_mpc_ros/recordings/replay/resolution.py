@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Feed a recorded flight to a controller and compute its commands.
 
 The controller always receives the recorded odometry, and the recorded commands count as sent. With

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The interface of all bridges: the rules and messages of a flight stack.
 
 A bridge converts the stack's state into odometry and the MPC's commands into the stack's messages.

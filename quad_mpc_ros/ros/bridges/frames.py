@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Conversion between ENU/FLU, used by this package, and NED/FRD, used by aircraft stacks.
 
 REP-103 defines both. North-east-down (x, y, z) is east-north-up (y, x, -z); forward-right-down

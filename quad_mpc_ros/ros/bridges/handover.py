@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The active source and the conditions of a handover: one state machine for all stacks.
 
 The state machine uses neither messages nor a clock. docs/howto/stacks/README.md has the diagram.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Lines to a stack without topics: a serial port (pyserial), UDP or TCP.
 
 ``udpin:HOST:PORT`` is a server and answers its caller; ``udpout:HOST:PORT`` and ``tcp:HOST:PORT``

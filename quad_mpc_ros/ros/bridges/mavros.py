@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Bridge to PX4 with MAVROS (mavros_msgs); MAVROS converts from ENU and FLU.
 
 The setpoints are the heartbeat: they must be sent before the switch to OFFBOARD, and PX4

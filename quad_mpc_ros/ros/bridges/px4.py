@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Bridge to PX4 over uXRCE-DDS (px4_msgs), in NED and FRD.
 
 The heartbeat ``offboard_control_mode`` must be sent for a second before PX4 switches to offboard.

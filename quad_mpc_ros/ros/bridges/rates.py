@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Bridge to stacks with a ``TwistStamped`` of body rates and thrust in configured units."""
 
 from __future__ import annotations

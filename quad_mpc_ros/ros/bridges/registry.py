@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The registered bridges of this and other packages, found by entry points.
 
 A package registers a bridge with an entry point ``name = module:Class`` in the group

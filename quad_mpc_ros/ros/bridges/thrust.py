@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Conversion of the MPC's throttle to thrust and to the stack's throttle."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The MPC node: odometry and reference in, throttle and body rates out."""
 
 from __future__ import annotations

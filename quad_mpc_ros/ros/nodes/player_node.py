@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The player node: publishes the messages of a bag at their recorded times."""
 
 from __future__ import annotations

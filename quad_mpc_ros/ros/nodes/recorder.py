@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A recording in progress: its bag, topics and parameters of nodes."""
 
 from __future__ import annotations

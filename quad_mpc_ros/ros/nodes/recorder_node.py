@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The recorder node: records raw serialized messages into a rosbag2 directory."""
 
 from __future__ import annotations

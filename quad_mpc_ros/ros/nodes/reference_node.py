@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The reference node: publishes windows of the reference and handles requests."""
 
 from __future__ import annotations

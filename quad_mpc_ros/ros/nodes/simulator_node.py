@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The simulator node: runs the plant in real time, or in lockstep with the commands."""
 
 from __future__ import annotations

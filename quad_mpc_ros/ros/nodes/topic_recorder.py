@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Reception of one topic from all publishers, with any quality of service."""
 
 from __future__ import annotations

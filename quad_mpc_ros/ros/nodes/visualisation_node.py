@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The visualisation node: markers of vehicle, trail, plan and thrust; the pose on /tf."""
 
 from __future__ import annotations

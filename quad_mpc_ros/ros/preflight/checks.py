@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The table of all preflight checks, one function each.
 
 A check reads the facts and returns findings: one ok, or errors and warnings, or none if the check

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Checks of a node's own parameters, for valid values that are probably not intended.
 
 Invalid values are rejected by ``Configuration.check``.

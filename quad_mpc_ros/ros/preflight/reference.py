@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Checks of the reference against the limits of MPC, envelope and fence."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Check that the nodes of a vehicle have the same vehicle parameters."""
 
 from __future__ import annotations

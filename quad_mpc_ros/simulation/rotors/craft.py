@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Records of the plant ``rotors`` for compiled code: state and numbers of body and rotors.
 
 The state is a record of the body, and the rotors' speeds (n,) [rad/s]. C is the centre of mass.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The equations of motion of the plant ``rotors``, compiled.
 
 World ENU, body FLU. C is the centre of mass, J the inertia about C. Rotor i has the position r_i

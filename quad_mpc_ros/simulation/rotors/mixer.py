@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The mixer: allocates a total thrust and a torque to the rotors.
 
 Thrust and torque are linear in the rotors' thrusts; the pseudo-inverse allocates them to any

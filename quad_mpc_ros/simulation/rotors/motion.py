@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The motion of the plant ``rotors`` at constant command and wind, compiled.
 
 Runge-Kutta steps of order 4 integrate the equations between two runs of the rate loop. The ground

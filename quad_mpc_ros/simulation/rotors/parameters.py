@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The parameters of the plant ``rotors``, in addition to the common parameters.
 
 The defaults describe the paper's quadrotor. ``config/vehicles/paper.yaml`` gives the source of the

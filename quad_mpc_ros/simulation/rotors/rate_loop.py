@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The rate loop of an autopilot: from throttle, commanded rates and gyro to speeds of the rotors.
 
 For each axis, with the error e = w_c - w of the filtered gyro w,

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Identification recovers the parameters of the simulator from its flights."""
 
 from __future__ import annotations

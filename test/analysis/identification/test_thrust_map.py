@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The thrust map of a vehicle file: its bridge makes the thrust that its curve states."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What is fitted of the thrust over the voltage is what the battery of the plant made of it."""
 
 from __future__ import annotations

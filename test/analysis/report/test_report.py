@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Report: page, CSV tables, time spans without the MPC."""
 
 from __future__ import annotations

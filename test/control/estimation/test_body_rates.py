@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Estimates from body rates: lags of rate loops that are not of first order, and offsets."""
 
 from __future__ import annotations

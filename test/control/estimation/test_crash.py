@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Crashes are detected, and no flight is a crash."""
 
 from __future__ import annotations

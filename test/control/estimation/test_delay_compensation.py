@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The acting command at each time, and the prediction of the state when the next one acts."""
 
 from __future__ import annotations

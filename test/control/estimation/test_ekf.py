@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The parameters that the filter estimates from exact motions, and those it must not change."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The equations of the filter, compared with textbooks and with batch least squares."""
 
 from __future__ import annotations

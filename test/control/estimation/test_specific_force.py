@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The measurement model of the accelerometer: Jacobian, physical cases, and estimates."""
 
 from __future__ import annotations

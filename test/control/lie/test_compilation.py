@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The compile cache: where it is, and when code is compiled again."""
 
 from __future__ import annotations

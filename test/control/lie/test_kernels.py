@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Compiled functions that the tests of so3 do not cover."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The model of the future against an independent integrator, its Jacobians through ⊞ and ⊟."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The axioms of ⊞ and ⊟ on states, and the frames that they work in."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The inputs that hold a reference do hold it, through lags and against disturbances."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The throttle curve against the paper's numbers and against itself."""
 
 from __future__ import annotations

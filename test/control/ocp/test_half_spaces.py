@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Half-spaces on the position: rows, the QP by another solver, exact penalties, random states."""
 
 from __future__ import annotations

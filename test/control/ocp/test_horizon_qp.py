@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The sparse horizon against a dense one, its fixed pattern, and its scaling."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Soft limits: rows by finite differences, the QP by another solver, and penalty weights."""
 
 from __future__ import annotations

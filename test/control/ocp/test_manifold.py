@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The manifold formulation in the loop with the true rigid body."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A and B against finite differences of the error dynamics, taken through ⊞ and ⊟."""
 
 from __future__ import annotations

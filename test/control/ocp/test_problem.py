@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The cost's gradient and Gauss-Newton matrix, by finite differences through ⊞."""
 
 from __future__ import annotations

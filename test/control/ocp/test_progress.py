@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Progress along the reference as a variable: slopes by finite differences through ⊞, solves."""
 
 from __future__ import annotations

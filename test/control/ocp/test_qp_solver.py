@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Status of the solver after success, failure and invalid problems."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The controllers without a solver, flown on a true rigid body."""
 
 from __future__ import annotations

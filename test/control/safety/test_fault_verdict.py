@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The judgement of fault flights, on records that are right and records that are wrong."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fence and envelope: breaches, their actions, and their end."""
 
 from __future__ import annotations

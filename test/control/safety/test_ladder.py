@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Scenarios of the failsafe: inputs over time and the expected source of commands."""
 
 from __future__ import annotations

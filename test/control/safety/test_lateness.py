@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Lateness of an odometry by true stamps and by stamps of arrival, and its compensation."""
 
 from __future__ import annotations

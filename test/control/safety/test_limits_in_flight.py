@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fence, envelope, slew limits and deadline in the closed loop of controller and plant."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Acceptance of odometry: stamps compared with arrivals, and frozen estimates."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Jumps of the odometry are rejected; noise, small and announced steps are accepted."""
 
 from __future__ import annotations

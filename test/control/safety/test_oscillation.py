@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The detector of oscillations ends limit cycles and ignores other flights."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Rate loops that ring or are slow explain body rates; reversed and swapped axes do not."""
 
 from __future__ import annotations

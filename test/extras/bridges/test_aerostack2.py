@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The bridge to Aerostack2, compared with its documentation: ENU, FLU and newton."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly real Betaflight with the bridge over a pseudo-terminal.
 
 The bridge's bytes go through pyserial into the terminal, from there to the firmware's UART1, and

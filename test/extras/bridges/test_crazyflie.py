@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The bridge to the Crazyflie, compared with the firmware's documentation and recorded packets."""
 
 from __future__ import annotations

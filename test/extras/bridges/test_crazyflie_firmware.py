@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly the plant ``rotors`` with the Crazyflie's firmware over CRTP, by UDP and cflib.
 
 The firmware runs in real time at most, and its rate loop in step with the plant: a busy machine

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The bridge to Crazyswarm2, compared with its documentation: degrees and PWM."""
 
 from __future__ import annotations

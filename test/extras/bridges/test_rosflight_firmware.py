@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Fly the plant ``rotors`` with ROSflight's firmware and the bridge, in steps.
 
 The bridge's messages become the firmware's MAVLink here as rosflight_io makes them. Acceleration

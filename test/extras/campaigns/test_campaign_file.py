@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Campaign files: what they describe, and what is refused in one line."""
 
 from pathlib import Path

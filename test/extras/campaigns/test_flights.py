@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Campaigns that fly: the same flights as simulated ones, by whatever workers, through deaths."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Crashes and figures of flights that are drawn by hand."""
 
 from dataclasses import replace

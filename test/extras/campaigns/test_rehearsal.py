@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Margins of a rehearsal by bisection, the verdict on them, and vehicles that crash."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Studies whose flights are formulas, so that the front is known."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """How parameters vary: the distributions are those they are called, and nothing else varies."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Controllers of one's own inside checks, limits and failsafe: what they get, and their errors."""
 
 from __future__ import annotations

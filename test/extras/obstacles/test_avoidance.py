@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Flights among obstacles: free references are kept, others are replanned or stopped."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A flight whose clouds stop, jump, lie, come late and are full of NaN: the MPC flies through."""
 
 from __future__ import annotations

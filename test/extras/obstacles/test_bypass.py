@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Where a reference is left and rejoined: a straight one at once, one that bends late."""
 
 from __future__ import annotations

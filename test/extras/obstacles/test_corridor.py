@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Corridors by brute force: each holds its guide and no inflated point."""
 
 from __future__ import annotations

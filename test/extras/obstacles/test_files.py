@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Files of obstacles: what they state, and what is wrong with them."""
 
 from __future__ import annotations

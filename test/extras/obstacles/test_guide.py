@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The window of a guide by the physics that it has to have."""
 
 from __future__ import annotations

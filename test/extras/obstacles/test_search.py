@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The local grid and its search: distances and lengths by brute force."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Shapes against points on their surface, marching along rays, and an independent library."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Space shared by neighbours: planes that both know, and meetings that are mirror images."""
 
 from __future__ import annotations

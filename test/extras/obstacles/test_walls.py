@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Points on the walls of the volume of flight."""
 
 from __future__ import annotations

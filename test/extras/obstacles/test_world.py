@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The obstacles in a world after messages of all kinds; invalid messages are not fatal."""
 
 from __future__ import annotations

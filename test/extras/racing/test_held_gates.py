@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Gates held by half-spaces: none where a plan is inside, and flights through gates that moved."""
 
 from __future__ import annotations

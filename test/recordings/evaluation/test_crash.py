@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Crashes of recorded flights, by their odometry: how :class:`TrackedMotion` judges is tested with
 campaigns.
 """

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Verdicts on flights: success, what went wrong, next steps."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """When messages are due, on a clock of the test's: nothing here waits or needs ROS."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A flight in real time is recorded and resolved to the same commands."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Simulator, a stack that speaks its own messages and keeps its own rules, bridge, and MPC.
 
 All in one process, with stand-ins for messages of packages that are not there; with those of the

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Invalid messages cause no exception in a bridge and no invalid output."""
 
 from __future__ import annotations

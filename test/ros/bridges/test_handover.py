@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The state machine of the handover, and its use in every bridge."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A bridge sends no setpoints after the MPC is killed or hangs in flight."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Frames of MAVLink messages, and the messages that the bridge sends to PX4 and ArduPilot."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """MAVLink recorded from real firmware in its simulation.
 
 The recordings have a connection, a climb and a figure eight. Their motion must agree: positions

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The bridge to PX4 with MAVROS, compared with their documentation."""
 
 from __future__ import annotations

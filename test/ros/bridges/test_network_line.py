@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A line over UDP and TCP sends without a receiver and reconnects."""
 
 from __future__ import annotations

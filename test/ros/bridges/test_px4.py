@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """PX4's messages against its documented frames: NED world, FRD body, throttle along -z."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Bridges are found by entry point, also those of other packages and those that do not load."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The serial port, at a pseudo-terminal, and the node that has one."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The thrust that the MPC means must be the thrust that the stack's throttle makes."""
 
 from __future__ import annotations

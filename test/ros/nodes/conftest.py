@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Nodes as processes, and a node of the test that talks with them."""
 
 from __future__ import annotations

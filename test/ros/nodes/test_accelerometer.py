@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """An accelerometer over DDS: bad messages and silence."""
 
 from __future__ import annotations

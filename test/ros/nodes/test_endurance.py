@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Flights over DDS while processes fail, and the endurance flight of ``make soak``."""
 
 from __future__ import annotations

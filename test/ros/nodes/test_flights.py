@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Whole flights over DDS with the four nodes as processes."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Invalid messages on any topic cause no exception and no invalid command."""
 
 from __future__ import annotations

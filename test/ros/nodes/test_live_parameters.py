@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Parameters that are hammered in flight: whole transactions, and a solver that stays warm."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Live flights with the reference node: services, goals and trajectories over DDS."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Each node by itself, as ``ros2 run`` starts it."""
 
 from __future__ import annotations

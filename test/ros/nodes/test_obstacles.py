@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The MPC node receives obstacles from other processes, and tolerates invalid messages."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A node declares the parameters of what another package has registered."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The query of a node's parameters, of a node whose first answers are lost."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The player as a process; a node of the test and the recorder receive its messages."""
 
 from __future__ import annotations

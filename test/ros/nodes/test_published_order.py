@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What was published first is written first, however an executor hands it over."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The reference uses a monotonic clock, and publishes windows while it plans."""
 
 from __future__ import annotations

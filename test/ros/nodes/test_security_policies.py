@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The shipped SROS 2 policies allow what the nodes open, and little else."""
 
 from __future__ import annotations

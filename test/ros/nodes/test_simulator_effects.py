@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The simulator node with lags, delays, wind, noise and losses."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Only one of two MPCs in a namespace sends commands, in every order of starting."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The visualisation node beside a controller that speaks over DDS."""
 
 from __future__ import annotations

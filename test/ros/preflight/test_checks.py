@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Cases of each check of ``quad_mpc preflight``: no problem, warning or error."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """What a node finds in its own parameters, and logs when it is configured."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Conservation of angular momentum, balance of energy, order of the integrator."""
 
 from __future__ import annotations

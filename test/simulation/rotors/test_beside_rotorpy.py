@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The Hummingbird of the plant ``rotors`` compared with rotorpy."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Properties of the mixer for any number of rotors, with and without airmode."""
 
 from __future__ import annotations

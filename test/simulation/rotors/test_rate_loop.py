@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """One turn of the rate loop, seen through the torque that the wanted speeds make."""
 
 from __future__ import annotations

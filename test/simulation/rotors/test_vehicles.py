@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The shipped vehicles: their files are consistent, and the MPC flies each."""
 
 from __future__ import annotations

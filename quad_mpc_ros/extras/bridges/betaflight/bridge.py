@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Betaflight bridge: handover of the sticks, arming, and loss of commands.
 
 The bridge always sends sticks: the MPC's, neutral, or, if the MPC's commands stop in flight,

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Rate curves from stick to body rate, and the pulse for a body rate.
 
 As in the firmware's ``rc.c``, with the numbers of its command line (``roll_rc_rate``,

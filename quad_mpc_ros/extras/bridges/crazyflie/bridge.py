@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Crazyflie bridge: unlocking, arming, and loss of commands.
 
 The firmware keeps the thrust locked until it receives a setpoint of zeros. Without setpoints the

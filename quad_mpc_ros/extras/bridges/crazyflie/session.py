@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Preparation of the firmware, and its telemetry.
 
 The legacy setpoint contains rates only if three parameters are set, again after each restart. Log

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Objectives and trials of a study: Pareto front, and the choice of the best trial.
 
 An objective is a statistic of a figure over the flights of a campaign. A flight is lost if it

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Proposals of Optuna, and the file of trials.
 
 ``study.db`` contains only finished trials, each written as a whole. A proposal depends on the

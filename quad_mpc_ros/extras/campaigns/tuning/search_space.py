@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The searched parameters of the controller, and the starting point."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A study: successive trials with parallel flights; each trial is stored before the next.
 
 Trial 0 is the configuration of the campaigns.

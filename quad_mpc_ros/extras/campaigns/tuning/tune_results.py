@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The results of a study: table, parameter files, figure, and a text for the terminal."""
 
 from __future__ import annotations

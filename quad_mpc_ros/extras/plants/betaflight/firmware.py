@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The firmware as a process that the simulation steps, and the shim that controls its time.
 
 The packets are those of Betaflight's simulator target (sitl.c, target.h): little endian, FRD with

@@ -1,3 +1,5 @@
+// Copyright 2026 quad_mpc_ros contributors
+// SPDX-License-Identifier: Apache-2.0
 /* Preloaded into Betaflight's simulator target: gives it time and packets of a simulation.
  *
  * Time passes for the main loop only while it has been granted: a little whenever it sleeps or

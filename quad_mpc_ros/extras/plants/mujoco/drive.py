@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The force and torque of rotors and air on the body over a step, for MuJoCo, compiled.
 
 MuJoCo simulates weight, inertia and contacts. The remaining force and torque are the means over a

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The MuJoCo model of a configured plant, in MuJoCo's format (MJCF).
 
 The frame of the vehicle's body is at its centre of mass C, so that MuJoCo integrates the state of

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The vehicle and the objects around it, simulated by MuJoCo."""
 
 from __future__ import annotations

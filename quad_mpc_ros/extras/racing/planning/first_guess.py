@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Initial guess of the optimiser: a point mass on the course, with attitudes from its thrust.
 
 The motion of a point mass is found within a second and is near the plan of the vehicle. Its thrust

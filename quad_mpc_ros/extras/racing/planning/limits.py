@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Limits of the vehicle for the planner, from the parameters of MPC and simulator."""
 
 from __future__ import annotations

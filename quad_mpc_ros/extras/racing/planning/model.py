@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The equations of motion of a plan, in CasADi: one step and its bounds.
 
 The states are position, velocity, quaternion q_WB (w, x, y, z), body rates and specific thrust.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A time-optimal plan through the gates of a course for the configured vehicle."""
 
 from __future__ import annotations

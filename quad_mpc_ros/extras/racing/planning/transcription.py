@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """A course as a nonlinear program by direct multiple shooting, solved with IPOPT.
 
 Each leg has a fixed number of steps of equal, free duration. Fixed numbers replace complementarity

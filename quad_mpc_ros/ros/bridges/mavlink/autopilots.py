@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Differences between PX4 and ArduPilot Copter: modes, state messages, parameters, throttle.
 
 Mode numbers: ``px4_custom_mode.h`` of PX4, ``ArduCopter/mode.h`` of ArduPilot.

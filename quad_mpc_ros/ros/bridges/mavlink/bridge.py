@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Rules of the MAVLink bridge: requests to the autopilot, engagement and setpoints.
 
 Engaged or not, the bridge sends a heartbeat as an onboard computer and requests the vehicle's

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Conversion of MAVLink bytes to values in ENU and FLU, and back. No I/O, clock or rules.
 
 Messages: https://mavlink.io/en/messages/common.html. pymavlink packs and parses them.

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Clock and parameters of the connected vehicle, and other sources of setpoints."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """In the air the plant agrees with the plant ``rotors`` for the same commands."""
 
 from __future__ import annotations

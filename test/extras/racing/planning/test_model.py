@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """The planner's equations against the core's model, which was written without them."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 quad_mpc_ros contributors
+# SPDX-License-Identifier: Apache-2.0
 """Plans of races: as fast as published ones, and what an independent quadrotor makes of them."""
 
 from __future__ import annotations
