@@ -64,7 +64,8 @@ _LEAST_LIFT, _FALLING, _SOME_THRUST = 0.25, 0.9, 0.5
 # Commanded thrust over the vertical force, that force over gravity, and speed [m/s] of a vehicle
 # that climbs without thrust.
 _LEAST_THRUST, _RISING, _RISING_SPEED = 0.25, 1.1, 1.0
-_CALM_RATE = 2.0  # rad/s, of a vehicle that needs little torque
+_SLOWEST_ROTORS = 0.3  # s, time constant of rotors that slow down
+_CALM_DEMAND = 1.5  # rad/s, from rate to command, above which a mixer may raise the thrust
 # Rotations in rad/s, positions in m/s, forces in m/s^2. The second of a kinematic relation is for
 # x as a function of y, which detects values that are too large.
 _ATTITUDE = RelationLimits(floor=0.4, share=0.12, least=0.35, twist=0.6)
@@ -114,6 +115,10 @@ class ConsistencyState(Record):
     rates: Pair
     rates_late: Pair
     plausible: PlausibleRates  # with other rate loops
+    # Recent maxima of the thrust [m/s^2], as rotors slow down late, and of the distance of the
+    # rates from their commands [rad/s].
+    held_thrust: float
+    held_demand: float
     force: Pair
     force_late: Pair
     drag: Pair  # y the velocity, x that of the force
@@ -186,6 +191,7 @@ def compare_step(
 def start_force(memory: RecordArray[ConsistencyState]) -> None:
     """Reset the relations of the force to a vehicle at rest."""
     state = memory[()]
+    state.held_thrust = 0.0
     for pair in (state.force, state.force_late, state.drag, state.drag_on_force):
         forget(pair)
     for pair in (state.force, state.force_late):
@@ -278,7 +284,12 @@ def _compare_with_command(
     gained = kernels.minus(v, kernels.vector(state.v_WB_W))
     ax, ay, az = kernels.scaled(1.0 / duration, gained)
     force, up = (ax, ay, az + state.model.gravity), kernels.column(R, 2)
-    thrust = kernels.scaled(_thrust_of(state, state.throttle), up)
+    specific_thrust = _thrust_of(state, state.throttle)
+    kept = math.exp(-duration / _SLOWEST_ROTORS)
+    state.held_thrust = max(specific_thrust, kept * state.held_thrust)
+    demand = kernels.norm(kernels.minus(kernels.vector(state.commanded), w))
+    state.held_demand = max(demand, kept * state.held_demand)
+    thrust = kernels.scaled(specific_thrust, up)
     late_thrust = kernels.scaled(_thrust_of(state, state.late_throttle), up)
     lowpass(state.force, thrust, force, far, times)
     lowpass(state.force_late, late_thrust, force, far, times)
@@ -342,11 +353,9 @@ def _contradicted(state: ConsistencyState, is_flying: bool) -> int:
     falls = lift < _LEAST_LIFT * thrust and lift < _FALLING * gravity
     if falls and thrust > _SOME_THRUST * gravity:
         found |= Relation.LIFT
-    thrust = max(state.force.x[2], state.force_late.x[2])
+    thrust = max(state.force.x[2], state.force_late.x[2], state.held_thrust)
     rises = state.force.y[2] > _RISING * gravity and state.v_WB_W[2] > _RISING_SPEED
-    # A mixer that prefers torque raises the thrust of a vehicle that has to turn.
-    is_calm = kernels.norm(kernels.vector(state.w_WB_B)) < _CALM_RATE
-    if rises and is_calm and thrust < _LEAST_THRUST * state.force.y[2]:
+    if rises and state.held_demand < _CALM_DEMAND and thrust < _LEAST_THRUST * state.force.y[2]:
         found |= Relation.CLIMB
     return found
 
