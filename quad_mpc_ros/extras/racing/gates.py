@@ -85,7 +85,7 @@ def _content(given: str) -> tuple[Mapping[Any, Any], str]:
     if _TOGT_KEYS & content.keys():
         raise UserError(
             f"{source}: this is a track of TOGT-Planner ({', '.join(sorted(_TOGT_KEYS))}), "
-            "expected start, end and gates; write it as docs/howto/racing.md says"
+            "expected start, end and gates; write it as docs/howto/racing.md describes"
         )
     return content, source
 

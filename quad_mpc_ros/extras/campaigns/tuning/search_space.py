@@ -85,7 +85,9 @@ class SearchSpace:
                 point[name] = _within(dimension, cells[name], name)
         for name, value in self.cells(self.values_at(point)).items():
             if value != cells[name]:
-                raise UserError(f"{name} is {cells[name]}, expected the followed value {value}")
+                raise UserError(
+                    f"{name} is {cells[name]}, expected {value}, the value that it follows"
+                )
         return point
 
 
