@@ -36,8 +36,7 @@ from quad_mpc_ros.extras.campaigns.campaign_file import (
     located_campaign,
     read_campaign,
 )
-from quad_mpc_ros.extras.campaigns.flying import fly
-from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers
+from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers, batched
 
 ACADOS = "peers.acados:AcadosController"
 CONTROLLERS = {
@@ -253,7 +252,8 @@ def main() -> None:
 
 def cells(campaign: Campaign, error: str, engine: LocalWorkers) -> list[str]:
     """Fly a campaign; return the crashes, and mean and p95 of the errors."""
-    rows = fly(campaign, engine)
+    batches = engine.fly(campaign, batched(range(campaign.flights), workers=engine.workers))
+    rows = [flight.row for flown in batches for flight in flown]
     failed = [row["error"] for row in rows if row.get("error")]
     if failed:
         raise UserError(f"{len(failed)} flights ended with an error: {failed[0]}")

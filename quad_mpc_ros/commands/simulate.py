@@ -86,10 +86,20 @@ def simulate_run(
     reference: ReferenceConfig | None = None,
     **options: Any,
 ) -> Flight:
-    """Fly like :func:`.simulate`, save the run like ``quad_mpc simulate``, and return the flight.
+    """Fly like :func:`.simulate`, and save the run like ``quad_mpc simulate``.
 
-    ``out`` is a new folder; all other arguments are those of :func:`.simulate`. Raises
-    :class:`UserError` for a folder that has a run or cannot be written.
+    Args:
+        out: New folder of the run.
+        mpc: Configuration of the controller; :func:`.simulate` describes this and all options.
+        simulator: Configuration of the simulated vehicle.
+        reference: Configuration of the reference.
+        **options: Other arguments of :func:`.simulate`.
+
+    Returns:
+        The flight.
+
+    Raises:
+        UserError: For a folder that has a run or cannot be written.
     """
     out, steps = prepared_out(Path(out)), list[LoopStep]()
     flight = simulate(mpc, simulator, reference, observe=steps.append, **options)
