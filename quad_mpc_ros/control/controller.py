@@ -303,11 +303,14 @@ class Controller:
         The command is expected to act for ``held_ns``.
         """
         inputs, acting = self._inputs, self._limiting.acting
-        stamp_ns = None if odometry is None else odometry.stamp_ns
+        lateness, stamp_ns = self._estimation.lateness, now_ns
+        if odometry is not None:
+            stamp_ns = odometry.stamp_ns
+            lateness.arrive(stamp_ns, now_ns=now_ns)
         due = Due(
             odometry,
-            stamp_ns=now_ns if stamp_ns is None else stamp_ns,
-            sent_ns=self._estimation.lateness.sent_ns(stamp_ns, now_ns=now_ns),
+            stamp_ns=stamp_ns,
+            sent_ns=lateness.sent_ns(now_ns),
             now_ns=now_ns,
             duration=held_ns * 1e-9,
             started=time.perf_counter(),

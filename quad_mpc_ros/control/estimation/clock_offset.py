@@ -65,18 +65,18 @@ class Lateness(Stage):
         """Apply a changed timeout."""
         self._most_ns = round(config.odom_timeout * 1e9)
 
-    def sent_ns(self, stamp_ns: int | None, *, now_ns: int) -> int:
-        """Return the time by the clock of the stamps; an answered odometry arrives now."""
-        offset = self._offset
-        if stamp_ns is None:
-            return now_ns if offset is None else now_ns - offset.behind_ns
-        if offset is not None:
-            age_ns = offset.follow(stamp_ns, now_ns=now_ns)
+    def arrive(self, stamp_ns: int, *, now_ns: int) -> None:
+        """Take the arrival of an answered odometry."""
+        if self._offset is not None:
+            age_ns = self._offset.follow(stamp_ns, now_ns=now_ns)
             if -self._most_ns <= age_ns <= self._most_ns:
-                return now_ns - offset.behind_ns
+                return
         self._offset = ClockOffset()
         self._offset.set(now_ns - stamp_ns, stamp_ns=stamp_ns, now_ns=now_ns)
-        return stamp_ns
+
+    def sent_ns(self, now_ns: int) -> int:
+        """Return the time by the clock of the stamps."""
+        return now_ns if self._offset is None else now_ns - self._offset.behind_ns
 
 
 class PersistentOffset:

@@ -28,21 +28,21 @@ DAY = 86_400_000 * MS
 @pytest.mark.parametrize("clock_ns", [0, DAY, -DAY], ids=["same clock", "behind", "ahead"])
 def test_lateness_is_relative_to_the_fastest_with_any_clock(clock_ns: int) -> None:
     lateness = Lateness(MpcConfig(odom_timeout=0.1))
-    found = [
-        lateness.sent_ns(20 * k * MS, now_ns=clock_ns + (20 * k + 5 + late) * MS) - 20 * k * MS
-        for k, late in enumerate([30, 0, 25, 60])
-    ]
+    found = []
+    for k, late in enumerate([30, 0, 25, 60]):
+        stamp_ns, now_ns = 20 * k * MS, clock_ns + (20 * k + 5 + late) * MS
+        lateness.arrive(stamp_ns, now_ns=now_ns)
+        found.append(lateness.sent_ns(now_ns) - stamp_ns)
     # The offset is followed by 2 % of the time.
     assert found == [0, 0, pytest.approx(25 * MS, abs=3 * MS), pytest.approx(60 * MS, abs=3 * MS)]
-    later_ns = clock_ns + 200 * MS
-    assert lateness.sent_ns(None, now_ns=later_ns) == pytest.approx(195 * MS, abs=3 * MS)
+    assert lateness.sent_ns(clock_ns + 200 * MS) == pytest.approx(195 * MS, abs=3 * MS)
 
 
 def test_lateness_restarts_when_a_clock_is_set() -> None:
     lateness = Lateness(MpcConfig(odom_timeout=0.1))
-    assert lateness.sent_ns(0, now_ns=0) == 0
-    assert lateness.sent_ns(20 * MS, now_ns=320 * MS) == 20 * MS
-    assert lateness.sent_ns(40 * MS, now_ns=350 * MS) == pytest.approx(50 * MS, abs=MS)
+    for stamp_ns, now_ns, expected in ((0, 0, 0), (20, 320, 20), (40, 350, 50)):
+        lateness.arrive(stamp_ns * MS, now_ns=now_ns * MS)
+        assert lateness.sent_ns(now_ns * MS) == pytest.approx(expected * MS, abs=MS)
 
 
 class Jittered:
