@@ -30,6 +30,19 @@ def placed(path: Path, *, overwrite: bool) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
         draft = Path(folder) / path.name
         yield draft
-        if path.exists() and not overwrite:
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
+        if overwrite:
+            draft.replace(path)
+        else:
+            _put(draft, path)
+
+
+def _put(draft: Path, path: Path) -> None:
+    """Move a file to a name that does not exist."""
+    try:
+        path.hardlink_to(draft)  # atomic, unlike a check before
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links, as of memory cards
+        if path.exists():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
         draft.replace(path)
