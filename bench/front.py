@@ -146,7 +146,7 @@ class Flights:
 
 
 def _content(name: str) -> dict[str, Any]:
-    text = files.shipped_campaigns()[name].read_text(encoding="utf-8")
+    text = files.shipped("campaigns")[name].read_text(encoding="utf-8")
     content: dict[str, Any] = yaml.safe_load(text)
     return content
 

@@ -104,7 +104,7 @@ def kinds(folder: Path) -> list[Kind]:
 
     shipped = files.presets()
     vehicles = [path.read_text() for name, path in shipped.items() if "/" in name]
-    gates = [path.read_text() for path in files.shipped_gates().values()]
+    gates = [path.read_text() for path in files.shipped("gates").values()]
     bags = functools.cache(lambda: [_bag(folder)])
 
     def unchecked() -> list[Path]:

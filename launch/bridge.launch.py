@@ -18,9 +18,9 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
+from quad_mpc_ros.configuration import files
 from quad_mpc_ros.messages.topics import REP147_NAMES
 from quad_mpc_ros.ros.bridges.registry import bridge_packages
-from quad_mpc_ros.ros.parameter_files import read_parameter_file
 
 PACKAGE = "quad_mpc_ros"
 SUFFIX = "_bridge"  # of executable and node
@@ -79,7 +79,7 @@ def _nodes(context) -> list:
         return LaunchConfiguration(name).perform(context)
 
     # One that is not there launch would only warn of, and fly the default vehicle.
-    read_parameter_file("config", given("config"))
+    files.sections("config", given("config"))
     bridge, mode, with_reference = given("bridge"), given("mode"), given("with_reference")
     common = {
         "namespace": given("namespace"),

@@ -25,8 +25,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
-from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.ros.parameter_files import read_parameter_file
+from quad_mpc_ros.configuration import UserError, files
 
 PACKAGE = "quad_mpc_ros"
 
@@ -63,7 +62,7 @@ def generate_launch_description() -> LaunchDescription:
 
 def _vehicles(context) -> list:
     """Return the nodes of as many vehicles as are asked for."""
-    read_parameter_file("config", LaunchConfiguration("config").perform(context))
+    files.sections("config", LaunchConfiguration("config").perform(context))
     given = LaunchConfiguration("vehicles").perform(context)
     if not given.isdecimal() or int(given) < 1:
         raise UserError(f"vehicles: given {given!r}, expected a whole number >= 1")

@@ -15,8 +15,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
+from quad_mpc_ros.configuration import files
 from quad_mpc_ros.messages.topics import REP147_NAMES
-from quad_mpc_ros.ros.parameter_files import read_parameter_file
 
 PACKAGE = "quad_mpc_ros"
 TOPICS = ("odom", "reference", "command")
@@ -57,7 +57,7 @@ def generate_launch_description() -> LaunchDescription:
 
 def _nodes(context) -> list:
     # launch would only warn of a parameter file that is not there.
-    read_parameter_file("config", LaunchConfiguration("config").perform(context))
+    files.sections("config", LaunchConfiguration("config").perform(context))
     rep147 = LaunchConfiguration("rep147").perform(context) == "true"
     remappings = [(topic, LaunchConfiguration(topic)) for topic in TOPICS]
     common = {

@@ -25,7 +25,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
-from quad_mpc_ros.ros.parameter_files import read_parameter_file
+from quad_mpc_ros.configuration import files
 
 PACKAGE = "quad_mpc_ros"
 
@@ -79,7 +79,7 @@ def generate_launch_description() -> LaunchDescription:
 
 def _refuse_wrong_file(context) -> list:
     """Refuse a parameter file that is not there, which launch would only warn of."""
-    read_parameter_file("config", LaunchConfiguration("config").perform(context))
+    files.sections("config", LaunchConfiguration("config").perform(context))
     return []
 
 

@@ -13,7 +13,7 @@ import dataclasses
 import functools
 import operator
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
@@ -147,6 +147,14 @@ def parameter(default: Any, *, doc: str, **constraints: Any) -> Any:
     return dataclasses.field(default=default, metadata={_METADATA_KEY: spec})
 
 
+def unknown_parameter(
+    owner: str, name: str, value: object, known: Iterable[str]
+) -> ConfigurationError:
+    """Return the error for a parameter that a node does not have, with a suggestion."""
+    near = did_you_mean(name, known) or f" (one of {', '.join(sorted(known))})"
+    return ConfigurationError(f"{owner}.{name}", value, f"a known parameter{near}")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Configuration:
     """Base of every parameter set: validates on construction, flattens to dotted names.
@@ -188,8 +196,7 @@ class Configuration:
         paths = {spec.name: spec.path for spec in cls.specs()}
         for name, value in values.items():
             if name not in paths:
-                near = did_you_mean(name, paths) or f" (one of {', '.join(sorted(paths))})"
-                raise ConfigurationError(f"{cls.owner}.{name}", value, f"a known parameter{near}")
+                raise unknown_parameter(cls.owner, name, value, paths)
         return cls.built({paths[name]: value for name, value in values.items()})
 
     @classmethod

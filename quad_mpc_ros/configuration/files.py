@@ -12,7 +12,7 @@ import difflib
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType, NoneType
@@ -22,9 +22,13 @@ import yaml
 
 from quad_mpc_ros.configuration import ros_yaml
 from quad_mpc_ros.configuration.errors import ConfigurationError, UserError, text_of
-from quad_mpc_ros.configuration.extension import ExtensibleConfiguration
-from quad_mpc_ros.configuration.fields import Configuration
-from quad_mpc_ros.configuration.spelling import did_you_mean
+from quad_mpc_ros.configuration.extension import (
+    BRIDGES,
+    ExtensibleConfiguration,
+    registered_names,
+)
+from quad_mpc_ros.configuration.fields import Configuration, unknown_parameter
+from quad_mpc_ros.configuration.spelling import did_you_mean, meant_instead_of
 from quad_mpc_ros.configuration.vehicle import VEHICLE, describes_vehicle
 
 Schema = Mapping[str, type[Configuration]]
@@ -35,8 +39,37 @@ _PARAMETERS = "ros__parameters"
 # Set by ROS or by the launch file, not part of the configuration.
 _OF_ROS = ("use_sim_time", "start_type_description_service")
 _GROUP_OF_ROS = "qos_overrides."
-# Nodes that are valid in a file for all nodes, but not in the schema.
-_OTHER_NODES, _BRIDGE_SUFFIX = ("player", "visualisation"), "_bridge"
+_OWN_NODES = ("mpc", "simulator", "reference", "recorder", "player", "visualisation")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterSection:
+    """Parameters under one key, by dotted names; ``origin`` is the file, or an option like -p."""
+
+    origin: str
+    key: str
+    values: Mapping[str, Any]
+
+    @property
+    def in_file(self) -> bool:
+        """Whether the section is in a file."""
+        return not self.origin.startswith("-")
+
+    @property
+    def node(self) -> str:
+        """The name of a node, without its namespace; ``*`` or ``**`` for any."""
+        return self.key.rsplit("/", 1)[-1]
+
+    @property
+    def of_any_node(self) -> bool:
+        """Whether the key matches nodes of any name, like ``/**``."""
+        return self.node in ("*", "**")
+
+    def is_read_by(self, full_name: str) -> bool:
+        """Whether ROS applies the section to a node with this full name: ``/uav1/mpc``."""
+        words = {"**": r"(/\w+)*", "*": r"/\w+"}
+        parts = (words.get(word, f"/{re.escape(word)}") for word in self.key.split("/") if word)
+        return re.fullmatch("".join(parts), full_name) is not None
 
 
 def load(
@@ -52,14 +85,14 @@ def load(
     presets, ``assignments`` are ``node.parameter=value`` and have precedence. Raises
     :class:`UserError` for an unreadable file and :class:`ConfigurationError` for its content.
     """
-    values, origins = _collected(sources, assignments, schema, base)
+    given = _given(sources, assignments, schema)
     built = {}
-    for node, kind in schema.items():
+    for node, values in _merged(given, schema, base).items():
         try:
-            built[node] = kind.build(values[node])
+            built[node] = schema[node].build(values)
         except ConfigurationError as error:
-            origin = origins[node].get(error.name.partition(".")[2])
-            raise error if origin is None else error.located(origin) from error
+            read = [each for each in given if each.of_any_node or each.node == node]
+            raise located(error, read) from error
     return built
 
 
@@ -74,50 +107,64 @@ def collected(
 
     Each node gets its share of the parameters for every node (``/**``); parameters of a named node
     have precedence, in any order. Raises :class:`UserError` for an unreadable file or an unknown
-    parameter.
+    parameter in a file.
     """
-    return _collected(sources, assignments, schema, base)[0]
+    return _merged(_given(sources, assignments, schema), schema, base)
 
 
-def _collected(
-    sources: Sequence[str],
-    assignments: Sequence[str],
-    schema: Schema,
-    base: Mapping[str, Mapping[str, Any]],
-) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, str]]]:
-    """Return parameters by node, and the file of each parameter, if any."""
-    common: dict[str, Any] = {}
-    values: dict[str, dict[str, Any]] = {node: {} for node in schema}
-    origins: dict[str, dict[str, str]] = {node: {} for node in schema}
+def located(error: ConfigurationError, given: Sequence[ParameterSection]) -> ConfigurationError:
+    """Return an error with the file of its value, unless the value is from an option."""
+    name = error.name.partition(".")[2]
+    last = next((each for each in reversed(given) if name in each.values), None)
+    return error.located(last.origin) if last is not None and last.in_file else error
+
+
+def _given(
+    sources: Sequence[str], assignments: Sequence[str], schema: Schema
+) -> list[ParameterSection]:
+    """Return the sections of files and assignments; reject parameters in files without a node."""
+    given = []
     for source in sources:
-        path = _located(source)
-        found = _read(path, schema)
-        of_all = found.pop(_EVERY_NODE, {})
-        common.update(of_all)
-        for node in schema:
-            stated = (*of_all, *found.get(node, {}))
-            origins[node].update(dict.fromkeys(stated, str(path)))
-        for node, parameters in found.items():
-            if schema[node].pins in parameters:
-                values[node].update(schema[node].share(of_all, parameters))
-            values[node].update(parameters)
-    for assignment in assignments:
-        node, name, value = _parsed(assignment, schema)
-        values[node][name] = value
-        origins[node].pop(name, None)
-    merged = {
-        node: {**base.get(node, {}), **kind.share(common, values[node]), **values[node]}
+        for each in sections("--config", source, others=presets()):
+            _check_names(each, schema)
+            given.append(each)
+    return given + [_assignment(each, schema) for each in assignments]
+
+
+def _merged(
+    given: Sequence[ParameterSection], schema: Schema, base: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    common: dict[str, Any] = {}
+    own: dict[str, dict[str, Any]] = {node: {} for node in schema}
+    for each in given:
+        values = {name: value for name, value in each.values.items() if not is_of_ros(name)}
+        if each.of_any_node:
+            common |= values
+        elif kind := schema.get(each.node):
+            if kind.pins in values:
+                of_all = [i for i in given if i.of_any_node and i.origin == each.origin]
+                shared = {name: value for i in of_all for name, value in i.values.items()}
+                own[each.node] |= kind.share(shared, values)
+            own[each.node] |= values
+    return {
+        node: {**base.get(node, {}), **kind.share(common, own[node]), **own[node]}
         for node, kind in schema.items()
     }
-    for node, kind in schema.items():
-        if not issubclass(kind, ExtensibleConfiguration):  # its choice may follow
-            known = {spec.name for spec in kind.specs()}
-            for name in origins[node].keys() & merged[node].keys() - known:
-                try:
-                    kind.build({name: merged[node][name]})
-                except ConfigurationError as error:
-                    raise error.located(origins[node][name]) from error
-    return merged, origins
+
+
+def _check_names(section: ParameterSection, schema: Schema) -> None:
+    """Reject parameters that the node of a section, or any node for ``/**``, does not have."""
+    if section.of_any_node:
+        known = {spec.name for kind in schema.values() for spec in kind.specs()} | {*VEHICLE}
+    elif (kind := schema.get(section.node)) and not issubclass(kind, ExtensibleConfiguration):
+        known = {spec.name for spec in kind.specs()}
+    else:  # of another program, or a later choice may add parameters
+        return
+    for name, value in section.values.items():
+        of_all = is_of_ros(name) or (section.of_any_node and describes_vehicle(name))
+        if name not in known and not of_all:
+            owner = _EVERY_NODE if section.of_any_node else section.node
+            raise unknown_parameter(owner, name, value, known).located(section.origin)
 
 
 def dump(node: str, values: Mapping[str, Any]) -> str:
@@ -141,31 +188,21 @@ def value_text(value: Any) -> str:
 
 def presets() -> dict[str, Path]:
     """Return the shipped parameter files by name, in subfolders as ``folder/name``."""
-    folder = _config_directory()
-    found = sorted([*folder.glob("*.yaml"), *folder.glob("vehicles/*.yaml")])
-    return {path.relative_to(folder).with_suffix("").as_posix(): path for path in found}
+    return {**shipped(""), **{f"vehicles/{name}": at for name, at in shipped("vehicles").items()}}
 
 
-def shipped_campaigns() -> dict[str, Path]:
-    """Return the shipped files of campaigns and of their tuning by name."""
-    return {path.stem: path for path in sorted(_config_directory().glob("campaigns/*.yaml"))}
+def shipped(folder: str) -> dict[str, Path]:
+    """Return the shipped YAML files in a folder of ``config`` by name.
 
-
-def shipped_gates() -> dict[str, Path]:
-    """Return the shipped courses of gates by name."""
-    return {path.stem: path for path in sorted(_config_directory().glob("gates/*.yaml"))}
-
-
-def _config_directory() -> Path:
-    """Return ``config`` of a source tree, or ``share/quad_mpc_ros/config`` of an installation.
-
-    pip and colcon put ``share`` at different distances above the package, so look upwards.
+    This is ``config`` of a source tree, or ``share/quad_mpc_ros/config`` of an installation. pip
+    and colcon put ``share`` at different distances above the package, so look upwards.
     """
     for parent in Path(__file__).resolve().parents:
-        if (parent / "package.xml").is_file() and (parent / "config").is_dir():
-            return parent / "config"
-        if (parent / "share" / "quad_mpc_ros" / "config").is_dir():
-            return parent / "share" / "quad_mpc_ros" / "config"
+        for place in (parent, parent / "share" / "quad_mpc_ros"):
+            if (place / "package.xml").is_file() and (place / "config").is_dir():
+                return {
+                    file.stem: file for file in sorted((place / "config" / folder).glob("*.yaml"))
+                }
     raise UserError("the presets of quad_mpc_ros are not installed: install the package again")
 
 
@@ -182,19 +219,44 @@ def is_file(path: Path) -> bool:
     return os.path.isfile(path)  # noqa: PTH113
 
 
-def parameter_file(option: str, given: str) -> Path:
-    """Return the path of a parameter file; raise :class:`UserError` unless it exists.
+def sections(
+    option: str,
+    given: str,
+    *,
+    names: Iterable[str] = (),
+    others: Mapping[str, Path] = MappingProxyType({}),
+) -> list[ParameterSection]:
+    """Return the sections of a parameter file given by an option.
 
-    ``option`` is the name of the option. The error suggests the nearest existing name.
+    Namespaces may be nested or joined by ``/``. Content that ROS misreads is rejected.
+
+    Args:
+        option: Name of the option, for errors.
+        given: Path of the file, or a key of ``others``.
+        names: Names of nodes besides those of this package.
+        others: Further files by name, such as presets.
+
+    Raises:
+        UserError: The file is missing or invalid, or the name of a node is misspelt.
     """
-    path = Path(given)
-    if is_file(path):
-        return path
-    reason = "is a folder" if path.is_dir() else "does not exist"
-    raise UserError(
-        f"{option}: given {given!r}, which {reason}, expected the path of a ROS parameter "
-        f"file{_nearest_file(path)}"
-    )
+    path = Path(given) if is_file(Path(given)) else others.get(given)
+    if path is None:
+        what = (
+            f"a ROS parameter file or a preset ({', '.join(others)})"
+            if others
+            else ("the path of a ROS parameter file")
+        )
+        reason = "is a folder" if Path(given).is_dir() else "does not exist"
+        near = _nearest_file(Path(given))
+        raise UserError(f"{option}: given {given!r}, which {reason}, expected {what}{near}")
+    content = ros_yaml.read_file(path)
+    if content is None:
+        return []
+    if not isinstance(content, dict):
+        raise UserError(f"{path}: expected 'node: ros__parameters: …', given {content!r:.60}")
+    found = list(_sections(content, "", path))
+    refuse_misspelt_nodes(str(path), found, names)
+    return found
 
 
 def _nearest_file(path: Path) -> str:
@@ -208,55 +270,21 @@ def _nearest_file(path: Path) -> str:
     return f" (did you mean {there[near[0]]}?)" if near else ""
 
 
-def _located(source: str) -> Path:
-    path = Path(source)
-    if is_file(path):
-        return path
-    shipped = presets()
-    if source in shipped:
-        return shipped[source]
-    raise UserError(
-        f"--config: given {source!r}, expected a parameter file or a preset "
-        f"({', '.join(shipped)}){_nearest_file(path)}"
-    )
+def refuse_misspelt_nodes(
+    origin: str, there: Sequence[ParameterSection], names: Iterable[str]
+) -> None:
+    """Raise :class:`UserError` for a section that is certainly a misspelt node of this package.
 
-
-@dataclass(frozen=True, kw_only=True)
-class ParameterSection:
-    """Parameters under one key, by dotted names; ``origin`` is the file, or the option ``-p``."""
-
-    origin: str
-    key: str
-    values: Mapping[str, Any]
-
-    @property
-    def node(self) -> str:
-        """The name of a node, without its namespace; ``*`` or ``**`` for any."""
-        return self.key.rsplit("/", 1)[-1]
-
-    @property
-    def of_any_node(self) -> bool:
-        """Whether the key matches nodes of any name, like ``/**``."""
-        return self.node in ("*", "**")
-
-    def is_read_by(self, full_name: str) -> bool:
-        """Whether ROS applies the section to a node with this full name: ``/uav1/mpc``."""
-        words = {"**": r"(/\w+)*", "*": r"/\w+"}
-        parts = (words.get(word, f"/{re.escape(word)}") for word in self.key.split("/") if word)
-        return re.fullmatch("".join(parts), full_name) is not None
-
-
-def sections(path: Path) -> list[ParameterSection]:
-    """Return the sections of a parameter file; raise :class:`UserError` for invalid content.
-
-    Namespaces may be nested or joined by ``/``. Content that ROS misreads is rejected.
+    Sections of other nodes are ignored. ``names``: names given to nodes of this process.
     """
-    content = ros_yaml.read_file(path)
-    if content is None:
-        return []
-    if not isinstance(content, dict):
-        raise UserError(f"{path}: expected 'node: ros__parameters: …', given {content!r:.60}")
-    return list(_sections(content, "", path))
+    given = {section.node for section in there}
+    known = {*_OWN_NODES, *registered_names(BRIDGES)}
+    for section in there:
+        other = section.node
+        if other in {*known, *names} or section.of_any_node:
+            continue
+        if meant := meant_instead_of(other, sorted(known - given)):
+            raise UserError(f"{origin}: given node {section.key!r}, did you mean {meant}?")
 
 
 def refuse_what_ros_misreads(where: str, value: Any) -> None:
@@ -301,44 +329,6 @@ def _parameters(content: Mapping[Any, Any], where: str) -> dict[str, Any]:
     return values
 
 
-def _read(path: Path, schema: Schema) -> dict[str, dict[str, Any]]:
-    found: dict[str, dict[str, Any]] = {}
-    for section in sections(path):
-        values = {name: value for name, value in section.values.items() if not is_of_ros(name)}
-        if section.key == _EVERY_NODE:
-            _refuse_unknown(values, schema, path)
-            found.setdefault(_EVERY_NODE, {}).update(values)
-        elif node := _node_meant(section, schema, path):
-            found.setdefault(node, {}).update(values)
-    return found
-
-
-def _refuse_unknown(values: Mapping[str, Any], schema: Schema, path: Path) -> None:
-    """Reject parameters that no node has."""
-    known = {spec.name for kind in schema.values() for spec in kind.specs()}
-    for name, value in values.items():
-        if name in known or describes_vehicle(name):
-            continue
-        raise ConfigurationError(
-            f"{path}: {_EVERY_NODE}: {name}",
-            value,
-            f"a parameter of some node{did_you_mean(name, {*known, *VEHICLE})}",
-        )
-
-
-def _node_meant(section: ParameterSection, schema: Schema, path: Path) -> str:
-    """Return the node of a section; empty for a node outside the schema."""
-    node = section.node
-    if node in schema:
-        return node
-    if node in _OTHER_NODES or node.endswith(_BRIDGE_SUFFIX):
-        return ""
-    raise UserError(
-        f"{path}: given node {section.key!r}, expected one of {', '.join(schema)}"
-        f"{did_you_mean(node, schema)}"
-    )
-
-
 def flattened(parameters: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, Any]]:
     """Return parameters by dotted name, at any depth of nesting."""
     flat: list[tuple[str, Any]] = []
@@ -350,7 +340,8 @@ def flattened(parameters: Mapping[Any, Any], prefix: str = "") -> list[tuple[str
     return flat
 
 
-def _parsed(assignment: str, schema: Schema) -> tuple[str, str, Any]:
+def _assignment(assignment: str, schema: Schema) -> ParameterSection:
+    """Return ``node.parameter=value`` as a section of a file."""
     target, equals, text = assignment.partition("=")
     node, dot, name = target.strip().partition(".")
     if not equals or not dot or not name:
@@ -361,6 +352,7 @@ def _parsed(assignment: str, schema: Schema) -> tuple[str, str, Any]:
             f"{did_you_mean(node, schema)}"
         )
     try:
-        return node, name, ros_yaml.read(text)
+        value = ros_yaml.read(text)
     except yaml.YAMLError as error:
         raise UserError(f"--set: {target}: given {text!r}, expected a YAML value") from error
+    return ParameterSection(origin="--set", key=node, values={name: value})

@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable
 
 _LONG_NAME = 7  # letters; shorter names may differ in one letter: mode, node
+_CERTAIN = 0.85  # similarity: one letter of seven
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
@@ -20,24 +21,14 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 def meant_instead_of(name: str, known: Iterable[str]) -> str | None:
     """Return the known name if a name is certainly its misspelling, else None.
 
-    A misspelling differs by upper case, ``-`` or ``_``, by two exchanged neighbours, by a doubled
-    or missing double letter, or, in a long name, by any one letter. Digits are not misspelt:
-    ``mpc2`` may exist in addition to ``mpc``.
+    A misspelling has the same letters in another order, case or number, or differs little from a
+    long name. Digits are not misspelt: ``mpc2`` may exist in addition to ``mpc``.
     """
-    return next((other for other in known if other != name and _is_slip(name, other)), None)
-
-
-def _is_slip(name: str, meant: str) -> bool:
-    a, b = (text.lower().replace("-", "").replace("_", "") for text in (name, meant))
-    if [c for c in a if c.isdigit()] != [c for c in b if c.isdigit()]:
-        return False
-    if re.sub(r"(.)\1+", r"\1", a) == re.sub(r"(.)\1+", r"\1", b):  # doubled letters
-        return True
-    if any(a[:i] + a[i + 1] + a[i] + a[i + 2 :] == b for i in range(len(a) - 1)):
-        return True
-    return len(meant) >= _LONG_NAME and not _shortened(a).isdisjoint(_shortened(b))
-
-
-def _shortened(text: str) -> set[str]:
-    """Return a text, and all variants with one letter removed."""
-    return {text, *(text[:i] + text[i + 1 :] for i in range(len(text)))}
+    for other in known:
+        a, b = (re.sub(r"[_-]|(.)(?=\1)", "", text.lower()) for text in (name, other))
+        if re.findall(r"\d", a) != re.findall(r"\d", b):
+            continue
+        near = difflib.SequenceMatcher(None, a, b).ratio() > _CERTAIN
+        if sorted(a) == sorted(b) or (near and len(b) >= _LONG_NAME):
+            return other
+    return None

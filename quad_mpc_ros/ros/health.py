@@ -26,7 +26,7 @@ from quad_mpc_ros.messages.diagnostics import PEERS_KEY, WARN
 from quad_mpc_ros.messages.topics import DIAGNOSTICS, Topic
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.messages import message_class, qos_of
-from quad_mpc_ros.ros.parameters import ParameterNode, declare
+from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.spin import until_the_end
 from quad_mpc_ros.ros.vehicle_watch import VEHICLE_KEY, VehicleWatch
 
@@ -228,7 +228,7 @@ class HealthReporter:
                 self._node.get_logger().warning(mismatch)
 
 
-class ReportingNode(ParameterNode, Generic[C]):
+class ReportingNode(Node, Generic[C]):
     """A node without a lifecycle.
 
     A derived node creates its endpoints with ``health`` and overrides :meth:`report`.
@@ -237,7 +237,7 @@ class ReportingNode(ParameterNode, Generic[C]):
 
     def __init__(self, name: str, configuration: type[C]) -> None:
         """Declare the parameters. Raises :class:`ConfigurationError` for invalid values."""
-        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        super().__init__(name)
         self.exit_code = 0
         self.config = declare(self, configuration)
         self.health = HealthReporter(self, self.report)

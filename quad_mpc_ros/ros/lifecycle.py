@@ -19,15 +19,18 @@ from typing import Any, Generic, TypeVar
 import rclpy
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 
 from quad_mpc_ros.configuration import ManagedConfiguration, UserError
+from quad_mpc_ros.configuration.fields import unknown_parameter
 from quad_mpc_ros.messages.diagnostics import WARN
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.clocks import Metronome, create_steady_timer
 from quad_mpc_ros.ros.garbage_collection import freeze_gc
 from quad_mpc_ros.ros.health import Health, HealthReporter
-from quad_mpc_ros.ros.parameters import ManagedParameters, ParameterNode
+from quad_mpc_ros.ros.parameters import ManagedParameters
 from quad_mpc_ros.ros.preflight.own import own_findings
 from quad_mpc_ros.ros.repeated_warnings import RepeatedWarnings
 from quad_mpc_ros.ros.spin import stop, until_the_end
@@ -58,7 +61,7 @@ class _BlockedError(UserError):
     """An activation is blocked."""
 
 
-class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
+class ManagedNode(LifecycleNode, Generic[C]):
     """A node with configure, activate, deactivate and cleanup, automatic or on request.
 
     Publishers are not lifecycle publishers: an inactive node must not even compute a command, or
@@ -71,7 +74,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
     def __init__(self, name: str, configuration: type[C]) -> None:
         """Declare the parameters. Raises :class:`ConfigurationError` for bad values."""
         self._configured = False  # also of an incomplete node, which ROS may destroy
-        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        super().__init__(name)
         self.exit_code = 0
         self.state = "unconfigured"
         """Lifecycle state: unconfigured, inactive, active, finalized, or a transition."""
@@ -295,6 +298,15 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             self.get_logger().error(traceback.format_exc())
         self.state = "unconfigured"
         return TransitionCallbackReturn.SUCCESS
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set parameters like rclpy, with the name of an unknown parameter in the error."""
+        for each in parameter_list:
+            if not self.has_parameter(each.name):
+                known = self.get_parameters_by_prefix("")
+                error = unknown_parameter(self.get_name(), each.name, each.value, known)
+                return SetParametersResult(successful=False, reason=str(error))
+        return super().set_parameters_atomically(parameter_list)
 
     def destroy_node(self) -> None:
         """Release all resources, then destroy the node."""

@@ -9,8 +9,7 @@ validates rclpy's values as a whole before use.
 from __future__ import annotations
 
 import array
-from collections.abc import Callable, Mapping
-from itertools import filterfalse
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import (
@@ -22,112 +21,50 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from quad_mpc_ros.configuration import (
-    Configuration,
-    ConfigurationError,
-    ParameterSpec,
-    UserError,
-    files,
-)
+from quad_mpc_ros.configuration import Configuration, ConfigurationError, ParameterSpec
 from quad_mpc_ros.configuration.errors import text_of
-from quad_mpc_ros.configuration.spelling import did_you_mean, meant_instead_of
-from quad_mpc_ros.configuration.vehicle import describes_vehicle
-from quad_mpc_ros.ros.parameter_files import command_line_parameters
+from quad_mpc_ros.configuration.vehicle import VEHICLE, describes_vehicle
 
 C = TypeVar("C", bound=Configuration)
 
-
-class ParameterNode(Node):
-    """A node created with ``automatically_declare_parameters_from_overrides``.
-
-    The node has every given parameter, until :func:`declare` declares the known ones.
-    """
-
-    def declare_parameters(
-        self, namespace: str, parameters: Any, ignore_override: bool = False
-    ) -> list[Parameter]:
-        """Declare parameters like rclpy.
-
-        rclpy rejects values without type: an empty list in a file of ``ros2 param dump``.
-        """
-        for _name, value, descriptor in parameters:
-            descriptor.dynamic_typing |= value is None
-        declared: list[Parameter] = super().declare_parameters(
-            namespace, parameters, ignore_override
-        )
-        return declared
-
-    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set parameters like rclpy, with the name of an unknown parameter in the error."""
-        for parameter in parameter_list:
-            if not self.has_parameter(parameter.name):
-                return SetParametersResult(successful=False, reason=self._unknown(parameter.name))
-        return super().set_parameters_atomically(parameter_list)
-
-    def _unknown(self, name: str) -> str:
-        """Return the error for an unknown parameter, with a suggestion."""
-        known = self.get_parameters_by_prefix("")
-        return f"{self.get_name()} has no parameter {name!r}{did_you_mean(name, known)}"
+declared: dict[str, set[str]] = {}
+"""The names of parameters that nodes of this process have declared, by full name of the node."""
 
 
-def declare(node: ParameterNode, configuration: type[C], *, managed: bool = False) -> C:
+def declare(node: Node, configuration: type[C], *, managed: bool = False) -> C:
     """Declare all parameters of a configuration on a node and return the configuration.
 
-    rclpy would ignore unknown names, and reject an integer for a double and an empty list, so
-    values are checked here. Parameters that are not live are read-only, unless ``managed``: then
-    :class:`ManagedParameters` decides when they may change. Raises :class:`ConfigurationError`,
-    or :class:`UserError` with the file of a value.
+    rclpy would reject an integer for a double and an empty list, so values are checked here.
+    Parameters that are not live are read-only, unless ``managed``: then :class:`ManagedParameters`
+    decides when they may change. Raises :class:`ConfigurationError`.
     """
-    names = [name for name in node.get_parameters_by_prefix("") if not files.is_of_ros(name)]
-    given = {
-        parameter.name: [] if parameter.value is None else _plain(parameter.value)
-        for parameter in node.get_parameters(names)
-    }
-    for name in names:
-        node.undeclare_parameter(name)
-    config = _configured(configuration, given, node)
+    given = _given(node, {*VEHICLE, *(spec.name for spec in configuration.specs())})
+    specs = configuration.chosen_by(given).specs()  # the choice may add parameters
+    given |= _given(node, {spec.name for spec in specs} - given.keys())
+    declared[node.get_fully_qualified_name()] = {spec.name for spec in specs}
+    common = {name: value for name, value in given.items() if describes_vehicle(name)}
+    own = {name: value for name, value in given.items() if name not in common}
+    config = configuration.build({**configuration.share(common, own), **own})
     values = config.flattened()
-    for spec in config.specs():
+    for spec in specs:
+        value = _plain(values[spec.name])
         node.declare_parameter(
             spec.name,
-            # The type of an empty array is unknown.
-            Parameter(
-                spec.name, _type_of(spec, values[spec.name]), _plain(values[spec.name])
-            ).value,
+            Parameter(spec.name, _type_of(spec, value), value).value,  # [] has no type
             _descriptor(spec, managed=managed),
             ignore_override=True,
         )
     return config
 
 
-def _configured(configuration: type[C], given: Mapping[str, Any], node: Node) -> C:
-    """Return the configuration from rclpy's values and values for every node.
-
-    A vehicle file is for every node, and each node reads its share. The origin is known only for
-    arguments of the process; otherwise all other parameters count as given by name.
-    """
-    arguments = command_line_parameters()
-    by_name = {} if arguments is None else arguments.of(node.get_name(), node.get_namespace())
-    known = {spec.name for spec in configuration.chosen_by(given).specs()}
-    if arguments is not None:
-        for name in filterfalse(describes_vehicle, given.keys() - known - by_name.keys()):
-            # Other names may belong to nodes of other packages and are ignored.
-            if meant := meant_instead_of(name, sorted(known - given.keys())):
-                raise UserError(
-                    f"{arguments.file_of(name) or '-p'}: given {name}, expected a parameter of "
-                    f"{configuration.owner} or of another node (did you mean {meant}?)"
-                )
-    common = {name: value for name, value in given.items() if describes_vehicle(name)}
-    own = {
-        name: value
-        for name, value in given.items()
-        if name in by_name or (name not in common and (arguments is None or name in known))
-    }
-    try:
-        return configuration.build({**configuration.share(common, own), **own})
-    except ConfigurationError as error:
-        file = arguments and arguments.file_of(error.name.partition(".")[2])
-        raise UserError(f"{file}: {error}") if file else error from error
+def _given(node: Node, names: Iterable[str]) -> dict[str, Any]:
+    """Return the values that rclpy has for parameters that are not declared, by name."""
+    found = node.declare_parameters(
+        "", [(name, None, ParameterDescriptor(dynamic_typing=True)) for name in names]
+    )
+    for each in found:
+        node.undeclare_parameter(each.name)
+    return {each.name: _plain(each.value) for each in found if each.value is not None}
 
 
 class ManagedParameters(Generic[C]):
@@ -138,9 +75,7 @@ class ManagedParameters(Generic[C]):
     ``set_parameters_atomically`` are a transaction, rejected or applied as a whole.
     """
 
-    def __init__(
-        self, node: ParameterNode, configuration: type[C], *, apply: Callable[[C], None]
-    ) -> None:
+    def __init__(self, node: Node, configuration: type[C], *, apply: Callable[[C], None]) -> None:
         """Declare the parameters. Raises :class:`ConfigurationError` for invalid values."""
         self._node = node
         self._kind = configuration

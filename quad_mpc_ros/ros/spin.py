@@ -7,7 +7,6 @@ from __future__ import annotations
 import functools
 import gc
 import os
-import re
 import signal
 import sys
 import threading
@@ -25,13 +24,10 @@ from rclpy.signals import (
 )
 from rclpy.task import Future
 
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import ConfigurationError, UserError, files
 from quad_mpc_ros.ros.garbage_collection import free_memory, freeze_gc
-from quad_mpc_ros.ros.parameter_files import (
-    read_arguments,
-    refuse_own_arguments,
-    using_parameters,
-)
+from quad_mpc_ros.ros.parameter_files import check_names, read_arguments
+from quad_mpc_ros.ros.parameters import declared
 
 _P = ParamSpec("_P")
 
@@ -85,23 +81,22 @@ def _run(
     executors: list[Any] = []
     try:
         arguments = sys.argv[1:] if args is None else args
-        if len(creates) == 1:
-            refuse_own_arguments(arguments)
-        given = read_arguments(arguments, several=len(creates) > 1)
-        _init_ros(args)
+        given, own = read_arguments(arguments)
+        if own and len(creates) == 1:
+            raise UserError(f"given {' '.join(own)}, expected arguments for ROS, after --ros-args")
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         # rclpy's signal thread reads the list of executors without a lock: adding or freeing one
         # meanwhile is a segmentation fault. So executors exist before and after that thread.
         # No multi-threaded executor: a single thread owns the controller.
         executors += [fastest_executor(message_info=message_info) for _ in creates]
-        with using_parameters(given):
+        declared.clear()
+        try:
             for create in creates:
                 nodes.append(create())
-        known = {
-            node.get_fully_qualified_name(): node.get_parameters_by_prefix("") for node in nodes
-        }
-        given.reject_unused_overrides(known)
-        for unread in given.unread_files(known):
-            nodes[0].get_logger().warning(unread)
+        except ConfigurationError as error:
+            check_names(given, declared)  # a misspelt name may be the cause
+            raise files.located(error, given) from error
+        check_names(given, declared)
         freeze_gc()
         signals.starting = False
         for node in nodes:
@@ -142,15 +137,6 @@ def _run(
             vars(node).clear()
         rclpy.try_shutdown()
     return max(exit_codes)
-
-
-def _init_ros(args: list[str] | None) -> None:
-    """Initialise ROS. Raises :class:`UserError` for invalid arguments."""
-    try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # rclpy's own error has no public name
-        reason = re.sub(r", at \S+:\d+", "", " ".join(str(error).split()))
-        raise UserError(f"ROS rejects the arguments: {reason}") from error
 
 
 class _Signals:

@@ -24,7 +24,7 @@ from quad_mpc_ros.ros.bridges.node import BridgeNode
 from quad_mpc_ros.ros.bridges.registry import load_bridge
 from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
 from quad_mpc_ros.ros.nodes.reference_node import ReferenceNode
-from quad_mpc_ros.ros.parameter_files import own_arguments
+from quad_mpc_ros.ros.parameter_files import read_arguments
 from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run
 
 _NO_BRIDGE = "none"
@@ -39,9 +39,12 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument(
         "--reference", default="true", choices=["true", "false"], help="also run the reference"
     )
-    options = parser.parse_args(own_arguments(sys.argv if args is None else args)[1:])
-    others: list[Callable[[], Node]] = [ReferenceNode] if options.reference == "true" else []
+    others: list[Callable[[], Node]] = []
     try:
+        _, own = read_arguments(sys.argv if args is None else args)
+        options = parser.parse_args(own[1:])
+        if options.reference == "true":
+            others.append(ReferenceNode)
         if options.bridge != _NO_BRIDGE:
             others.append(functools.partial(BridgeNode, load_bridge(options.bridge)))
     except UserError as error:

@@ -93,9 +93,11 @@ def ros(vehicle_file: Path) -> Iterator[None]:
 
 @pytest.mark.parametrize("name", NODES)
 def test_a_node_with_the_file_has_the_vehicle(name: str, ros: None) -> None:
-    from quad_mpc_ros.ros.parameters import ParameterNode, declare
+    from rclpy.node import Node
 
-    node = ParameterNode(name, automatically_declare_parameters_from_overrides=True)
+    from quad_mpc_ros.ros.parameters import declare
+
+    node = Node(name)
     config = declare(node, NODES[name])
     node.destroy_node()
     assert held(config.flattened(), NODES[name]) == known(NODES[name])

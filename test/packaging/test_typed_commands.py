@@ -19,7 +19,7 @@ from fixtures.setup_py import declared
 
 from quad_mpc_ros.cli import COMMANDS, parser_for
 from quad_mpc_ros.commands.run_configuration import SCHEMA
-from quad_mpc_ros.configuration.files import presets, shipped_campaigns
+from quad_mpc_ros.configuration.files import presets, shipped
 
 pages = script_module("tools/type_pages.py")
 TYPED = [
@@ -93,7 +93,7 @@ def has_its_files(typed: Any) -> None:
         if option == "--out"
     }
     written = {block.file for block in pages.blocks(typed.page) if block.file}
-    known = {*presets(), *shipped_campaigns(), *written, *made, *pages.THE_READERS_OWN}
+    known = {*presets(), *shipped("campaigns"), *written, *made, *pages.THE_READERS_OWN}
     named = [
         word
         for option, word in itertools.pairwise(given)

@@ -72,7 +72,7 @@ def test_scalars_in_files_have_the_types_of_ros(tmp_path: Path) -> None:
     rclpy.init(args=["--ros-args", "--params-file", str(file)])
     try:
         node = Node("mpc", automatically_declare_parameters_from_overrides=True)
-        (section,) = files.sections(file)
+        (section,) = files.sections("", str(file))
         for i, word in enumerate(words):
             value = node.get_parameter(f"word_{i}").value
             listed = hasattr(value, "__len__") and not isinstance(value, str)
@@ -93,7 +93,7 @@ def test_assignments_have_the_types_of_ros_overrides(word: str) -> None:
 def test_names_are_always_text(tmp_path: Path) -> None:
     file = tmp_path / "names.yaml"
     file.write_text("mpc: {ros__parameters: {x: 1, y: 2, on: {1e3: 3}}}\n")
-    (section,) = files.sections(file)
+    (section,) = files.sections("", str(file))
     assert section.values == {"x": 1, "y": 2, "on.1e3": 3}
 
 

@@ -103,7 +103,7 @@ def located_campaign(given: Path) -> Path:
     """Return the file at a path or of a shipped campaign. Raises :class:`UserError`."""
     if files.is_file(given):
         return given
-    shipped = files.shipped_campaigns()
+    shipped = files.shipped("campaigns")
     if str(given) in shipped:
         return shipped[str(given)]
     raise UserError(f"{given}: no such file, and no shipped campaign ({', '.join(shipped)})")

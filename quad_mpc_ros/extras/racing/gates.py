@@ -71,7 +71,7 @@ def _content(given: str) -> tuple[Mapping[Any, Any], str]:
     else:
         source = given
         path = files.expanded(given)
-        shipped = files.shipped_gates()
+        shipped = files.shipped("gates")
         if given in shipped and not files.is_file(path):
             path = shipped[given]
         try:

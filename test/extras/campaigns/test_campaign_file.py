@@ -195,7 +195,7 @@ def test_refuses_a_file_without_keys(text, tmp_path):
 
 
 def test_shipped_campaigns_are_found_by_name_and_installed(tmp_path: Path) -> None:
-    shipped = files.shipped_campaigns()
+    shipped = files.shipped("campaigns")
     campaigns = shipped.keys() - {"tune_vehicles"}
     assert {"hover", "lemniscate", "delay", "quick"} <= campaigns
     for name in campaigns:

@@ -14,7 +14,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.configuration.files import shipped_gates
+from quad_mpc_ros.configuration.files import shipped
 from quad_mpc_ros.extras.racing.gates import course_from, course_text, read_course
 
 COURSE: dict[str, Any] = {
@@ -80,7 +80,7 @@ def test_corners_lie_on_the_edge() -> None:
         assert_allclose(gate.room(offset), 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", sorted(shipped_gates()))
+@pytest.mark.parametrize("name", sorted(shipped("gates")))
 def test_shipped_courses_are_read_by_name_and_from_their_text(name: str) -> None:
     course, again = read_course(name), read_course(course_text(name))
     assert "\n" not in course_text(name)

@@ -6,22 +6,22 @@ from __future__ import annotations
 
 import pytest
 import rclpy
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.ros.parameters import ManagedParameters, ParameterNode
+from quad_mpc_ros.ros.parameters import ManagedParameters
 
 
 @pytest.mark.usefixtures("own_package")
 def test_other_package_trajectory_declares_its_parameters() -> None:
     rclpy.init()
-    node = ParameterNode(
+    node = Node(
         "reference",
         parameter_overrides=[
             Parameter("trajectory", value="swing"),
             Parameter("swing_width", value=2),
         ],
-        automatically_declare_parameters_from_overrides=True,
     )
     try:
         parameters = ManagedParameters(node, ReferenceConfig, apply=lambda _: None)
