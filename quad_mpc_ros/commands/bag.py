@@ -19,8 +19,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "repair",
         help="complete an unfinished recording",
         description="Restore the index and metadata.yaml after the recorder was killed or lost "
-        "power or after files were renamed, and correct log times from an unset clock. Damaged "
-        "files are kept as <name>.broken. An intact bag is not changed.",
+        "power or after files were renamed. Damaged files are kept as <name>.broken. An intact "
+        "bag is not changed.",
     )
     repairing.add_argument("bag", type=Path, metavar="BAG", help=WHICH_BAG)
 

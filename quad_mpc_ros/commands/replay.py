@@ -22,9 +22,8 @@ _OPTION_NAMES = {"bag": "BAG", "clock_rate": "--clock"}
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options, with the defaults of the player node."""
     parser.description = (
-        "Publish the messages of a bag on their topics, at the recorded times. Pause and resume "
-        "with the services /player/pause and /player/resume. player_node has more parameters: "
-        "quad_mpc params player. Exit code 2 for a bag that cannot be played."
+        "Publish the messages of a bag on their topics, at the recorded times. player_node has "
+        "more parameters: quad_mpc params player. Exit code 2 for a bag that cannot be played."
     )
     parser.add_argument("bag", metavar="BAG", help=WHICH_BAG)
     parser.add_argument("--rate", type=float, metavar="X", help="speed (default: 1)")

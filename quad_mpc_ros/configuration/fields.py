@@ -168,12 +168,12 @@ class Configuration:
     """Parameter by which a section also sets the node's share of the vehicle file."""
 
     def __post_init__(self) -> None:
-        for name, spec in _own_specs(type(self)).items():
-            value = spec.validated(getattr(self, name), owner=self.owner)
-            object.__setattr__(self, name, value)
-        for name, group in _groups(type(self)).items():
-            value, expected = getattr(self, name), f"parameters of {group.__name__}"
-            if not isinstance(value, group):
+        for name, field in _fields(type(self)).items():
+            value = getattr(self, name)
+            if isinstance(field, ParameterSpec):
+                object.__setattr__(self, name, field.validated(value, owner=self.owner))
+            elif not isinstance(value, field):
+                expected = f"parameters of {field.__name__}"
                 raise ConfigurationError(f"{self.owner}.{name}", value, expected)
         self.check()
 
@@ -208,12 +208,13 @@ class Configuration:
     def built(cls, values: Mapping[str, object]) -> Self:
         """Return the parameter set with values, keyed by the path of their field."""
         arguments: dict[str, Any] = {}
-        inner: dict[str, dict[str, object]] = {name: {} for name in _groups(cls)}
-        for path, value in values.items():
-            name, _, rest = path.partition(".")
-            (inner[name] if rest else arguments)[rest or name] = value
-        for name, group in _groups(cls).items():
-            arguments[name] = group.built(inner[name])
+        for name, field in _fields(cls).items():
+            if isinstance(field, ParameterSpec):
+                arguments |= {name: values[name]} if name in values else {}
+            else:
+                prefix = f"{name}."
+                inner = {each: value for each, value in values.items() if each.startswith(prefix)}
+                arguments[name] = field.built({k.removeprefix(prefix): inner[k] for k in inner})
         return cls(**arguments)
 
     @classmethod
@@ -272,42 +273,36 @@ def _kind_of(annotation: Any) -> str:
     return _KINDS[annotation]
 
 
+def _find_fields(cls: Any) -> dict[str, ParameterSpec | type[Configuration]]:
+    """Return the specification of each parameter and the type of each group, by field."""
+    hints, found = get_type_hints(cls), dict[str, ParameterSpec | type[Configuration]]()
+    for field in dataclasses.fields(cls):
+        name, hint = field.name, hints[field.name]
+        if (spec := field.metadata.get(_METADATA_KEY)) is not None:
+            found[name] = dataclasses.replace(
+                spec, path=name, kind=_kind_of(hint), per_axis=hint == PerAxis
+            )
+        elif isinstance(hint, type) and issubclass(hint, Configuration):
+            found[name] = hint
+        else:
+            raise TypeError(f"{cls.__name__}.{name} is neither a parameter nor a group")
+    return found
+
+
 def _find_specs(cls: Any) -> tuple[ParameterSpec, ...]:
     found: list[ParameterSpec] = []
-    for field in dataclasses.fields(cls):
-        if (group := _groups(cls).get(field.name)) is None:
-            found.append(_own_specs(cls)[field.name])
-            continue
-        for inner in group.specs():
-            found.append(dataclasses.replace(inner, path=f"{field.name}.{inner.path}"))
+    for name, field in _fields(cls).items():
+        if isinstance(field, ParameterSpec):
+            found.append(field)
+        else:
+            found += [
+                dataclasses.replace(inner, path=f"{name}.{inner.path}") for inner in field.specs()
+            ]
     return tuple(sorted(found, key=lambda spec: spec.advanced))
 
 
-def _find_own_specs(cls: Any) -> dict[str, ParameterSpec]:
-    """Return the specifications of the fields that are parameters and not groups, by name."""
-    hints = _type_hints(cls)
-    declared = {field.name: field.metadata.get(_METADATA_KEY) for field in dataclasses.fields(cls)}
-    return {
-        name: dataclasses.replace(
-            spec, path=name, kind=_kind_of(hints[name]), per_axis=hints[name] == PerAxis
-        )
-        for name, spec in declared.items()
-        if spec is not None
-    }
-
-
-def _find_groups(cls: Any) -> dict[str, type[Configuration]]:
-    """Return the types of the fields that are groups, by name."""
-    names = [field.name for field in dataclasses.fields(cls) if field.name not in _own_specs(cls)]
-    groups = {name: _type_hints(cls)[name] for name in names}
-    for name, group in groups.items():
-        if not (isinstance(group, type) and issubclass(group, Configuration)):
-            raise TypeError(f"{cls.__name__}.{name} is neither a parameter nor a group")
-    return groups
-
-
 # Cached for each class, as the computation takes milliseconds.
-_type_hints: Callable[[Any], dict[str, Any]] = functools.cache(get_type_hints)
+_fields: Callable[[Any], dict[str, ParameterSpec | type[Configuration]]] = functools.cache(
+    _find_fields
+)
 _specs: Callable[[Any], tuple[ParameterSpec, ...]] = functools.cache(_find_specs)
-_own_specs: Callable[[Any], dict[str, ParameterSpec]] = functools.cache(_find_own_specs)
-_groups: Callable[[Any], dict[str, type[Configuration]]] = functools.cache(_find_groups)

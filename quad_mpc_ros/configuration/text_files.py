@@ -31,19 +31,14 @@ def read_csv_table(path: Path) -> list[tuple[int, list[str]]]:
 
     Raises :class:`UserError` for a file that cannot be read and for unclosed quotes.
     """
-    numbered = [
-        (number, line)
-        for number, line in enumerate(file_text(path).splitlines(), start=1)
-        if line.strip()
-    ]
-    lines = [(n, line) for n, line in numbered if not line.lstrip().startswith(_COMMENT)]
-    reader = csv.reader((line for _, line in lines), strict=True, skipinitialspace=True)
-    rows = []
+    lines = file_text(path).splitlines()
+    reader = csv.reader(
+        ("" if line.lstrip().startswith(_COMMENT) else line for line in lines),
+        strict=True,
+        skipinitialspace=True,
+    )
     try:
-        for cells in reader:
-            stripped = [cell.strip() for cell in cells]
-            rows.append((lines[reader.line_num - 1][0], stripped))
+        rows = [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader]
     except csv.Error as error:
-        line = lines[max(reader.line_num, 1) - 1][0]
-        raise UserError(f"{path}: line {line}: {error}") from error
-    return rows
+        raise UserError(f"{path}: line {max(reader.line_num, 1)}: {error}") from error
+    return [(line, cells) for line, cells in rows if cells not in ([], [""])]

@@ -57,7 +57,6 @@ class PlayerConfig(Configuration):
     start: float = parameter(
         0.0, minimum=0.0, unit="s", doc="Time into the bag at which to start."
     )
-    paused: bool = parameter(False, doc="Start paused; the service ~/resume starts playing.")
     delay: float = parameter(
         1.0,
         minimum=0.0,

@@ -24,8 +24,6 @@ from quad_mpc_ros.configuration.errors import BagError, os_reason
 METADATA_FILE = "metadata.yaml"
 LATEST_NS = 2**63 - 1
 """The last time that rosbag2 can store [ns since the epoch]."""
-LONGEST_BAG_NS = 10 * 365 * 86400 * 10**9
-"""Log times of a bag that are farther apart come from a clock that was not set."""
 MAGIC_SIZE = len(MCAP0_MAGIC)
 LIBRARY = f"quad_mpc_ros {__version__}"
 """The library of the writer, in the header of a file."""

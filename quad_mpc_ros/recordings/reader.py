@@ -19,7 +19,6 @@ from quad_mpc_ros.recordings.bag_metadata import METADATA_ROOT, bag_of
 from quad_mpc_ros.recordings.mcap_file import (
     CONVERT,
     LATEST_NS,
-    LONGEST_BAG_NS,
     METADATA_FILE,
     McapFile,
     OtherFormatError,
@@ -96,15 +95,6 @@ class BagReader:
         """Return the log times of the first message and the last; None without messages."""
         return united_span(self._files)
 
-    def check_times(self) -> None:
-        """Raise :class:`BagError` for messages that are logged decades apart."""
-        span = self.span
-        if span is not None and span.duration_ns > LONGEST_BAG_NS:
-            raise BagError(
-                f"{self.path}: log times of some messages are off by decades; correct them: "
-                f"{repair_command(self.path)}"
-            )
-
     @cached_property
     def _decoder(self) -> MessageDecoder:
         from quad_mpc_ros.messages.codec import MessageDecoder  # slow; replaying decodes nothing
@@ -131,16 +121,15 @@ class BagReader:
         """Yield the messages of ``topics`` (all by default) from a log time on, in log-time order.
 
         Messages with equal times are in the recorded order. A topic that is not in the bag has no
-        messages. Raises as :meth:`check_times`.
+        messages. Raises :class:`BagError` for times that rosbag2 cannot store.
         """
-        self.check_times()
         streams = [file.messages(topics, from_ns=from_ns) for file in self._files]
         for schema, channel, message in heapq.merge(*streams, key=lambda item: item[2].log_time):
             if max(message.log_time, message.publish_time) > LATEST_NS:
                 raise BagError(
                     f"{self.path}: a message on {channel.topic} is logged at "
                     f"{message.log_time} ns and published at {message.publish_time} ns, "
-                    f"expected times up to 2262: quad_mpc bag repair {self.path}"
+                    "expected times up to 2262"
                 )
             yield RecordedMessage(
                 topic=channel.topic,

@@ -7,7 +7,6 @@ from __future__ import annotations
 import io
 import os
 import struct
-from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -23,15 +22,12 @@ from mcap.writer import MCAP0_MAGIC, Writer
 from quad_mpc_ros.configuration.errors import BagError, os_reason
 from quad_mpc_ros.recordings.bag_metadata import bag_of, sync_directory, write_metadata
 from quad_mpc_ros.recordings.mcap_file import (
-    LATEST_NS,
     LIBRARY,
-    LONGEST_BAG_NS,
     MAGIC_SIZE,
     METADATA_FILE,
     McapFile,
     OtherFormatError,
     repair_command,
-    united_span,
 )
 from quad_mpc_ros.recordings.reader import BagReader, mcap_files_in
 
@@ -55,13 +51,11 @@ class RepairedFile:
 def repair(path: Path) -> list[RepairedFile] | None:
     """Complete a bag that was left by a killed recorder or a power failure at ``path``.
 
-    Each MCAP file without end, with a wrong checksum, without message index or with wrong log
-    times is rewritten from its complete records; the original is kept as ``<name>.broken``. A log
-    time that is decades off becomes the publish time or, if this is also wrong, the log time of
-    the previous message. ``metadata.yaml`` is written if a file was rewritten, or if it is
-    missing, unusable or does not list the existing files; the old file is kept as
-    ``metadata.yaml.broken``. An interrupted repair keeps the originals and can be repeated. An
-    intact bag is not changed, and the result is None.
+    Each MCAP file without end, with a wrong checksum or without message index is rewritten from
+    its complete records; the original is kept as ``<name>.broken``. ``metadata.yaml`` is written
+    if a file was rewritten, or if it is missing, unusable or does not list the existing files; the
+    old file is kept as ``metadata.yaml.broken``. An interrupted repair keeps the originals and can
+    be repeated. An intact bag is not changed, and the result is None.
 
     Raises :class:`BagError` for anything but a bag, and for disk errors; the recording is never
     overwritten.
@@ -80,15 +74,11 @@ def repair(path: Path) -> list[RepairedFile] | None:
         raise BagError(f"{path}: belongs to a bag; repair the bag: {repair_command(path)}")
     else:
         paths = [path]
-    whole = {each: file for each in paths if (file := _whole_file(each)) is not None}
-    span = united_span(whole.values())
-    has_wrong_times = span is not None and span.duration_ns > LONGEST_BAG_NS
-    damaged = [each for each in paths if has_wrong_times or each not in whole]
+    damaged = [each for each in paths if not _is_whole(each)]
     if not damaged and (directory is None or _is_complete(directory, paths)):
         return None
     try:
-        possible_times = _possible_times(paths) if damaged else range(0)
-        repaired = [_repaired(each, possible_times) for each in damaged]
+        repaired = [_repaired(each) for each in damaged]
         if directory is not None:
             _replace_metadata(directory, paths)
     except OSError as error:
@@ -113,49 +103,17 @@ def _is_complete(directory: Path, paths: Sequence[Path]) -> bool:
         return False
 
 
-def _whole_file(path: Path) -> McapFile | None:
-    """Return a file, None if it is damaged."""
+def _is_whole(path: Path) -> bool:
     try:
-        file = McapFile(path)
-        file.verify()
+        McapFile(path).verify()
     except OtherFormatError:
         raise
     except BagError:
-        return None
-    return file
+        return False
+    return True
 
 
-def _possible_times(paths: Sequence[Path]) -> range:
-    """Return the log times [ns] that are near enough to the median of all messages of files.
-
-    The first record is a message.
-    """
-    times = array("Q")
-    for path in paths:
-        with path.open("rb") as stream:
-            records = WholeRecords(stream)
-            times.extend(each.log_time for each in records if isinstance(each, Message))
-    median = sorted(times)[len(times) // 2] if times else 0
-    earliest, latest = median - LONGEST_BAG_NS, min(median + LONGEST_BAG_NS, LATEST_NS)
-    first = min((each for each in times if earliest <= each <= latest), default=0)
-    return range(first, latest + 1)
-
-
-def _with_possible_times(records: WholeRecords, possible: range) -> Iterator[McapRecord]:
-    """Yield records; impossible log times are replaced by plausible log times."""
-    last = possible.start
-    for record in records:
-        if isinstance(record, Message):
-            times = (record.log_time, record.publish_time)
-            last = next((each for each in times if each in possible), last)
-            is_wrong = last != record.log_time or record.publish_time > LATEST_NS
-            if is_wrong and record.publish_time not in possible:
-                record.publish_time = last
-            record.log_time = last
-        yield record
-
-
-def _repaired(path: Path, possible_times: range) -> RepairedFile:
+def _repaired(path: Path) -> RepairedFile:
     original = _place_for_original(path)
     temporary = path.with_name(f"{path.name}{_TEMPORARY_SUFFIX}")
     try:
@@ -165,7 +123,7 @@ def _repaired(path: Path, possible_times: range) -> RepairedFile:
                 raise BagError(f"{path}: is not an MCAP file")
             records = WholeRecords(damaged)
             writer = Writer(stream, enable_data_crcs=True)
-            message_count = _copy_records(_with_possible_times(records, possible_times), writer)
+            message_count = _copy_records(records, writer)
             stream.flush()
             os.fsync(stream.fileno())
     except BaseException:

@@ -347,12 +347,3 @@ def test_refuses_a_file_that_was_removed(flight_bag: Path) -> None:
     shutil.rmtree(flight_bag)
     with pytest.raises(BagError, match=r"flight_0.mcap: cannot be read"):
         list(reader.messages())
-
-
-def test_names_the_repair_of_messages_logged_decades_apart(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "bag") as writer:
-        writer.add_topic("/clock", CLOCK)
-        for time_ns in (0, 1_700_000_000 * 10**9):
-            writer.write("/clock", bytes(12), log_time_ns=time_ns, publish_time_ns=time_ns)
-    with pytest.raises(BagError, match=r"off by decades; .*quad_mpc bag repair"):
-        list(BagReader(tmp_path / "bag").messages())

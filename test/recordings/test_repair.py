@@ -320,28 +320,6 @@ def has_message_indexes(file: Path) -> bool:
     return all(chunk.message_index_offsets for chunk in summary.chunk_indexes)
 
 
-@pytest.mark.parametrize("wrong", [0, 2**63 + 5, 2**64 - 1])
-def test_corrects_log_times_of_a_clock_that_was_not_set(tmp_path: Path, wrong: int) -> None:
-    """rosbag2#1276 and #2389: 0 before the first ``/clock``, or times that rolled over."""
-    bag = tmp_path / "bag"
-    bag.mkdir()
-    start = 1_700_000_000_000_000_000
-    with (bag / "bag_0.mcap").open("wb") as stream:
-        writer = Writer(stream)
-        writer.start(profile="ros2")
-        channel = writer.register_channel("/clock", "cdr", 0)
-        for number in range(20):
-            time = wrong if number in (0, 1, 9) else start + number
-            writer.add_message(channel, time, clock_data(number), time)
-        writer.finish()
-    repair(bag)
-    messages = list(BagReader(bag).messages())
-    expected = [start + 2, start + 2, *range(start + 2, start + 9), start + 8]
-    assert [each.log_time_ns for each in messages[:10]] == expected
-    assert all(each.log_time_ns == each.publish_time_ns for each in messages)
-    assert repair(bag) is None
-
-
 def test_repairs_a_corrupt_file_among_sound_ones(tmp_path: Path) -> None:
     """rosbag2#2389: one file of a split bag is corrupt in a chunk, and not in metadata.yaml."""
     bag = tmp_path / "split"

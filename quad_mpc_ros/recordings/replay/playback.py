@@ -23,145 +23,89 @@ _S = 1_000_000_000
 _READ_AHEAD_MESSAGES = 1000
 
 
-class PlaybackTimeline:
-    """The recorded time at a steady time.
-
-    The relation is linear from the last start or pause: a late message does not delay later
-    messages.
-    """
-
-    def __init__(self, *, recorded_ns: int, steady_ns: int, rate: float, paused: bool) -> None:
-        self._recorded_ns = recorded_ns
-        self._steady_ns = steady_ns
-        self._rate = rate
-        self.paused = paused
-
-    def recorded_ns(self, steady_ns: int) -> int:
-        """Return the recorded time at a steady time; before the start it is constant."""
-        if self.paused:
-            return self._recorded_ns
-        elapsed = max(0, steady_ns - self._steady_ns)
-        return self._recorded_ns + round(elapsed * self._rate)
-
-    def steady_ns(self, recorded_ns: int) -> int:
-        """Return the steady time at which a recorded time is reached, unless paused."""
-        return self._steady_ns + round((recorded_ns - self._recorded_ns) / self._rate)
-
-    def set_paused(self, paused: bool, steady_ns: int) -> None:
-        """Pause or resume at a steady time."""
-        self._recorded_ns = self.recorded_ns(steady_ns)
-        # A pause before the start does not bring the start forward.
-        self._steady_ns = max(steady_ns, self._steady_ns)
-        self.paused = paused
-
-
 class Playback:
     """Publishes messages when due, and the recorded time at regular intervals.
 
-    Only waits for messages that are still being read; :meth:`close` ends reading.
+    Due times are linear in log times: a late message does not delay later messages.
     """
 
     def __init__(
         self,
         messages: Iterator[RecordedMessage],
         *,
-        timeline: PlaybackTimeline,
+        recorded_ns: int,
+        steady_ns: int,
+        rate: float,
         publish: Callable[[RecordedMessage], None],
         publish_clock: Callable[[int], None],
         clock_rate: float,
     ) -> None:
-        """``publish_clock`` gets the recorded time at ``clock_rate`` [Hz]; 0 disables it."""
+        """Begin at ``steady_ns`` with the recorded time ``recorded_ns``.
+
+        ``publish_clock`` gets the recorded time at ``clock_rate`` [Hz]; 0 disables it.
+        """
         self._messages = read_ahead(messages, depth=_READ_AHEAD_MESSAGES)
-        self.close = self._messages.close
         self._next = next(self._messages, None)
-        self.timeline = timeline
+        self._recorded_ns, self._steady_ns, self._rate = recorded_ns, steady_ns, rate
         self._publish = publish
         self._publish_clock = publish_clock
         self._clock_period_ns = round(_S / clock_rate) if clock_rate else 0
         self._clock_at_ns = 0
         self.count = 0
         """The number of published messages."""
+        self._stopped = threading.Event()
+        self._thread: threading.Thread | None = None
 
     @property
     def finished(self) -> bool:
         """Whether the last message has been published."""
         return self._next is None
 
-    def step(self, steady_ns: int) -> int | None:
-        """Publish messages due at a steady time; return the time of the next action.
+    def recorded_ns(self, steady_ns: int) -> int:
+        """Return the recorded time at a steady time; before the start it is constant."""
+        return self._recorded_ns + round(max(0, steady_ns - self._steady_ns) * self._rate)
 
-        None means no action until the timeline resumes, or the end.
-        """
+    def step(self, steady_ns: int) -> int | None:
+        """Publish messages due at a steady time; return the time of the next, None at the end."""
         if self._clock_period_ns and steady_ns >= self._clock_at_ns:
-            self._publish_clock(self.timeline.recorded_ns(steady_ns))
+            self._publish_clock(self.recorded_ns(steady_ns))
             missed = (steady_ns - self._clock_at_ns) // self._clock_period_ns
             self._clock_at_ns += (1 + missed) * self._clock_period_ns
         while self._next is not None:
-            clock_at_ns = self._clock_at_ns if self._clock_period_ns else None
-            if self.timeline.paused:
-                return clock_at_ns
-            due_ns = self.timeline.steady_ns(self._next.log_time_ns)
+            elapsed_ns = self._next.log_time_ns - self._recorded_ns
+            due_ns = self._steady_ns + round(elapsed_ns / self._rate)
             if due_ns > steady_ns:
-                return due_ns if clock_at_ns is None else min(due_ns, clock_at_ns)
+                return min(due_ns, self._clock_at_ns) if self._clock_period_ns else due_ns
             self._publish(self._next)
             self.count += 1
             self._next = next(self._messages, None)
         return None
 
+    def start(self, *, at_end: Callable[[Exception | None], None]) -> None:
+        """Publish in a thread.
 
-class PlaybackThread:
-    """Steps a playback when it is due; pause, resume and stop come from other threads.
-
-    ``at_end`` is called once from the thread, with None after the last message or with the error;
-    not when the thread is stopped.
-    """
-
-    def __init__(self, playback: Playback, *, at_end: Callable[[Exception | None], None]) -> None:
-        self._playback, self._timeline = playback, playback.timeline
-        self._at_end = at_end
-        self._changed = threading.Condition()
-        self._stopped = False
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self.start = self._thread.start
-
-    def set_paused(self, paused: bool) -> bool:
-        """Pause or resume; return whether the state changed."""
-        with self._changed:
-            if self._timeline.paused == paused:
-                return False
-            self._timeline.set_paused(paused, time.monotonic_ns())
-            self._changed.notify()
-            return True
-
-    def recorded_ns(self) -> int:
-        """Return the recorded time now."""
-        with self._changed:
-            return self._timeline.recorded_ns(time.monotonic_ns())
+        ``at_end`` is called once from the thread, with None after the last message or with the
+        error; not when the thread is stopped.
+        """
+        self._thread = threading.Thread(target=self._run, args=(at_end,), daemon=True)
+        self._thread.start()
 
     def stop(self) -> None:
-        """Stop the thread and wait for its end."""
-        # Before the lock, which a thread that is late rarely releases.
-        self._stopped = True
-        with self._changed:
-            self._changed.notify()
-        if self._thread.is_alive():
+        """Stop publishing and reading, and wait for the end of the threads."""
+        self._stopped.set()
+        if self._thread is not None:
             self._thread.join()
-        self._playback.close()
+        self._messages.close()
 
-    def _run(self) -> None:
+    def _run(self, at_end: Callable[[Exception | None], None]) -> None:
         problem: Exception | None = None
         try:
-            with self._changed:
-                while not self._stopped and not self._playback.finished:
-                    at_ns = self._playback.step(time.monotonic_ns())
-                    if not self._playback.finished:
-                        left_ns = None if at_ns is None else max(0, at_ns - time.monotonic_ns())
-                        self._changed.wait(None if left_ns is None else left_ns / _S)
-                if self._stopped:
+            while (at_ns := self.step(time.monotonic_ns())) is not None:
+                if self._stopped.wait(max(0, at_ns - time.monotonic_ns()) / _S):
                     return
         except Exception as error:  # reported by the owner of the thread
             problem = error
-        self._at_end(problem)
+        at_end(problem)
 
 
 def read_ahead(items: Iterator[T], *, depth: int) -> Generator[T, None, None]:

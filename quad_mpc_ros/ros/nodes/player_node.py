@@ -14,7 +14,6 @@ from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
-from std_srvs.srv import Trigger
 
 from quad_mpc_ros.configuration import BagError, ConfigurationError
 from quad_mpc_ros.messages.conversions import fill_time
@@ -25,7 +24,7 @@ from quad_mpc_ros.recordings.config import PlayerConfig
 from quad_mpc_ros.recordings.mcap_file import TopicInfo
 from quad_mpc_ros.recordings.qos import parse_qos_text
 from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
-from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackThread, PlaybackTimeline
+from quad_mpc_ros.recordings.replay.playback import Playback
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
 from quad_mpc_ros.ros.nodes.bag_qos import playback_profile
@@ -74,26 +73,18 @@ class PlayerNode(ReportingNode[PlayerConfig]):
             clock = message_class(CLOCK.type_name)
             self._clock_output = self.create_publisher(clock, CLOCK.name, qos_of(CLOCK))
         self._clock_message = new_message(CLOCK.type_name)
-        timeline = PlaybackTimeline(
+        self._playback = Playback(
+            reader.messages(topics, from_ns=self._start_ns),
             recorded_ns=self._start_ns,
             steady_ns=time.monotonic_ns() + round(config.delay * _NS_PER_S),
             rate=config.rate,
-            paused=config.paused,
-        )
-        self._playback = Playback(
-            reader.messages(topics, from_ns=self._start_ns),
-            timeline=timeline,
             publish=self._publish,
             publish_clock=self._publish_clock,
             clock_rate=config.clock_rate,
         )
-        self._thread = PlaybackThread(self._playback, at_end=self._at_end)
-        self._threads.callback(self._thread.stop)
+        self._threads.callback(self._playback.stop)
         if self._playback.finished:
             raise BagError(f"{config.bag}: no message after {config.start:g} s on these topics")
-        for name, paused in (("pause", True), ("resume", False)):
-            serve = functools.partial(self._set_paused, paused)
-            self.create_service(Trigger, f"~/{name}", serve)
         if config.progress:
             self.create_timer(_PROGRESS_PERIOD, self._show_progress)
         sys.setswitchinterval(_SWITCH_INTERVAL_S)
@@ -101,7 +92,7 @@ class PlayerNode(ReportingNode[PlayerConfig]):
     def begin(self) -> None:
         """Start to play."""
         self.get_logger().info(f"playing {self.config.bag}: {len(self._outputs)} topics")
-        self._thread.start()
+        self._playback.start(at_end=self._at_end)
 
     def destroy_node(self) -> None:
         """Stop playing, then destroy the node."""
@@ -143,13 +134,8 @@ class PlayerNode(ReportingNode[PlayerConfig]):
             self.get_logger().info(f"played {self._playback.count} messages")
         stop()
 
-    def _set_paused(self, paused: bool, _: Any, response: Any) -> Any:
-        response.success = self._thread.set_paused(paused)
-        response.message = "" if response.success else "already paused" if paused else "playing"
-        return response
-
     def _position(self) -> float:
-        recorded_ns = min(self._thread.recorded_ns(), self._end_ns)
+        recorded_ns = min(self._playback.recorded_ns(time.monotonic_ns()), self._end_ns)
         return self.config.start + (recorded_ns - self._start_ns) / _NS_PER_S
 
     def _show_progress(self) -> None:
@@ -221,7 +207,6 @@ def _listed(topics: Collection[str]) -> str:
 
 def _played_span(reader: BagReader, config: PlayerConfig) -> tuple[int, int]:
     """Return the first and last log time to play, both included."""
-    reader.check_times()
     span = reader.span
     assert span is not None  # there is a message to play
     start_ns = span.start_ns + round(config.start * _NS_PER_S)

@@ -9,11 +9,9 @@ import threading
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
-from quad_mpc_ros.recordings.replay.playback import Playback, PlaybackTimeline, read_ahead
+from quad_mpc_ros.recordings.replay.playback import Playback, read_ahead
 from quad_mpc_ros.recordings.writer import BagWriter
 
 CLOCK = "rosgraph_msgs/msg/Clock"
@@ -41,19 +39,17 @@ class Player:
         reader: BagReader,
         *,
         rate: float = 1.0,
-        paused: bool = False,
         start_ns: int = RECORDED[0],
         clock_rate: float = 0.0,
     ) -> None:
         self.now_ns = STEADY_START
         self.published: list[tuple[int, int]] = []
         self.clock: list[tuple[int, int]] = []
-        self.timeline = PlaybackTimeline(
-            recorded_ns=start_ns, steady_ns=STEADY_START + 500 * MS, rate=rate, paused=paused
-        )
         self.playback = Playback(
             reader.messages(from_ns=start_ns),
-            timeline=self.timeline,
+            recorded_ns=start_ns,
+            steady_ns=STEADY_START + 500 * MS,
+            rate=rate,
             publish=self._on_message,
             publish_clock=lambda time_ns: self.clock.append((self.now_ns, time_ns)),
             clock_rate=clock_rate,
@@ -93,69 +89,19 @@ def test_late_message_delays_no_other(reader: BagReader) -> None:
     assert times(player) == [504.0, 524.0, 524.0, 554.0, 804.0]
 
 
-def test_pause_shifts_later_messages(reader: BagReader) -> None:
-    player = Player(reader)
-    player.run(530 * MS)
-    player.timeline.set_paused(True, player.now_ns)
-    player.run(2530 * MS)
-    assert len(player.published) == 3
-    player.timeline.set_paused(False, player.now_ns)
-    player.run(10_000 * MS)
-    assert times(player) == [500.0, 520.0, 520.0, 2550.0, 2800.0]
-
-
-def test_starts_paused(reader: BagReader) -> None:
-    player = Player(reader, paused=True)
-    player.run(3000 * MS)
-    assert player.published == []
-    player.timeline.set_paused(False, player.now_ns)
-    player.run(10_000 * MS)
-    assert times(player)[0] == 3000.0
-
-
-def test_pause_before_the_start_keeps_the_start(reader: BagReader) -> None:
-    player = Player(reader)
-    player.run(100 * MS)
-    player.timeline.set_paused(True, player.now_ns)
-    player.run(200 * MS)
-    player.timeline.set_paused(False, player.now_ns)
-    player.run(10_000 * MS)
-    assert times(player)[0] == 500.0
-
-
 def test_starts_in_the_middle(reader: BagReader) -> None:
     player = Player(reader, start_ns=1040 * MS)
     player.run(10_000 * MS)
     assert player.published == [(510 * MS, 3), (760 * MS, 4)]
 
 
-def test_clock_is_even_and_stops_in_a_pause(reader: BagReader) -> None:
+def test_clock_is_even(reader: BagReader) -> None:
     player = Player(reader, rate=2.0, clock_rate=100.0)
-    player.run(550 * MS)
-    player.timeline.set_paused(True, player.now_ns)
     player.run(600 * MS)
     steady = [now_ns for now_ns, _ in player.clock]
     assert {after - before for before, after in itertools.pairwise(steady)} == {10 * MS}
     for now_ns, time_ns in player.clock:
-        elapsed = min(max(0, now_ns - STEADY_START - 500 * MS), 50 * MS)
-        assert time_ns == RECORDED[0] + 2 * elapsed
-
-
-@given(
-    rate=st.floats(1e-3, 1e3),
-    pauses=st.lists(st.tuples(st.integers(0, 10**9), st.integers(0, 10**9)), max_size=20),
-)
-def test_played_time_is_steady_time_without_pauses(
-    rate: float, pauses: list[tuple[int, int]]
-) -> None:
-    timeline = PlaybackTimeline(recorded_ns=0, steady_ns=0, rate=rate, paused=False)
-    now_ns = running_ns = 0
-    for run_ns, pause_ns in pauses:
-        running_ns += run_ns
-        timeline.set_paused(True, now_ns + run_ns)
-        now_ns += run_ns + pause_ns
-        timeline.set_paused(False, now_ns)
-    assert timeline.recorded_ns(now_ns) == pytest.approx(running_ns * rate, abs=len(pauses) + 1)
+        assert time_ns == RECORDED[0] + 2 * max(0, now_ns - STEADY_START - 500 * MS)
 
 
 def test_read_ahead_keeps_order_and_depth() -> None:

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import shutil
 import signal
 import subprocess
 from collections.abc import Callable
@@ -19,7 +18,6 @@ from mcap.writer import Writer
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Int32
-from std_srvs.srv import Trigger
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.configuration import BagError
@@ -57,7 +55,7 @@ def write_numbers(bag: Path, count: int = 50) -> Path:
 
 
 class Listener:
-    """Subscribes to topics, and resumes a paused player after discovery."""
+    """Subscribes to topics."""
 
     def __init__(self, peer: Any, *topics: str) -> None:
         self._peer = peer
@@ -66,19 +64,6 @@ class Listener:
             topic: peer.node.create_subscription(Int32, topic, self._callback(topic), BEST_EFFORT)
             for topic in topics
         }
-        self._resume = peer.node.create_client(Trigger, "player/resume")
-
-    def publishers(self, topic: str) -> int:
-        """Return the number of publishers on a topic."""
-        return int(self._subscriptions[topic].get_publisher_count())
-
-    def play_all(self, player: subprocess.Popen[bytes], *topics: str) -> int:
-        """Resume the player once topics have a publisher; return its exit code."""
-        assert self._peer.wait(lambda: all(self.publishers(topic) for topic in topics))
-        self._peer.spin(0.5)  # until the player knows too
-        assert self._peer.call(self._resume, Trigger.Request()).success
-        assert self._peer.wait(lambda: player.poll() is not None)
-        return int(player.returncode)
 
     def _callback(self, topic: str) -> Callable[[Int32], None]:
         return lambda message: self.received[topic].append(message.data)
@@ -96,30 +81,6 @@ def test_replayed_bag_records_the_same_messages(tmp_path: Path) -> None:
             assert (word in after[topic].qos_profiles) == (word in before[topic].qos_profiles)
 
 
-def test_pause_and_resume(start: Start, peer: Any, tmp_path: Path) -> None:
-    bag = write_numbers(tmp_path / "bag", 100)
-    listener = Listener(peer, "/fast")
-    player = start("player", "-p", f"bag:={bag}", "-p", "paused:=true")
-    pause = peer.node.create_client(Trigger, "player/pause")
-    resume = peer.node.create_client(Trigger, "player/resume")
-    assert peer.wait(lambda: peer.node.count_publishers("/fast"))
-    assert peer.wait(lambda: listener.publishers("/fast"))
-    peer.spin(1.5)
-    assert listener.received["/fast"] == []
-    assert peer.call(resume, Trigger.Request()).success
-    assert not peer.call(resume, Trigger.Request()).success
-    assert peer.wait(lambda: len(listener.received["/fast"]) > 20)
-    assert peer.call(pause, Trigger.Request()).success
-    peer.spin(0.1)
-    count = len(listener.received["/fast"])
-    peer.spin(0.5)
-    assert len(listener.received["/fast"]) == count < 100
-    assert peer.call(resume, Trigger.Request()).success
-    assert peer.wait(lambda: player.poll() is not None)
-    assert player.returncode == 0
-    assert listener.received["/fast"] == list(range(100))
-
-
 def test_clock_start_rate_topics_and_remap(start: Start, peer: Any, tmp_path: Path) -> None:
     bag = write_numbers(tmp_path / "bag", 100)
     listener = Listener(peer, "/fast", "/renamed", "/slow")
@@ -130,9 +91,10 @@ def test_clock_start_rate_topics_and_remap(start: Start, peer: Any, tmp_path: Pa
     player = start(
         "player",
         *("-p", f"bag:={bag}", "-p", "start:=1.0", "-p", "rate:=0.5", "-p", "clock_rate:=100"),
-        *("-p", "topics:=[/fast]", "-r", "/fast:=/renamed", "-p", "paused:=true"),
+        *("-p", "topics:=[/fast]", "-r", "/fast:=/renamed", "-p", "delay:=5.0"),
     )
-    assert listener.play_all(player, "/renamed") == 0
+    assert peer.wait(lambda: player.poll() is not None)
+    assert player.returncode == 0
     assert listener.received == {"/fast": [], "/renamed": list(range(50, 100)), "/slow": []}
     assert clock[0] == START_NS + 10**9
     steps = np.diff([time_ns for time_ns in clock if time_ns > clock[0]])
@@ -162,14 +124,6 @@ def foreign(
         writer.finish()
 
 
-def logged_at_zero(bag: Path) -> None:
-    shutil.rmtree(bag)
-    with BagWriter(bag) as writer:
-        writer.add_topic("/fast", INT)
-        for time_ns in (0, START_NS):
-            writer.write("/fast", int_data(1), log_time_ns=time_ns, publish_time_ns=time_ns)
-
-
 @pytest.mark.parametrize(
     ("channel", "reason"),
     [
@@ -192,7 +146,6 @@ def test_rejects_messages_of_other_types(
 
 BAD_BAGS: dict[str, tuple[Callable[[Path], None], str]] = {
     "corrupt": (damaged, "is corrupt"),
-    "logged at zero": (logged_at_zero, "some messages are off by decades; correct"),
 }
 
 
