@@ -7,13 +7,9 @@ refuses activation while another MPC is active on that topic or another node pub
 Nodes discover each other one by one, so an MPC waits for one second after the first message of
 another node, and at most three seconds.
 
-Before an automatic start an MPC publishes a claim and waits until every known MPC has granted the
-claim. An MPC grants a claim unless it is active, or has a claim itself and its identity sorts
-first. An MPC does not start while it grants a claim. So at most one of the MPCs that have
-discovered each other starts, regardless of the order of their messages. Two MPCs that discover
-each other after more than three seconds, or that are activated at the same moment, both command
-until the next report. Then the MPC that started later stops. An MPC that has been in command for
-ten seconds never yields.
+Two MPCs that start at the same moment, or that discover each other after more than three seconds,
+both command until they have received each other's report. Then the MPC that started later stops.
+An MPC that has been in command for ten seconds never yields.
 """
 
 from __future__ import annotations
@@ -32,7 +28,6 @@ from quad_mpc_ros.messages.topics import DIAGNOSTICS
 from quad_mpc_ros.ros.messages import message_in
 
 _TOPIC, _INSTANCE, _SINCE = "commands.topic", "commands.instance", "commands.since_ns"
-_CLAIM, _GRANTED = "commands.claim", "commands.granted"
 DISCOVERING = "commands.discovering"
 """Key on ``/diagnostics``: whether the node still waits for the discovery of other nodes."""
 _TOPIC_MARK = _TOPIC.encode() + b"\0"
@@ -48,8 +43,6 @@ class _OtherMpc(NamedTuple):
 
     node: str
     since_ns: int | None
-    claim: str
-    granted: list[str]
     received_s: float
 
 
@@ -66,8 +59,6 @@ class CommandOwnership:
         self._waits = True
         self._discovery_ends = math.inf  # until it subscribes
         self._received_any = False
-        self._claim = ""
-        self._granted: dict[str, str] = {}  # claims of others, by instance
 
     def note_message(self) -> None:
         """Record that a message of another node was received: discovery works."""
@@ -86,31 +77,13 @@ class CommandOwnership:
         if command is not None and math.isinf(self._discovery_ends):
             self._discovery_ends = time.monotonic() + _DISCOVERY_TIME
 
-    def claim(self, wanted: bool) -> bool:
-        """Make or withdraw the claim; return whether it changed and must be published."""
-        if wanted == bool(self._claim):
-            return False
-        self._claim = secrets.token_hex(4) if wanted else ""
-        return True
-
-    @property
-    def is_claiming(self) -> bool:
-        """Whether the node has a claim."""
-        return bool(self._claim)
-
-    def claim_is_granted(self) -> bool:
-        """Whether all other MPCs have granted the claim."""
-        return all(self._claim in other.granted for other in self._recent_mpcs())
-
     def begin(self) -> None:
         """Record that the node becomes active."""
         self._since_ns, self._began_s = time.time_ns(), time.monotonic()
-        self._claim = ""
-        self._granted.clear()
 
     def end(self) -> None:
         """Record that the node becomes inactive."""
-        self._since_ns, self._claim = None, ""
+        self._since_ns = None
 
     def values(self) -> list[tuple[str, str]]:
         """Return the values to publish on ``/diagnostics``."""
@@ -121,8 +94,6 @@ class CommandOwnership:
             (_TOPIC, self._publisher.topic_name),
             (_INSTANCE, self._instance),
             (_SINCE, since),
-            (_CLAIM, self._claim),
-            (_GRANTED, " ".join(self._granted.values())),
             (DISCOVERING, str(self._waits and self.is_discovering).lower()),
         ]
 
@@ -144,24 +115,11 @@ class CommandOwnership:
             self._others[instance] = other = _OtherMpc(
                 node=f"{status.name} ({instance})",
                 since_ns=int(since) if since.isdecimal() else None,
-                claim=values.get(_CLAIM, ""),
-                granted=values.get(_GRANTED, "").split(),
                 received_s=time.monotonic(),
             )
-            self._answer(instance, other.claim)
-            if other.since_ns is not None:
-                self._claim = ""
-                if self._is_later_than(other.since_ns, instance):
-                    return f"{other.node} has been in command for longer: this node stops"
+            if other.since_ns is not None and self._is_later_than(other.since_ns, instance):
+                return f"{other.node} has been in command for longer: this node stops"
         return ""
-
-    def _answer(self, instance: str, claim: str) -> None:
-        """Grant the claim of another MPC, or withdraw the grant."""
-        first = not self._claim or instance < self._instance
-        if claim and self._since_ns is None and first:
-            self._granted[instance] = claim
-        else:
-            self._granted.pop(instance, None)
 
     def _is_later_than(self, since_ns: int, instance: str) -> bool:
         """Return whether this node must yield: recently activated, and after the other node."""
@@ -175,8 +133,6 @@ class CommandOwnership:
             return f"{active} is already publishing commands: stop or deactivate it first"
         if self._waits and self.is_discovering:
             return "other nodes are still being discovered"
-        if (claimant := self._claimant()) is not None:
-            return f"{claimant} is about to publish commands"
         publishers = self._publishers()
         if len(publishers) > len(self._recent_mpcs()):
             return (
@@ -212,12 +168,6 @@ class CommandOwnership:
     def _active(self) -> str | None:
         mpcs = self._recent_mpcs()
         return next((other.node for other in mpcs if other.since_ns is not None), None)
-
-    def _claimant(self) -> str | None:
-        """Return another MPC whose claim this node has granted."""
-        known = self._recent_mpcs()
-        granted = (self._others[instance] for instance in self._granted)
-        return next((other.node for other in granted if other in known), None)
 
     def _publishers(self) -> list[str]:
         """Return the nodes with other publishers on the command topic."""

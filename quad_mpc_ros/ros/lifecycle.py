@@ -103,13 +103,6 @@ class ManagedNode(LifecycleNode, Generic[C]):
         """Return the reason why the node cannot be activated now, or None."""
         return None
 
-    def prepare(self, blocker: str | None) -> bool:
-        """Return whether a node with autostart is to be activated now.
-
-        ``blocker`` is the reason that blocks the activation, if any.
-        """
-        return blocker is None
-
     def activate(self) -> None:
         """Start or continue."""
 
@@ -175,7 +168,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         """
         if not self._autostarting:
             return False
-        if not self.prepare(self.activation_blocker()):
+        if self.activation_blocker() is not None:
             self._remind()
             return False
         self.trigger_activate()

@@ -146,12 +146,6 @@ class MpcNode(ManagedNode[MpcConfig]):
         topic = topics.ODOMETRY if missing == "odometry" else topics.REFERENCE
         return f"{blocker}: {self.health.publishers_of(topic)}"
 
-    def prepare(self, blocker: str | None) -> bool:
-        """Return whether to activate now: not blocked, and all other MPCs grant the claim."""
-        if self._ownership.claim(blocker is None):
-            self.health.report()
-        return blocker is None and self._ownership.claim_is_granted()
-
     def activate(self) -> None:
         """Start the controller with the newest odometry."""
         self._ownership.begin()
@@ -232,17 +226,12 @@ class MpcNode(ManagedNode[MpcConfig]):
         """Compare vehicles, and yield to an MPC that is already active."""
         if self.health.watch is not None:
             self.health.watch.receive(data)
-        before = self._ownership.values()
         reason = self._ownership.receive(data)
-        if self._ownership.values() != before:
-            self.health.report()
         if reason and self.active:
             self.stay_inactive(reason)
         elif not self.active and self._autostarting and self._ownership.is_taken():
             blocker = self._ownership.activation_blocker()
             self.stay_inactive(f"inactive: {blocker}, then activate this node")
-        elif not self.active and self._ownership.is_claiming:
-            self.activate_when_ready()
 
     def _on_odometry_reset(self, reset: EstimateReset) -> None:
         self._standby.reset_estimate(reset)
@@ -263,8 +252,6 @@ class MpcNode(ManagedNode[MpcConfig]):
         now_ns = self._time.now_ns()
         if self.active:
             self._finish(self._controller.watch(now_ns=now_ns))
-        elif self._ownership.is_claiming:  # withdraws the claim if inputs are too old
-            self.activate_when_ready()
         period = 1.0 / self._controller.config.control_rate
         if self._time.is_simulated:  # simulated time may run faster than the timer
             return period

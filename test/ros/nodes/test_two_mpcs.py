@@ -4,19 +4,16 @@
 
 from __future__ import annotations
 
-import itertools
 import signal
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from fixtures.processes import PATIENCE
 from geometry_msgs.msg import TwistStamped
-from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.qos import qos_profile_sensor_data
 
 from quad_mpc_ros.messages import cdr
@@ -161,70 +158,3 @@ def test_exactly_one_of_two_active_mpcs_stops(peer: Any, monkeypatch: pytest.Mon
         stops = bool(answers[0]), bool(answers[1])
         assert sorted(stops) == [False, True]
         assert moments == (1, 1) or stops == (moments[0] > moments[1], moments[1] > moments[0])
-
-
-class Claimants:
-    """Two MPCs that start by themselves, and what is on its way from each to the other."""
-
-    def __init__(self, node: Node, publishers: Sequence[Publisher]) -> None:
-        self.both = CommandOwnership(node), CommandOwnership(node)
-        self.active = [False, False]
-        self._sent: tuple[list[bytes], list[bytes]] = [], []
-        for each, publisher in enumerate(publishers):
-            self.both[each].watch(publisher, waits=False)
-        for each in (0, 1):
-            self._report(each)
-            self.deliver(each)
-
-    def claim(self, each: int) -> None:
-        if self.both[each].activation_blocker() is None and self.both[each].claim(True):
-            self._report(each)
-
-    def deliver(self, sender: int) -> bool:
-        """Let the oldest message of one come to the other; return whether there was one."""
-        if not self._sent[sender]:
-            return False
-        receiver = self.both[1 - sender]
-        before = receiver.values()
-        receiver.receive(self._sent[sender].pop(0))
-        if receiver.values() != before:
-            self._report(1 - sender)
-        free = receiver.activation_blocker() is None
-        if receiver.is_claiming and free and receiver.claim_is_granted():
-            receiver.begin()
-            self.active[1 - sender] = True
-            self._report(1 - sender)
-        return True
-
-    def _report(self, each: int) -> None:
-        self._sent[each].append(health_of(f"/mpc{each}", self.both[each].values()))
-
-
-def test_one_of_two_autostarting_mpcs_begins_in_every_order_of_messages(peer: Any) -> None:
-    publishers = [
-        peer.node.create_publisher(TwistStamped, "command", qos_profile_sensor_data)
-        for _ in range(2)
-    ]
-    assert peer.wait(lambda: peer.node.count_publishers("command") == 2)
-    for first, between, *senders in itertools.product((0, 1), range(6), *[(0, 1)] * 5):
-        two = Claimants(peer.node, publishers)
-        two.claim(first)
-        for sender in senders[:between]:
-            two.deliver(sender)
-        two.claim(1 - first)
-        for sender in senders[between:]:
-            two.deliver(sender)
-        while two.deliver(0) or two.deliver(1):
-            pass
-        assert sum(two.active) == 1, (first, between, senders)
-
-
-def test_an_mpc_in_command_for_ten_seconds_never_yields(
-    peer: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    ours, theirs = discovered(peer, "command"), discovered(peer, "command")
-    theirs.begin()
-    ours.begin()
-    later = time.monotonic() + 11.0
-    monkeypatch.setattr(time, "monotonic", lambda: later)
-    assert ours.receive(health_of("/other", theirs.values())) == ""
