@@ -54,7 +54,6 @@ def main() -> int:
     """Fly and print."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     add_run_options(parser)
-    parser.add_argument("--together", action="store_true", help="mpc and reference in one process")
     parser.add_argument("--rate", type=float, default=50.0, help="of odometry and control [Hz]")
     parser.set_defaults(duration=60.0)
     options = parser.parse_args()
@@ -69,21 +68,21 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         options.out = options.out or Path(folder, "run")
         config = run_configuration(options, lockstep=False)
-        loads, started = fly(config, together=options.together)
+        loads, started = fly(config)
         print(latencies(config.out / "bag", period_ms=1e3 / rate))
         print(footprints(loads, started, config.simulator.duration))
     return 0
 
 
-def fly(config: RunConfig, *, together: bool) -> tuple[dict[str, Load], dict[str, float]]:
+def fly(config: RunConfig) -> tuple[dict[str, Load], dict[str, float]]:
     """Fly; return what each process took of the flight, and how long its start took [s]."""
     begun = time.time()
     relaying = subprocess.Popen([sys.executable, "-P", _RELAY, _RELAYED])
     processes: dict[str, NodeProcess] = {}
     try:
-        processes = start_all(config, lockstep=False, together=together)
+        processes = start_all(config, lockstep=False)
         pids = {name: process.pid for name, process in processes.items()} | {"relay": relaying.pid}
-        with FlightMonitor(lockstep=False, together=together) as monitor:
+        with FlightMonitor(lockstep=False) as monitor:
             await_readiness(monitor)
             monitor.start_simulator()
             before = after = loads_of(pids, {})

@@ -153,7 +153,7 @@ is an rclpy node without computation.
 - **Processor:** MPC 10 %, relay 4 % of a core at 50 Hz. The MPC is configured after 1.1 s.
 - **Memory:** MPC 240, simulator 203, reference 80, recorder 78 MiB. The MPC's memory grows by
   0.4 MB in 30 minutes (`make soak`, 2026-11-22).
-- **Vehicles** on two cores (`quad_mpc fly --vehicles 5 --duration 60`, 2026-11-23): with five,
+- **Vehicles** on two cores (60 s of a square with every node as a process, 2026-11-23): with five,
   99.95 % of the commands come within a period, with eight 97.5 %.
 
 ## Simulation speed

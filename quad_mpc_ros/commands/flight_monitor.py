@@ -4,12 +4,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-import itertools
 import sys
 import time
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any, Self
 
 from std_srvs.srv import Trigger
@@ -40,51 +38,31 @@ _FLOW: dict[Topic, tuple[str, tuple[str, ...]]] = {
 _CLOCK_PEERS = 4
 
 
-def _required_peers(
-    prefix: str, recorded: Collection[str] | None, *, together: bool
-) -> Counter[tuple[str, str]]:
-    """Return the peers that each endpoint of a vehicle needs, by node and topic.
+def _required_peers(*, lockstep: bool) -> Counter[tuple[str, str]]:
+    """Return the peers that each endpoint needs, by node and topic.
 
     Publishers count subscribers. Subscribers count publishers, of which there must be one.
     """
     required: Counter[tuple[str, str]] = Counter()
     for topic, (publisher, subscribers) in _FLOW.items():
-        for subscriber in () if together and topic is topics.REFERENCE else subscribers:
-            required[prefix + publisher, topic.name] += 1
-            required[prefix + subscriber, topic.name] = 1
-        if recorded is None or topic.name in recorded:
-            required[prefix + publisher, topic.name] += 1
-            # The recorder reports topics with their full names.
-            required[f"{prefix}recorder", f"/{prefix}{topic.name}"] = 1
+        for subscriber in subscribers:
+            required[subscriber, topic.name] = 1
+        required[publisher, topic.name] = len(subscribers) + 1  # and the recorder
+        # The recorder reports topics with their full names.
+        required["recorder", f"/{topic.name}"] = 1
+    required["simulator", topics.ODOMETRY.name] += 1  # the monitor
+    if lockstep:
+        required["simulator", topics.CLOCK.name] = _CLOCK_PEERS
+        required["recorder", topics.CLOCK.name] = 1
     return required
 
 
 class FlightMonitor(Observer):
-    """A node that is spun from the main thread of ``quad_mpc fly``.
+    """A node that is spun from the main thread of ``quad_mpc fly``."""
 
-    The node waits for the vehicles in ``namespaces`` and observes the flight of the first vehicle.
-    ``recorded`` are the recorded topics, None for all. With ``together`` MPC and reference are in
-    one process and exchange references without DDS.
-    """
-
-    def __init__(
-        self,
-        *,
-        lockstep: bool,
-        namespaces: Sequence[str] = ("",),
-        recorded: Collection[str] | None = None,
-        together: bool = False,
-    ) -> None:
+    def __init__(self, *, lockstep: bool) -> None:
         super().__init__("quad_mpc_flight")
-        self._prefixes = [f"{namespace}/" if namespace else "" for namespace in namespaces]
-        self._recorded = recorded
-        self._required: Counter[tuple[str, str]] = Counter()
-        for prefix in self._prefixes:
-            self._required += _required_peers(prefix, recorded, together=together)
-        self._required[f"{self._prefixes[0]}simulator", topics.ODOMETRY.name] += 1  # this node
-        if lockstep:
-            self._required["simulator", topics.CLOCK.name] = _CLOCK_PEERS
-            self._required["recorder", topics.CLOCK.name] = 1
+        self._required = _required_peers(lockstep=lockstep)
         self._health: dict[str, dict[str, str]] = {}
         self._odometry: bytes | None = None
         self._first_ns: int | None = None
@@ -93,14 +71,8 @@ class FlightMonitor(Observer):
         super().__enter__()
         subscribe(self.node, topics.DIAGNOSTICS, self._on_diagnostics)
         # Raw, because it is decoded only for the progress, not fifty times a second.
-        odometry = dataclasses.replace(
-            topics.ODOMETRY, name=self._prefixes[0] + topics.ODOMETRY.name
-        )
-        subscribe(self.node, odometry, self._on_odometry, raw=True)
-        self._starts = [
-            self.node.create_client(Trigger, f"{prefix}simulator/start")
-            for prefix in self._prefixes
-        ]
+        subscribe(self.node, topics.ODOMETRY, self._on_odometry, raw=True)
+        self._start = self.node.create_client(Trigger, "simulator/start")
         return self
 
     def spin(self, seconds: float) -> None:
@@ -108,8 +80,8 @@ class FlightMonitor(Observer):
         self.executor.spin_once(timeout_sec=seconds)
 
     def ready(self) -> bool:
-        """Whether all endpoints are matched and the recorders have the parameters of all nodes."""
-        return not self.missing() and all(start.service_is_ready() for start in self._starts)
+        """Whether all endpoints are matched and the recorder has the parameters of all nodes."""
+        return not self.missing() and self._start.service_is_ready()
 
     def missing(self) -> list[str]:
         """Return the missing connections as ``node: topic``."""
@@ -118,34 +90,31 @@ class FlightMonitor(Observer):
             for (node, topic), count in self._required.items()
             if self._matched(node, topic) < count
         ]
-        for prefix in self._prefixes:
-            missing += [
-                f"{prefix}recorder: {topic.name}"
-                for topic in (topics.BATTERY, topics.IMU)
-                if f"{PEERS_KEY}{topic.name}" in self._health.get(f"{prefix}simulator", {})
-                and (self._recorded is None or topic.name in self._recorded)
-                and not self._matched(f"{prefix}recorder", f"/{prefix}{topic.name}")
-            ]
-            # Until it knows the other publishers of commands, the MPC publishes none.
-            if self._health.get(f"{prefix}mpc", {}).get(DISCOVERING) != "false":
-                missing.append(f"{prefix}mpc: other publishers of commands")
-            if self._health.get(f"{prefix}recorder", {}).get("parameters_missing", "all"):
-                missing.append(f"{prefix}recorder: parameters")
+        missing += [
+            f"recorder: {topic.name}"
+            for topic in (topics.BATTERY, topics.IMU)
+            if f"{PEERS_KEY}{topic.name}" in self._health.get("simulator", {})
+            and not self._matched("recorder", f"/{topic.name}")
+        ]
+        # Until it knows the other publishers of commands, the MPC publishes none.
+        if self._health.get("mpc", {}).get(DISCOVERING) != "false":
+            missing.append("mpc: other publishers of commands")
+        if self._health.get("recorder", {}).get("parameters_missing", "all"):
+            missing.append("recorder: parameters")
         return missing
 
     def duplicate_publishers(self) -> str:
         """Return a topic that has more than one publisher, or an empty string."""
-        for prefix, (topic, (_, subscribers)) in itertools.product(self._prefixes, _FLOW.items()):
+        for topic, (_, subscribers) in _FLOW.items():
             for node in subscribers:
-                count = self._matched(prefix + node, topic.name)
+                count = self._matched(node, topic.name)
                 if count > 1:
-                    return f"{count} publishers on {prefix}{topic.name}"
+                    return f"{count} publishers on {topic.name}"
         return ""
 
     def lost_messages(self) -> int:
-        """Return the number of messages that the recorders have lost."""
-        recorders = (self._health.get(f"{prefix}recorder", {}) for prefix in self._prefixes)
-        return sum(int(health.get("lost", 0)) for health in recorders)
+        """Return the number of messages that the recorder has lost."""
+        return int(self._health.get("recorder", {}).get("lost", 0))
 
     def flown(self) -> float:
         """Return the time flown until the latest odometry [s]."""
@@ -157,9 +126,9 @@ class FlightMonitor(Observer):
         return (stamp_ns - self._first_ns) * 1e-9
 
     def start_simulator(self) -> None:
-        """Start the clocks of all simulators."""
-        for answer in [start.call_async(Trigger.Request()) for start in self._starts]:
-            self.executor.spin_until_future_complete(answer, timeout_sec=5.0)
+        """Start the clock of the simulator."""
+        answer = self._start.call_async(Trigger.Request())
+        self.executor.spin_until_future_complete(answer, timeout_sec=5.0)
 
     def _matched(self, node: str, topic: str) -> int:
         """Return the number of peers of an endpoint, as the node reports it."""
@@ -175,43 +144,41 @@ class FlightMonitor(Observer):
 
 
 def watch_flight(
-    monitor: FlightMonitor, processes: Sequence[NodeProcess], duration: float
+    monitor: FlightMonitor, nodes: Mapping[str, NodeProcess], duration: float
 ) -> float:
     """Wait until all nodes are connected, start the clock, and wait for the end.
 
-    ``processes`` are the nodes of all vehicles; ``duration`` [s] is the flight's. Returns the
-    seconds flown on the wall clock. Raises :class:`FlightError`.
+    ``duration`` [s] is the flight's. Returns the seconds flown on the wall clock. Raises
+    :class:`FlightError`.
     """
-    _await_readiness(monitor, processes)
+    _await_readiness(monitor, nodes.values())
     monitor.start_simulator()
-    simulators = [each for each in processes if each.node == "simulator"]
-    others = [each for each in processes if each.node != "simulator"]
+    others = dict(nodes)
+    simulator = others.pop("simulator")
     started, progress = time.monotonic(), ProgressLine()
-    while not all(simulator.has_ended for simulator in simulators):
+    while not simulator.has_ended:
         monitor.spin(0.05)
         progress.show_flight(monitor.flown(), duration)
-        for recorder in [each for each in others if each.node == "recorder" and each.has_ended]:
+        if "recorder" in others and others["recorder"].has_ended:
             # For example on a full disk: the flight continues without it.
-            text = f"\nerror: {recorder.unexpected_end()}\n  the flight continues"
+            text = f"\nerror: {others.pop('recorder').unexpected_end()}\n  the flight continues"
             print(text, file=sys.stderr, flush=True)
-            others.remove(recorder)
-        _check_alive(others)
+        _check_alive(others.values())
     progress.close()
     if lost := monitor.lost_messages():
         print(
             f"warning: {lost} messages were not recorded because the computer was too busy; "
-            "fly fewer vehicles or record fewer topics (recorder.topics)",
+            "record fewer topics (recorder.topics)",
             file=sys.stderr,
         )
-    for simulator in simulators:
-        if simulator.exit_code != 0:
-            raise FlightError(
-                f"the simulator failed (exit code {simulator.exit_code})\n{simulator.log_tail()}"
-            )
+    if simulator.exit_code != 0:
+        raise FlightError(
+            f"the simulator failed (exit code {simulator.exit_code})\n{simulator.log_tail()}"
+        )
     return time.monotonic() - started
 
 
-def _await_readiness(monitor: FlightMonitor, processes: Sequence[NodeProcess]) -> None:
+def _await_readiness(monitor: FlightMonitor, processes: Iterable[NodeProcess]) -> None:
     print("  waiting for the nodes to connect", file=sys.stderr, flush=True)
     started = time.monotonic()
     first_start = not cached_functions()
@@ -238,7 +205,7 @@ def _await_readiness(monitor: FlightMonitor, processes: Sequence[NodeProcess]) -
         monitor.spin(0.02)
 
 
-def _check_alive(processes: Sequence[NodeProcess]) -> None:
+def _check_alive(processes: Iterable[NodeProcess]) -> None:
     for process in processes:
         if process.has_ended:
             raise FlightError(process.unexpected_end())

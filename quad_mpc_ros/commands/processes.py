@@ -32,44 +32,27 @@ class FlightError(Exception):
 
 
 class NodeProcess:
-    """One node, with its parameter file and its log in the folder of the run.
+    """One node, with its parameter file and its log in the folder of the run."""
 
-    With ``others``, these nodes are in the same process. ``namespace`` is the vehicle's.
-    """
-
-    def __init__(
-        self,
-        node: str,
-        *,
-        run: RunConfig,
-        use_sim_time: bool = False,
-        others: Sequence[str] = (),
-        namespace: str = "",
-    ) -> None:
+    def __init__(self, node: str, *, run: RunConfig, use_sim_time: bool = False) -> None:
         from quad_mpc_ros.configuration import files
 
         self.node = node
-        self._vehicle = f"{namespace}: " if namespace else ""
         self._log = run.out / "log" / f"{node}.log"
         self._log.parent.mkdir(exist_ok=True)
         parameters = self._log.with_suffix(".yaml")
-        texts = []
-        for name in (node, *others):
-            values = {
-                **getattr(run, name).flattened(),
-                "use_sim_time": use_sim_time,
-                # The flight begins when all nodes are ready: then the monitor starts it.
-                "autostart": name != "simulator",
-            }
-            texts.append(files.dump(f"/{namespace}/{name}" if namespace else name, values))
-        parameters.write_text("".join(texts), encoding="utf-8")
+        values = {
+            **getattr(run, node).flattened(),
+            "use_sim_time": use_sim_time,
+            # The flight begins when all nodes are ready: then the monitor starts it.
+            "autostart": node != "simulator",
+        }
+        parameters.write_text(files.dump(node, values), encoding="utf-8")
         # Simulated time waits for all nodes, so it needs no priorities.
         has_low_priority = node == "recorder" and not use_sim_time
-        program = _executable("stack" if others else node)
-        remaps = ("-r", f"__ns:=/{namespace}") if namespace else ()
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
-                (*program, "--ros-args", "--params-file", str(parameters), *remaps),
+                (*_executable(node), "--ros-args", "--params-file", str(parameters)),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -103,7 +86,7 @@ class NodeProcess:
     def unexpected_end(self) -> str:
         """Return the message about a node that ended unexpectedly, with the end of its log."""
         end = f"ended by itself (exit code {self.exit_code})"
-        return f"{self._vehicle}{self.node} {end}\n{self.log_tail()}"
+        return f"{self.node} {end}\n{self.log_tail()}"
 
     def log_tail(self) -> str:
         """Return the end of the log."""
@@ -139,25 +122,13 @@ def require_ros(command: str, *, instead: str = "") -> None:
         )
 
 
-def start_all(
-    run: RunConfig, *, lockstep: bool, namespace: str = "", together: bool = False
-) -> dict[str, NodeProcess]:
-    """Start every node of a flight; in lockstep all but the simulator follow its clock.
-
-    MPC and reference ``together`` are one process, with the name of the MPC.
-    """
+def start_all(run: RunConfig, *, lockstep: bool) -> dict[str, NodeProcess]:
+    """Start every node of a flight; in lockstep all but the simulator follow its clock."""
     from quad_mpc_ros.commands.run_configuration import SCHEMA
 
     return {
-        node: NodeProcess(
-            node,
-            run=run,
-            use_sim_time=lockstep and node != "simulator",
-            namespace=namespace,
-            others=("reference",) if together and node == "mpc" else (),
-        )
+        node: NodeProcess(node, run=run, use_sim_time=lockstep and node != "simulator")
         for node in SCHEMA
-        if not (together and node == "reference")
     }
 
 

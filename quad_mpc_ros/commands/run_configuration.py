@@ -31,7 +31,7 @@ from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.closed_loop import start_on
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant, plant_entry
 
-HALF_SPACES = 8  # per stage, with obstacles or neighbours
+_HALF_SPACES = 8  # per stage, with obstacles
 _HasGates = TypeVar("_HasGates", MpcConfig, ReferenceConfig)
 
 SCHEMA: files.Schema = {
@@ -60,12 +60,8 @@ class RunConfig(NodeConfigs):
     out: Path
 
 
-def run_configuration(
-    options: argparse.Namespace, *, lockstep: bool, vehicle: str = ""
-) -> RunConfig:
+def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConfig:
     """Return the configuration of a run, and create the folder if the configuration is valid.
-
-    Each ``vehicle`` of several has a subfolder in the folder of the run.
 
     Raises :class:`UserError` for invalid options.
     """
@@ -87,8 +83,7 @@ def run_configuration(
     make_plant(loaded.simulator)  # fails if a package is missing
     mpc = _with_course(loaded.mpc)
     _check_controller(mpc.controller)
-    root = options.out or create_out("fleet" if vehicle else reference.trajectory)
-    out = prepared_out(root / vehicle)
+    out = prepared_out(options.out or create_out(reference.trajectory))
     nodes = {node: getattr(loaded, node).vehicle_values() for node in SCHEMA}
     if differ := disagreements(nodes):
         text = "; ".join(differ.values())
@@ -150,7 +145,7 @@ def _of_obstacles(options: argparse.Namespace) -> list[str]:
     from quad_mpc_ros.extras.obstacles.files import read_scene
 
     scene, text = read_scene(file), files.value_text(str(file.resolve()))
-    made = [f"mpc.obstacles.half_spaces={HALF_SPACES}", f"simulator.obstacles.file={text}"]
+    made = [f"mpc.obstacles.half_spaces={_HALF_SPACES}", f"simulator.obstacles.file={text}"]
     sensor = options.sensor
     if sensor is None:
         made.append(f"mpc.obstacles.file={text}")

@@ -45,11 +45,6 @@ def qos_time(duration_ns: int) -> QosTime:
     return QosTime(*divmod(duration_ns, _NS_PER_S))
 
 
-def nanoseconds(duration: QosTime) -> int:
-    """Return a stored duration [ns]; at most ``INFINITE_NS``."""
-    return min(duration.sec * _NS_PER_S + duration.nsec, INFINITE_NS)
-
-
 def qos_entries(profiles: Sequence[Qos]) -> list[dict[str, object]]:
     """Return profiles as the entries of ``metadata.yaml``, version 9."""
     return [dict(entry) for entry in dump_qos_v9(list(profiles))]

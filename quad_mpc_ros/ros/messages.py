@@ -74,11 +74,10 @@ def qos_of(topic: Topic) -> QoSProfile:
     return qos_profile(depth=topic.depth, reliable=topic.reliable, latched=topic.latched)
 
 
-def qos_profile(*, depth: int, reliable: bool, latched: bool, **policies: Any) -> QoSProfile:
-    """Return a QoS profile that keeps the last ``depth`` messages, with further policies."""
+def qos_profile(*, depth: int, reliable: bool, latched: bool) -> QoSProfile:
+    """Return a QoS profile that keeps the last ``depth`` messages."""
     return QoSProfile(
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        **policies,
     )

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -104,23 +103,6 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
         "realtime_factor": duration / wall_seconds if wall_seconds else None,
         "config": {node: _plain(values) for node, values in flight.parameters.items()},
     }
-
-
-def with_neighbours(summary: Summary, flight: Flight, others: Sequence[Flight]) -> Summary:
-    """Return a summary in which other vehicles, with synchronised clocks, are also obstacles."""
-    nearest = math.inf
-    for other in others:
-        low, high = max(flight.stamp_ns[0], other.stamp_ns[0]), other.stamp_ns[-1]
-        both = (flight.stamp_ns >= low) & (flight.stamp_ns <= high)
-        seconds, theirs = flight.stamp_ns[both] - low, other.stamp_ns - low
-        p = np.column_stack([np.interp(seconds, theirs, axis) for axis in other.p_WB.T])
-        apart = np.linalg.norm(flight.p_WB[both] - p, axis=1)
-        apart -= flight.mpc.radius + other.mpc.radius
-        nearest = min(nearest, float(apart.min(initial=math.inf)))
-    before = summary["clearance_min_m"]
-    clearance = nearest if before is None else min(before, nearest)
-    collided = bool(summary["collided"]) or nearest <= 0.0
-    return {**summary, "clearance_min_m": _number(clearance), "collided": collided}
 
 
 def position_errors(flight: Flight) -> Array:

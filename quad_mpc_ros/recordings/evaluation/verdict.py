@@ -103,7 +103,7 @@ def verdict_on(summary: Summary) -> Verdict:
     else:
         line = f"{commanded} {wrong[0] if wrong else 'Nothing went wrong.'}"
     failed = _without_mpc(s) or s["solver_failures"] or s["crashed"]
-    failed = failed or s["stage_errors"] or s.get("collided") or s["missed"]
+    failed = failed or s["stage_errors"] or s["missed"]
     return Verdict(
         good=bool(s["commands"] and not failed),
         line=line,
@@ -152,8 +152,6 @@ def _task_findings(s: Summary) -> Iterator[_Finding]:
     if s["crashed"]:
         text = crash_text(s["crash"], s["crash_time_s"])
         yield f"{text.capitalize()}.", _CRASH_ADVICE
-    elif s.get("collided"):
-        yield "The vehicle touched another vehicle.", ""
     if s.get("collision"):
         x, y, z = s["collision"]["position_m"]
         speed = s["collision"]["speed_m_s"]

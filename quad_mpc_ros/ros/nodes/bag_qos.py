@@ -5,13 +5,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
-from rclpy.duration import Duration
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
-    LivelinessPolicy,
     QoSProfile,
     ReliabilityPolicy,
 )
@@ -21,10 +18,9 @@ from rosbags.interfaces import (
     QosHistory,
     QosLiveliness,
     QosReliability,
-    QosTime,
 )
 
-from quad_mpc_ros.recordings.qos import INFINITE_NS, nanoseconds, qos_time
+from quad_mpc_ros.recordings.qos import qos_time
 from quad_mpc_ros.ros.messages import qos_profile
 
 _RECORDING_DEPTH = 1000  # room for a stall of several seconds
@@ -60,25 +56,12 @@ def playback_profile(recorded: Sequence[Qos]) -> QoSProfile:
     """Return the profile to play messages that publishers with these profiles sent.
 
     The profile must match subscribers of any of these publishers: it is reliable or latched if any
-    of them was. Deadline, lifespan and liveliness are kept if all are equal.
+    of them was. Deadline, lifespan and liveliness are the defaults.
     """
     if not recorded:
         return QoSProfile(depth=_MIN_DEPTH)
     reliable = any(profile.reliability == QosReliability.RELIABLE for profile in recorded)
     latched = any(profile.durability == QosDurability.TRANSIENT_LOCAL for profile in recorded)
-    common: dict[str, Any] = {
-        name: _duration(getattr(recorded[0], name))
-        for name in ("deadline", "lifespan", "liveliness_lease_duration")
-        if len({getattr(profile, name) for profile in recorded}) == 1
-    }
-    if all(profile.liveliness == QosLiveliness.MANUAL_BY_TOPIC for profile in recorded):
-        common["liveliness"] = LivelinessPolicy.MANUAL_BY_TOPIC
     # DDS often does not report the depth of a publisher; then it is recorded as 0.
     depth = max(_MIN_DEPTH, *(profile.depth for profile in recorded))
-    return qos_profile(depth=depth, reliable=reliable, latched=latched, **common)
-
-
-def _duration(recorded: QosTime) -> Duration:
-    """Return a duration; infinity becomes zero, which is rmw's value for "unspecified"."""
-    duration_ns = nanoseconds(recorded)
-    return Duration(nanoseconds=0 if duration_ns == INFINITE_NS else duration_ns)
+    return qos_profile(depth=depth, reliable=reliable, latched=latched)

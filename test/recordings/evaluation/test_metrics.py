@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.recordings.evaluation.metrics import summarise, with_neighbours
+from quad_mpc_ros.recordings.evaluation.metrics import summarise
 from quad_mpc_ros.recordings.evaluation.verdict import verdict_on
 from quad_mpc_ros.recordings.flight import Flight
 from quad_mpc_ros.simulation.shapes import Box, Cylinder, Scene, Sphere
@@ -107,16 +107,6 @@ class TestObstacles:
         )
         summary = summarise(replace(self.flight(make_flight), scene=Scene([ahead])))
         assert summary["clearance_min_m"] == pytest.approx(1.0 - 0.3 - 0.2, abs=1e-6)
-
-    def test_other_vehicles_are_obstacles(self, make_flight: FlightMaker) -> None:
-        flight = self.flight(make_flight)
-        beside, behind = self.flight(make_flight, y=1.0), self.flight(make_flight, start=-0.3)
-        apart = with_neighbours(summarise(flight), flight, [beside])
-        assert apart["clearance_min_m"] == pytest.approx(0.6) and not apart["collided"]
-        touching = with_neighbours(summarise(flight), flight, [beside, behind])
-        assert touching["clearance_min_m"] == pytest.approx(-0.1) and touching["collided"]
-        assert not verdict_on(touching).good
-        assert "The vehicle touched another vehicle." in verdict_on(touching).wrong
 
 
 def test_position_error_is_the_distance_to_the_reference(make_flight: FlightMaker) -> None:

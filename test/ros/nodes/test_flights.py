@@ -216,23 +216,3 @@ def _installed_hash(type_name: str) -> str:
     return next(
         h["hash_string"] for h in description["type_hashes"] if h["type_name"] == type_name
     )
-
-
-def test_two_vehicles_fly_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "fleet"
-    main(["fly", "--vehicles", "2", "--duration", "3", "--reference", "circle", "--out", str(out)])
-    table = capsys.readouterr().out
-    for vehicle in ("uav1", "uav2"):
-        assert vehicle in table
-        summary = json.loads((out / vehicle / "summary.json").read_text())
-        assert summary["commands"] > 100
-        assert not summary["collided"] and summary["clearance_min_m"] > 1.0
-        with AnyReader([out / vehicle / "bag"]) as reader:
-            assert {f"/{vehicle}/odom", f"/{vehicle}/command"} <= reader.topics.keys()
-            assert not [topic for topic in reader.topics if not topic.startswith(f"/{vehicle}/")]
-
-
-def test_several_vehicles_are_not_flown_in_lockstep(tmp_path: Path) -> None:
-    given = ["fly", "--vehicles", "2", "--lockstep", "--out", str(tmp_path / "fleet")]
-    assert main(given) == 2
-    assert main(["fly", "--vehicles", "0"]) == 2
