@@ -1,20 +1,14 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The values of a recording, by kind and in recorded order, with eight bytes per number.
-
-A log grows while messages are read and is indexed like a list of :class:`Received`, whose items
-are created on demand. An hour of flight as Python objects would fill the memory.
-"""
+"""The values of a recording, by kind and in recorded order."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-import sys
-from array import array
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar, get_type_hints, overload
+from typing import Any, Generic, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +19,7 @@ from quad_mpc_ros.messages import diagnostics
 T = TypeVar("T")
 Stamps = NDArray[np.int64]
 
-_TYPE_CODES: dict[Any, str] = {int: "q", float: "d"}
+_DTYPES: dict[Any, type] = {int: np.int64, float: np.float64, str: np.str_}
 _WIDTHS = {"q_WB_xyzw": 4}  # other arrays are vectors of three
 _STATS_TYPES = get_type_hints(TickStats)
 
@@ -39,46 +33,24 @@ class Received(Generic[T]):
     publish_time_ns: int
 
 
-class Log(Sequence[Received[T]]):
+class Log(list[Received[T]]):
     """Values of one dataclass, which has a stamp, in the order in which they were recorded."""
 
     def __init__(self, kind: Callable[..., T], received: Iterable[Received[T]] = ()) -> None:
         """Take the class, and existing values."""
-        self._kind = kind
-        types = get_type_hints(kind)
-        self._columns: dict[str, Any] = {
-            name: [] if of is str else array(_TYPE_CODES.get(of, "d"))
-            for name, of in types.items()
-        }
-        self._widths = {
-            name: _WIDTHS.get(name, 3)
-            for name, of in types.items()
-            if of is not str and of not in _TYPE_CODES
-        }
-        self._log_times, self._publish_times = array("q"), array("q")
-        for each in received:
-            self.append(each)
-
-    def append(self, received: Received[T]) -> None:
-        """Add a value at the end."""
-        for name, column in self._columns.items():
-            field = getattr(received.value, name)
-            if name in self._widths:
-                column.extend(field.tolist())
-            else:
-                column.append(sys.intern(field) if isinstance(field, str) else field)
-        self._log_times.append(received.log_time_ns)
-        self._publish_times.append(received.publish_time_ns)
+        super().__init__(received)
+        self._types = get_type_hints(kind)
 
     def column(self, name: str) -> NDArray[Any]:
         """Return a field of all values: numbers and texts (n,), arrays (n, k)."""
-        column = self._columns[name]
-        values = np.array(column, dtype=np.str_ if isinstance(column, list) else column.typecode)
-        return values.reshape(-1, self._widths[name]) if name in self._widths else values
+        values, kind = [getattr(each.value, name) for each in self], self._types[name]
+        if kind in _DTYPES:
+            return np.array(values, _DTYPES[kind])
+        return np.array(values, np.float64).reshape(-1, _WIDTHS.get(name, 3))
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return all fields, keyed by name."""
-        return {name: self.column(name) for name in self._columns}
+        return {name: self.column(name) for name in self._types}
 
     @property
     def stamp_ns(self) -> Stamps:
@@ -88,39 +60,12 @@ class Log(Sequence[Received[T]]):
     @property
     def log_time_ns(self) -> Stamps:
         """Return the record times (n,)."""
-        return np.array(self._log_times)
+        return np.array([each.log_time_ns for each in self], np.int64)
 
     @property
     def publish_time_ns(self) -> Stamps:
         """Return the publish times (n,)."""
-        return np.array(self._publish_times)
-
-    def __len__(self) -> int:
-        return len(self._log_times)
-
-    @overload
-    def __getitem__(self, index: int) -> Received[T]: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[Received[T]]: ...
-
-    def __getitem__(self, index: int | slice) -> Received[T] | list[Received[T]]:
-        place = range(len(self))[index]
-        if isinstance(place, range):
-            return [self[each] for each in place]
-        return Received(
-            value=self._kind(**{name: self._field(name, place) for name in self._columns}),
-            log_time_ns=self._log_times[place],
-            publish_time_ns=self._publish_times[place],
-        )
-
-    def _field(self, name: str, place: int) -> Any:
-        column, width = self._columns[name], self._widths.get(name)
-        return (
-            column[place]
-            if width is None
-            else np.array(column[width * place : width * (place + 1)])
-        )
+        return np.array([each.publish_time_ns for each in self], np.int64)
 
 
 def tick_stats(message: Any) -> TickStats:

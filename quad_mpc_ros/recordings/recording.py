@@ -71,9 +71,8 @@ _RUN_TOPICS = (
 class Recording:
     """A recorded run of one vehicle, in any namespace.
 
-    Opening reads the index. :meth:`flight` and :meth:`run` stream the messages: each message is
-    decoded, converted to numbers and dropped, so that an hour of flight takes tens of megabytes.
-    Every failure is a :class:`BagError` that names the bag.
+    Opening reads the index. :meth:`flight` and :meth:`run` stream the messages, and keep only the
+    values of this package. Every failure is a :class:`BagError` that names the bag.
     """
 
     def __init__(self, path: Path | str) -> None:

@@ -9,46 +9,39 @@ is imported.
 
 from __future__ import annotations
 
-from importlib.metadata import EntryPoint, entry_points
+import contextlib
+from importlib.metadata import entry_points
 from typing import Any
 
-from quad_mpc_ros.configuration import Configuration, UserError
-from quad_mpc_ros.configuration.extension import BRIDGES
+from quad_mpc_ros.configuration import Configuration, UserError, registered
+from quad_mpc_ros.configuration.extension import BRIDGES, registered_names
 from quad_mpc_ros.configuration.spelling import did_you_mean
 
 
 def bridge_packages() -> dict[str, str]:
     """Return the ROS package of each registered bridge by name, without loading bridges."""
-    packages = {each.name: each.dist.name for each in _entries() if each.dist is not None}
-    return {name: package.replace("-", "_") for name, package in packages.items()}
+    return {
+        each.name: each.dist.name.replace("-", "_")
+        for each in sorted(entry_points(group=BRIDGES), key=lambda entry: entry.name)
+        if each.dist is not None
+    }
 
 
 def bridge_configurations() -> dict[str, type[Configuration]]:
     """Return the parameters of each loadable bridge by node name."""
     found: dict[str, type[Configuration]] = {}
-    for entry in _entries():
-        try:
-            bridge: Any = entry.load()
+    for name in sorted(registered_names(BRIDGES)):
+        with contextlib.suppress(UserError, AttributeError):  # reported when it is started
+            bridge: Any = registered(BRIDGES, name)
             found[str(bridge.name)] = bridge.Config
-        except (ImportError, AttributeError):  # reported when it is started
-            continue
     return found
 
 
 def load_bridge(name: str) -> Any:
     """Return a bridge by its name, with or without ``_bridge``. Raises :class:`UserError`."""
-    entries = {entry.name: entry for entry in _entries()}
-    entry = entries.get(name) or entries.get(f"{name}_bridge")
-    if entry is None:
-        raise UserError(
-            f"--bridge: given {name!r}, expected one of {', '.join(entries)}"
-            f"{did_you_mean(name, [*entries, *(e.removesuffix('_bridge') for e in entries)])}"
-        )
-    try:
-        return entry.load()
-    except (ImportError, AttributeError) as error:
-        raise UserError(f"{entry.name}: {entry.value} cannot be loaded: {error}") from error
-
-
-def _entries() -> list[EntryPoint]:
-    return sorted(entry_points(group=BRIDGES), key=lambda entry: entry.name)
+    names = sorted(registered_names(BRIDGES))
+    found = next((each for each in (name, f"{name}_bridge") if each in names), None)
+    if found is None:
+        near = did_you_mean(name, [*names, *(each.removesuffix("_bridge") for each in names)])
+        raise UserError(f"--bridge: given {name!r}, expected one of {', '.join(names)}{near}")
+    return registered(BRIDGES, found)
