@@ -86,7 +86,6 @@ class ManagedParameters(Generic[C]):
         self._specs = {
             spec.name: spec for spec in declare(node, configuration, managed=True).specs()
         }
-        node.add_pre_set_parameters_callback(self._as_declared)
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._apply_accepted)
 
@@ -103,20 +102,6 @@ class ManagedParameters(Generic[C]):
     def release(self) -> None:
         """Allow changes of all parameters again."""
         self._finalized = None
-
-    def _as_declared(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Convert integers for doubles."""
-        return [self._real(p) if p.name in self._specs else p for p in parameters]
-
-    def _real(self, given: Parameter) -> Parameter:
-        spec = self._specs[given.name]
-        declared = _type_of(spec, given.value)
-        if declared is Parameter.Type.DOUBLE and given.type_ is Parameter.Type.INTEGER:
-            return Parameter(given.name, declared, float(given.value))
-        whole = given.type_ is Parameter.Type.INTEGER_ARRAY
-        if declared is Parameter.Type.DOUBLE_ARRAY and whole:
-            return Parameter(given.name, declared, [float(value) for value in given.value])
-        return given
 
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
         changes = {p.name: _plain(p.value) for p in parameters if p.name in self._specs}
@@ -176,9 +161,9 @@ def _descriptor(spec: ParameterSpec, *, managed: bool) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         name=spec.name,
         description=f"{spec.doc}{unit}",
-        # Dynamic for one number or three, and for arrays: an empty array is one of bytes for
-        # rclpy and one of bools for the command line.
-        dynamic_typing=spec.per_axis or (spec.kind.endswith("_array") and spec.length is None),
+        # Dynamic for real numbers, which may be given as integers, and for arrays: an empty array
+        # is one of bytes for rclpy and one of bools for the command line.
+        dynamic_typing=spec.kind.startswith("double") or spec.kind.endswith("_array"),
         additional_constraints=spec.allowed() + (f"; may be set {when}" if managed else ""),
         read_only=not (managed or spec.live),
     )
