@@ -4,20 +4,22 @@
 
     python tools/type_pages.py [--environment FOLDER] [--patience S] [PAGE...]
 
-Takes each block marked ``sh`` (commands) or ``console`` (commands after ``$ ``, each with what it
-answers) out of README.md and the pages of ``docs/`` and types it line by line, in an empty folder
-a page; README.md and commands that begin with ``make``, ``.venv/`` or ``python bench/`` in a copy
-of the checkout. A block of YAML, Python or CSV whose fence names a file (```` ```yaml vehicle.yaml
+Takes each block marked ``sh`` (commands) or ``console`` (commands after ``$ ``, each followed by
+its output) from README.md and the pages of ``docs/``, and types it line by line, in an empty
+folder for each page. README.md and commands that begin with ``make``, ``.venv/`` or
+``python bench/`` are typed in a copy of the checkout; commands after ``cd examples`` in its folder
+``examples``. A block of YAML, Python or CSV whose fence names a file (```` ```yaml vehicle.yaml
 ````) is written to that file first.
 
-The environment is one in which a wheel of this checkout was installed, as a user would; without
-``--environment`` it is made. A command fails that ends with an error, or with other words than the
-page says, or with a traceback. One that does not end by itself, as a node, runs on beside the rest
-of its block and is then interrupted; so is one that takes longer than ``--patience``.
-Where a block asks nodes and starts none, a flight runs beside it.
-What needs something that is not here (ros2, a flight stack, other machines) is listed with the
-reason and not typed; ``QUAD_MPC_ROS_SETUP`` names a setup file to be sourced for ros2. The exit
-code is 1 if anything failed.
+The environment has a wheel of this checkout installed, as a user would install it; without
+``--environment`` the environment is created. A command fails if it exits with an error, prints
+other words than the page, prints a traceback, or calls a service that does not answer or refuses.
+A command that does not end by itself, like a node, runs during the rest of its block and is then
+interrupted. A command that takes longer than ``--patience`` is also interrupted.
+If the commands of a block need running nodes and start none, a flight runs next to the commands.
+Commands that need something that is not installed (ros2, a flight stack, a firmware) are listed
+with the reason and not typed. ``QUAD_MPC_ROS_SETUP`` names a setup file that is sourced for ros2.
+The exit code is 1 if a command failed.
 """
 
 from __future__ import annotations
@@ -42,12 +44,13 @@ ROOT = Path(__file__).resolve().parents[1]
 STACKS = tuple(sorted((ROOT / "docs/howto/stacks").glob("*.md")))
 PAGES = (ROOT / "README.md", *sorted({*(ROOT / "docs").glob("[!ab]*/*.md")} - {*STACKS}))
 FENCE = re.compile(r"^```(\w+)(?: +(\S+))?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-OF_THE_CHECKOUT = re.compile(r"make |\.venv/|python (bench|examples)/")
+OF_THE_CHECKOUT = re.compile(r"make |\.venv/|python (-P )?bench/|cd examples$")
 STARTS_NODES = re.compile(r"ros2 (run|launch) |quad_mpc fly .*on_request")
 RUNS_ON = re.compile(rf"{STARTS_NODES.pattern}|quad_mpc watch")
 ASKS_NODES = re.compile(r"ros2 (param|service|lifecycle|topic|bag) |preflight|watch --once")
+ANSWERS = re.compile(r"ros2 (param|service|lifecycle) |ros2 topic pub --once ")
 FLYING = "quad_mpc fly --set reference.mode=on_request --duration 900"
-SETTLES = 12.0  # s: until a node that was started answers
+FLIES = re.compile(r"\d s of \d+ s")  # the progress of quad_mpc fly
 RECORDED = (
     "quad_mpc simulate --reference excitation --duration 8 --set simulator.command_delay=0.02"
     " --set simulator.rate_time_constant=0.03 --set simulator.velocity_noise=0.05 --out {path}"
@@ -82,7 +85,7 @@ ELSEWHERE = {
     r"^pip install|^python3 -m venv": "the package is installed already",
     r"ros2 security|--enclave|^export ROS_SECURITY|^policies=": "needs sros2",
     r"flight\.mcap": "needs a recording of a flight stack",
-    r"/px4_bridge/|bridge:=|--bridge px4": NEEDS_THE_STACK,
+    r"/\w+_bridge/|bridge:=|--bridge px4|/fmu/": NEEDS_THE_STACK,
     r"/dev/tty": "needs a serial port",
     r"ros2 run (joy|teleop_twist_|rqt_\w+) ": "needs a package of ROS beside ours",
     r"EFFECT": "a placeholder, for what the table below it lists",
@@ -165,9 +168,10 @@ class Reader:
 
     def __init__(self, page: Path, folder: Path, *, options: argparse.Namespace) -> None:
         self.page = page
-        self.folder = folder
+        self.home = self.folder = folder
         self.checkout = options.checkout
         self.patience = options.patience
+        self.settle = options.settle
         self.environment = _environment(options.environment, home=folder)
         self.terminals: list[int] = []
         self.unfinished: list[str] = []
@@ -208,12 +212,12 @@ class Reader:
         if reason:
             self._report("not typed", typed, reason)
             return reason
+        if typed.command == "cd examples":
+            self.folder = self.checkout / "examples"
         self.provide(typed)
         if RUNS_ON.search(typed.command):
-            process, log = self.start(typed.command)
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(SETTLES)
-            self.running.append((typed, process, log))
+            self.running.append((typed, *self.start(typed.command)))
+            self.wait_until_it_answers()
             return ""
         process, log = self.start(typed.command)
         interrupted = self._ends_late(process)
@@ -225,6 +229,17 @@ class Reader:
         self._report(result, typed, problem)
         return ""
 
+    def wait_until_it_answers(self) -> None:
+        """Wait until the command that was started last flies, or long enough for a node."""
+        typed, process, log = self.running[-1]
+        begun = time.monotonic()
+        flies = not re.search(r"quad_mpc fly", typed.command)
+        while not flies and process.poll() is None and time.monotonic() - begun < self.patience:
+            time.sleep(0.5)
+            flies = bool(FLIES.search(log.read_text(errors="replace")))
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(self.settle)
+
     def not_here(self, command: str) -> str:
         """Return why a command cannot be typed here, empty if it can."""
         for pattern, reason in ELSEWHERE.items():
@@ -233,7 +248,7 @@ class Reader:
         for made in self.unfinished:
             if made in command:
                 return f"needs {made}, which takes longer than is waited for here"
-        program = command.split()[0]
+        program = next((each for each in command.split() if not re.match(r"\w+=", each)), command)
         if program in OF_THE_SHELL:
             return ""
         if "/" not in program and not shutil.which(program, path=self.environment["PATH"]):
@@ -247,7 +262,7 @@ class Reader:
             if missing and re.search(rf"(?<![\w/]){re.escape(name)}(?![\w.])", typed.command):
                 if re.search(rf"--out {re.escape(name)}(?!\S)", typed.command):
                     continue
-                vehicle = self.folder.parent / "vehicle.yaml"
+                vehicle = self.home.parent / "vehicle.yaml"
                 vehicle.write_text(_first_vehicle(), encoding="utf-8")
                 process, log = self.start(make.format(vehicle=vehicle), like=typed.command)
                 if process.wait():
@@ -271,13 +286,13 @@ class Reader:
 
     def start(self, command: str, *, like: str = "") -> tuple[subprocess.Popen[bytes], Path]:
         """Start a command in its own process group, with a log; keep exported variables."""
-        log = self.folder / f".typed-{time.monotonic_ns()}"
+        log = self.home / f".typed-{time.monotonic_ns()}"
         # A terminal of its own, as a user has, without input while the command runs.
         keyboard, terminal = os.openpty()
         self.terminals += keyboard, terminal
         tty = shlex.quote(os.ttyname(terminal))
         script = f'exec <{tty}\nset -a\n{command}\ncode=$?\nenv -0 > "$KEPT"\nexit $code\n'
-        kept = self.folder / ".environment"
+        kept = self.home / ".environment"
         self._take_exports(kept)
         with log.open("wb") as output:
             process = subprocess.Popen(
@@ -359,13 +374,16 @@ def _problem(typed: Typed, code: int, said: str, *, interrupted: bool) -> str:
     script = interrupted and typed.command.startswith("python ")  # where Python says so itself
     if "Traceback (most recent call last)" in said and not script:
         return f"a traceback{end}"
+    if interrupted and ANSWERS.match(typed.command):
+        return f"no answer{end}"
     if interrupted:
         allowed = (0, 1, 130, -signal.SIGINT, *((2,) if typed.command.startswith("ros2 ") else ()))
         return "" if code in allowed else f"exit code {code} after an interrupt{end}"
     if typed.answer:
         same = _words(typed.answer) in _words(said)
         return "" if same else f"other words than on the page{end}"
-    return f"exit code {code}{end}" if code else ""
+    refused = typed.command.startswith("ros2 service call") and "success=False" in said
+    return f"exit code {code}{end}" if code else f"the node refuses{end}" if refused else ""
 
 
 def _words(text: str) -> str:
@@ -421,14 +439,27 @@ def main() -> int:
     parser.add_argument(
         "--patience", type=float, default=120.0, help="s a command is given (default: 120)"
     )
+    parser.add_argument(
+        "--settle", type=float, default=12.0, help="s until a started node answers (default: 12)"
+    )
     options = parser.parse_args()
     # Commands receive Ctrl-C even if this was started in the background, which ignores it.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    # What was started ends with this, also if this is ended.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     pages = tuple(page.resolve() for page in options.pages) or PAGES + STACKS
     with tempfile.TemporaryDirectory(prefix="typed-") as folder:
         options.work = Path(folder)
         options.environment = (options.environment or _installed(options.work)).resolve()
         options.checkout = _copy_of_the_checkout(options.work / "checkout", options.environment)
+        os.environ.setdefault("XDG_CACHE_HOME", str(options.work / "cache"))
+        subprocess.run(
+            [str(options.environment / "bin" / "quad_mpc"), "compile"],
+            env=_environment(options.environment, home=options.work),
+            cwd=folder,
+            stdout=subprocess.DEVNULL,
+            check=True,
+        )
         outcomes = type_pages(pages, options)
     print(", ".join(f"{count} {outcome}" for outcome, count in outcomes.most_common()))
     return 1 if outcomes["failed"] else 0

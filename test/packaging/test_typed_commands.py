@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import argparse
 import itertools
 import re
 import shlex
@@ -14,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
 from fixtures.scripts import ROOT, script_module
 from fixtures.setup_py import declared
 
@@ -116,3 +118,52 @@ def test_blocks_of_commands_are_marked() -> None:
 def test_continued_lines_are_one_command() -> None:
     text = "a --b \\\n  c\n# said\nd '{x:\n  y}'   # why\n"
     assert list(pages.commands(text)) == [(0, "a --b \\\n  c"), (3, "d '{x:\n  y}'   # why")]
+
+
+ROS2 = """#!/bin/sh
+case "$3" in
+  /silent) exec sleep 600 ;;
+  /refused) echo "response: Trigger_Response(success=False, message='too late')" ;;
+  *) echo "response: Trigger_Response(success=True, message='')" ;;
+esac
+"""
+
+
+@pytest.mark.parametrize(
+    ("block", "problem"),
+    [
+        ("```sh\ntrue   # why\n```\n", ""),
+        ("```sh\nfalse\n```\n", "exit code 1"),
+        ("```sh\necho Traceback '(most recent call last):'\n```\n", "a traceback"),
+        ("```console\n$ echo 2  gates\n2 gates\n```\n", ""),
+        ("```console\n$ echo 3 gates\n2 gates\n```\n", "other words than on the page"),
+        ("```csv points.csv\n1, 2\n```\n\n```sh\ngrep 2 points.csv\n```\n", ""),
+        ("```sh\ncat missing.csv\n```\n", "exit code 1"),
+        ("```sh\nexport MASS=3\ntest $MASS = 3\n```\n", ""),
+        ("```sh\nros2 service call /accepted std_srvs/srv/Trigger\n```\n", ""),
+        ("```sh\nros2 service call /refused std_srvs/srv/Trigger\n```\n", "the node refuses"),
+        ("```sh\nros2 service call /silent std_srvs/srv/Trigger\n```\n", "no answer"),
+    ],
+)
+def test_type_pages_reports_commands_that_fail(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: str, problem: str
+) -> None:
+    monkeypatch.setattr(pages, "ROOT", tmp_path)
+    monkeypatch.setattr(pages, "ASKS_NODES", re.compile("never"))  # no flight beside the commands
+    ros2 = tmp_path / "environment" / "bin" / "ros2"
+    ros2.parent.mkdir(parents=True)
+    ros2.write_text(ROS2)
+    ros2.chmod(0o755)
+    page = tmp_path / "page.md"
+    page.write_text(block)
+    options = argparse.Namespace(
+        checkout=tmp_path,
+        environment=tmp_path / "environment",
+        patience=0.5 if "silent" in block else 60.0,
+        settle=0.0,
+    )
+    reader = pages.Reader(page, tmp_path / "typed", options=options)
+    reader.read()
+    reader.hang_up()
+    assert [outcome for outcome, _, _ in reader.outcomes][-1:] == ["failed" if problem else "ok"]
+    assert reader.outcomes[-1][2].startswith(problem)
