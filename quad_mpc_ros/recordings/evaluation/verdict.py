@@ -45,7 +45,7 @@ _FAILSAFE_ADVICE = {
     "solver": "Increase advanced.solver.max_iterations (docs/howto/tune.md).",
     "": "Look up the reason and fix it (docs/reference/diagnostics.md).",
 }
-"""Advice by a part of the reason for a failsafe."""
+"""Advice for each reason for a failsafe, keyed by a part of the reason."""
 _TOO_FAST_ADVICE = (
     "Slow the reference down with reference.time_scaling: auto or with its other parameters "
     "(docs/howto/references.md)."
