@@ -1,9 +1,9 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Can the vehicle fly it? Needs of a reference against the limits, before anything flies.
+"""Check a reference against the limits of a vehicle, before a flight.
 
-A lemniscate is asked for ever faster, until it is refused; ``time_scaling="auto"`` slows it down
-instead.
+The angular frequency of a lemniscate is increased until the check rejects the lemniscate;
+``time_scaling="auto"`` slows the lemniscate down instead.
 """
 
 import dataclasses

@@ -1,9 +1,10 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The closed loop: the same square by both formulations, judged by its figures of merit.
+"""Fly the square in closed loop with both formulations, and compare the metrics.
 
-The paper's formulation is linearised at the present state and flies an ideal vehicle; the default
-one is linearised along its plan, and its vehicle lags. ``agile`` has the paper's weights.
+The paper's formulation is linearised at the current state and flies an ideal vehicle. The default
+formulation is linearised along the plan and flies a vehicle with lags. ``agile`` has the paper's
+weights.
 ``load_config`` reads presets and ROS parameter files.
 """
 

@@ -1,9 +1,10 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A bridge to a flight stack of one's own, flown against a stand-in of the stack. No ROS needed.
+"""A bridge to your own flight stack, with a simulated stack. Requires no ROS.
 
-A bridge gets the stack's messages and the time, and fills the stack's messages; it refuses what is
-not fit. Entered in setup.py (CONTRIBUTING.md, "Add a bridge"), the same class runs as a node.
+A bridge receives the stack's messages and the time, fills the stack's messages, and rejects
+invalid commands. Registered in setup.py (CONTRIBUTING.md, "Add a bridge"), the same class runs as
+a node.
 """
 
 from dataclasses import dataclass
@@ -24,13 +25,13 @@ RATES = Topic(name="toy/rates", type_name="toy_msgs/msg/Rates", reliable=True)
 
 @dataclass(frozen=True, kw_only=True)
 class ToyConfig(BridgeConfig):
-    """Parameters of the bridge; those of every bridge are enough."""
+    """Parameters of the bridge, without additions to those of all bridges."""
 
     owner = "toy_bridge"
 
 
 class ToyBridge(SwitchedBridge):
-    """To a stack that takes degrees per second and newtons."""
+    """Bridge to a stack with rates in degrees per second and thrust in newtons."""
 
     name, packages, Config = "toy_bridge", ("toy_msgs",), ToyConfig
     how_to_get = "it is a toy"

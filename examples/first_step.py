@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Control without ROS: one step of the MPC, then ten simulated seconds."""
+"""Compute one control step without ROS, then simulate ten seconds."""
 
 from quad_mpc_ros import (
     Controller,

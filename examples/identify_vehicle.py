@@ -1,8 +1,8 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Identifying a vehicle from a recorded flight: python examples/identify_vehicle.py [BAG]
+"""Identify a vehicle from a recorded flight: python examples/identify_vehicle.py [BAG]
 
-Without a bag, one is simulated with lags and a delay that the controller does not know of.
+Without a bag, a flight is simulated with lags and a delay that are not configured.
 """
 
 import dataclasses
@@ -28,7 +28,7 @@ for name in ("rate_time_constant", "thrust_time_constant", "input_delay", "thrus
         note = "" if estimate.observable else "  not observable"
         print(f"{name:22}{estimate.value:8.4f} +- {estimate.half_width:.4f}{note}")
 
-# The controller that knows them; yaw, which did not turn, lags as roll does as far as we know.
+# The identified controller; yaw did not rotate in this flight, so it gets the lag of roll.
 roll, pitch, yaw = found.rate_time_constant
 mpc = dataclasses.replace(
     MpcConfig(),

@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A controller of one's own: PID on the position, P on the attitude, body rates and throttle out.
+"""Your own controller: PID on the position, P on the attitude, body rates and throttle out.
 
     python examples/own_controller.py
     quad_mpc simulate --controller own_controller:Pid --reference hover
@@ -29,7 +29,7 @@ MAX_INTEGRAL = 2.0  # m s
 
 
 class Pid:
-    """PID on the position; the attitude follows the wanted acceleration."""
+    """PID on the position; the attitude follows the desired acceleration."""
 
     def __init__(self, config: MpcConfig) -> None:
         self.vehicle = config.vehicle()
@@ -37,7 +37,7 @@ class Pid:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the integral."""
+        """Reset the integral."""
         self.integral = np.zeros(3)
 
     def step(self, odometry: OdometrySample, reference: ReferenceWindow) -> CommandSample:

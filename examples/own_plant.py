@@ -1,9 +1,9 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A plant of one's own: anything with ``apply``, ``advance_to`` and ``odometry`` flies.
+"""Your own plant: a class with ``apply``, ``advance_to`` and ``odometry``.
 
-This one has a slung load's worth of extra mass that the controller does not know of, and a battery
-that empties while it flies. Its equations: dv/dt = R_WB e3 T / m - g e3, dR/dt = R [w].
+This plant has an additional mass that is not configured, and a battery that discharges during the
+flight. Its equations: dv/dt = R_WB e3 T / m - g e3, dR/dt = R [w].
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ STEP_NS = 2_000_000
 
 
 class SaggingPlant:
-    """A rigid body 10 % heavier than modelled, whose thrust fades by 1 % a second."""
+    """A rigid body 10 % heavier than modelled; its thrust falls by 1 % per second."""
 
     def __init__(self) -> None:
         self.vehicle = Vehicle()
@@ -23,7 +23,7 @@ class SaggingPlant:
         self.R_WB = np.eye(3)
 
     def apply(self, command: CommandSample) -> None:
-        """Follow a command at once."""
+        """Apply a command without lag."""
         self.throttle, self.w_WB_B = command.throttle, command.w_WB_B
 
     def advance_to(self, time_ns: int) -> None:
@@ -38,7 +38,7 @@ class SaggingPlant:
             self.time_ns += round(1e9 * dt)
 
     def odometry(self, stamp_ns: int) -> OdometrySample:
-        """Measure without error; the velocity goes out in body axes."""
+        """Return the true odometry, with the velocity in body axes."""
         return OdometrySample(
             stamp_ns=stamp_ns,
             p_WB=self.p_WB,

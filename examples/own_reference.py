@@ -1,9 +1,9 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A reference of one's own: a path with its derivatives; attitude and rates follow by flatness.
+"""Your own reference: a path with derivatives; attitude and rates follow from flatness.
 
-p(t) = (r cos w t, r sin w t, h + c sin 2 w t): a crown. A package of one's own can also register
-it, so that every command and node knows it by name: CONTRIBUTING.md, "Add a reference".
+p(t) = (r cos w t, r sin w t, h + c sin 2 w t): a crown. Your package can also register the
+reference for all commands and nodes: CONTRIBUTING.md, "Add a reference".
 """
 
 import math
@@ -16,7 +16,7 @@ from quad_mpc_ros.references.path import PathSamples
 
 
 class Crown:
-    """Round and round in six seconds, up and down twice."""
+    """A circle of six seconds with two vertical oscillations."""
 
     periodic = True
     duration = 6.0
@@ -27,7 +27,7 @@ class Crown:
         return PathSamples(p_WB=p, v_WB_W=v, a_WB_W=a, j_WB_W=j)
 
     def derivative(self, t: NDArray[np.float64], order: int) -> NDArray[np.float64]:
-        """Each derivative turns sine and cosine a quarter on, and brings a factor."""
+        """Each derivative advances the phase by a quarter period and adds a factor."""
         w, turn = math.tau / self.duration, order * math.pi / 2
         east = 2.0 * w**order * np.cos(w * t + turn)
         north = 2.0 * w**order * np.sin(w * t + turn)

@@ -1,9 +1,9 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Weights and bounds of one's own: how they trade the error of position for calm body rates.
+"""Your own weights and bounds: smaller position errors or smoother body rates.
 
-Q weighs position, velocity and attitude, R throttle and body rates. What a configuration does not
-allow is refused with its name and what is.
+Q weights position, velocity and attitude, R weights throttle and body rates. Invalid values are
+rejected with the parameter's name and the expected value.
 """
 
 import dataclasses

@@ -1,8 +1,8 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Reading a recorded flight into arrays: python examples/read_bag.py [BAG]
+"""Read a recorded flight into arrays: python examples/read_bag.py [BAG]
 
-BAG is a rosbag2 directory, an .mcap file or the folder of a run. Without one, a flight is
+BAG is a rosbag2 directory, an .mcap file or the folder of a run. Without BAG, a flight is
 simulated.
 """
 

@@ -1,9 +1,9 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What would another controller have commanded? python examples/resolve_flight.py [BAG]
+"""Recompute the commands of a recorded flight: python examples/resolve_flight.py [BAG]
 
-The recorded flight stays as it was; only the answers are new. With the recorded parameters they
-are the recorded ones, bit for bit.
+The recorded odometry does not change; only the commands are computed again. With the recorded
+parameters the commands equal the recorded commands, bit for bit.
 """
 
 import dataclasses

@@ -1,9 +1,9 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A node of one's own around the controller: odometry in, command out. Needs rclpy.
+"""Your own node with the controller: odometry in, command out. Requires rclpy.
 
-``mpc_node`` does more: lifecycle, live parameters, diagnostics, real time. This is the least. The
-second node here stands for a vehicle at rest, so that there is something to see.
+This is a minimal node. ``mpc_node`` adds lifecycle, live parameters, diagnostics and real time.
+The second node here publishes the odometry of a vehicle at rest.
 """
 
 import sys
@@ -43,7 +43,7 @@ class HoverNode(Node):
 
 
 class VehicleAtRest(Node):
-    """Says 50 times a second that it is one metre high."""
+    """Publishes at 50 Hz the odometry of a vehicle at a height of one metre."""
 
     def __init__(self) -> None:
         super().__init__("vehicle")

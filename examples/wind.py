@@ -1,9 +1,9 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Wind: the controller estimates the acceleration that its model does not explain.
+"""Fly in wind; the controller estimates the acceleration that its model does not contain.
 
-Drag pulls the vehicle along with the air at mu (wind - v), mu = 0.2 1/s, so a wind of 5 m/s
-accelerates one that hovers by 1 m/s^2.
+Drag accelerates the vehicle by mu (wind - v), mu = 0.2 1/s, so a wind of 5 m/s accelerates a
+hovering vehicle by 1 m/s^2.
 """
 
 import dataclasses

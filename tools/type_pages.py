@@ -44,9 +44,9 @@ ROOT = Path(__file__).resolve().parents[1]
 STACKS = tuple(sorted((ROOT / "docs/howto/stacks").glob("*.md")))
 PAGES = (ROOT / "README.md", *sorted({*(ROOT / "docs").glob("[!ab]*/*.md")} - {*STACKS}))
 FENCE = re.compile(r"^```(\w+)(?: +(\S+))?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-OF_THE_CHECKOUT = re.compile(r"make |\.venv/|python (-P )?bench/|cd examples$")
+OF_THE_CHECKOUT = re.compile(r"make |\.venv/|python (-P )?(bench|examples)/|cd examples$")
 STARTS_NODES = re.compile(r"ros2 (run|launch) |quad_mpc fly .*on_request")
-RUNS_ON = re.compile(rf"{STARTS_NODES.pattern}|quad_mpc watch")
+RUNS_ON = re.compile(rf"{STARTS_NODES.pattern}|quad_mpc watch(?! --once)")
 ASKS_NODES = re.compile(r"ros2 (param|service|lifecycle|topic|bag) |preflight|watch --once")
 ANSWERS = re.compile(r"ros2 (param|service|lifecycle) |ros2 topic pub --once ")
 FLYING = "quad_mpc fly --set reference.mode=on_request --duration 900"
@@ -326,9 +326,9 @@ class Reader:
     def _report(self, outcome: str, typed: Typed, detail: str) -> None:
         self.outcomes.append((outcome, typed, detail))
         first, *more = typed.command.splitlines()
-        print(f"{outcome:<12}{typed.place:<28}{first}{' …' if more else ''}", flush=True)
+        print(f"{outcome:<12}{typed.place:<38} {first}{' …' if more else ''}", flush=True)
         if detail:
-            print(f"{'':<40}{detail}", flush=True)
+            print(f"{'':<12}{detail}", flush=True)
 
 
 def _environment(environment: Path, *, home: Path) -> dict[str, str]:
