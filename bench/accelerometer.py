@@ -60,7 +60,7 @@ def simulator(plant: str, noise: str, air: str, *, seed: int, with_imu: bool) ->
 
 
 def errors(trajectory: str, config: SimulatorConfig, accelerometer_noise: float) -> Array:
-    """Return how far one flight was from its reference (n,) [m], once it has settled."""
+    """Return the settled errors (n,) [m] of a flight."""
     reference = ReferenceConfig(trajectory=trajectory, height=_HEIGHT, angular_frequency=1.2)
     mpc = MpcConfig(accelerometer_noise=accelerometer_noise)
     steps = fly(mpc=mpc, simulator=config, reference=reference, on_reference=True)

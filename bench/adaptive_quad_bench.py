@@ -1,15 +1,14 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Fly the trials of AdaptiveQuadBench, on rotorpy, and write how they went.
+"""Fly the trials of AdaptiveQuadBench with rotorpy, and write the results.
 
 python bench/adaptive_quad_bench.py --out runs/adaptive_quad_bench
 
 D. Zhang, R. Tao, S. Cheng, N. Hovakimyan, M. W. Mueller, "A simulation evaluation suite for
 robust adaptive quadcopter control", arXiv 2510.03471: seven families of perturbations, references
-of 5 s drawn at random. docs/measurements/published_tables.md has the table, what differs, and
-where the figures beside it are from. ``flights.csv`` has every flight. ``--config`` and ``--set``
-change the
-controller, ``--families``, ``--rows`` and ``--trials`` choose part of it. It needs rotorpy.
+of 5 s drawn at random. docs/measurements/published_tables.md has the table, the differences, and
+the sources of the other figures. ``flights.csv`` has every flight. ``--config`` and ``--set``
+change the controller; ``--families``, ``--rows`` and ``--trials`` select flights. Requires rotorpy.
 """
 
 from __future__ import annotations
@@ -76,7 +75,7 @@ VEHICLE = {
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """What is flown, and what the controller does not know.
+    """A trial: the flight and its perturbations, which are not configured.
 
     ``goal`` (3, 3) are position [m], velocity and acceleration after 5 s; ``force`` [N] in the
     world, ``torque`` [N m] in the body and the payload come and go at ``toggles`` [s];
@@ -266,7 +265,7 @@ class Craft:
         )
 
     def _disturb(self) -> None:
-        """Let wind, pushes, payload and rotors be those of the next 10 ms."""
+        """Set wind, forces, payload and rotors for the next 10 ms."""
         trial, index = self._trial, self._time_ns // PERIOD_NS
         self._state["wind"] = trial.wind[min(index + 1, len(trial.wind) - 1)]
         if index > 0:
@@ -288,7 +287,7 @@ def multirotor(efficiency: Array) -> Any:
         torque_B = np.zeros(3)
 
         def disturb(self, trial: Trial) -> None:
-            """Let act what a trial has; a payload acts on inertia, and on torque as there.
+            """Apply the perturbations of a trial; a payload acts on inertia and torque.
 
             The suite moves the centre of mass and adds the payload's torque about it: twice.
             """
@@ -324,7 +323,7 @@ def multirotor(efficiency: Array) -> Any:
 
 
 def _steiner(offset: Array) -> Array:
-    """Return what one kilogram at an offset (3,) [m] adds to an inertia (3, 3)."""
+    """Return the inertia (3, 3) of one kilogram at an offset (3,) [m]."""
     return np.asarray(offset @ offset * np.eye(3) - np.outer(offset, offset))
 
 
@@ -341,7 +340,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Flown:
-    """What became of a flight: errors of the true position [m], and of the heading [degrees]."""
+    """Result of a flight: errors of the true position [m], and of the heading [degrees]."""
 
     job: Job
     rmse: float
@@ -350,11 +349,11 @@ class Flown:
 
     @property
     def name(self) -> str:
-        """What was flown."""
+        """Columns that identify the flight."""
         return f"{self.job.family}, {self.job.row}, trial {self.job.trial}"
 
     def cells(self) -> dict[str, Any]:
-        """Return it as a row of ``flights.csv``."""
+        """Return the result as a row of ``flights.csv``."""
         return {
             "family": self.job.family,
             "row": self.job.row,

@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How long a bridge takes, from the arrival of a command to the message on its way to the stack.
+"""Measure the time of a bridge from the arrival of a command to the published message.
 
 python bench/bridge.py [--seconds S] [--rate R]
 
@@ -34,7 +34,7 @@ from quad_mpc_ros.ros.bridges.rates import RatesBridge
 
 
 class Stopwatch:
-    """How long each command took [s]: by the clock, by the processor, and how long to publish."""
+    """Times of each command [s]: wall clock, processor, and publishing."""
 
     def __init__(self) -> None:
         self.clock: list[float] = []

@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a campaign costs beside its flights: handing them out, taking their results, the table.
+"""Measure the cost of a campaign without its flights: distribution, results, table.
 
 python bench/campaign_cost.py [--workers N] [--flights N]
 
@@ -47,7 +47,7 @@ def campaign(*, flights: int, duration: float, vary: dict[str, Any]) -> Campaign
 
 
 def own_seconds(duration: float, *, flights: int) -> float:
-    """Return what a flight of some duration [s] takes by itself, in this process [s]."""
+    """Return the processor time [s] of a flight of a duration [s] in this process."""
     vary = _VARY if duration == _STEP else {}
     flown = campaign(flights=3 * flights, duration=duration, vary=vary)
     fly_batch(flown, [0])  # loads compiled code

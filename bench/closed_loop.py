@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How many times real time the closed loop in one process takes, and where the time goes.
+"""Measure how much faster than real time the closed loop runs in one process, by part.
 
 python bench/closed_loop.py [--duration S] [--repeats N] [--only FLIGHT ...]
 
@@ -52,7 +52,7 @@ FLIGHTS = {
 
 
 class Times(NamedTuple):
-    """What a flight took [s]: within ``fly`` the controller, and within that the MPC."""
+    """Times of a flight [s]: ``fly``, the controller in it, and the MPC in the controller."""
 
     fly: float
     controller: float
@@ -102,7 +102,7 @@ def main() -> int:
 
 
 def cells(times: Times, steps: int, *, duration: float) -> list[str]:
-    """Return how many times real time a flight of ``duration`` [s] takes, and a step's parts."""
+    """Return the real time factor of a flight of ``duration`` [s], and the parts of a step."""
     parts = (
         times.fly,
         times.mpc,

@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What it costs to take clouds of 100,000 points in, as a share of a core at 10 Hz.
+"""Measure the cost of clouds of 100,000 points, as a share of a core at 10 Hz.
 
     python -P bench/cloud_intake.py [--points 100000] [--scans 60]
 
@@ -48,7 +48,7 @@ def surroundings(random: np.random.Generator) -> list[Shape]:
 
 
 def seen(shapes: list[Shape], eye: Array, count: int, random: np.random.Generator) -> Array:
-    """Return where as many rays all around end (n, 3) [m], with a noise of 1 cm along them."""
+    """Return the ends (n, 3) [m] of rays in all directions, with a noise of 1 cm along them."""
     rays = random.normal(size=(count, 3))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     lengths = np.min([shape.ray_lengths(eye, rays) for shape in shapes], axis=0)

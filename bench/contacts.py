@@ -6,11 +6,10 @@ python bench/contacts.py --out runs/contacts
 
 Each case takes off, hovers, and lands on request; one flies a lemniscate in between. As a landing
 is no faster than 1 m/s, a touchdown at 1.5 m/s is a reference that sinks at that speed through the
-ground. The MPC knows nothing of slopes, decks and loads. A row says what became of it: whether it
-crashed, that is, whether hull or rotors touched anything; the mean position error in the air and
-after it was asked to land; the greatest tilt in the air, after contact, and the one at the end;
-the speed with which it met the ground; how long after that the motors idled for good, and how long
-until the reference took the landing for ended; how far it bounced and slid.
+ground. Slopes, decks and loads are not configured in the MPC. A row has: crash, that is, contact of
+hull or rotors; the mean position error in the air and after the request to land; the largest tilt
+in the air and after contact, and the final tilt; the touchdown speed; the time from touchdown until
+the motors idle, and until the reference ends the landing; the distances of bouncing and sliding.
 docs/howto/contacts.md.
 """
 
@@ -178,7 +177,7 @@ class Outcome:
     first_contact: np.ndarray | None = None
 
     def cells(self) -> dict[str, str]:
-        """Return it as a row of a table."""
+        """Return the result as a row of a table."""
         return {
             "crashed": self.crashed,
             "mean error [m]": f"{_mean(self.errors):.3f}",

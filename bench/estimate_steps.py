@@ -37,7 +37,7 @@ _SECOND = 1_000_000_000
 
 
 class Step(NamedTuple):
-    """By how much the odometry is off.
+    """Error of the odometry.
 
     Attributes:
         name: The row of the table.
@@ -57,7 +57,7 @@ class Step(NamedTuple):
     twist_in_world: bool = False
 
     def of(self, odometry: OdometrySample) -> OdometrySample:
-        """Return what is reported in place of an odometry."""
+        """Return the odometry with its error."""
         if self.announced:
             return self.reset(odometry.stamp_ns, back=False).odometry(odometry)
         R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
@@ -106,7 +106,7 @@ class Stepping:
         self._is_off = False
 
     def __call__(self, odometry: OdometrySample, window: ReferenceWindow) -> CommandSample | None:
-        """Return the command for what is reported of an odometry."""
+        """Return the command for the odometry with its error."""
         if self._begin_ns is None:
             self._begin_ns = odometry.stamp_ns
         since = (odometry.stamp_ns - self._begin_ns) / _SECOND - BEGINS
@@ -120,7 +120,7 @@ class Stepping:
 
 
 def moved(step: Step, *, lasts: float, wind: float, learns: bool) -> float:
-    """Return by how much a vehicle moves that hovers [m]."""
+    """Return the distance that a hovering vehicle moves [m]."""
     simulator = SimulatorConfig(
         initial_position=(0.0, 0.0, HEIGHT),
         initial_throttle=0.3,

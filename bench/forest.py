@@ -44,7 +44,7 @@ class Forest:
     spacing = _SPACING
 
     def __init__(self, seed: int, *, clear: Array) -> None:
-        """``clear`` (n, 2) are places near which nothing stands."""
+        """No pillar is near the positions ``clear`` (n, 2)."""
         rng = np.random.default_rng(seed)
         self.centres, self.halves, self.heights = np.zeros((0, 2)), np.zeros(0), np.zeros(0)
         while len(self.centres) < 200:
@@ -62,7 +62,7 @@ class Forest:
         self._next_ns, self.revision = 0, 0
 
     def look(self, p_WB: Array, stamp_ns: int) -> None:
-        """Let the sensor look when it is time."""
+        """Measure if a measurement is due."""
         if stamp_ns < self._next_ns:
             return
         self._next_ns = stamp_ns + _PERIOD_NS
@@ -78,7 +78,7 @@ class Forest:
         return np.vstack(surfaces) if surfaces else np.zeros((0, 3))
 
     def moving(self, stamp_ns: int, *, near: Array, radius: float) -> MovingPoints:
-        """Return nothing: pillars stand."""
+        """Return nothing: pillars do not move."""
         return MovingPoints.none()
 
     def age(self, stamp_ns: int) -> float:

@@ -39,7 +39,7 @@ PLANT = {"input_delay": "command_delay"}  # where the simulator has another name
 
 @dataclass(frozen=True)
 class Front:
-    """One configuration: a preset, and what is changed of it."""
+    """One configuration: a preset and its changes."""
 
     name: str
     preset: str
@@ -58,7 +58,7 @@ FRONT = (
 
 @dataclass(frozen=True, kw_only=True)
 class Flown:
-    """What became of one configuration; shares of flights lost in [0, 1], lengths [m]."""
+    """Results of one configuration: shares of crashed flights in [0, 1], lengths [m]."""
 
     front: Front
     margin: float

@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A quadrotor in equations of its own, by SciPy: what plans of races are checked with.
+"""An independent quadrotor simulation with SciPy, to check race plans.
 
 Rotation matrices and Newton-Euler's equations in the body, rotors as forces at their places;
 nothing of it is shared with the planner.

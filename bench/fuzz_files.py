@@ -149,7 +149,7 @@ def kinds(folder: Path) -> list[Kind]:
 def fuzz(
     kind: Kind, *, count: int, seed: int, folder: Path, keep: Path | None = None
 ) -> tuple[Counter[str], list[str]]:
-    """Return how mutations of a kind ended, and a line for each that ended wrongly."""
+    """Return the outcomes of mutations of a kind, and a line for each failure."""
     rng = random.Random(f"{kind.name} {seed}")
     sounds, outcomes = kind.sound(), Counter[str]()
     failures = []

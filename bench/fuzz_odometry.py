@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Odometry with one wrong field in one message of ten: what is rejected, and how far it moves.
+"""Odometry with one wrong field in one message of ten: rejected messages and largest errors.
 
     python -P bench/fuzz_odometry.py                 # 10,000 wrong messages
     python -P bench/fuzz_odometry.py --count 500
@@ -61,14 +61,14 @@ def permuted(odometry: OdometrySample, draw: random.Random) -> OdometrySample:
 
 
 def stamped(odometry: OdometrySample, draw: random.Random) -> OdometrySample:
-    """Give it another stamp."""
+    """Change the stamp."""
     off_ns = draw.choice((-(10**9), -(10**7), 3 * 10**7, 10**9, 3600 * 10**9))
     other = draw.choice((0, 1, odometry.stamp_ns // 1000, odometry.stamp_ns + off_ns))
     return dataclasses.replace(odometry, stamp_ns=other)
 
 
 def framed(odometry: OdometrySample, draw: random.Random) -> OdometrySample:
-    """Give it another frame, or axes of NED."""
+    """Change the frame, or convert to NED."""
     frame = draw.choice(("map", "", "odom_ned", "base_link"))
     if draw.random() < 0.5:
         return dataclasses.replace(odometry, frame_id=frame)

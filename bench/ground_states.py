@@ -25,7 +25,7 @@ _AIRBORNE = 0.02  # m
 
 
 def states_of(plan: FlightPlan, *, duration: float) -> Counter[str]:
-    """Fly for so long [s], and return how often each state was said in the air."""
+    """Fly for a duration [s], and return the number of each state in the air."""
     mpc, simulator, reference = plan.config
     simulator = replace(simulator, duration=min(duration, simulator.duration))
     steps = fly(mpc=mpc, simulator=simulator, reference=reference, trajectory=plan.trajectory)

@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Identify vehicles of the plant rotors from noisy flights, and fly with what is found.
+"""Identify vehicles of the plant rotors from noisy flights, and fly the identified models.
 
 python bench/identified.py sun_2022 paper --seeds 20
 
@@ -103,7 +103,7 @@ def recorded(config: FlightConfig) -> RecordedRun:
 
 
 def identified(config: FlightConfig) -> Identification:
-    """Return what is identified from a flight."""
+    """Return the identification of a flight."""
     mpc = config.mpc
     data = measurements_of(
         recorded(config), vehicle=mpc.vehicle(), twist_frame=mpc.odometry.twist_frame
@@ -112,7 +112,7 @@ def identified(config: FlightConfig) -> Identification:
 
 
 def estimates(found: Identification) -> Iterator[tuple[str, ParameterEstimate]]:
-    """Yield everything that is found, by name; the drag is that in hover."""
+    """Yield the identified values by name; the drag is the drag in hover."""
     rates = found.rate_time_constant
     yield from ((f"rates' lag {axis}", one) for axis, one in zip("xyz", rates, strict=True))
     yield "thrust's lag", found.thrust_time_constant

@@ -232,7 +232,7 @@ def _thrusts_of(dynamics: dict[str, Any]) -> Array:
 
 
 def result_of(flight: Flight, duration: float) -> Result:
-    """Fly and return what came of it."""
+    """Fly and return the result."""
     tumbling = flight.task == "tumbling"
     height = 20.0 if tumbling else 2.0
     draw = np.random.default_rng([17, flight.vehicle])

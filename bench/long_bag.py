@@ -6,7 +6,7 @@ python bench/long_bag.py runs/…/bag long_bag --hours 1
 quad_mpc report long_bag; quad_mpc identify long_bag
 
 Every time is later by the length of the flight in each round: those of the log, those of
-publication, and the stamps of the messages. What has no stamp in front is copied as it is.
+publication, and the stamps of the messages. Messages without a leading stamp are copied unchanged.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def _lap_ns(messages: list[RecordedMessage]) -> int:
 
 
 def _shift_of(recording: Recording) -> Shift:
-    """Return what makes the data of a message in a later round."""
+    """Return a function that converts the data of a message for a later round."""
     stamped = {
         name
         for name, info in recording.bag.topics.items()

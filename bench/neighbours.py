@@ -136,7 +136,7 @@ def trial(
     seed: int,
     acceleration: float,
 ) -> dict[str, Any]:
-    """Fly all from starts (n, 3) to goals (n, 3); return the least distance and who arrives."""
+    """Fly all from starts (n, 3) to goals (n, 3); return smallest distance and arrivals."""
     radio = Radio(lost, late_ns, np.random.default_rng(seed), [[] for _ in starts])
     took: list[float] = []
     flights = [

@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A flight over DDS in real time beside a bare relay: latency, processor, memory, start.
+"""Compare a flight over DDS in real time with a minimal relay: latency, processor, memory, start.
 
 python bench/node_latency.py [--rate HZ] [--duration S] [--set NODE.PARAM=VALUE ...]
 
@@ -111,7 +111,7 @@ def await_readiness(monitor: FlightMonitor) -> None:
 
 
 def loads_of(pids: dict[str, int], before: dict[str, Load]) -> dict[str, Load]:
-    """Return what processes have taken so far; of one that has ended, what is known of before."""
+    """Return the usage of processes so far; the last known usage of ended processes."""
     loads = dict(before)
     for name, pid in pids.items():
         times = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()

@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What keeping clear costs: the step with eight half-spaces and without by turns, and the map.
+"""Measure the cost of obstacle avoidance: the step with and without eight half-spaces; the map.
 
     python -P bench/obstacle_cost.py
 
@@ -38,7 +38,7 @@ class Cloud:
         self._points, self.revision = points, 0
 
     def points(self, stamp_ns: int, *, near: Array, radius: float) -> Array:
-        """Return those that are near."""
+        """Return the near points."""
         return self._points[np.linalg.norm(self._points - near, axis=1) <= radius]
 
     def moving(self, stamp_ns: int, *, near: Array, radius: float) -> MovingPoints:
@@ -54,14 +54,14 @@ class Cloud:
 
 
 def timed(call: Callable[..., Any], *arguments: Any) -> tuple[float, Any]:
-    """Return how long a call takes of this thread's CPU time [us], and what it returns."""
+    """Return the CPU time of a call in this thread [us], and its result."""
     began = time.thread_time()
     result = call(*arguments)
     return 1e6 * (time.thread_time() - began), result
 
 
 def step_of(estimator: DelayCompensation, mpc: Mpc) -> Callable[..., MpcStep]:
-    """Return what takes odometry, window and corridor, and plans."""
+    """Return a function from odometry, window and corridor to a plan."""
     return lambda odometry, *flown: mpc.solve(estimator.predict(odometry), *flown)
 
 

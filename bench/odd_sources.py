@@ -71,8 +71,8 @@ class Source:
         name: Its name.
         campaign: The shipped campaign that it changes.
         config: The parameter files of all flights.
-        changes: What all flights share, in place of what the campaign varies.
-        vary: What varies beside what the campaign does.
+        changes: Fixed parameters that replace variations of the campaign.
+        vary: Variations in addition to those of the campaign.
         way: How it is flown, one of ``WAYS``.
     """
 

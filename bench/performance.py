@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Measure what a control step costs, next to other controllers and to OSQP alone.
+"""Measure the time of a control step, next to other controllers and OSQP alone.
 
 python bench/performance.py              # prints the tables
 python bench/performance.py --publish    # renews bench/performance.json and the page
@@ -167,7 +167,7 @@ def measure(config: FlightConfig, *, lengths: Sequence[int], repeats: int) -> di
 
 
 def _made(jobs: Sequence[Job], config: FlightConfig, scratch: Path) -> dict[Job, NewPeer]:
-    """Return what makes each peer that can fly here."""
+    """Return the constructors of the available peers."""
     ready: dict[Job, NewPeer] = {}
     skipped: set[str] = set()
     for name, steps in jobs:

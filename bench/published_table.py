@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What benches that fly a published table share: options, parallel flights, what is written."""
+"""Shared parts of benches that fly a published table: options, parallel flights, output."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from markdown_table import markdown_table
 
 
 class Flown(Protocol):
-    """What became of a flight: the RMSE of the true position [m], and what flew."""
+    """Result of a flight: the RMSE of the true position [m], and the flight."""
 
     @property
     def rmse(self) -> float: ...
     @property
     def name(self) -> str: ...
     def cells(self) -> dict[str, Any]:
-        """Return it as a row of ``flights.csv``."""
+        """Return the result as a row of ``flights.csv``."""
         ...
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Plan random races: does every one succeed, is it feasible, how quick beside minimum snap?
+"""Plan random races: success, feasibility and race times compared with minimum snap.
 
 python bench/race_plans.py --races 100
 """

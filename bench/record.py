@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Record the traffic of a flight for a while: what is lost, what it takes, does memory grow.
+"""Record the traffic of a flight for a while: lost messages, processor time, growth of memory.
 
 python bench/record.py --duration 600
 
@@ -43,7 +43,7 @@ _WAIT_S = 20.0
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """What a process took: its share of one core, and resident memory [MiB] once a second."""
+    """Usage of a process: its share of one core, and resident memory [MiB] once a second."""
 
     cpu_share: float
     memory_mib: Sequence[float]
@@ -173,7 +173,7 @@ def _like(topic: Topic) -> Any:
 
 
 def main() -> int:
-    """Record, print, and say by the exit code whether everything is there."""
+    """Record and print; the exit code is 1 if messages are missing."""
     if sys.argv[1:2] == ["--send"]:
         name, count, rate = sys.argv[2:]
         _send(name, count=int(count), rate=float(rate))

@@ -1,8 +1,9 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A bare relay: answers each odometry with a command, as rclpy's tutorials would write it.
+"""A minimal relay, written as in rclpy's tutorials: a command for each odometry.
 
-What ``bench/node_latency.py`` measures the controller beside. It imports nothing of this package.
+``bench/node_latency.py`` compares the controller with this relay, which does not import the
+package.
 """
 
 from __future__ import annotations

@@ -93,7 +93,7 @@ def _node(name: str, *parameters: str) -> subprocess.Popen[bytes]:
 
 
 def main() -> int:
-    """Replay, record, print, and say by the exit code whether everything is there."""
+    """Replay, record and print; the exit code is 1 if messages are missing."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("bag", type=Path)
     parser.add_argument("--rate", type=float, default=1.0)

@@ -117,7 +117,7 @@ class SuddenPillar:
         return self.seen
 
     def moving(self, stamp_ns: int, *, near: Array, radius: float) -> MovingPoints:
-        """Return nothing: a cloud says nothing of speed."""
+        """Return nothing: a cloud has no speeds."""
         return MovingPoints.none()
 
     def age(self, stamp_ns: int) -> float:
@@ -159,7 +159,7 @@ class Run:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What came of a run: the least distance to a point, and what else there is to know."""
+    """Result of a run: the smallest distance to a point, and details."""
 
     distance: float
     speed: float
@@ -227,7 +227,7 @@ def flown(run: Run) -> Iterator[tuple[Any, SuddenPillar, Array]]:
 
 
 def outcome(run: Run) -> Outcome:
-    """Fly a run and return what came of it."""
+    """Fly a run and return the result."""
     times, velocities, nearest, failures, fallbacks, took = [], [], np.inf, 0, 0, []
     before, arrived = None, False
     for step, pillar, p_WB in flown(run):

@@ -65,7 +65,7 @@ class Course:
         return self.acceleration <= 40 and turn not in TOO_FAST_TURNS
 
     def assignments(self) -> tuple[str, ...]:
-        """Return it as parameters of the reference."""
+        """Return the parameters of the reference."""
         radius = self.speed**2 / self.acceleration
         heading = "centre" if self.plane == "horizontal" else "fixed"
         return (
@@ -98,7 +98,7 @@ def _push(force: float) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Condition:
-    """What the controller does not know, and their RMSE [m] and crashes [%] for it."""
+    """Perturbations that are not configured, with the published RMSE [m] and crashes [%]."""
 
     name: str
     effects: tuple[str, ...] = ()
@@ -151,7 +151,7 @@ ROWS = {
 
 @dataclass(frozen=True)
 class Job:
-    """One flight: where in the table it belongs, and what is flown."""
+    """One flight and its cell in the table."""
 
     condition: str
     row: str
@@ -162,7 +162,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Flown:
-    """What became of a flight; ``rmse`` and ``largest`` [m] are of the true position."""
+    """Result of a flight; ``rmse`` and ``largest`` [m] are of the true position."""
 
     job: Job
     rmse: float
@@ -172,11 +172,11 @@ class Flown:
 
     @property
     def name(self) -> str:
-        """What was flown."""
+        """Columns that identify the flight."""
         return f"{self.job.condition}, {self.job.row}: {self.job.course}"
 
     def cells(self) -> dict[str, Any]:
-        """Return it as a row of ``flights.csv``."""
+        """Return the result as a row of ``flights.csv``."""
         job, course = self.job, self.job.course
         return {
             "condition": job.condition,

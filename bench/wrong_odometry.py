@@ -194,7 +194,7 @@ VEHICLES: dict[str, type[RotorsPlant]] = {
 
 
 class Moment(NamedTuple):
-    """One odometry of a flight: time [s], true position, and who commanded why."""
+    """One odometry of a flight: time [s], true position, active source and reason."""
 
     seconds: float
     p_WB: Array
@@ -279,7 +279,7 @@ def _requested() -> Callable[..., ReferenceWindow]:
 
 
 def outcome(moments: Sequence[Moment]) -> Outcome:
-    """Return what came of a flight."""
+    """Return the result of a flight."""
     away = np.array([moment.p_WB for moment in moments]) - moments[0].p_WB
     horizontal, up = np.hypot(away[:, 0], away[:, 1]), away[:, 2]
     found = next((k for k, each in enumerate(moments) if is_found(each.reason)), None)

@@ -70,4 +70,4 @@ if __name__ == "__main__":
     for name, controller in {"MPC": None, "PID": Pid(MpcConfig())}.items():
         flight = simulate(trajectory=path, controller=controller, on_reference=True, duration=12.0)
         rmse[name] = summarise(flight)["position_rmse_m"]
-        print(f"{name}: twice round a circle at 2 m/s, RMSE {100 * rmse[name]:.1f} cm")
+        print(f"{name}: two laps of a circle at 2 m/s, RMSE {1000 * rmse[name]:.2f} mm")

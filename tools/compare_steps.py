@@ -53,7 +53,7 @@ def main() -> None:
 
 
 def package_of(python: Path) -> str:
-    """Return where a Python has the package from."""
+    """Return the path from which a Python imports the package."""
     ended = run(python, "-c", "import quad_mpc_ros; print(quad_mpc_ros.__path__[0])")
     if ended.returncode:
         raise SystemExit(f"{python}: {ended.stderr}")

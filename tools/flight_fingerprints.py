@@ -169,7 +169,7 @@ def flown(command: str, arguments: list[str], assignments: list[str]) -> tuple[i
 
 
 def flown_with(fault: Fault) -> tuple[int, str]:
-    """Fly with a fault; return the number and the digest of the commands, and who gave them."""
+    """Fly with a fault; return the number and the digest of the commands, and their sources."""
     if fault.grounded:
         simulator = SimulatorConfig(position_bias=(0.0, 0.0, 0.5))
         reference = ReferenceConfig(trajectory="hover", height=0.0)

@@ -108,7 +108,7 @@ class Pilot:
         return receive
 
     def listen(self, executor: Any) -> None:
-        """Take what comes, if anything does within a moment."""
+        """Receive a message, if one arrives soon."""
         if self._line is None or self._clock is None:
             executor.spin_once(timeout_sec=0.1)
             return
@@ -241,7 +241,7 @@ def row(
 
 
 def describe(name: str, rows: list[list[float]], bound: float) -> str:
-    """Return how well a phase was flown, in one line."""
+    """Return the errors of a phase as a line."""
     log = np.array(rows)
     error = np.linalg.norm(log[:, 1:4] - log[:, 4:7], axis=1)
     at_bound = np.mean(np.abs(log[:, 11:14]).max(axis=1) >= bound)

@@ -200,7 +200,7 @@ class Rig:
 
 
 def tilt_of(R_WB: np.ndarray) -> float:
-    """Return by how much the thrust points away from up [deg]."""
+    """Return the angle between thrust and up [deg]."""
     return float(np.degrees(np.arccos(np.clip(R_WB[2, 2], -1.0, 1.0))))
 
 

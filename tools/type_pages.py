@@ -87,7 +87,7 @@ ELSEWHERE = {
     r"flight\.mcap": "needs a recording of a flight stack",
     r"/\w+_bridge/|bridge:=|--bridge px4|/fmu/": NEEDS_THE_STACK,
     r"/dev/tty": "needs a serial port",
-    r"ros2 run (joy|teleop_twist_|rqt_\w+) ": "needs a package of ROS beside ours",
+    r"ros2 run (joy|teleop_twist_\w+|rqt_\w+|diagnostic_aggregator) ": "needs another ROS package",
     r"EFFECT": "a placeholder, for what the table below it lists",
 }
 

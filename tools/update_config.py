@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write config/<node>.yaml and docs/reference/parameters.md from the code.
 
-Run it after changing a parameter; a test fails while the files are not what it would write.
+Run the program after changing a parameter; a test fails if the files are not up to date.
 """
 
 from __future__ import annotations

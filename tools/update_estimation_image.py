@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Fly a vehicle that the model does not know, and draw what is learned of it over the truth.
+"""Fly an unidentified vehicle, and draw the estimates over the true values.
 
 python tools/update_estimation_image.py
 """

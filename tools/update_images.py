@@ -45,7 +45,7 @@ def update_flights() -> None:
 
 
 def update_references() -> None:
-    """Draw every reference with what it needs."""
+    """Draw every reference with the required throttle and rates."""
     with tempfile.TemporaryDirectory() as scratch:
         run = Path(scratch, "run")
         manifold = ["--set", "mpc.formulation=manifold", "--set", "mpc.terminal_weight=30"]

@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Draw the figures of the page on obstacles: a flight among them, and what it knows on the way.
+"""Draw the figures of the page on obstacles: a flight around obstacles, and the detected points.
 
 python tools/update_obstacle_images.py
 """
@@ -39,7 +39,7 @@ SHOWN_AT = 3.2  # s
 
 
 def main() -> None:
-    """Fly the page's file, draw the flight, and from above what was known at one moment."""
+    """Fly the page's file, draw the flight, and from above the detected points at one time."""
     with tempfile.TemporaryDirectory() as scratch:
         file = Path(scratch, "pillars.yaml")
         block = re.search(r"```yaml pillars\.yaml\n(.*?)```", PAGE.read_text(), re.DOTALL)
@@ -72,7 +72,7 @@ def draw(settings: list[str]) -> None:
 
 
 def view_from_above(step: LoopStep, world: ObstacleWorld, flown: Array, path: Path) -> None:
-    """Draw what is known, what is planned and where the plan is held, at the height of flight."""
+    """Draw detected points, plan and corridor at the height of the flight."""
     assert step.tick is not None and step.tick.plan is not None and step.tick.guided is not None
     figure = style.new_figure(8.0, 3.6)
     axes: Axes = figure.subplots()
@@ -108,7 +108,7 @@ def draw_corridor(axes: Axes, corridor: Corridor, plan: Array) -> None:
 
 
 def cut(normals: Array, offsets: Array, place: Array, reach: float = 1.2) -> Array:
-    """Return where half-spaces hold, as a polygon (n, 2) at the height of a place."""
+    """Return the region of half-spaces as a polygon (n, 2) at the height of a position."""
     ring = place[:2] + reach * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=float)
     for normal, offset in zip(normals, offsets, strict=True):
         if not np.isfinite(offset):

@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def flown() -> list[LoopStep]:
-    """Return the control steps of a flight that knows the pillars from a simulated lidar."""
+    """Return the control steps of a flight that detects the pillars with a simulated lidar."""
     lines = [
         f"  - {{shape: cylinder, position: [{x}, {y}, {HEIGHT}], radius: {r}, height: 3.0}}"
         for x, y, r in PILLARS
@@ -127,7 +127,7 @@ def draw_vehicle(axes: Any, step: LoopStep) -> None:
 
 
 class Node(NamedTuple):
-    """A box of the graph: its name, what it is, and its centre."""
+    """A box of the graph: its name, description and centre."""
 
     name: str
     what: str

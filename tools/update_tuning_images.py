@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Fly what docs/howto/tune.md speaks of, print its numbers, and draw its figures.
+"""Fly the flights of docs/howto/tune.md, print the numbers, and draw the figures.
 
 python tools/update_tuning_images.py
 """
@@ -76,18 +76,18 @@ class Flown:
 
     @property
     def overshoot(self) -> float:
-        """How far it passes the second corner, 2 m east [m]."""
+        """Overshoot at the second corner, 2 m east [m]."""
         there = (self.time >= 2.0) & (self.time < 4.0)
         return float(self.p_WB[there, 0].max()) - 2.0
 
     def within(self, distance: float) -> float:
-        """Return how long after the second corner's turn it is within a distance for good [s]."""
+        """Return the settling time to a distance after the second corner [s]."""
         there = (self.time >= 2.0) & (self.time < 4.0)
         return 0.02 * float(np.flatnonzero(self.distance[there] > distance)[-1] + 1)
 
 
 def flown(*assignments: str, options: Sequence[str] = ()) -> Flown:
-    """Fly what ``quad_mpc simulate`` would, and print how well."""
+    """Fly like ``quad_mpc simulate``, and print the errors."""
     parser = argparse.ArgumentParser()
     add_run_options(parser)
     arguments = [*AGILE, *options, *(part for text in assignments for part in ("--set", text))]
@@ -129,7 +129,7 @@ def update_horizon() -> None:
 
 
 def update_steps() -> None:
-    """Draw the way east to the second corner for several weights."""
+    """Draw the motion east to the second corner for several weights."""
     figure, axes = _two_axes()
     velocity = {
         f"{q:g}": f"mpc.Q=[10,10,10,{q},{q},{q},0.01,0.01,0.01]"
@@ -156,7 +156,7 @@ def update_steps() -> None:
 
 
 def update_model() -> None:
-    """Draw the fast lemniscate against what the model says of lags and delay."""
+    """Draw the fast lemniscate for several modelled lags and delays."""
     figure, (lag, delay) = _two_axes()
     for colour, assignment, label in ((COLOURS[1], ON, "on"), (COLOURS[4], OFF, "off")):
         line = _marked(colour, label)
@@ -171,7 +171,7 @@ def update_model() -> None:
 
 
 def print_others() -> None:
-    """Fly what the page says without a picture."""
+    """Fly the flights of the page that have no picture."""
     flown(*LAGS, options=FAST)
     for steps, step in ((25, 0.02), (20, 0.025), (10, 0.05), (5, 0.1)):
         flown(f"mpc.horizon_steps={steps}", f"mpc.horizon_step={step}")
