@@ -8,7 +8,7 @@ D. Zhang, R. Tao, S. Cheng, N. Hovakimyan, M. W. Mueller, "A simulation evaluati
 robust adaptive quadcopter control", arXiv 2510.03471: seven families of perturbations, references
 of 5 s drawn at random. docs/measurements/published_tables.md has the table, the differences, and
 the sources of the other figures. ``flights.csv`` has every flight. ``--config`` and ``--set``
-change the controller; ``--families``, ``--rows`` and ``--trials`` select flights. Requires rotorpy.
+change the controller; ``--families``, ``--rows`` and ``--trials`` select flights. Needs rotorpy.
 """
 
 from __future__ import annotations

@@ -6,10 +6,10 @@ python bench/contacts.py --out runs/contacts
 
 Each case takes off, hovers, and lands on request; one flies a lemniscate in between. As a landing
 is no faster than 1 m/s, a touchdown at 1.5 m/s is a reference that sinks at that speed through the
-ground. Slopes, decks and loads are not configured in the MPC. A row has: crash, that is, contact of
-hull or rotors; the mean position error in the air and after the request to land; the largest tilt
-in the air and after contact, and the final tilt; the touchdown speed; the time from touchdown until
-the motors idle, and until the reference ends the landing; the distances of bouncing and sliding.
+ground. Slopes, decks and loads are not configured in the MPC. A row has: crash, that is, contact
+of hull or rotors; the mean position error in the air and after the request to land; the largest
+tilt in the air and after contact, and the final tilt; the touchdown speed; the time from touchdown
+until the motors idle, and until the reference ends the landing; bouncing and sliding distances.
 docs/howto/contacts.md.
 """
 

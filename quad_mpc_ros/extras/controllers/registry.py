@@ -75,7 +75,7 @@ def _imported(name: str, module: str, kind: str) -> Any:
     try:
         return getattr(importlib.import_module(module), kind)
     except Exception as error:  # whatever the module raises
-        reason = f"{type(error).__name__}: {error}"
+        reason = f"{type(error).__name__}: {error}; check name, working directory, PYTHONPATH"
         raise UserError(f"{_PARAMETER}: {name} cannot be imported: {reason}") from error
     finally:
         sys.path.remove("")
