@@ -194,10 +194,12 @@ class Reader:
 
     def fly_beside(self, typed: tuple[Typed, ...]) -> None:
         """Start a flight for commands that ask nodes and start none."""
+        reasons = [self.not_here(each.command) for each in typed]
+        here = typed[: reasons.index(NEEDS_THE_STACK)] if NEEDS_THE_STACK in reasons else typed
         asks = [
             each
-            for each in typed
-            if ASKS_NODES.search(each.command) and not self.not_here(each.command)
+            for each, reason in zip(here, reasons, strict=False)
+            if ASKS_NODES.search(each.command) and not reason
         ]
         starts = any(STARTS_NODES.search(each.command) for each in typed)
         if asks and not starts:
