@@ -30,7 +30,8 @@ OPENING = re.compile(
     r"(?:^|[.:?!]\s+)(Of an? |Of those |That of |Those of |Who \w+ \w+ (?!\w*\?)"
     r"|What [^.?]{1,60} (?:says|tells)\b)"
 )
-MOST_WORDS_OF_README, MOST_WORDS_OF_SENTENCE = 1500, 35
+MOST_WORDS_OF_README, MOST_WORDS_OF_PAGES, MOST_WORDS_OF_SENTENCE = 1500, 45_000, 35
+GENERATED = "docs/reference/parameters.md"
 
 
 def name_of(path: Path) -> str:
@@ -69,6 +70,13 @@ def test_files_that_a_page_names_exist(page: Path) -> None:
 
 def test_readme_is_read_in_five_minutes() -> None:
     assert len((ROOT / "README.md").read_text().split()) <= MOST_WORDS_OF_README
+
+
+def test_pages_are_short_enough_to_be_read() -> None:
+    words = {name_of(page): re.findall(r"\S*\w\S*", page.read_text()) for page in PAGES}
+    assert sum(len(found) for page, found in words.items() if page != GENERATED) <= (
+        MOST_WORDS_OF_PAGES
+    )
 
 
 def prose_of(path: Path) -> Iterator[str]:
