@@ -86,7 +86,7 @@ class DelayedReference(Stage):
         return dataclasses.replace(reference, offset_ns=reference.offset_ns + behind_ns)
 
     def _count(self, stamp_ns: int) -> None:
-        """Update the delay by the plan's speeds since the last call."""
+        """Update the delay with the plan's speeds since the last call."""
         assert self._flown is not None
         plan, began_ns, counted_ns = self._flown
         since, until = 1e-9 * (counted_ns - began_ns), 1e-9 * (stamp_ns - began_ns)

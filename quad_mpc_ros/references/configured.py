@@ -71,7 +71,7 @@ def _judged(made: Path | Trajectory, config: ReferenceConfig) -> tuple[Trajector
 
 
 def _quickest(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Feasibility] | None:
-    """Return the feasible trajectory with the least time scaling, or None.
+    """Return the feasible trajectory with the smallest time scaling, or None.
 
     The factor is searched from 1 upwards, then by bisection.
     """

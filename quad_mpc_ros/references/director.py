@@ -118,7 +118,7 @@ class Director:
         return self.timeline.phase(now_ns).name
 
     def sink(self, now_ns: int, *, p_WB: Array, yaw: float) -> None:
-        """Let a flying vehicle descend while the reference is on the ground."""
+        """Make a flying vehicle descend while the reference is on the ground."""
         down = Straight(p_WB, v_WB_W=np.array([0.0, 0.0, -self._config.touchdown_speed]))
         trajectory = FlatTrajectory(down, self._config, yaw=yaw)
         self.timeline.follow([Phase(start_ns=now_ns, name=LANDING, trajectory=trajectory)])

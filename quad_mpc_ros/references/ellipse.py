@@ -129,7 +129,7 @@ class Ellipse:
 
 
 def ellipse(config: EllipseParameters) -> Ellipse:
-    """Return the configured ellipse; at t = 0 in full motion eastwards, at +B."""
+    """Return the configured ellipse; at t = 0 at +B, at full speed eastwards."""
     a, b = config.ellipse_semi_axes
     is_level = config.ellipse_plane == "horizontal"
     return Ellipse(
@@ -142,7 +142,7 @@ def ellipse(config: EllipseParameters) -> Ellipse:
 
 
 def circle(config: CircleParameters) -> Ellipse:
-    """Return the configured circle, anticlockwise; at t = 0 in full motion, east of its origin."""
+    """Return the configured circle, anticlockwise; at t = 0 at full speed, east of the origin."""
     radius = config.circle_radius
     return Ellipse(
         np.array([*config.origin, config.height]),

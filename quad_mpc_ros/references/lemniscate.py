@@ -3,7 +3,7 @@
 """A lemniscate, x = A_x sin(w t) and y = A_y sin(2 w t), at a constant heading.
 
 Smooth and, by differential flatness with drag, complete: attitude, body rates and acceleration
-belong to the path. The path crosses its origin at t = 0, in full motion.
+belong to the path. The path crosses the origin at t = 0, at full speed.
 """
 
 from __future__ import annotations

@@ -125,8 +125,8 @@ def leg_within(start: End, end: End, *, max_speed: float, max_acceleration: floa
     """Return the fastest leg within a speed [m/s] and an acceleration [m/s^2].
 
     The speed and acceleration of an end, and a tenth more, are always allowed. The duration is
-    found within 5 %. If the jerk of an end allows no such leg, the leg with the least acceleration
-    is returned, to be checked with the whole path.
+    found within 5 %. If the jerk of an end allows no such leg, the leg with the smallest
+    acceleration is returned, to be checked with the whole path.
     """
     ends = (start, end)
     speed = max(max_speed, *(1.1 * float(np.linalg.norm(e.v_WB_W)) for e in ends))

@@ -308,7 +308,7 @@ def _update_filter(
     stamps_ns: tuple[int, int],
     permitted: int,
 ) -> tuple[int, bool]:
-    """Update the filter by an odometry, under the commands that acted since the previous one.
+    """Update the filter with an odometry and the commands in effect since the previous one.
 
     The modes are integers: members of an enum are slow arguments in numba.
 

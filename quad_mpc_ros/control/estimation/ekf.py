@@ -3,8 +3,8 @@
 """The extended Kalman filter of the vehicle's motion and parameters.
 
 Between two odometries the MPC's own model predicts position, velocity, throttle and body rates
-from the commands that acted, delayed and lagged. The measurements correct the prediction and the
-parameters (:mod:`.filter_state` has the states, :mod:`.kalman` the equations).
+from the delayed and lagged commands. The measurements correct the prediction and the parameters
+(:mod:`.filter_state` has the states, :mod:`.kalman` the equations).
 docs/explanation/estimation.md explains how the states are distinguished.
 
     dd/dt = noise, for d_z -d_z / T + noise        disturbance acceleration
@@ -203,7 +203,7 @@ def update(
     permitted: int,
     reported_variance: float,
 ) -> UpdateMode:
-    """Update from one odometry to the next, under the commands that acted between them.
+    """Update from one odometry to the next, with the commands in effect between them.
 
     ``before`` and ``after`` are the measured states, ``permitted`` is the :class:`.UpdateMode`
     that commands and ground permit, ``reported_variance`` [m^2/s^2] the variance of the second

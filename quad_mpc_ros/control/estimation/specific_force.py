@@ -48,7 +48,7 @@ class SpecificForces:
     def mean(self, *, start_ns: int, end_ns: int) -> Array | None:
         """Return the mean (3,) [m/s^2] of the samples in (start, end], None without samples.
 
-        Samples up to the end are dropped.
+        Samples up to ``end_ns`` are removed.
         """
         total, count = np.zeros(3), 0
         while self._samples and self._samples[0].stamp_ns <= end_ns:

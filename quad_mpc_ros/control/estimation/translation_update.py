@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Prediction, gate and update of position and velocity and their parameters.
 
-Position, velocity and throttle follow the MPC's model from the commands that acted, delayed and
-lagged, with the estimated parameters. The attitude rotates at a constant rate between two measured
+Position, velocity and throttle are predicted with the MPC's model and the estimated parameters,
+from the delayed and lagged commands. The attitude rotates at a constant rate between two measured
 attitudes. The Jacobian is the forward differences of this prediction.
 """
 

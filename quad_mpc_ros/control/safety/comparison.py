@@ -146,7 +146,7 @@ def compare_step(
         memory: State of the comparison.
         used: The odometry with jumps replaced, whose velocity is compared with the command.
         reported: The odometry with jumps, whose position, attitude and rates must agree.
-        command: The command that acted since the previous odometry.
+        command: The command in effect since the previous odometry.
         duration: Time since the previous odometry [s]; 0 restarts the comparison.
         is_flying: Whether the vehicle certainly flies.
         is_on_ground: Whether the motors idle on the ground.
@@ -277,7 +277,7 @@ def _compare_with_command(
     R: kernels.Matrix,
     duration: float,
 ) -> None:
-    """Compare velocity and rates with the command that acted since the previous odometry."""
+    """Compare velocity and rates with the command in effect since the previous odometry."""
     (v, w), times, far = motion, duration / _LOWPASS, _SPEED_STEP / duration
     lowpass(state.rates, kernels.vector(state.commanded), w, _RATE_STEP, times)
     lowpass(state.rates_late, kernels.vector(state.commanded_late), w, _RATE_STEP, times)

@@ -130,7 +130,7 @@ class ConsistencyMonitor(Stage):
         Args:
             odometry: The odometry with jumps replaced, twist in the body frame.
             reported: The odometry with jumps: its position, attitude and rates have to agree.
-            acted: The command that acted since the previous odometry, or None.
+            acted: The command in effect since the previous odometry, or None.
             p_reference: Position of the reference (3,) [m], None if unknown.
         """
         if not (self._compares and self._engaged) or acted is None:

@@ -192,7 +192,7 @@ class ObstacleAvoidance(Guide):
         )
 
     def _map_range(self, keep: float) -> float:
-        """Return the greatest distance that the map must resolve [m].
+        """Return the largest distance that the map must resolve [m].
 
         The distance is the clearance of paths at the typical speed and the oldest data, rounded
         up, so that a map is valid for many control steps.

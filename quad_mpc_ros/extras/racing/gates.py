@@ -118,7 +118,7 @@ def course_from(content: Mapping[Any, Any], *, source: str = "gates") -> Course:
 
 
 def _place(entry: Entry) -> Array:
-    """Return a position (3,) [m] not below the ground."""
+    """Return a position (3,) [m], which must not be below the ground."""
     found = entry.vector()
     if found[2] < 0.0:
         raise entry.error("a position above the ground, z >= 0")

@@ -98,7 +98,7 @@ def _configured(mpc: MpcConfig) -> dict[str, float]:
 
 
 def _fence_margin(flight: Flight) -> float | None:
-    """Return the least distance to a wall of the fence [m], below 0 outside."""
+    """Return the smallest distance to a wall of the fence [m], negative outside."""
     if not flight.mpc.fence.has_walls:
         return None
     low, high = flight.mpc.fence.walls

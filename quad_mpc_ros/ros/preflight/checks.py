@@ -162,7 +162,7 @@ def topics(facts: Facts) -> list[Finding]:
     if not peers:
         return [unknown("no node has reported its peers")]
     found = [
-        error(f"{name} has no peer on {topic}", "start the other node, or remap the topic")
+        error(f"{name} has no peer on {topic}", "start the peer, or remap the topic")
         for (name, topic), count in peers.items()
         if count == 0
     ]
@@ -182,7 +182,7 @@ def stack(facts: Facts) -> list[Finding]:
     found = []
     for name, node in reported.items():
         if fault := node.values.get(STACK_FAULT_KEY, ""):
-            found.append(error(f"{name}: {fault}", "see the page of the stack in docs/howto/stacks"))
+            found.append(error(f"{name}: {fault}", "see the stack's page in docs/howto/stacks"))
         elif node.values.get(LANDED_KEY) == "false":
             remedy = "land the vehicle: several checks need a vehicle at rest on the ground"
             found.append(warning(f"{name} reports that the vehicle is flying", remedy))

@@ -53,7 +53,7 @@ def coast(
     rotors: RecordArray[Rotor],
     duration_ns: int,
 ) -> None:
-    """Advance body and speeds (n,) at constant wanted speeds (n,), above the ground."""
+    """Advance body and speeds (n,) at constant commanded speeds (n,), above the ground."""
     outside = kernels.vector(inputs[()].wind_W), kernels.vector(inputs[()].external_force_W)
     x, center_B = body[()], kernels.vector(craft[()].center_B)
     steps = -(-duration_ns // craft[()].longest_step_ns)

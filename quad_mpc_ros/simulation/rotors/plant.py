@@ -116,7 +116,7 @@ class RotorsPlant(DelayedPlant):
             duration_ns -= until_ns
 
     def _run_loop(self) -> None:
-        """Run the rate loop on the state of the vehicle, and set the wanted speeds."""
+        """Run the rate loop on the state of the vehicle, and set the commanded speeds."""
         rate_loop.run(
             self._memory,
             w_WB_B=self._body["w_WB_B"],
@@ -132,7 +132,7 @@ class RotorsPlant(DelayedPlant):
         return motion.is_on_ground(self._body, self._craft)
 
     def _coast(self, duration_ns: int) -> None:
-        """Advance the state over a time with constant wanted speeds."""
+        """Advance the state over a time with constant commanded speeds."""
         motion.coast(
             self._body,
             speeds=self._speeds,
@@ -170,7 +170,7 @@ class DrivenPlant(RotorsPlant):
 
     @abstractmethod
     def _run_loop(self) -> None:
-        """Run the loop on the state of the vehicle, and set the wanted speeds."""
+        """Run the loop on the state of the vehicle, and set the commanded speeds."""
 
     def _start(self) -> None:
         super()._start()

@@ -101,7 +101,7 @@ def run(
     mix: Array,
     out: Array,
 ) -> None:
-    """Run the loop once: write the wanted speeds of the rotors (n,) [rad/s] into ``out``.
+    """Run the loop once: write the commanded rotor speeds (n,) [rad/s] into ``out``.
 
     ``w_WB_B`` (3,) is the gyro, ``throttle`` and ``rates`` (3,) the command.
     """

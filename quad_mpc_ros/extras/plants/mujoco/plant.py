@@ -68,7 +68,7 @@ class MujocoPlant(RotorsPlant):
             duration_ns -= step_ns
 
     def _step(self, step_ns: int) -> None:
-        """Advance everything by a step with constant wanted speeds."""
+        """Advance the simulation by a step with constant commanded speeds."""
         has_ground_effect = self._surroundings.airframe.ground_effect > 0.0
         drive(
             self._body,

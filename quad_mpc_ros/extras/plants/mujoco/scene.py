@@ -120,7 +120,7 @@ class MujocoScene:
         at: float,
         duration: float,
     ) -> None:
-        """Advance everything by a step from a time [s] on; write the vehicle's state.
+        """Advance the simulation by a step from a time [s] on; write the vehicle's state.
 
         Raises :class:`UserError` when the motion diverges.
         """

@@ -98,7 +98,7 @@ def solve(
     most_iterations: int,
     progress: ProgressCallback | None = None,
 ) -> Solved:
-    """Return the motion with the least weighted time along the legs, from an initial guess.
+    """Return the motion with the smallest weighted time along the legs, from an initial guess.
 
     An exception of ``progress`` ends the search and is raised.
     """
