@@ -195,13 +195,10 @@ class Reader:
     def fly_beside(self, typed: tuple[Typed, ...]) -> None:
         """Start a flight for commands that ask nodes and start none."""
         reasons = [self.not_here(each.command) for each in typed]
-        here = typed[: reasons.index(NEEDS_THE_STACK)] if NEEDS_THE_STACK in reasons else typed
-        asks = [
-            each
-            for each, reason in zip(here, reasons, strict=False)
-            if ASKS_NODES.search(each.command) and not reason
-        ]
-        starts = any(STARTS_NODES.search(each.command) for each in typed)
+        end = reasons.index(NEEDS_THE_STACK) if NEEDS_THE_STACK in reasons else len(typed)
+        here = [each for each, reason in zip(typed[:end], reasons, strict=False) if not reason]
+        asks = [each for each in here if ASKS_NODES.search(each.command)]
+        starts = any(STARTS_NODES.search(each.command) for each in here)
         if asks and not starts:
             flight = FLYING
             if any("--config vehicle.yaml" in each.command for each in asks):
