@@ -320,6 +320,9 @@ class Reader:
         except subprocess.TimeoutExpired:
             _interrupt(process)
             return True
+        except KeyboardInterrupt:
+            _interrupt(process)
+            raise
         return False
 
     def _report(self, outcome: str, typed: Typed, detail: str) -> None:
