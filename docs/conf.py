@@ -41,7 +41,7 @@ myst_heading_anchors = 4
 # Parameters are called Q and R; a code host shows them as they are.
 myst_enable_extensions = ["dollarmath"]
 
-# Of the rooms, those that a program of one's own may want to look into.
+# Packages with a public interface for other programs.
 _ROOMS = {
     "analysis",
     "control",

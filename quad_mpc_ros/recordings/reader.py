@@ -80,7 +80,7 @@ class BagReader:
 
     @cached_property
     def metadata(self) -> dict[str, dict[str, str]]:
-        """Return the MCAP metadata records by name; of duplicate names the last."""
+        """Return the MCAP metadata records by name, the last record of duplicate names."""
         return {
             record.name: dict(record.metadata) for file in self._files for record in file.metadata
         }

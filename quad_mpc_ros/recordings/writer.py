@@ -128,7 +128,7 @@ class BagWriter:
         self._unflushed = True
 
     def write_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Append an MCAP Metadata record; of duplicate names the last is used."""
+        """Append an MCAP Metadata record; the last of duplicate names is used."""
         with self._disk():
             self._mcap.add_metadata(name, dict(values))
         self._unflushed = True

@@ -159,7 +159,7 @@ class WindowsAhead:
             if not self._ahead:
                 block = [*itertools.islice(self._stamps_ns, _BLOCK_SIZE)]
                 if not block:
-                    raise ValueError(f"{stamp_ns} ns is not a remaining stamp")
+                    raise ValueError(f"stamp {stamp_ns} ns is unknown or already used")
                 self._ahead.extend(self._server.windows(block))
             window = self._ahead.popleft()
             if window.stamp_ns == stamp_ns:

@@ -64,7 +64,7 @@ class CommandComparison:
 def compare_commands(
     recorded: Sequence[CommandSample], resolved: Sequence[CommandSample]
 ) -> CommandComparison:
-    """Compare commands by the stamps they answer; of duplicate stamps the first is used."""
+    """Compare commands with equal stamps; the first of duplicate stamps is used."""
     before, after = _by_stamp(recorded), _by_stamp(resolved)
     shared = sorted(before.keys() & after.keys())
     return CommandComparison(

@@ -264,7 +264,7 @@ class _Windows:
         return self._windows[count - 1].value if count else None
 
     def of_stamp(self, stamp_ns: int, *, received_ns: int) -> ReferenceWindow | None:
-        """Return the window of a stamp; of several, the last published by its reception."""
+        """Return the last window of a stamp that was published before its reception."""
         alike = [self._windows[place] for place in self._places.get(stamp_ns, [])]
         before = [window for window in alike if window.publish_time_ns <= received_ns]
         found = before[-1:] or alike[:1]

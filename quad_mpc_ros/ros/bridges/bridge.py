@@ -262,7 +262,7 @@ class Bridge(ABC):
         return self._stack(now_ns).fault
 
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
-        """Receive a reference, which the check of a handover uses."""
+        """Receive a reference, for the check before a handover."""
         self._handover_conditions.reference.receive(window, now_ns)
 
     def receive_ground(self, state: GroundState) -> None:
@@ -334,7 +334,7 @@ class Bridge(ABC):
         match self._handover.state:
             case HandoverState.RELEASED if stack.takes_setpoints:
                 return (
-                    "engage it first: the stack is in its setpoint mode and would execute any "
+                    "engage first: the stack is in its setpoint mode and would execute any "
                     "setpoint"
                 )
             case HandoverState.OFFERED:

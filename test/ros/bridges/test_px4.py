@@ -287,7 +287,7 @@ def test_refuses_arming_into_offboard_after_landing(new: New) -> None:
     assert flown(bridge, down, seconds=1.0, armed=False) == []
     assert "disarming" in bridge.handover[1]
     later = down + SECOND
-    assert "engage it first" in bridge.arm(True, now_ns=later).text
+    assert "engage first" in bridge.arm(True, now_ns=later).text
     land = new(f"{PX4}/VehicleLandDetected")
     land.landed = True
     deliver(bridge, "/fmu/out/vehicle_land_detected", land, later)
