@@ -15,7 +15,8 @@ The environment has a wheel of this checkout installed, as a user would install 
 ``--environment`` the environment is created. A command fails if it exits with an error, prints
 other words than the page, prints a traceback, or calls a service that does not answer or refuses.
 A command that does not end by itself, like a node, runs during the rest of its block and is then
-interrupted. A command that takes longer than ``--patience`` is also interrupted.
+interrupted. A command that takes longer than ``--patience`` is also interrupted. A flight in real
+time whose plans were late is listed as such: the machine was too busy.
 If the commands of a block need running nodes and start none, a flight runs next to the commands.
 Commands that need something that is not installed (ros2, a flight stack, a firmware) are listed
 with the reason and not typed. ``QUAD_MPC_ROS_SETUP`` names a setup file that is sourced for ros2.
@@ -225,6 +226,8 @@ class Reader:
         if interrupted:
             self.unfinished += re.findall(r"--out (\S+)", typed.command)
         result = "failed" if problem else "interrupted" if interrupted else "ok"
+        if process.returncode == 1 and "quad_mpc fly" in typed.command and _was_only_late(said):
+            result, problem = "late", "the machine was too busy for a flight in real time"
         self._report(result, typed, problem)
         return ""
 
@@ -386,6 +389,13 @@ def _problem(typed: Typed, code: int, said: str, *, interrupted: bool) -> str:
         return "" if same else f"other words than on the page{end}"
     refused = typed.command.startswith("ros2 service call") and "success=False" in said
     return f"exit code {code}{end}" if code else f"the node refuses{end}" if refused else ""
+
+
+def _was_only_late(said: str) -> bool:
+    """Return whether a flight failed because plans took too long, and for no other reason."""
+    verdicts = re.findall(r"not active at .*", said)
+    late = re.compile(r"not active at \d+ of \d+ ticks: \d+ plan\. First at \S+ s: late: ")
+    return bool(verdicts) and all(late.match(each) for each in verdicts)
 
 
 def _words(text: str) -> str:

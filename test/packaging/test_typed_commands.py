@@ -129,6 +129,16 @@ esac
 """
 
 
+def test_type_pages_distinguishes_late_plans_from_other_failures() -> None:
+    late = (
+        "verdict  The MPC was not active at 3 of 90 ticks: 3 plan. First at 0.1 s: late: the plan"
+    )
+    other = "verdict  The MPC was not active at 3 of 90 ticks: 3 hover. First at 0.1 s: solver"
+    assert pages._was_only_late(late)
+    assert not pages._was_only_late(f"{late}\n{other}")
+    assert not pages._was_only_late("verdict  Crashed at 2 s")
+
+
 @pytest.mark.parametrize(
     ("block", "problem"),
     [
