@@ -38,4 +38,4 @@ class Crown:
 flight = simulate(trajectory=Crown(), on_reference=True, duration=12.0)
 rmse = summarise(flight)["position_rmse_m"]
 speed = np.linalg.norm(flight.v_WB_B, axis=1)
-print(f"twice round the crown at up to {speed.max():.1f} m/s, RMSE {1000 * rmse:.2f} mm")
+print(f"two laps of the crown at up to {speed.max():.1f} m/s, RMSE {1000 * rmse:.2f} mm")
