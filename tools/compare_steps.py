@@ -7,7 +7,8 @@
 Both Pythons have quad_mpc_ros installed, in environments of their own. Each pair of runs of
 ``quad_mpc simulate`` flies the same flight, the old one first in every other pair, and gives the
 ratios new / old of the p50 and the p99 of its step times. A machine that is busy for a while is so
-for both runs of a pair, hence the median of the ratios separates a change from the machine.
+for both runs of a pair, hence the median of the ratios separates a change from the machine. With
+``--cold`` 20 ms pass between two steps, as in flight, and the caches hold other data.
 """
 
 from __future__ import annotations
@@ -19,8 +20,16 @@ import statistics
 import subprocess
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
+
+COLD_FLIGHT = """
+import json, time
+from quad_mpc_ros import load_config, simulate, summarise
+flight = simulate(*load_config("default"), duration=10.0, observe=lambda _: time.sleep(0.02))
+print(json.dumps(summarise(flight)["step_time_us"]))
+"""
 
 
 class StepTimes(NamedTuple):
@@ -35,19 +44,21 @@ def main() -> None:
     parser.add_argument("old", type=Path, help="python of one environment")
     parser.add_argument("new", type=Path, help="python of the other one")
     parser.add_argument("--pairs", type=int, default=10, help="pairs of runs (default: 10)")
+    parser.add_argument("--cold", action="store_true", help="pause between steps, as in flight")
     parser.add_argument("simulate", nargs="*", help="options of quad_mpc simulate, after --")
     options = parser.parse_args()
     if options.pairs < 1:
         parser.error(f"--pairs: given {options.pairs}, expected a number >= 1")
+    measured = cold_step_times if options.cold else partial(step_times, options=options.simulate)
     for name in ("old", "new"):
         python = getattr(options, name)
         print(f"{name}  {package_of(python)}")
-        step_times(python, options.simulate)  # its code may have to be compiled
+        measured(python)  # its code may have to be compiled
     pairs = []
     for number in range(options.pairs):
         print(f"pair {number + 1} of {options.pairs}", file=sys.stderr, flush=True)
         order = [options.old, options.new] if number % 2 == 0 else [options.new, options.old]
-        times = {python: step_times(python, options.simulate) for python in order}
+        times = {python: measured(python) for python in order}
         pairs.append((times[options.old], times[options.new]))
     print(table(pairs))
 
@@ -70,6 +81,15 @@ def step_times(python: Path, options: list[str]) -> StepTimes:
             raise SystemExit(f"{python}: {ended.stderr}")
         times = json.loads(summary.read_text(encoding="utf-8"))["step_time_us"]
         return StepTimes(times["p50"], times["p99"])
+
+
+def cold_step_times(python: Path) -> StepTimes:
+    """Fly with pauses between the steps, and return the step times."""
+    ended = run(python, "-c", COLD_FLIGHT)
+    if ended.returncode:
+        raise SystemExit(f"{python}: {ended.stderr}")
+    times = json.loads(ended.stdout)
+    return StepTimes(times["p50"], times["p99"])
 
 
 def run(python: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
