@@ -10,10 +10,9 @@ With a drag -R D R' v, D = diag(mu_x, mu_y, mu_z), the body's x axis must be acr
 e_3 and its y axis across a + mu_y v + g e_3 (Faessler, Franchi, Scaramuzza, "Differential flatness
 of quadrotor dynamics subject to rotor drag", RA-L 2018): the attitude depends on the yaw, and is
 found by iteration from the attitude for the mean of both. Forces along the body's z axis, mu_z and
-lift, change only the thrust.
-
-Drag of the rotors, mu + nu sqrt(T / m g), depends on the thrust and its rate of change, which are
-found by an outer iteration.
+lift, change only the thrust. Drag of the rotors, mu + nu sqrt(T / m g), depends on the thrust,
+which the same iteration finds. Body rates are then the difference of the attitudes shortly before
+and after.
 
 Attitude is the shortest rotation from the world's z axis to z_B, followed by the yaw about
 z_B: the Hopf fibration of Watterson and Kumar, "Control of quadrotors using the Hopf fibration on
@@ -47,9 +46,9 @@ _MIN_FORCE = 1e-3
 _REVERSAL_COSINE = -0.99  # cosine of a turn in 2 ms that is none
 _UPSIDE_DOWN_COSINE = -1.0 + 1e-9  # cosine of the tilt
 _UP = np.array([[0.0, 0.0, 1.0]])
-_SETTLED, _MOST_ITERATIONS = 1e-13, 100
+_SETTLED, _MOST_ITERATIONS = 1e-12, 100
 _PLAIN_ITERATIONS = 30  # until the mean of two successive ones is taken, as they may alternate
-_ROTOR_TOLERANCE = 1e-10  # of their speed over that of hover, and per second
+_STEP = 1e-4  # s, before and after, between which attitudes give body rates
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,170 +84,82 @@ def flat_inputs(
     Raises ``ValueError`` in free fall, if the thrust points exactly against the chart's z axis
     (downwards without a chart), and if anisotropic drag makes the path infeasible.
     """
-    motion = _Motion(
-        v=v_WB_W,
-        a=a_WB_W,
-        j=j_WB_W,
-        yaw=yaw,
-        yaw_rate=yaw_rate,
+    air, rotors = per_axis(drag), per_axis(rotor_drag)
+    x_drag, y_drag, _ = np.add(air, rotors).tolist()  # at the rotors' speed of hover
+    z, z_rate, thrust = thrust_axis(
+        v_WB_W=v_WB_W,
+        a_WB_W=a_WB_W,
+        j_WB_W=j_WB_W,
         gravity=gravity,
-        chart=chart,
+        drag=x_drag if x_drag == y_drag else 0.5 * (x_drag + y_drag),
     )
-    air, rotors = np.array([per_axis(drag)]), np.array([per_axis(rotor_drag)])
-    if not rotors.any():
-        return motion.inputs(air, np.zeros_like(air))
-    speed, speed_rate = np.ones((len(v_WB_W), 1)), np.zeros((len(v_WB_W), 1))
-    for count in range(_MOST_ITERATIONS):
-        found = motion.inputs(air + speed * rotors, speed_rate * rotors)
-        thrust = np.maximum(found.specific_thrust, _MIN_FORCE)
-        rate = motion.thrust_rate(found, air + speed * rotors, speed_rate * rotors)
-        before = speed, speed_rate
-        speed = np.sqrt(thrust / gravity)[:, None]
-        speed_rate = 0.5 * rate[:, None] / (gravity * speed)
-        if count >= _PLAIN_ITERATIONS:
-            speed, speed_rate = 0.5 * (before[0] + speed), 0.5 * (before[1] + speed_rate)
-        off = max(np.max(np.abs(speed - before[0])), np.max(np.abs(speed_rate - before[1])))
-        if off < _ROTOR_TOLERANCE:
-            return found
-    raise ValueError(
-        "drag of the rotors makes the path infeasible: too fast for the available thrust"
-    )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Motion:
-    """A path at n times, see :func:`flat_inputs`, and constants of the vehicle."""
-
-    v: Array
-    a: Array
-    j: Array
-    yaw: ArrayLike
-    yaw_rate: ArrayLike
-    gravity: float
-    chart: Array | None
-
-    def inputs(self, drag: Array, drag_rate: Array) -> FlatInputs:
-        """Return attitude, rates and thrust for a drag per axis and its rate, (1, 3) or (n, 3)."""
-        chart, x_drag, y_drag = self.chart, drag[:, :1], drag[:, 1:2]
-        is_even = bool(np.all(x_drag == y_drag))
-        mean = x_drag if is_even else 0.5 * (x_drag + y_drag)
-        z, z_rate, thrust = thrust_axis(
-            v_WB_W=self.v,
-            a_WB_W=self.a,
-            j_WB_W=self.j,
-            gravity=self.gravity,
-            drag=mean,
-            drag_rate=0.5 * (drag_rate[:, :1] + drag_rate[:, 1:2]),
-        )
+    if air[0] == air[1] and not any(rotors):
         if chart is not None:
             z, z_rate = (np.einsum("nji,nj->ni", chart, vector) for vector in (z, z_rate))
-        turn = so3.exp(_along_z(self.yaw, z))
-        if not is_even:
-            anisotropic = self._anisotropic(drag, drag_rate)
-            z, thrust = anisotropic.axis(z, turn)
-            z_rate = anisotropic.axis_rate(z, turn, self.yaw_rate)
+        turn = so3.exp(_along_z(yaw, z))
         tilt, tilt_rate = _shortest_tilt(z, z_rate)
         R_WB = np.asarray(tilt @ turn if chart is None else chart @ tilt @ turn)
-        more = (drag[:, 2:] - mean)[:, 0]
-        if more.any():
-            v_WB_B = np.einsum("nji,nj->ni", R_WB, self.v)
-            thrust = thrust + more * v_WB_B[:, 2]
-        return FlatInputs(
-            R_WB=R_WB,
-            w_WB_B=np.einsum("...ji,...j->...i", turn, tilt_rate) + _along_z(self.yaw_rate, z),
-            specific_thrust=thrust,
+        w_WB_B = np.einsum("...ji,...j->...i", turn, tilt_rate) + _along_z(yaw_rate, z)
+        if air[2] != air[0]:
+            thrust = thrust + (air[2] - air[0]) * np.sum(R_WB[..., 2] * v_WB_W, axis=-1)
+        return FlatInputs(R_WB=R_WB, w_WB_B=w_WB_B, specific_thrust=thrust)
+
+    def attitude(elapsed: float, start: tuple[Array, Array]) -> tuple[Array, Array]:
+        return _with_drag(
+            v_WB_W + elapsed * a_WB_W,
+            a_WB_W + elapsed * j_WB_W + [0.0, 0.0, gravity],
+            so3.exp(_along_z(np.asarray(yaw) + elapsed * np.asarray(yaw_rate), z)),
+            start=start,
+            air=np.array(air),
+            rotors=np.array(rotors) / np.sqrt(gravity),
+            chart=np.eye(3) if chart is None else chart,
         )
 
-    def thrust_rate(self, inputs: FlatInputs, drag: Array, drag_rate: Array) -> Array:
-        """Return the time derivative of the specific thrust (n,) [m/s^3].
-
-        Derivative of z'(a + g e_3) + mu_z u_z, with u = R' v.
-        """
-        R, w = inputs.R_WB, inputs.w_WB_B
-        u, a, j = (np.einsum("nji,nj->ni", R, vector) for vector in (self.v, self.a, self.j))
-        f = a + self.gravity * R[:, 2]
-        u_rate = a - np.cross(w, u)
-        # d(z'f) of the world is z'j + (w x e_3)' f of the body.
-        turned = w[:, 1] * f[:, 0] - w[:, 0] * f[:, 1]
-        dragged = drag[:, 2] * u_rate[:, 2] + drag_rate[:, 2] * u[:, 2]
-        return np.asarray(j[:, 2] + turned + dragged)
-
-    def _anisotropic(self, drag: Array, drag_rate: Array) -> _AnisotropicDrag:
-        up = _along_z(self.gravity, self.v)
-        parts: tuple[Array, ...] = (self.v, self.a + up, self.a, self.j)
-        if self.chart is not None:
-            parts = tuple(np.einsum("nji,nj->ni", self.chart, vector) for vector in parts)
-        v, force, a, j = parts
-        return _AnisotropicDrag(v=v, force=force, a=a, j=j, drag=drag, drag_rate=drag_rate)
+    R_WB, thrust = attitude(0.0, (z, thrust))
+    before, after = (attitude(step, (R_WB[..., 2], thrust))[0] for step in (-_STEP, _STEP))
+    w_WB_B = so3.log(np.swapaxes(before, -1, -2) @ after) / (2.0 * _STEP)
+    return FlatInputs(R_WB=R_WB, w_WB_B=w_WB_B, specific_thrust=thrust)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _AnisotropicDrag:
-    """Motions (n, 3) in a chart: velocity, acceleration with and without gravity, and jerk.
+def _with_drag(
+    v: Array,
+    force: Array,
+    turn: Array,
+    *,
+    start: tuple[Array, Array],
+    air: Array,
+    rotors: Array,
+    chart: Array,
+) -> tuple[Array, Array]:
+    """Return attitude (n, 3, 3) and specific thrust (n,) with drag of body axes and rotors.
 
-    ``drag`` [1/s] and its rate [1/s^2], (1, 3) or (n, 3), are along the body axes.
+    ``v`` and ``force`` (n, 3) are the velocity and the specific force without drag, ``turn``
+    (n, 3, 3) the rotations by the yaw, ``start`` an initial direction and size of the specific
+    thrust, ``rotors`` (3,) the drag per root of this thrust. An iteration reduces the error by the
+    factor drag difference times speed over force, usually below 0.1.
     """
-
-    v: Array
-    force: Array
-    a: Array
-    j: Array
-    drag: Array
-    drag_rate: Array
-
-    def axis(self, z: Array, turn: Array) -> tuple[Array, Array]:
-        """Return the thrust direction (n, 3), and the force along it without lift (n,).
-
-        ``z`` (n, 3) is the initial direction. An iteration reduces the error by the factor drag
-        difference times speed over force, usually below 0.1.
-        """
-        x_drag, y_drag = self.drag[:, :1], self.drag[:, 1:2]
-        mean, half = 0.5 * (x_drag + y_drag), 0.5 * (x_drag - y_drag)
-        for count in range(_MOST_ITERATIONS):
-            tilt, _ = _shortest_tilt(z, np.zeros_like(z))
-            R = tilt @ turn
-            x, y = R[..., 0], R[..., 1]
-            sideways = _along(x, self.v) * x - _along(y, self.v) * y
-            force = self.force + mean * self.v + half * sideways
-            length = np.sqrt(np.sum(force * force, axis=-1, keepdims=True))
-            before, z = z, force / np.maximum(length, _MIN_FORCE)
-            if count >= _PLAIN_ITERATIONS:
-                z = 0.5 * (before + z)
-            if np.max(np.abs(z - before), initial=0.0) < _SETTLED:
-                return z, length[..., 0]
-        raise ValueError(
-            f"drag of {x_drag.max():g} and {y_drag.max():g} 1/s along body x and y makes the "
-            "path infeasible: too fast for the available thrust"
-        )
-
-    def axis_rate(self, z: Array, turn: Array, yaw_rate: ArrayLike) -> Array:
-        """Return the time derivative (n, 3) of the thrust's direction.
-
-        Derivative of x'(force + mu_x v) = 0 and y'(force + mu_y v) = 0, in which the body rotates
-        with (w_x, w_y) and, from tilt and yaw, about z.
-        """
-        tilt, _ = _shortest_tilt(z, np.zeros_like(z))
-        R = tilt @ turn
-        x, y = R[..., 0], R[..., 1]
-        (x_drag, y_drag), (x_rate, y_rate) = (
-            (each[:, :1], each[:, 1:2]) for each in (self.drag, self.drag_rate)
-        )
-        across_x, across_y = self.force + x_drag * self.v, self.force + y_drag * self.v
-        # w_z = yaw_rate + along_x w_x + along_y w_y, from dz = w_y x - w_x y.
-        _, by_x = _shortest_tilt(z, -y)
-        _, by_y = _shortest_tilt(z, x)
-        along_x, along_y = by_x[..., 2:], by_y[..., 2:]
-        spin = np.broadcast_to(np.asarray(yaw_rate, dtype=np.float64), z.shape[:-1])[..., None]
-        # w_y z'a - w_z y'a = x'da,   w_x z'b - w_z x'b = -y'db
-        ya, xb = _along(y, across_x), _along(x, across_y)
-        right_y = _along(x, self.j + x_drag * self.a + x_rate * self.v) + spin * ya
-        right_x = -_along(y, self.j + y_drag * self.a + y_rate * self.v) + spin * xb
-        yy, yx = _along(z, across_x) - along_y * ya, -along_x * ya
-        xx, xy = _along(z, across_y) - along_x * xb, -along_y * xb
-        determinant = xx * yy - xy * yx
-        w_x = (right_x * yy - right_y * xy) / determinant
-        w_y = (right_y * xx - right_x * yx) / determinant
-        return np.asarray(w_y * x - w_x * y)
+    z, thrust = start
+    for count in range(_MOST_ITERATIONS):
+        tilt, _ = _shortest_tilt(np.einsum("...ji,...j->...i", chart, z), np.zeros_like(z))
+        R = np.asarray(chart @ tilt @ turn)
+        drag = air + np.sqrt(np.maximum(thrust, _MIN_FORCE))[:, None] * rotors
+        mean = 0.5 * (drag[:, :1] + drag[:, 1:2])
+        slowed = (drag - mean) * np.einsum("nji,nj->ni", R, v)
+        # With equal drag along x and y, this direction does not depend on the attitude.
+        along = force + mean * v + np.einsum("nij,nj->ni", R[..., :2], slowed[:, :2])
+        length = np.linalg.norm(along, axis=-1)
+        before = np.column_stack((z, thrust))
+        after = np.column_stack((along / np.maximum(length, _MIN_FORCE)[:, None], length))
+        after[:, 3] += slowed[:, 2]
+        if count >= _PLAIN_ITERATIONS:
+            after = 0.5 * (before + after)
+        z, thrust = after[:, :3], after[:, 3]
+        if np.max(np.abs(after - before), initial=0.0) < _SETTLED:
+            return R, thrust
+    raise ValueError(
+        "drag of the body's axes or of the rotors makes the path infeasible: too fast for the "
+        "available thrust"
+    )
 
 
 def thrust_axis(
@@ -257,17 +168,16 @@ def thrust_axis(
     a_WB_W: Array,
     j_WB_W: Array,
     gravity: float,
-    drag: float | Array,
-    drag_rate: float | Array = 0.0,
+    drag: float,
     seconds: Array | None = None,
 ) -> tuple[Array, Array, Array]:
     """Return the thrust's direction (n, 3), its time derivative (n, 3), and specific thrust (n,).
 
-    ``drag`` [1/s] and its rate of change [1/s^2] are one number, or one for each time (n, 1).
-    Raises ``ValueError`` in free fall, with the first time if ``seconds`` (n,) are given.
+    ``drag`` [1/s] is isotropic. Raises ``ValueError`` in free fall, with the first time if
+    ``seconds`` (n,) are given.
     """
     force = a_WB_W + drag * v_WB_W + [0.0, 0.0, gravity]
-    force_rate = j_WB_W + drag * a_WB_W + drag_rate * v_WB_W
+    force_rate = j_WB_W + drag * a_WB_W
     thrust = np.sqrt(np.sum(force * force, axis=-1))
     falls = ~(np.isfinite(thrust) & (thrust > _MIN_FORCE))
     if falls.any():
@@ -347,11 +257,6 @@ def _shortest_tilt(z: Array, z_rate: Array) -> tuple[Array, Array]:
         axis=-1,
     )
     return tilt, tilt_rate
-
-
-def _along(axis: Array, vector: Array) -> Array:
-    """Return components (n, 1)."""
-    return np.asarray(np.sum(axis * vector, axis=-1, keepdims=True))
 
 
 def _along_z(amount: ArrayLike, like: Array) -> Array:
