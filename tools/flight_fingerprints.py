@@ -60,7 +60,6 @@ SIMULATED: dict[str, tuple[list[str], list[str]]] = {
     "square_lags_noise": ([], [*DELAYED, *NOISE]),
     "flip": (["--reference", "flip"], MODELLED),
     "vertical_loop": (["--reference", "vertical_loop"], DELAYED),
-    "split_s": (["--reference", "split_s"], NOISE),
     "minimum_snap": (["--reference", "minimum_snap"], ["mpc.estimate_disturbance=false"]),
     "hover_losses": (
         ["--reference", "hover"],
@@ -73,8 +72,6 @@ SIMULATED: dict[str, tuple[list[str], list[str]]] = {
     "limits": (
         ["--reference", "lemniscate", "--start", "ground"],
         [
-            "mpc.advanced.slew.throttle=5.0",
-            "mpc.advanced.slew.body_rates=50.0",
             "mpc.fence.maximum=[2.0, 9.0, 9.0]",
             "mpc.envelope.speed_max=4.0",
         ],

@@ -102,21 +102,11 @@ class OscillationParameters(Configuration):
 
     owner = "mpc.oscillation"
 
-    tilt_amplitude: float = _live_advanced(
-        0.2,
-        doc="Amplitude of the tilt about the reference's tilt, with six changes of sign in 3 s.",
-        unit="rad",
-        above=0.0,
-        maximum=math.pi,
-    )
     action: str = _live_advanced(
-        "hover", doc="Action on oscillation, as fence.action.", choices=_ACTIONS
-    )
-    hold_time: float = _live_advanced(
-        10.0,
-        doc="Duration of the action; tripled with each further oscillation.",
-        unit="s",
-        above=0.0,
+        "hover",
+        doc="Action on oscillation, as fence.action, for 10 s; tripled with each further "
+        "oscillation.",
+        choices=_ACTIONS,
     )
 
 
@@ -133,23 +123,6 @@ class ConsistencyParameters(Configuration):
         "blind_time, then stop publishing; or stop publishing at once. The action lasts until the "
         "MPC is engaged again.",
         choices=("warn", "hover", "descend", "stop"),
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class SlewParameters(Configuration):
-    """Limits on the change of commands, applied last to every source; the plan ignores them."""
-
-    owner = "mpc.slew"
-
-    throttle: float = _live_advanced(
-        0.0, doc="Largest rate of change of the throttle; 0 disables it.", unit="1/s", minimum=0.0
-    )
-    body_rates: float = _live_advanced(
-        0.0,
-        doc="Largest rate of change of each body rate; 0 disables it.",
-        unit="rad/s^2",
-        minimum=0.0,
     )
 
 
@@ -194,25 +167,6 @@ class ContouringParameters(Configuration):
         doc="contouring: weight on the deviation of the progress speed from 1. With a smaller "
         "weight the vehicle slows down earlier to stay on the path.",
         above=0.0,
-    )
-    speed_min: float = _live_advanced(
-        0.2,
-        doc="contouring: lowest progress speed, relative to the speed of the reference.",
-        minimum=0.0,
-        below=1.0,
-    )
-    speed_max: float = _live_advanced(
-        1.05,
-        doc="contouring: highest progress speed, relative to the speed of the reference.",
-        minimum=1.0,
-        maximum=2.0,
-    )
-    delay_max: float = _live_advanced(
-        10.0,
-        doc="contouring: largest delay behind the reference.",
-        unit="s",
-        above=0.0,
-        maximum=60.0,
     )
 
 
@@ -461,7 +415,6 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     envelope: EnvelopeParameters = dataclasses.field(default_factory=EnvelopeParameters)
     oscillation: OscillationParameters = dataclasses.field(default_factory=OscillationParameters)
     consistency: ConsistencyParameters = dataclasses.field(default_factory=ConsistencyParameters)
-    slew: SlewParameters = dataclasses.field(default_factory=SlewParameters)
     limits: PlanLimitParameters = dataclasses.field(default_factory=PlanLimitParameters)
     contouring: ContouringParameters = dataclasses.field(default_factory=ContouringParameters)
     gates: str = parameter(

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.ocp.plan import Plan
@@ -22,7 +21,7 @@ from quad_mpc_ros.control.stage import Stage
 
 _JUMP_DISTANCE = 0.2  # m, between successive windows at the same time: a jump of the reference
 _ARRIVAL_DISTANCE = 0.01  # m, to a reference at rest that ends the delay
-_MAX_AHEAD = 0.2  # s, lead over the reference's clock
+_MAX_AHEAD, _MAX_BEHIND = 0.2, 10.0  # s, lead over the reference's clock, and delay behind it
 
 _SAMPLES = ("p_WB", "q_WB_xyzw", "v_WB_W", "a_WB_W", "w_WB_W")
 
@@ -38,20 +37,15 @@ class _Flown(NamedTuple):
 class DelayedReference(Stage):
     """The reference delayed by ``behind`` seconds."""
 
-    def __init__(self, config: MpcConfig) -> None:
+    def __init__(self) -> None:
         self._engaged = True
         self.reset()
-        self.reconfigure(config)
 
     def reset(self) -> None:
         """Reset the delay to zero."""
         self.behind = 0.0
         self._reference: ReferenceWindow | None = None
         self._flown: _Flown | None = None
-
-    def reconfigure(self, config: MpcConfig) -> None:
-        """Apply a changed ``delay_max``, the largest delay [s]."""
-        self._delay_max = config.contouring.delay_max
 
     def engage(self, engaged: bool) -> None:
         """Reset the delay; only an engaged vehicle is behind."""
@@ -91,7 +85,7 @@ class DelayedReference(Stage):
         plan, began_ns, counted_ns = self._flown
         since, until = 1e-9 * (counted_ns - began_ns), 1e-9 * (stamp_ns - began_ns)
         behind = self.behind + plan.given_up(since, until)
-        self.behind = min(max(behind, -_MAX_AHEAD), self._delay_max)
+        self.behind = min(max(behind, -_MAX_AHEAD), _MAX_BEHIND)
         self._flown = self._flown._replace(counted_ns=stamp_ns)
 
     def _extended(self, window: ReferenceWindow) -> ReferenceWindow:

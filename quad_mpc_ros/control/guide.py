@@ -77,7 +77,7 @@ class GuideStage(Stage):
         self.window: ReferenceWindow | None = None
         self.corridor: Corridor | None = None
         self._plan: Plan | None = None
-        self.delayed = DelayedReference(config)
+        self.delayed = DelayedReference()
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Transform plan, windows and corridors by an announced odometry jump."""

@@ -33,10 +33,8 @@ from quad_mpc_ros.references.feasibility import FeasibilityParameters
 from quad_mpc_ros.references.lemniscate import Lemniscate, LemniscateParameters
 from quad_mpc_ros.references.manoeuvres import (
     FlipParameters,
-    SplitSParameters,
     VerticalLoopParameters,
     flip,
-    split_s,
     vertical_loop,
 )
 from quad_mpc_ros.references.path import Path
@@ -79,7 +77,6 @@ TRAJECTORIES = {
     "minimum_snap": TrajectoryEntry(make=through_waypoints),
     "vertical_loop": TrajectoryEntry(make=vertical_loop, scalable=False),
     "flip": TrajectoryEntry(make=flip, scalable=False),
-    "split_s": TrajectoryEntry(make=split_s, scalable=False),
     "excitation": TrajectoryEntry(make=excitation),
     "csv": TrajectoryEntry(make=csv_path),
     "bag": TrajectoryEntry(make=bag_path),
@@ -110,7 +107,6 @@ class ReferenceConfig(
     GateParameters,
     ExcitationParameters,
     FlipParameters,
-    SplitSParameters,
     VerticalLoopParameters,
     LemniscateParameters,
     EllipseParameters,

@@ -26,7 +26,10 @@ from quad_mpc_ros.references.trajectory import TrajectoryParameters
 _PER_PERIOD, _FEWEST = 48, 100.0  # samples of the quickest oscillation, and in a second
 _RAMP, _LARGEST_RAMP = 2.0, 0.25  # s, share of the whole
 _MINIMUM_SHARPNESS = 8.0  # sharpness of the smooth minimum over the bounds
-_YAW_SHARE = 0.3  # of the highest frequency: yaw is weak
+# Highest frequencies [Hz]: yaw is weak.
+_FREQUENCY, _YAW_FREQUENCY = 2.0, 0.3 * 2.0
+_VERTICAL_ACCELERATION = 0.3  # largest, over gravity
+_MOST_YAW, _YAW_RATE = 0.6, 0.7  # rad to either side, rad/s
 _SLOW_EXPONENT = 3.0  # larger: x, y and z stay slow for longer
 _PHASES = {"x": 0.0, "y": 0.0, "z": 0.5 * math.pi, "yaw": 0.0}  # phases
 _ITERATIONS = 4
@@ -57,33 +60,6 @@ class ExcitationParameters(TrajectoryParameters):
     excitation_tilt: float = parameter(
         0.7, doc="excitation: largest tilt.", unit="rad", above=0.0, maximum=1.2
     )
-    excitation_thrust: float = parameter(
-        0.3,
-        doc="excitation: largest vertical acceleration relative to gravity.",
-        above=0.0,
-        maximum=0.8,
-    )
-    excitation_yaw: float = parameter(
-        0.6,
-        doc="excitation: largest rotation about body z to either side.",
-        unit="rad",
-        above=0.0,
-        maximum=3.0,
-    )
-    excitation_yaw_rate: float = parameter(
-        0.7,
-        doc="excitation: highest rate about body z.",
-        unit="rad/s",
-        above=0.0,
-        maximum=10.0,
-    )
-    excitation_frequency: float = parameter(
-        2.0,
-        doc="excitation: highest frequency of the oscillations; 0.3 times as high for yaw.",
-        unit="Hz",
-        minimum=0.5,
-        maximum=5.0,
-    )
 
 
 def excitation(config: ExcitationParameters) -> Path:
@@ -102,8 +78,7 @@ class _Sweeps:
     def __init__(self, config: ExcitationParameters) -> None:
         self._config = config
         self.duration = config.excitation_duration
-        rate = max(_PER_PERIOD * config.excitation_frequency, _FEWEST)
-        count = math.ceil(rate * self.duration)
+        count = math.ceil(max(_PER_PERIOD * _FREQUENCY, _FEWEST) * self.duration)
         self.seconds = np.linspace(0.0, self.duration, count + 1)
         ramp = SmoothTurn(1.0, duration=min(_RAMP, _LARGEST_RAMP * self.duration))
         self._envelope = ramp.at(self.seconds)[0] * ramp.at(self.duration - self.seconds)[0]
@@ -116,7 +91,7 @@ class _Sweeps:
     def positions(self) -> Array:
         """Return the positions (n, 3) [m] about the centre, within reach, speed and tilt."""
         config = self._config
-        up = self._bounded("z", config.excitation_reach[2], config.excitation_thrust)
+        up = self._bounded("z", config.excitation_reach[2], _VERTICAL_ACCELERATION)
         steepest = math.tan(config.excitation_tilt)
         # East and north share the tilt, and with it the acceleration that either may have.
         acceleration = steepest
@@ -137,12 +112,7 @@ class _Sweeps:
         The heading changes when a body tilts in changing directions, which a vehicle with little
         torque about z could not compensate fast enough.
         """
-        config = self._config
-        turns = self._within(
-            "yaw",
-            (config.excitation_yaw, config.excitation_yaw_rate, math.inf),
-            highest=_YAW_SHARE * config.excitation_frequency,
-        )
+        turns = self._within("yaw", (_MOST_YAW, _YAW_RATE, math.inf), highest=_YAW_FREQUENCY)
         force = self._force(places)
         x, y, z = (force / np.linalg.norm(force, axis=1, keepdims=True)).T
         added = np.cumsum((x * np.gradient(y) - y * np.gradient(x)) / (1.0 + z))
@@ -154,7 +124,7 @@ class _Sweeps:
         """Return the sweep of an axis (n,) [m] within its reach [m] and acceleration [g]."""
         config = self._config
         bounds = (reach, config.excitation_speed, acceleration * config.gravity)
-        return self._within(axis, bounds, highest=config.excitation_frequency)
+        return self._within(axis, bounds, highest=_FREQUENCY)
 
     def _within(self, axis: str, bounds: tuple[float, ...], *, highest: float) -> Array:
         """Return a sweep (n,) with value and first two derivatives within bounds."""

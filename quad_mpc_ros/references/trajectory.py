@@ -73,16 +73,16 @@ class TrajectoryParameters(VehicleParameters):
     )
     height: float = parameter(
         2.0,
-        doc="Height of the trajectory above the ground: of the lowest point of vertical_loop, "
-        "flip and split_s, of the centre of an ellipse. Not used by trajectories with heights of "
+        doc="Height of the trajectory above the ground: of the lowest point of vertical_loop "
+        "and flip, of the centre of an ellipse. Not used by trajectories with heights of "
         "their own (waypoints, minimum_snap, gates, csv, bag).",
         unit="m",
         minimum=0.0,
     )
     yaw: float = parameter(
         0.0,
-        doc="Heading while level, from east to north; vertical_loop, flip and split_s are flown "
-        "in this direction. The angle is added to the heading of an ellipse and to the yaw of a "
+        doc="Heading while level, from east to north; vertical_loop and flip are flown in "
+        "this direction. The angle is added to the heading of an ellipse and to the yaw of a "
         "csv without attitudes.",
         unit="rad",
         minimum=-math.tau,

@@ -9,7 +9,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control import delayed_reference
 from quad_mpc_ros.control.delayed_reference import DelayedReference
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
@@ -57,7 +57,7 @@ def places(window: ReferenceWindow, stamp_ns: int, *, after: Array) -> Array:
 
 
 def test_windows_are_unchanged_at_full_speed() -> None:
-    delayed = DelayedReference(MpcConfig())
+    delayed = DelayedReference()
     for k in range(5):
         window = SERVER.window(k * PERIOD_NS)
         assert delayed.at(window, k * PERIOD_NS) is window
@@ -67,7 +67,7 @@ def test_windows_are_unchanged_at_full_speed() -> None:
 @pytest.mark.parametrize("every", [1, 5])
 @pytest.mark.parametrize("speed", [0.5, 0.9, 1.05])
 def test_follows_the_path_with_delay(speed: float, every: int) -> None:
-    delayed, ticks = DelayedReference(MpcConfig()), 151
+    delayed, ticks = DelayedReference(), 151
     window = fly(delayed, ticks, speed=speed, every=every)
     assert delayed.behind == pytest.approx((ticks - 1) * 0.02 * (1.0 - speed))
     stamp_ns, after = (ticks - 1) * PERIOD_NS, np.linspace(0.0, 1.5, 31)
@@ -76,15 +76,16 @@ def test_follows_the_path_with_delay(speed: float, every: int) -> None:
     np.testing.assert_allclose(places(window, stamp_ns, after=after), expected, atol=1e-4)
 
 
-def test_discards_samples_that_were_passed() -> None:
-    delayed = DelayedReference(MpcConfig().updated({"advanced.contouring.delay_max": 0.5}))
+def test_discards_samples_that_were_passed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(delayed_reference, "_MAX_BEHIND", 0.5)
+    delayed = DelayedReference()
     window = fly(delayed, 400, speed=0.5)
     assert delayed.behind == pytest.approx(0.5)
     assert len(window.offset_ns) < 0.5 / 0.02 + 45
 
 
 def test_plan_speeds_apply_until_the_next_plan() -> None:
-    delayed = DelayedReference(MpcConfig())
+    delayed = DelayedReference()
     fly(delayed, 1, speed=0.5)
     for k in (1, 3, 7):
         delayed.at(SERVER.window(k * PERIOD_NS), k * PERIOD_NS)
@@ -93,7 +94,7 @@ def test_plan_speeds_apply_until_the_next_plan() -> None:
 
 def test_new_reference_follows_the_remaining_delayed_path() -> None:
     """A hold asked for now is flown after what was ahead of it."""
-    delayed = DelayedReference(MpcConfig())
+    delayed = DelayedReference()
     fly(delayed, 100, speed=0.8)
     now_ns = 100 * PERIOD_NS
     held = ReferenceWindow.hover(SERVER.window(now_ns).p_WB[0], stamp_ns=now_ns)
@@ -107,7 +108,7 @@ def test_new_reference_follows_the_remaining_delayed_path() -> None:
 
 
 def test_a_jump_ends_the_delay() -> None:
-    delayed = DelayedReference(MpcConfig())
+    delayed = DelayedReference()
     fly(delayed, 100, speed=0.8)
     elsewhere = ReferenceWindow.hover([30.0, 0.0, 2.0], stamp_ns=100 * PERIOD_NS)
     assert delayed.at(elsewhere, elsewhere.stamp_ns) is elsewhere
@@ -115,7 +116,7 @@ def test_a_jump_ends_the_delay() -> None:
 
 
 def test_has_no_delay_at_rest() -> None:
-    delayed = DelayedReference(MpcConfig())
+    delayed = DelayedReference()
     for k in range(100):
         stamp_ns = k * PERIOD_NS
         delayed.at(ReferenceWindow.hover([1.0, 2.0, 3.0], stamp_ns=stamp_ns), stamp_ns)
@@ -124,7 +125,7 @@ def test_has_no_delay_at_rest() -> None:
 
 
 def test_a_reset_of_the_estimate_transforms_the_path() -> None:
-    delayed = DelayedReference(MpcConfig())
+    delayed = DelayedReference()
     fly(delayed, 100, speed=0.8)
     stamp_ns = 100 * PERIOD_NS
     reset = EstimateReset(stamp_ns=stamp_ns, turn=0.3, step_W=np.array([3.0, -2.0, 0.5]))
@@ -138,7 +139,7 @@ def test_a_reset_of_the_estimate_transforms_the_path() -> None:
 
 
 def test_restarts_in_another_frame() -> None:
-    delayed = DelayedReference(MpcConfig())
+    delayed = DelayedReference()
     fly(delayed, 100, speed=0.8)
     window = dataclasses.replace(SERVER.window(100 * PERIOD_NS), frame_id="map")
     assert delayed.at(window, window.stamp_ns) is window

@@ -250,7 +250,7 @@ def test_every_owner_of_flight_state_is_a_stage_of_the_controller() -> None:
 
 LIVE = [spec for spec in MpcConfig.specs() if spec.live]
 LIMITS = {"limits.speed_max": 5.0}
-OTHER: dict[str, object] = {"throttle_min": 0.05, "contouring.speed_max": 1.2}
+OTHER: dict[str, object] = {"throttle_min": 0.05}
 
 
 def changed(config: MpcConfig, spec: ParameterSpec) -> MpcConfig:

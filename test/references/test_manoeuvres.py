@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Loop, flip and split-S: what they look like, and what the vehicle does in them."""
+"""Loop and flip: what they look like, and what the vehicle does in them."""
 
 from __future__ import annotations
 
@@ -73,26 +73,6 @@ def test_inverted_flip_has_its_coasting_thrust() -> None:
     force = samples.a_WB_W + 0.2 * samples.v_WB_W + [0.0, 0.0, 9.81]
     assert np.count_nonzero(inverted) > 100
     assert_allclose(np.linalg.norm(force[inverted], axis=1), 0.4 * 9.81)
-
-
-@pytest.mark.parametrize("yaw", [0.0, 2.5])
-def test_split_s_ends_lower_with_reversed_heading(yaw: float) -> None:
-    samples, R_WB, _ = flown(trajectory="split_s", yaw=yaw, height=1.0)
-    forward = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    assert_allclose(R_WB[0, :, 0], forward, atol=1e-9)
-    assert_allclose(R_WB[-1, :, 0], -forward, atol=1e-6)
-    assert_allclose(R_WB[-1, :, 2], [0.0, 0.0, 1.0], atol=1e-6)
-    lowest = samples.p_WB[:, 2].min()
-    assert lowest == pytest.approx(1.0, abs=1e-4)
-    assert samples.p_WB[0, 2] > lowest + 2.0
-    # Half a roll, then half a loop with the nose going down, seen from the ground.
-    roll, pitch, yaw_turn = turned(R_WB)
-    assert roll == pytest.approx(np.pi, abs=0.2)
-    assert pitch == pytest.approx(-np.pi, abs=0.3)
-    assert yaw_turn == pytest.approx(0.0, abs=1e-6)
-    speed = samples.v_WB_W @ forward
-    assert speed.max() > 3.0
-    assert speed.min() < -1.0
 
 
 def test_smooth_turn_has_its_angle_and_peak_rate() -> None:

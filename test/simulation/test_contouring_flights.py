@@ -24,17 +24,13 @@ WEAK = 0.7
 
 
 @cache
-def flown(formulation: str, *, weak: bool = True, delay_max: float = 10.0) -> Flight:
+def flown(formulation: str, *, weak: bool = True) -> Flight:
     trajectory = configured_trajectory(REFERENCE)
     samples = trajectory.at([*range(0, trajectory.period_ns, 5_000_000)])
     force = np.linalg.norm(samples.a_WB_W + np.array([0.0, 0.0, 9.81]), axis=1).max()
     mpc = agile(formulation=formulation)
     throttle = mpc.vehicle().throttle_for(WEAK * mpc.mass * float(force))
-    mpc = dataclasses.replace(
-        mpc,
-        throttle_max=throttle if weak else 1.0,
-        contouring=dataclasses.replace(mpc.contouring, delay_max=delay_max),
-    )
+    mpc = dataclasses.replace(mpc, throttle_max=throttle if weak else 1.0)
     return simulate(mpc, ideal(duration=12.0), REFERENCE, on_reference=True)
 
 

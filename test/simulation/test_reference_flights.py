@@ -79,7 +79,6 @@ def flown(**changes: object) -> Flown:
     [
         {"trajectory": "vertical_loop", "loop_speed": 7.0},
         {"trajectory": "flip", "flip_axis": "roll"},
-        {"trajectory": "split_s"},
     ],
 )
 def test_tracks_inverted_flight_within_a_centimetre(changes: dict[str, object]) -> None:

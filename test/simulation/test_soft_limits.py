@@ -155,11 +155,10 @@ def errors(changes: dict[str, Any], trajectory: str, disturbed: dict[str, Any]) 
 @pytest.mark.parametrize(
     ("trajectory", "disturbed"),
     [
-        ("split_s", [{}]),
         ("vertical_loop", [{}]),
         ("flip", [NOISE | {"seed": seed} for seed in range(5)]),
     ],
-    ids=["split_s", "vertical_loop", "noisy flip"],
+    ids=["vertical_loop", "noisy flip"],
 )
 def test_limits_do_not_change_a_flip(trajectory: str, disturbed: list[dict[str, Any]]) -> None:
     """A limit on tilt does not restrict the reference's attitude.

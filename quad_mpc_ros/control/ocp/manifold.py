@@ -33,7 +33,13 @@ from quad_mpc_ros.control.ocp.horizon_qp import HorizonPattern, HorizonStages
 from quad_mpc_ros.control.ocp.limits import Limits, compute_bounds, flips, saturate_position_error
 from quad_mpc_ros.control.ocp.plan import Plan, PlannedTrajectory, apply_bounds, shift
 from quad_mpc_ros.control.ocp.problem import OcpArrays, Problem, pattern_of, plan_cost, write_qp
-from quad_mpc_ros.control.ocp.progress import SPEED_INPUT, ProgressBuffers, follow_path
+from quad_mpc_ros.control.ocp.progress import (
+    SPEED_INPUT,
+    SPEED_MAX,
+    SPEED_MIN,
+    ProgressBuffers,
+    follow_path,
+)
 from quad_mpc_ros.control.ocp.settings import settings_of
 
 _COLD_ITERATIONS = 5
@@ -278,9 +284,7 @@ def _search(problem: Problem, change: Array, cost: float) -> float:
         )
         for i in range(len(progress.plan)):
             speed = progress.nominal[i] + length * change[i, SPEED_INPUT]
-            progress.plan[i] = kernels.clamp(
-                speed, settings.progress_speed_min, settings.progress_speed_max
-            )
+            progress.plan[i] = kernels.clamp(speed, SPEED_MIN, SPEED_MAX)
         _follow_path(problem, progress.plan)
         reached = plan_cost(problem)
         if reached < cost:

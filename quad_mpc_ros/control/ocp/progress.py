@@ -41,6 +41,8 @@ SPEED_INPUT, INPUTS = INPUT_SIZE, INPUT_SIZE + 1
 """Index of the speed in the input of the problem, and its size."""
 STATE_SIZES, INPUT_SIZES = np.array([0.07, 0.3]), np.array([0.1])
 """Natural sizes of the two states and of the input."""
+SPEED_MIN, SPEED_MAX = 0.2, 1.05
+"""Bounds of the speed of progress, relative to the speed of the reference."""
 
 # Cost of a change of the speed near limits, in proportion to the same scale as other changes of
 # the plan. Without it the slowest problems are those with a steep slope: the cost of progress
@@ -150,5 +152,5 @@ def write_progress(
         stages.B[i, PATH_TIME, SPEED_INPUT], stages.B[i, SPEED, SPEED_INPUT] = settings.step, 1.0
         stages.R[i, SPEED_INPUT] = settings.progress_weight
         stages.r[i, SPEED_INPUT] = settings.progress_weight * (speed - 1.0)
-        stages.lower[i, SPEED_INPUT] = min(settings.progress_speed_min - speed, 0.0)
-        stages.upper[i, SPEED_INPUT] = max(settings.progress_speed_max - speed, 0.0)
+        stages.lower[i, SPEED_INPUT] = min(SPEED_MIN - speed, 0.0)
+        stages.upper[i, SPEED_INPUT] = max(SPEED_MAX - speed, 0.0)

@@ -31,10 +31,7 @@ class ProblemSettings(Record):
     speed_max: float  # m/s, soft; 0 for none
     max_position_error: float  # m, at which the position error of the target saturates
     full_damping_slope: float  # slope of the cost from which on changes are regularised fully
-    # Speed of the reference's time: weight on its difference from 1, and bounds.
-    progress_weight: float
-    progress_speed_min: float
-    progress_speed_max: float
+    progress_weight: float  # on the difference of the speed of the reference's time from 1
 
 
 @compiled
@@ -46,7 +43,7 @@ def stage_weight(settings: ProblemSettings, stage: int, steps: int) -> float:
 def settings_of(config: MpcConfig) -> RecordArray[ProblemSettings]:
     """Return the settings of a configuration."""
     result = ProblemSettings.zeros()
-    settings, limits, contouring = result[()], config.limits, config.contouring
+    settings, limits = result[()], config.limits
     gain = np.array(per_axis(config.rate_gain))
     # Inputs of the problem are what the rates follow, commands times their gain.
     fastest = gain * config.omega_max
@@ -56,9 +53,7 @@ def settings_of(config: MpcConfig) -> RecordArray[ProblemSettings]:
     settings.u_min[:] = config.throttle_min, *(-fastest)
     settings.u_max[:] = config.throttle_max, *fastest
     settings.tilt_max, settings.speed_max = limits.tilt_max, limits.speed_max
-    settings.progress_weight = contouring.progress_weight
-    settings.progress_speed_min = contouring.speed_min
-    settings.progress_speed_max = contouring.speed_max
+    settings.progress_weight = config.contouring.progress_weight
     settings.max_position_error = limits.position_error_max
     # The slope of the cost where the position is off by the distance at which its error
     # saturates, per 3 m/s.

@@ -15,7 +15,7 @@ from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import Input, state_from_odometry
 from quad_mpc_ros.control.ocp.plan import Plan
-from quad_mpc_ros.control.safety.command_limits import clamped, rate_limited
+from quad_mpc_ros.control.safety.command_limits import clamped
 from quad_mpc_ros.control.safety.consistency import ConsistencyMonitor
 from quad_mpc_ros.control.safety.decide_stage import Decided
 from quad_mpc_ros.control.safety.fallbacks import (
@@ -100,11 +100,7 @@ class LimitStage(Stage):
         allowed = self._ground.allowed
         if self._ground.state is GroundState.UNKNOWN and source is not Source.MPC:
             allowed = AllowedCommand.ALL  # the vehicle may be in the air
-        u = self._allowed(wanted, allowed, source)
-        if self.acting is not None:
-            elapsed = max(due.now_ns - self._sent_ns, 0) * 1e-9
-            u = rate_limited(u, self.acting, self._config.slew, duration=elapsed)
-        u = clamped(u, self._config)
+        u = clamped(self._allowed(wanted, allowed, source), self._config)
         self.acting, self._sent_ns = u, due.now_ns
         self._log.command(by_fallback=source is not Source.MPC)
         return u

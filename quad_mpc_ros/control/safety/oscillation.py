@@ -21,11 +21,13 @@ from quad_mpc_ros.control.stage import Stage
 
 _SECOND = 1_000_000_000
 _WINDOW_NS = 3 * _SECOND
+_TILT_AMPLITUDE = 0.2  # rad, about the reference's tilt
 _MAX_REVERSALS = 6  # within the window, since the last jump of the reference
 _JUMP, _TILT_JUMP = 0.5, 0.3  # m, rad, of the reference from tick to tick
 _MAX_DISTANCE = 5.0  # m from the reference; farther away the vehicle tilts to approach it
 _MIN_SWING_NS = _SECOND // 10  # no vehicle swings faster; upside down the sides are ambiguous
-_HOLD_GROWTH, _MAX_HOLD_NS = 3, 300 * _SECOND  # of the hold time of repeated oscillations
+# Hold time of an oscillation; growth and largest hold time of repeated oscillations.
+_HOLD_NS, _HOLD_GROWTH, _MAX_HOLD_NS = 10 * _SECOND, 3, 300 * _SECOND
 _MEMORY_NS = 30 * _SECOND  # after so long an oscillation counts as the first one
 
 _Pose = tuple[Array, Array]  # position (3,) and quaternion (4,)
@@ -43,9 +45,8 @@ class OscillationMonitor(Stage):
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Apply changed parameters."""
-        self._limits = config.oscillation
-        self._action = Action[self._limits.action.upper()]
+        """Apply a changed action."""
+        self._action = Action[config.oscillation.action.upper()]
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Transform the previous reference, which has not jumped."""
@@ -71,14 +72,14 @@ class OscillationMonitor(Stage):
             if reference is None:
                 return None
             # Count swings near the reference since its last jump.
-            pose, threshold = (odometry.p_WB, odometry.q_WB_xyzw), self._limits.tilt_amplitude
+            pose = odometry.p_WB, odometry.q_WB_xyzw
             before, self._reference = self._reference or reference, reference
             lean_x, lean_y, restarts = _leans(pose=pose, reference=reference, before=before)
             if restarts:
                 self._forget()
             about_x, about_y = self._reversals
-            x = about_x.count(lean_x, threshold=threshold, now_ns=now_ns)
-            y = about_y.count(lean_y, threshold=threshold, now_ns=now_ns)
+            x = about_x.count(lean_x, now_ns=now_ns)
+            y = about_y.count(lean_y, now_ns=now_ns)
             if x < _MAX_REVERSALS and y < _MAX_REVERSALS:
                 return None
             self._begin(now_ns)
@@ -87,8 +88,7 @@ class OscillationMonitor(Stage):
     def _begin(self, now_ns: int) -> None:
         """Start the hold time, longer after a recent oscillation."""
         again = self._until_ns is not None and now_ns - self._until_ns < _MEMORY_NS
-        first_ns = round(self._limits.hold_time * _SECOND)
-        self._hold_ns = min(_HOLD_GROWTH * self._hold_ns, _MAX_HOLD_NS) if again else first_ns
+        self._hold_ns = min(_HOLD_GROWTH * self._hold_ns, _MAX_HOLD_NS) if again else _HOLD_NS
         self._until_ns = now_ns + self._hold_ns
         self._forget()
 
@@ -98,7 +98,7 @@ class OscillationMonitor(Stage):
 
 
 class _Reversals:
-    """Times at which a value changed from beyond a threshold to beyond the opposite one."""
+    """Times at which a tilt [rad] changed from beyond the amplitude to beyond the opposite one."""
 
     def __init__(self) -> None:
         self._times_ns: deque[int] = deque(maxlen=_MAX_REVERSALS)
@@ -108,9 +108,9 @@ class _Reversals:
         self._times_ns.clear()
         self._side = 0.0
 
-    def count(self, value: float, *, threshold: float, now_ns: int) -> int:
-        """Take a value; return the number of recent changes."""
-        if value > threshold or value < -threshold:
+    def count(self, value: float, *, now_ns: int) -> int:
+        """Take a tilt; return the number of recent changes."""
+        if value > _TILT_AMPLITUDE or value < -_TILT_AMPLITUDE:
             side = math.copysign(1.0, value)
             if side == -self._side and now_ns - self._since_ns >= _MIN_SWING_NS:
                 self._times_ns.append(now_ns)

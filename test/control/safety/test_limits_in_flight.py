@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Fence, envelope, slew limits and deadline in the closed loop of controller and plant."""
+"""Fence, envelope and deadline in the closed loop of controller and plant."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from quad_mpc_ros.control.config import (
     EnvelopeParameters,
     FenceParameters,
     MpcConfig,
-    SlewParameters,
 )
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
@@ -115,23 +114,6 @@ def test_hovers_beyond_the_envelope_until_a_second_inside() -> None:
     assert set(sources[first:again]) == {"hover"}
     calm = next(k for k in range(first, len(speeds)) if speeds[k] < 2.7)
     assert again - calm == pytest.approx(50, abs=1)
-
-
-def test_settles_with_rate_limited_commands() -> None:
-    limits = SlewParameters(throttle=10.0, body_rates=400.0)
-    loop = Loop(MpcConfig(slew=limits))
-    commands = [
-        tick.command
-        for _, tick in (*loop.fly(1.0), *loop.fly(4.0, to=(1.0, 0.0, 2.0)))
-        if tick.command is not None
-    ]
-    throttle = np.array([command.throttle for command in commands])
-    rates = np.array([command.w_WB_B for command in commands])
-    assert np.abs(np.diff(throttle)).max() == pytest.approx(10.0 * 0.02, rel=1e-6)
-    assert np.abs(np.diff(rates, axis=0)).max() == pytest.approx(400.0 * 0.02, rel=1e-6)
-    source, x = loop.last(1.0, to=(1.0, 0.0, 2.0))
-    assert source == "mpc"
-    assert x == pytest.approx(1.0, abs=0.05)
 
 
 def test_solver_stops_at_its_time_limit() -> None:

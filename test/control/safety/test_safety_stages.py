@@ -13,7 +13,7 @@ import pytest
 from fixtures.records import state_of
 from numpy.testing import assert_allclose
 
-from quad_mpc_ros.control.config import FenceParameters, MpcConfig, SlewParameters
+from quad_mpc_ros.control.config import FenceParameters, MpcConfig
 from quad_mpc_ros.control.estimation.delay_compensation import LearnedModel
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import GroundState
@@ -130,32 +130,12 @@ def make_flight(
 MakeFlight = Callable[[MpcConfig], Flight]
 
 
-def test_a_command_is_slew_limited_then_clamped(
-    make_flight: MakeFlight,
-) -> None:
-    config = MpcConfig(throttle_max=0.6, slew=SlewParameters(throttle=10.0, body_rates=50.0))
-    flight = make_flight(config)
-    source, first = flight.tick(planned(0.3, 1.0, 0.0, 0.0))
-    assert (source, first is not None and first.throttle) == ("MPC", 0.3)
-    _, second = flight.tick(planned(0.9, 9.0, 0.0, 0.0))
-    assert second is not None
-    assert second.throttle == pytest.approx(0.5)
-    assert_allclose(second.w_WB_B, [2.0, 0.0, 0.0])
-    _, third = flight.tick(planned(0.9))
-    assert third is not None
-    assert third.throttle == 0.6
-
-
-def test_slew_limit_starts_at_a_replaced_command(
-    make_flight: MakeFlight,
-) -> None:
-    flight = make_flight(MpcConfig(slew=SlewParameters(throttle=10.0)))
-    flight.tick(planned(0.3))
-    sent = Input(throttle=0.7, w_WB_B=np.zeros(3))
-    flight.limiting.replace(sent, now_ns=flight.now - PERIOD)
-    _, command = flight.tick(planned(0.9))
+def test_a_command_is_clamped(make_flight: MakeFlight) -> None:
+    flight = make_flight(MpcConfig(throttle_max=0.6, omega_max=(2.0, 2.0, 2.0)))
+    _, command = flight.tick(planned(0.9, 9.0, 0.0, 0.0))
     assert command is not None
-    assert command.throttle == pytest.approx(0.9)
+    assert command.throttle == 0.6
+    assert_allclose(command.w_WB_B, [2.0, 0.0, 0.0])
 
 
 # Nose down by 0.1 rad, and leaning to the right by as much.
