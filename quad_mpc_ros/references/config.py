@@ -30,7 +30,7 @@ from quad_mpc_ros.references.ellipse import (
 )
 from quad_mpc_ros.references.excitation import ExcitationParameters, excitation
 from quad_mpc_ros.references.feasibility import FeasibilityParameters
-from quad_mpc_ros.references.lemniscate import Lemniscate, LemniscateParameters
+from quad_mpc_ros.references.lemniscate import LemniscateParameters, lemniscate
 from quad_mpc_ros.references.manoeuvres import (
     FlipParameters,
     VerticalLoopParameters,
@@ -73,7 +73,7 @@ TRAJECTORIES = {
     "waypoints": TrajectoryEntry(make=waypoints),
     "circle": TrajectoryEntry(make=circle),
     "ellipse": TrajectoryEntry(make=ellipse),
-    "lemniscate": TrajectoryEntry(make=Lemniscate),
+    "lemniscate": TrajectoryEntry(make=lemniscate),
     "minimum_snap": TrajectoryEntry(make=through_waypoints),
     "vertical_loop": TrajectoryEntry(make=vertical_loop, scalable=False),
     "flip": TrajectoryEntry(make=flip, scalable=False),

@@ -72,10 +72,10 @@ class EllipseParameters(TrajectoryParameters):
             )
 
 
-class Ellipse:
-    """The path centre + ``sine`` sin(w t) + ``cosine`` cos(w t), (3,) each [m], repeated.
+class LissajousPath:
+    """The path centre + ``sine`` sin(k w t) + ``cosine`` cos(k w t), (3,) each [m], repeated.
 
-    A ``heading`` of ``centre`` or ``along`` requires semi-axes along x and y.
+    A ``heading`` of ``centre`` or ``along`` requires the semi-axes of an ellipse along x and y.
     """
 
     periodic = True
@@ -87,20 +87,22 @@ class Ellipse:
         sine: Array,
         cosine: Array,
         frequency: float,
+        multiples: tuple[float, float, float] = (1.0, 1.0, 1.0),
         heading: str = "fixed",
     ) -> None:
-        """Take the vectors [m], the angular frequency w [rad/s] and the heading."""
+        """Take the vectors [m], the angular frequency w [rad/s], k of each axis, the heading."""
         self._centre, self._sine, self._cosine = centre, sine, cosine
         self._frequency, self._heading = frequency, heading
+        self._rates = frequency * np.array(multiples)
         self.duration = math.tau / frequency
 
     def at(self, seconds: Array) -> PathSamples:
-        """Return the ellipse at times (n,) [s]."""
-        angle, w = self._frequency * seconds, self._frequency
-        sine, cosine = np.sin(angle)[:, None], np.cos(angle)[:, None]
+        """Return the path at times (n,) [s]."""
+        w = self._rates
+        sine, cosine = np.sin(seconds[:, None] * w), np.cos(seconds[:, None] * w)
         outwards = sine * self._sine + cosine * self._cosine
         along = cosine * self._sine - sine * self._cosine
-        yaw, yaw_rate = self._nose(angle)
+        yaw, yaw_rate = self._nose(self._frequency * seconds)
         return PathSamples(
             p_WB=self._centre + outwards,
             v_WB_W=w * along,
@@ -128,11 +130,11 @@ class Ellipse:
         return 0.5 * math.pi - angle - ahead, rate
 
 
-def ellipse(config: EllipseParameters) -> Ellipse:
+def ellipse(config: EllipseParameters) -> LissajousPath:
     """Return the configured ellipse; at t = 0 at +B, at full speed eastwards."""
     a, b = config.ellipse_semi_axes
     is_level = config.ellipse_plane == "horizontal"
-    return Ellipse(
+    return LissajousPath(
         np.array([*config.origin, config.height]),
         sine=np.array([a, 0.0, 0.0]),
         cosine=np.array([0.0, b, 0.0] if is_level else [0.0, 0.0, b]),
@@ -141,10 +143,10 @@ def ellipse(config: EllipseParameters) -> Ellipse:
     )
 
 
-def circle(config: CircleParameters) -> Ellipse:
+def circle(config: CircleParameters) -> LissajousPath:
     """Return the configured circle, anticlockwise; at t = 0 at full speed, east of the origin."""
     radius = config.circle_radius
-    return Ellipse(
+    return LissajousPath(
         np.array([*config.origin, config.height]),
         sine=np.array([0.0, radius, 0.0]),
         cosine=np.array([radius, 0.0, 0.0]),

@@ -8,14 +8,12 @@ belong to the path. The path crosses the origin at t = 0, at full speed.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from quad_mpc_ros.configuration import parameter
-from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.references.path import PathSamples
+from quad_mpc_ros.references.ellipse import LissajousPath
 from quad_mpc_ros.references.trajectory import TrajectoryParameters
 
 
@@ -37,25 +35,12 @@ class LemniscateParameters(TrajectoryParameters):
     )
 
 
-class Lemniscate:
-    """The lemniscate, repeated."""
-
-    periodic = True
-
-    def __init__(self, config: LemniscateParameters) -> None:
-        self._origin = np.array([*config.origin, config.height])
-        self._amplitude = np.array([config.amplitude_x, config.amplitude_y, 0.0])
-        self._frequency = config.angular_frequency * np.array([1.0, 2.0, 0.0])
-        self.duration = math.tau / config.angular_frequency
-
-    def at(self, seconds: Array) -> PathSamples:
-        """Return the lemniscate at times (n,) [s]."""
-        w = self._frequency
-        phase = seconds[:, None] * w
-        sine, cosine = self._amplitude * np.sin(phase), self._amplitude * np.cos(phase)
-        return PathSamples(
-            p_WB=self._origin + sine,
-            v_WB_W=w * cosine,
-            a_WB_W=-(w**2) * sine,
-            j_WB_W=-(w**3) * cosine,
-        )
+def lemniscate(config: LemniscateParameters) -> LissajousPath:
+    """Return the configured lemniscate."""
+    return LissajousPath(
+        np.array([*config.origin, config.height]),
+        sine=np.array([config.amplitude_x, config.amplitude_y, 0.0]),
+        cosine=np.zeros(3),
+        frequency=config.angular_frequency,
+        multiples=(1.0, 2.0, 0.0),
+    )
