@@ -190,25 +190,19 @@ def _scales_of(pattern: HorizonPattern) -> Scales:
 def _constraint_matrix(pattern: HorizonPattern, scales: Scales) -> sparse.csc_matrix:
     """Return ``A``, with arbitrary numbers in its pattern."""
     n, nx, nu, nr, ns = pattern.sizes
-    width, input_rows, soft_rows = nu + nx + ns, n * nx, n * (nx + nu)
-    slack_rows = soft_rows + n * nr
-    matrix = sparse.lil_matrix((slack_rows + n * ns, n * width))
-
-    def put(block: Array, row: int, column: int) -> None:
-        matrix[row : row + block.shape[0], column : column + block.shape[1]] = block
-
-    for i in range(n):
-        u = i * width  # first variable of the stage
-        x, s = u + nu, u + nu + nx
-        if i > 0:
-            put(scales.A, row=i * nx, column=x - width)
-        put(scales.B, row=i * nx, column=u)
-        put(np.eye(nx), row=i * nx, column=x)
-        put(scales.input_row * np.eye(nu), row=input_rows + i * nu, column=u)
-        put(scales.normals, row=soft_rows + i * nr, column=x)
-        put(-np.eye(ns)[scales.slack_of], row=soft_rows + i * nr, column=s)
-        put(np.eye(ns), row=slack_rows + i * ns, column=s)
-    return sparse.csc_matrix(matrix)
+    none = np.zeros
+    before = np.hstack((none((nx, nu)), scales.A, none((nx, ns))))
+    dynamics = np.hstack((scales.B, np.eye(nx), none((nx, ns))))
+    others = (
+        np.hstack((scales.input_row * np.eye(nu), none((nu, nx + ns)))),
+        np.hstack((none((nr, nu)), scales.normals, -np.eye(ns)[scales.slack_of])),
+        np.hstack((none((ns, nu + nx)), np.eye(ns))),
+    )
+    first, *rest = (sparse.kron(sparse.eye(n), each, format="csc") for each in (dynamics, *others))
+    earlier = sparse.kron(sparse.eye(n, k=-1), before, format="csc")
+    matrix = sparse.csc_matrix(sparse.vstack([first + earlier, *rest]))
+    matrix.sort_indices()
+    return matrix
 
 
 def _cost_matrix(pattern: HorizonPattern, scales: Scales) -> sparse.csc_matrix:
