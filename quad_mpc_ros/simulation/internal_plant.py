@@ -131,11 +131,6 @@ class InternalPlant(DelayedPlant):
         """True velocity (3,) [m/s]."""
         return np.asarray(self._x["R_WB"] @ self._x["v_WB_B"])
 
-    @property
-    def input(self) -> Input:
-        """The true throttle and body rates of the actuators."""
-        return Input(throttle=float(self._x["throttle"]), w_WB_B=self._x["w_WB_B"].copy())
-
     def odometry(self, stamp_ns: int) -> OdometrySample:
         """Return the true odometry with the given stamp."""
         measured = Measured.zeros()

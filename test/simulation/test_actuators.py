@@ -117,7 +117,7 @@ def assert_agrees(body: InternalPlant, world: World, *, atol: float) -> None:
     R_WB = Rotation.from_quat(world.y[6:10]).as_matrix()
     assert_allclose(body.state.R_WB, R_WB, rtol=0.0, atol=atol)
     assert_allclose(body.odometry(0).w_WB_B, world.y[10:13], rtol=0.0, atol=atol)
-    assert_allclose(body.input.throttle, world.y[13], rtol=0.0, atol=atol)
+    assert_allclose(body._x["throttle"], world.y[13], rtol=0.0, atol=atol)
 
 
 @pytest.mark.parametrize(
@@ -198,7 +198,7 @@ def test_on_the_ground_rotors_spin_up_without_rotation() -> None:
     body.advance_to(round(lifts_after * 1e9) - 6 * MILLISECOND)
     assert_array_equal(body.state.R_WB, np.eye(3))
     assert_array_equal(body.odometry(0).w_WB_B, np.zeros(3))
-    assert 0.0 < body.input.throttle < HOVER
+    assert 0.0 < body._x["throttle"] < HOVER
     body.advance_to(round(lifts_after * 1e9) + 20 * MILLISECOND)
     assert body.state.p_WB[2] > 0.0
     assert 0.0 < body.odometry(0).w_WB_B[0] < 3.0
@@ -215,7 +215,7 @@ def test_one_call_for_many_steps_equals_many_calls() -> None:
         stepwise.advance_to(4 * k * MILLISECOND)
     for name in ("p_WB", "v_WB_B", "R_WB"):
         assert_array_equal(getattr(once.state, name), getattr(stepwise.state, name))
-    assert once.input.throttle == stepwise.input.throttle
+    assert once._x["throttle"] == stepwise._x["throttle"]
 
 
 def test_flight_does_not_depend_on_how_time_is_divided() -> None:

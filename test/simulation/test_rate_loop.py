@@ -59,7 +59,7 @@ def test_rotation_agrees_with_an_independent_integrator(most: float) -> None:
     end = solve_ivp(
         derivative, (0.0, seconds), begin, method="DOP853", rtol=1e-10, atol=1e-12, max_step=1e-3
     ).y[:, -1]
-    assert_allclose(vehicle.input.w_WB_B, end[4:7], atol=2e-4 if most else 1e-6)
+    assert_allclose(vehicle._x["w_WB_B"], end[4:7], atol=2e-4 if most else 1e-6)
     error = Rotation.from_quat(end[:4]).inv() * Rotation.from_matrix(vehicle.state.R_WB)
     assert error.magnitude() < (1e-4 if most else 1e-6)
 
@@ -68,6 +68,6 @@ def test_throttle_decreases_with_a_lag_of_its_own() -> None:
     vehicle = plant(thrust_time_constant=0.03, thrust_time_constant_down=0.1)
     flown(vehicle, 0.06, throttle=1.0)
     after = 1.0 + math.exp(-2.0) * (HOVER - 1.0)
-    assert vehicle.input.throttle == pytest.approx(after)
+    assert vehicle._x["throttle"] == pytest.approx(after)
     flown(vehicle, 0.05, throttle=0.0)
-    assert vehicle.input.throttle == pytest.approx(after * math.exp(-0.5))
+    assert vehicle._x["throttle"] == pytest.approx(after * math.exp(-0.5))
