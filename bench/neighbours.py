@@ -19,6 +19,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,9 @@ from quad_mpc_ros.messages.obstacle_messages import TimedPath
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
+from fixtures.windows import window_through
 
 
 @dataclass
@@ -121,7 +125,7 @@ def reference(start: Array, goal: Array, *, acceleration: float, stamp_ns: int) 
     falling = 0.5 * acceleration * np.maximum(2.0 * half - t, 0.0) ** 2
     along = np.where(t < half, rising, length - falling) / length
     places = start + along[:, None] * (goal - start)
-    return ReferenceWindow.through(seconds, places, stamp_ns=stamp_ns)
+    return window_through(seconds, places, stamp_ns=stamp_ns)
 
 
 def trial(

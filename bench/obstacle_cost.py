@@ -11,8 +11,10 @@ map of 100,000 points about the vehicle with its grid, which the node makes in a
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,10 +23,13 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
 from quad_mpc_ros.extras.obstacles.avoidance import ObstacleAvoidance
 from quad_mpc_ros.extras.obstacles.moving import MovingPoints
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
+from fixtures.windows import window_through
 
 _TICKS = 400
 
@@ -94,7 +99,7 @@ def main() -> None:
             state[:3], state[3:], plan = start, (2.0, 0.0, 0.0), None
         seconds = np.arange(0.0, 2.01, 0.05)
         line = start + seconds[:, None] * [2.0, 0.0, 0.0]
-        window = ReferenceWindow.through(seconds, line, stamp_ns=stamp_ns)
+        window = window_through(seconds, line, stamp_ns=stamp_ns)
         seen = OdometrySample(
             stamp_ns=stamp_ns,
             p_WB=state[:3].copy(),

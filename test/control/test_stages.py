@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from fixtures.obstacles import Standing
 from fixtures.presets import ideal
+from fixtures.windows import window_through
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.configuration.fields import Configuration, ParameterSpec
@@ -120,7 +121,7 @@ class Flight:
         if event == "reference":
             seconds = np.arange(0.0, 1.21, 0.05)
             along = PLACE + np.outer(seconds + 1e-9 * (self.now_ns - START_NS), [1.0, 0.0, 0.0])
-            window = ReferenceWindow.through(seconds, along, stamp_ns=self.now_ns)
+            window = window_through(seconds, along, stamp_ns=self.now_ns)
             tick = self.controller.receive_reference(
                 window if now is None else now.window(window), now_ns=self.now_ns
             )
@@ -346,7 +347,7 @@ def test_manual_flight_does_not_delay_the_reference() -> None:
             stamp_ns = now_ns + k * PERIOD_NS
             seconds = np.arange(0.0, 2.01, 0.05)
             along = PLACE + np.outer(seconds + 1e-9 * stamp_ns, [3.0, 0.0, 0.0])
-            window = ReferenceWindow.through(seconds, along, stamp_ns=stamp_ns)
+            window = window_through(seconds, along, stamp_ns=stamp_ns)
             controller.receive_reference(window, now_ns=stamp_ns)
             odometry = OdometrySample.at_rest(PLACE, stamp_ns=stamp_ns)
             tick = controller.receive_odometry(odometry, now_ns=stamp_ns)

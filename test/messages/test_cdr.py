@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fixtures.messages import STORE, encoded, encoded_by_rosbags
+from fixtures.windows import window_through
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message
@@ -254,7 +255,7 @@ def gaps(data: bytes, ours: bytes) -> list[int]:
 
 def test_bytes_equal_rclpys_except_for_gaps() -> None:
     random = np.random.default_rng(1)
-    window = ReferenceWindow.through(np.arange(7) * 0.2, random.normal(size=(7, 3)), stamp_ns=9)
+    window = window_through(np.arange(7) * 0.2, random.normal(size=(7, 3)), stamp_ns=9)
     odometry = OdometrySample.at_rest([1.0, 2.0, 3.0], yaw=0.5, stamp_ns=7, frame_id="map")
     command = CommandSample(stamp_ns=3, throttle=0.3, w_WB_B=np.array([1.0, -2.0, 3.0]))
     path = cdr.written_path(

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from quad_mpc_ros.configuration.arguments import array, instance, number, stamp, stamps
 from quad_mpc_ros.configuration.errors import ArgumentError
-from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.lie import Array
 
 Measured = tuple[Array, Array, Array, Array]
 """Values of an odometry for compiled code: position, attitude (4,), velocity, body rates."""
@@ -182,7 +182,7 @@ class ReferenceWindow:
     """One ``trajectory_msgs/MultiDOFJointTrajectory``: n samples of the reference ahead.
 
     Vectors are in the header frame (world). Two samples at the same time mark a jump; the second
-    sample is valid from then on. Most windows come from :meth:`hover` or :meth:`through`.
+    sample is valid from then on.
 
     Args:
         stamp_ns: Start time of the offsets [ns].
@@ -265,66 +265,6 @@ class ReferenceWindow:
             frame_id=frame_id,
         )
 
-    @classmethod
-    def through(
-        cls,
-        seconds: ArrayLike,
-        p_WB: ArrayLike,
-        *,
-        yaw: float = 0.0,
-        stamp_ns: int = 0,
-        gravity: float = 9.81,
-        frame_id: str = "odom",
-    ) -> ReferenceWindow:
-        """Return the reference through positions at given times.
-
-        Velocities and accelerations are the finite differences of the positions. The thrust axis
-        is along the required force, R_WB e3 ~ a + g e3, without drag; the angular velocities
-        follow from the attitudes.
-
-        Args:
-            seconds: Times after the stamp, increasing (n,) [s]; n is 3 or more.
-            p_WB: Positions (n, 3) [m].
-            yaw: Heading while level, from east to north [rad].
-            stamp_ns: Start time of ``seconds`` [ns].
-            gravity: Acceleration of gravity [m/s^2].
-            frame_id: The world frame.
-
-        Raises:
-            ArgumentError: The shapes do not match, there are fewer than three samples, the times
-                do not increase, or a position needs zero or downward thrust, which leaves the
-                attitude undefined.
-        """
-        t, heading = array(seconds, "seconds", ..., finite=True), number(yaw, "yaw")
-        if (
-            t.ndim != 1
-            or len(t) < 3
-            or not np.all(np.diff(t) > 0.0)
-            or abs(t).max() > _MAX_DURATION
-        ):
-            raise ArgumentError("seconds", seconds, "3 or more increasing times (n,), below 1e9 s")
-        p = array(p_WB, "p_WB", len(t), 3, finite=True)
-        with np.errstate(all="ignore"):  # the result is checked
-            v = np.gradient(p, t, axis=0, edge_order=2)
-            a = np.gradient(v, t, axis=0, edge_order=2)
-            force = a + np.array([0.0, 0.0, number(gravity, "gravity", above=0.0)])
-            R_WB = so3.shortest_rotation(
-                np.tile([0.0, 0.0, 1.0], (len(t), 1)),
-                force / np.linalg.norm(force, axis=1, keepdims=True),
-            ) @ so3.exp([0.0, 0.0, heading])
-        if not np.isfinite(R_WB).all():
-            raise ArgumentError("p_WB", p_WB, "positions with accelerations that lift the vehicle")
-        return cls(
-            stamp_ns=stamp_ns,
-            offset_ns=np.rint(t * 1e9).astype(np.int64),
-            p_WB=p.copy(),
-            q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
-            v_WB_W=v,
-            a_WB_W=a,
-            w_WB_W=_slopes(t, R_WB),
-            frame_id=frame_id,
-        )
-
     def pose_at(self, stamp_ns: int) -> tuple[Array, Array]:
         """Return the approximate reference at a time: position (3,) and quaternion (4,).
 
@@ -358,12 +298,3 @@ def _level(yaw: float) -> Array:
     """Return the quaternion (4,) of a level attitude."""
     yaw = number(yaw, "yaw")
     return np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)])
-
-
-def _slopes(t: Array, R_WB: Array) -> Array:
-    """Return the angular velocities of attitudes at times (n,) [s], in the world (n, 3)."""
-    places = np.arange(len(t))
-    before, after = np.maximum(places - 1, 0), np.minimum(places + 1, len(t) - 1)
-    turn_B = so3.log(np.swapaxes(R_WB[before], 1, 2) @ R_WB[after])
-    turn_W = np.einsum("nij,nj->ni", R_WB[before], turn_B)
-    return np.asarray(turn_W / (t[after] - t[before])[:, None])

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fixtures.windows import window_through
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -125,7 +126,7 @@ def test_little_thrust_pauses_learning(detector: Detector) -> None:
 
 def test_landing_pauses_learning_below_half_a_metre(grounded: Detector) -> None:
     grounded.observe(1.0, thrust=1.1, height=2.0, window=ABOVE)
-    down = ReferenceWindow.through([0.0, 1.0, 2.0], [[0, 0, 0.3], [0, 0, 0.0], [0, 0, -0.3]])
+    down = window_through([0.0, 1.0, 2.0], [[0, 0, 0.3], [0, 0, 0.0], [0, 0, -0.3]])
     for height, window, might in [
         (1.0, down, False),
         (0.3, down, True),
@@ -218,7 +219,7 @@ IDLE = idling(ReferenceWindow.hover([0.0, 0.0, 0.0]), 9.81)
 def test_recognises_a_reference_that_requests_idle_motors() -> None:
     assert idles(IDLE, 9.81) and idles(IDLE, 9.80665)
     assert not idles(ABOVE, 9.81)
-    falling = ReferenceWindow.through([0.0, 0.5, 1.0], [[0, 0, 9], [0, 0, 8], [0, 0, 5.1]])
+    falling = window_through([0.0, 0.5, 1.0], [[0, 0, 9], [0, 0, 8], [0, 0, 5.1]])
     assert not idles(falling, 9.81)
 
 
@@ -316,7 +317,7 @@ def land(detector: Detector, carrying: float) -> ReferenceWindow:
     detector.observe(
         3.0, thrust=carrying, height=1.0, window=ReferenceWindow.hover([0.0, 0.0, 1.0])
     )
-    down = ReferenceWindow.through([0.0, 1.0, 2.0], [[0, 0, 0.0], [0, 0, -0.3], [0, 0, -0.6]])
+    down = window_through([0.0, 1.0, 2.0], [[0, 0, 0.0], [0, 0, -0.3], [0, 0, -0.6]])
     sinking = np.array([0.0, 0.0, -0.3])
     detector.observe(0.2, thrust=carrying, height=0.3, velocity=sinking, window=down)
     assert detector.ground.state.is_flying
@@ -456,5 +457,5 @@ def test_a_reference_that_rises_by_more_than_a_centimetre_climbs(
     detector: Detector, rises: float, lands: bool
 ) -> None:
     heights = -0.5 + rises * np.array([0.0, 0.5, 1.0])
-    window = ReferenceWindow.through([0.0, 0.25, 0.5], heights[:, None] * [0.0, 0.0, 1.0])
+    window = window_through([0.0, 0.25, 0.5], heights[:, None] * [0.0, 0.0, 1.0])
     assert (GroundState.ON_GROUND in detector.observe(2.0, window=window)) is lands

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 import pytest
+from fixtures.windows import window_through
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.lie import so3
@@ -63,7 +64,7 @@ def test_window_is_unchanged_relative_to_the_vehicle() -> None:
     rng = np.random.default_rng(2)
     t = np.linspace(0.0, 2.0, 9)
     p = np.stack([np.sin(t), np.cos(2.0 * t), t], axis=1)
-    window, before = ReferenceWindow.through(t, p, yaw=0.3), flying(rng)
+    window, before = window_through(t, p, yaw=0.3), flying(rng)
     moved, after = RESET.window(window), RESET.odometry(before)
 
     def seen(window: ReferenceWindow, odometry: OdometrySample) -> list[np.ndarray]:

@@ -5,13 +5,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-
-GRAVITY = 9.81
 
 
 def test_yaw_of_90_degrees_points_the_nose_north() -> None:
@@ -29,47 +26,6 @@ def test_hover_window_holds_its_position_for_its_duration() -> None:
         Rotation.from_quat(window.q_WB_xyzw).apply([1, 0, 0]), [[0, 1, 0]] * 2, atol=1e-15
     )
     assert not (window.v_WB_W.any() or window.a_WB_W.any() or window.w_WB_W.any())
-
-
-def test_window_through_a_circle_has_its_motion_and_tilts_inwards() -> None:
-    t = np.linspace(0.0, 2.0, 401)
-    radius, speed = 2.0, 3.0
-    angle = speed / radius * t
-    p = np.stack((radius * np.cos(angle), radius * np.sin(angle), np.full_like(t, 1.5)), axis=1)
-    window = ReferenceWindow.through(t, p)
-    inner = slice(3, -3)
-    outwards = p * [1.0, 1.0, 0.0] / radius
-    assert_allclose(np.linalg.norm(window.v_WB_W, axis=1)[inner], speed, rtol=1e-4)
-    assert_allclose(
-        window.a_WB_W[inner], -(speed**2) / radius * outwards[inner], atol=1e-3 * speed**2
-    )
-    # Thrust and weight together are what turns the vehicle round the centre.
-    R_WB = Rotation.from_quat(window.q_WB_xyzw)
-    tilt = np.arctan2(speed**2 / radius, GRAVITY)
-    up = R_WB.apply([0.0, 0.0, 1.0])
-    assert_allclose(up[inner, 2], np.cos(tilt), rtol=1e-4)
-    assert np.all(np.sum(up * outwards, axis=1)[inner] < 0.0)
-    # Its rates carry each attitude into the next one.
-    step = t[1] - t[0]
-    predicted = Rotation.from_rotvec(step * window.w_WB_W[inner]) * R_WB[inner]
-    turned = (predicted.inv() * R_WB[4:-2]).magnitude()
-    assert np.all(turned < 0.02 * step * np.linalg.norm(window.w_WB_W[inner], axis=1))
-
-
-@pytest.mark.parametrize(
-    ("seconds", "positions", "expected"),
-    [
-        ([0.0, 1.0], [[0.0] * 3] * 2, "seconds: .*expected 3 or more increasing times"),
-        ([0.0, 1.0, 1.0], [[0.0] * 3] * 3, "seconds: .*expected 3 or more increasing times"),
-        ([0, 1, 2], [[0.0] * 2] * 3, r"p_WB: .*expected numbers of shape \(3, 3\)"),
-        ([0, 1, 2], [[0.0, 0.0, -4.905 * t * t] for t in range(3)], "p_WB: .*lift the vehicle"),
-    ],
-)
-def test_through_rejects_invalid_positions_and_times(
-    seconds: list[float], positions: list[list[float]], expected: str
-) -> None:
-    with pytest.raises(ValueError, match=expected):
-        ReferenceWindow.through(seconds, positions)
 
 
 def test_pose_at_is_on_the_line_between_samples() -> None:

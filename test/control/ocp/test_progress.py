@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fixtures.presets import agile
+from fixtures.windows import window_through
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array, so3
@@ -41,7 +42,7 @@ def parabola(seed: int, *, stamp_ns: int = STAMP_NS) -> ReferenceWindow:
     v, a = rng.normal(scale=4.0, size=3), rng.normal(scale=3.0, size=3)
     t = np.linspace(0.0, 2.0, 41)
     p = np.array([0.0, 0.0, 20.0]) + t[:, None] * v + 0.5 * t[:, None] ** 2 * a
-    return ReferenceWindow.through(t, p, stamp_ns=stamp_ns)
+    return window_through(t, p, stamp_ns=stamp_ns)
 
 
 def off_the_path(

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.windows import window_through
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quad_mpc_ros import (
@@ -205,7 +206,7 @@ def test_an_unusable_name_is_reported_with_the_names(name: str, message: str) ->
 def test_a_window_starts_at_any_time_with_the_interpolated_reference() -> None:
     seconds = np.linspace(0.0, 1.0, 11)
     circle = np.column_stack((np.cos(seconds), np.sin(seconds), np.full(11, 2.0)))
-    window = ReferenceWindow.through(seconds, circle, stamp_ns=5_000_000_000)
+    window = window_through(seconds, circle, stamp_ns=5_000_000_000)
     assert window_from(window, 5_000_000_000) is window
     later = window_from(window, 5_250_000_000)
     assert later.stamp_ns == 5_250_000_000

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fixtures.obstacles import Standing, box
+from fixtures.windows import window_through
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
@@ -139,7 +140,7 @@ def test_finds_a_path_for_any_clearance(speed: float, changes: dict[str, object]
     config = CONFIG.updated(changes)
     seconds = np.arange(0.0, 2.01, 0.05)
     line = np.array([0.0, 0.0, 1.0]) + seconds[:, None] * [5.0, 0.0, 0.0]
-    window = ReferenceWindow.through(seconds, line, stamp_ns=10**9)
+    window = window_through(seconds, line, stamp_ns=10**9)
     guide = ObstacleAvoidance(config, Standing(PILLAR), radius=config.radius)
     odometry = odometry_at(np.array([-1.0, 0.0, 1.0]), np.array([speed, 0.0, 0.0]))
     guided = guide.guide(odometry, window, None)
@@ -150,7 +151,7 @@ def test_the_guide_turns_the_thrust_against_the_configured_gravity() -> None:
     config = CONFIG.updated({"gravity": 3.7})
     seconds = np.arange(0.0, 2.01, 0.05)
     line = np.array([2.5, 0.0, 1.0]) + seconds[:, None] * [2.0, 0.0, 0.0]
-    window = ReferenceWindow.through(seconds, line, stamp_ns=10**9, gravity=3.7)
+    window = window_through(seconds, line, stamp_ns=10**9, gravity=3.7)
     guide = ObstacleAvoidance(config, Standing(PILLAR), radius=RADIUS)
     odometry = odometry_at(np.array([2.5, 0.0, 1.0]), np.array([2.0, 0.0, 0.0]))
     flown = guide.guide(odometry, window, None).window

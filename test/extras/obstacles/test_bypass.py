@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fixtures.obstacles import Standing, box
+from fixtures.windows import window_through
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
@@ -44,12 +45,12 @@ class Circle:
 
 
 def circle_ahead() -> Preview:
-    return Preview.of(ReferenceWindow.through(TIMES, Circle().at(TIMES).p_WB), 0)
+    return Preview.of(window_through(TIMES, Circle().at(TIMES).p_WB), 0)
 
 
 def straight_ahead() -> Preview:
     places = np.outer(TIMES, [2.0, 0.0, 0.0]) + np.array([0.0, 0.0, HEIGHT])
-    return Preview.of(ReferenceWindow.through(TIMES, places), 0)
+    return Preview.of(window_through(TIMES, places), 0)
 
 
 def chosen(ahead: Preview, blocked: slice, *, astray: bool = False) -> Bypass:
@@ -88,7 +89,7 @@ def test_reference_blocked_to_its_end_is_flown_to_the_last_clear_point() -> None
 
 
 def test_preview_starts_at_the_current_reference() -> None:
-    window = ReferenceWindow.through(TIMES, Circle().at(TIMES).p_WB, stamp_ns=10**9)
+    window = window_through(TIMES, Circle().at(TIMES).p_WB, stamp_ns=10**9)
     ahead = Preview.of(window, 10**9 + 330_000_000)
     assert ahead.times[0] == 0.0
     np.testing.assert_allclose(ahead.p_W[0], Circle().at(np.array([0.33])).p_WB[0], atol=1e-3)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fixtures.bridges import BRIDGES, HOVER, SECOND, T0, command, engage, ready_to_fly
+from fixtures.windows import window_through
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -167,7 +168,7 @@ class Scene:
         surroundings.odometry.receive(odometry, T0)
         wanted = np.array([PLACE + self.away] * 3)
         wanted[1:, 2] += self.rises
-        window = ReferenceWindow.through([0.0, 1.0, 2.0], wanted, stamp_ns=T0)
+        window = window_through([0.0, 1.0, 2.0], wanted, stamp_ns=T0)
         surroundings.reference.receive(window, T0)
         made = command(T0, w=self.w_WB_B)
         surroundings.command.receive((made, self.share), T0)
