@@ -194,6 +194,7 @@ setup(
             f"casadi==3.6.7; {ACADOS_WHEELS_EXIST}",
             f"comma-deps-acados==0.2.2.post92; {ACADOS_WHEELS_EXIST}",
         ],
+        "raptor": ["foundation-policy>=1.0.2"],  # quad_mpc simulate --controller raptor
         "serial": ["pyserial>=3.5"],  # betaflight_bridge
         "mavlink": ["pymavlink>=2.4.41", "pyserial>=3.5"],  # mavlink_bridge
         "crazyflie": ["cflib>=0.1.34"],  # crazyflie_bridge

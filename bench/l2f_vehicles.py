@@ -116,7 +116,12 @@ def vehicle_of(number: int, nominal: dict[str, Any]) -> dict[str, Any]:
 
 
 class L2fPlant(DelayedPlant):
-    """A vehicle of l2f under a rate loop and a mixer that gives torque precedence over thrust."""
+    """A vehicle of l2f under a rate loop and a mixer that gives torque precedence over thrust.
+
+    With ``rotor_throttles`` the rotors are commanded directly.
+    """
+
+    follows_rotors = True
 
     def __init__(self, config: SimulatorConfig, vehicle: int, loop: str) -> None:
         super().__init__(config)
@@ -134,6 +139,8 @@ class L2fPlant(DelayedPlant):
         self.thrust_curve = [*reversed(dynamics["rotor_thrust_coefficients"][0])]
         self._inertia = np.diag(np.array(dynamics["J"]))
         self._mixer = _thrusts_of(dynamics)
+        x, y, _ = np.transpose(dynamics["rotor_positions"])
+        self._order = np.argsort(np.arctan2(y, x) % math.tau)
         lag = 0.5 * (
             dynamics["rotor_time_constants_rising"][0]
             + dynamics["rotor_time_constants_falling"][0]
@@ -183,7 +190,10 @@ class L2fPlant(DelayedPlant):
             raise ValueError(f"duration_ns: given {duration_ns}, expected multiples of {STEP_NS}")
         for _ in range(duration_ns // STEP_NS):
             before = np.array(self._now.angular_velocity, dtype=float)
-            action = 2.0 * self._rotor_speeds(before) - 1.0
+            speeds = self._rotor_speeds(before)
+            if self._rotor_throttles is not None:
+                speeds[self._order] = self._rotor_throttles.clip(0.0, 1.0)
+            action = 2.0 * speeds - 1.0
             self._l2f.step(
                 self._device,
                 self._env,

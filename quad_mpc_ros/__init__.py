@@ -5,7 +5,8 @@
 These names are the public API. No name needs ROS; each name is imported on first use.
 
 - to control: :class:`.Controller`, :class:`.MpcConfig`, :class:`.Vehicle`;
-- inputs and outputs: :class:`.OdometrySample`, :class:`.ReferenceWindow`, :class:`.CommandSample`;
+- inputs and outputs: :class:`.OdometrySample`, :class:`.ReferenceWindow`, :class:`.CommandSample`,
+  and :class:`.RotorCommand` for controllers of rotors;
 - to simulate: :func:`.simulate`, :class:`.SimulatorConfig`, :class:`.ReferenceConfig`, with
   :func:`.load_config` for presets and parameter files, :class:`.FunctionPath` for a reference
   p(t), and :func:`.simulate_run` to save the flight;
@@ -37,7 +38,12 @@ if TYPE_CHECKING:
     from quad_mpc_ros.control.config import MpcConfig
     from quad_mpc_ros.control.controller import Controller
     from quad_mpc_ros.control.lie import so3
-    from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+    from quad_mpc_ros.control.model.samples import (
+        CommandSample,
+        OdometrySample,
+        ReferenceWindow,
+        RotorCommand,
+    )
     from quad_mpc_ros.control.model.vehicle import Vehicle
     from quad_mpc_ros.extras.racing.planning.race_plan import plan_race
     from quad_mpc_ros.recordings.evaluation.metrics import summarise
@@ -60,6 +66,7 @@ __all__ = [
     "Recording",
     "ReferenceConfig",
     "ReferenceWindow",
+    "RotorCommand",
     "SimulatorConfig",
     "Vehicle",
     "identify",
@@ -82,6 +89,7 @@ _MODULES = {
     "Recording": "recordings.recording",
     "ReferenceConfig": "references.config",
     "ReferenceWindow": "control.model.samples",
+    "RotorCommand": "control.model.samples",
     "SimulatorConfig": "simulation.config",
     "Vehicle": "control.model.vehicle",
     "identify": "analysis.identification.fit",

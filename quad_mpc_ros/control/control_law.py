@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
@@ -16,6 +17,7 @@ class ControlLaw(Protocol):
     A class of this protocol is created with the :class:`.MpcConfig` of the flight, whose
     ``vehicle()`` has mass and thrust curve. It flies by its name or ``module:Class`` as the
     parameter ``mpc.controller``. Input checks, command limits and failsafe of the MPC apply.
+    A class with the attribute ``commands_rotors = True`` returns a :class:`.RotorCommand`.
     """
 
     def reset(self) -> None:
@@ -28,3 +30,13 @@ class ControlLaw(Protocol):
             odometry: Newest odometry: pose in ENU, twist in body axes (FLU).
             reference: Reference window; the first sample is at the odometry's stamp.
         """
+
+
+class FunctionLaw:
+    """A function of odometry and reference window as a controller without state."""
+
+    def __init__(self, function: Callable[[OdometrySample, ReferenceWindow], CommandSample]):
+        self.step = function
+
+    def reset(self) -> None:
+        """Do nothing: the function has no state."""

@@ -26,6 +26,7 @@ from quad_mpc_ros.control.model.samples import (
     ImuSample,
     OdometrySample,
     ReferenceWindow,
+    RotorCommand,
 )
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.mpc import NewPlanner, Planned, PlanStage
@@ -338,6 +339,9 @@ class Controller:
             self._sent_ns = due.sent_ns
             estimation.record(u, stamp_ns=due.sent_ns)
             command = CommandSample(stamp_ns=due.stamp_ns, throttle=u.throttle, w_WB_B=u.w_WB_B)
+            rotors = None if decided.plan is None else decided.plan.rotors_of(u)
+            if rotors is not None:
+                command = RotorCommand(**vars(command), rotor_throttles=rotors)
         guidance.record(decided.plan, sent_ns=due.sent_ns)
         self._last_tick = Tick(
             command=command,

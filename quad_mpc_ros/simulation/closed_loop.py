@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from quad_mpc_ros.configuration import optional_part
+from quad_mpc_ros.configuration import ConfigurationError, optional_part
 from quad_mpc_ros.configuration.arguments import instance
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.control_law import ControlLaw
@@ -19,6 +19,7 @@ from quad_mpc_ros.control.model.samples import (
     ImuSample,
     OdometrySample,
     ReferenceWindow,
+    RotorCommand,
 )
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
@@ -141,6 +142,9 @@ def fly(
             world.receive_odometry(sent.odometry)
         tick, command = _answered(controller, sent, window, now_ns=now_ns)
         if command is not None:
+            if isinstance(command, RotorCommand) and not getattr(plant, "follows_rotors", False):
+                expected = "rotors, or another plant with rotors; the controller commands rotors"
+                raise ConfigurationError("simulator.plant", simulator.plant, expected)
             plant.apply(command)
         if world is not None:
             _deliver(world, sensed)

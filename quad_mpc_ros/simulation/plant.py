@@ -13,7 +13,7 @@ import numpy as np
 
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3, Vector4
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, RotorCommand
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.simulation.parameters import PlantParameters, Stream, white_noise
 
@@ -71,7 +71,10 @@ class Wind:
 
 
 class Plant(Protocol):
-    """A simulated vehicle; times are in nanoseconds from its start."""
+    """A simulated vehicle; times are in nanoseconds from its start.
+
+    A plant with the attribute ``follows_rotors = True`` follows a :class:`.RotorCommand`.
+    """
 
     def apply(self, command: CommandSample) -> None:
         """Take a command that arrives now."""
@@ -134,7 +137,8 @@ class DelayedPlant(ABC):
     def __init__(self, config: PlantParameters) -> None:
         self._vehicle = config.vehicle()
         self._delay_ns = round(config.command_delay * 1e9)
-        self._waiting: deque[tuple[int, Input]] = deque()
+        self._waiting: deque[tuple[int, Input, Array | None]] = deque()
+        self._rotor_throttles: Array | None = None
         self._wind = Wind(config)
         self.time_ns = 0
         """Time of the state, from the start of the plant."""
@@ -165,7 +169,8 @@ class DelayedPlant(ABC):
             return
         throttle = min(max(command.throttle, 0.0), 1.0)
         u = Input(throttle=throttle, w_WB_B=command.w_WB_B.copy())
-        self._waiting.append((self.time_ns + self._delay_ns, u))
+        rotors = command.rotor_throttles if isinstance(command, RotorCommand) else None
+        self._waiting.append((self.time_ns + self._delay_ns, u, rotors))
         self._follow_commands()
 
     def advance_to(self, time_ns: int) -> None:
@@ -182,6 +187,6 @@ class DelayedPlant(ABC):
     def _follow_commands(self) -> None:
         newest = None
         while self._waiting and self._waiting[0][0] <= self.time_ns:
-            _, newest = self._waiting.popleft()
+            _, newest, self._rotor_throttles = self._waiting.popleft()
         if newest is not None:
             self._follow(newest)

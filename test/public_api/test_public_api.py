@@ -12,6 +12,7 @@ import subprocess
 import sys
 import types
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -162,12 +163,14 @@ def test_simulate_flies_what_the_command_line_flies(tmp_path: Path) -> None:
         assert mine[name] == replayed[name], name
 
 
-def test_simulate_with_a_custom_controller_has_no_tick_figures() -> None:
-    flight: Flight = simulate(
-        reference=ReferenceConfig(trajectory="hover"),
-        controller=lambda odometry, reference: None,
-        duration=0.1,
-    )
+def test_simulate_sends_no_command_of_a_function_that_returns_none(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    function: Any = lambda odometry, reference: None  # noqa: E731
+    hover = ReferenceConfig(trajectory="hover")
+    flight: Flight = simulate(reference=hover, controller=function, duration=0.1)
     assert len(flight.time) == 5 and len(flight.commands.throttle) == 0
     assert np.all(flight.p_WB == 0.0)
     assert summarise(flight)["commands"] == 0
+    assert [record.levelname for record in caplog.records] == ["WARNING"]
+    assert "command: given None, expected CommandSample" in caplog.text

@@ -178,6 +178,21 @@ class CommandSample:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class RotorCommand(CommandSample):
+    """A command to the rotors of a plant that has rotors.
+
+    Throttle and body rates state the expected motion. Limits apply to them; if a limit changes
+    them, the rate loop of the plant flies that step. Topics and bags have them alone.
+
+    Args:
+        rotor_throttles: Throttle of each rotor in [0, 1] (n,), from the nose anticlockwise, seen
+            from above. Equal throttles have the thrust of the collective throttle.
+    """
+
+    rotor_throttles: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ReferenceWindow:
     """One ``trajectory_msgs/MultiDOFJointTrajectory``: n samples of the reference ahead.
 

@@ -27,7 +27,7 @@ class Plan(NamedTuple):
     ``inputs`` (K, 4): throttle and body rates held over ``input_step`` seconds each. ``p_WB`` (N +
     1, 3) [m] and ``R_WB`` (N + 1, 3, 3): the predicted poses every ``step`` seconds, the first
     pose is current. ``speeds`` (N,) are the speeds of the reference's time in these steps, empty
-    (0,) for real time.
+    (0,) for real time. ``rotor_throttles`` (n,) replace the first input if no limit changes it.
     """
 
     stamp_ns: int
@@ -37,6 +37,7 @@ class Plan(NamedTuple):
     p_WB: Array
     R_WB: Array
     speeds: Array = np.ones(0)
+    rotor_throttles: Array | None = None
 
     def given_up(self, since: float, until: float) -> float:
         """Return the lag of the reference's time behind real time, gained between two times [s].
@@ -46,6 +47,12 @@ class Plan(NamedTuple):
         ends = self.step * np.arange(1, len(self.speeds) + 1)
         spent = np.clip(np.minimum(until, ends) - np.maximum(since, ends - self.step), 0.0, None)
         return float(spent @ (1.0 - self.speeds))
+
+    def rotors_of(self, u: Input) -> Array | None:
+        """Return the throttles of the rotors if ``u`` is the first input, else None."""
+        if self.rotor_throttles is None or not np.array_equal(u.vector(), self.inputs[0]):
+            return None
+        return self.rotor_throttles
 
     def command_over(self, elapsed: float, duration: float) -> Input:
         """Return the mean of the inputs planned for ``elapsed`` seconds later.

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.config import MPC, MpcConfig
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import AllowedCommand, GroundState
 from quad_mpc_ros.control.estimation.kept_height import since
@@ -39,8 +39,10 @@ _CONFIRMATIONS = 3  # successive odometries
 _MUCH_THRUST, _MUCH_THRUST_NS = 2.6, 2_000_000_000
 _CLIMB_SPEED, _MOVING_SPEED = 0.3, 1.0  # m/s
 _FULL_THROTTLE_LIFT = 1.3  # thrust over weight that is much at full throttle
-# At rest far from the reference: an estimated disturbance leaves no such error.
+# At rest far from the reference: an estimated disturbance leaves no such error. A controller
+# without integral may, but commands no turn there.
 _AWAY_DISTANCE, _REST_SPEED, _AWAY_NS = 0.1, 0.1, 3_000_000_000  # m, m/s, ns
+_TURN_RATE = 0.1  # rad/s
 
 
 class ConsistencyMonitor(Stage):
@@ -57,7 +59,7 @@ class ConsistencyMonitor(Stage):
         model["thrust_time_constant"] += config.input_delay
         self._model = model[()]
         self._ground = ground
-        self._learns = config.estimate_disturbance
+        self._learns, self._is_mpc = config.estimate_disturbance, config.controller == MPC
         # The paper's Eq. (1) lacks the transport term, so that no rigid body agrees with it.
         self._compares = config.on_manifold
         self._hover, self._gravity = config.vehicle().hover_throttle, config.gravity
@@ -169,7 +171,7 @@ class ConsistencyMonitor(Stage):
                 f"{1e-9 * _MUCH_THRUST_NS:.0f} s of thrust do not lift the vehicle: check motors, "
                 "battery, mass and thrust_curve",
             )
-        elif self._stays_away(odometry, p_reference):
+        elif self._stays_away(odometry, acted, p_reference):
             self._find(
                 Relation.RATES,
                 f"odometry and commands disagree: {1e-9 * _AWAY_NS:.0f} s at rest "
@@ -194,7 +196,9 @@ class ConsistencyMonitor(Stage):
         since_ns = self._much_since_ns = since(self._much_since_ns, stamp_ns) if much else None
         return since_ns is not None and stamp_ns - since_ns >= _MUCH_THRUST_NS
 
-    def _stays_away(self, odometry: OdometrySample, p_reference: Array | None) -> bool:
+    def _stays_away(
+        self, odometry: OdometrySample, acted: Input, p_reference: Array | None
+    ) -> bool:
         """Whether a vehicle has long been at rest away from its reference, if that is known."""
         stamp_ns = odometry.stamp_ns
         away = (
@@ -202,6 +206,7 @@ class ConsistencyMonitor(Stage):
             and p_reference is not None
             and odometry.speed < _REST_SPEED
             and math.dist(odometry.p_WB.tolist(), p_reference.tolist()) > _AWAY_DISTANCE
+            and (self._is_mpc or math.hypot(*acted.w_WB_B.tolist()) > _TURN_RATE)
         )
         since_ns = self._away_since_ns = since(self._away_since_ns, stamp_ns) if away else None
         return since_ns is not None and stamp_ns - since_ns >= _AWAY_NS

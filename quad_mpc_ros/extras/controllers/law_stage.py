@@ -10,7 +10,7 @@ import time
 import numpy as np
 
 from quad_mpc_ros.configuration import ArgumentError
-from quad_mpc_ros.configuration.arguments import instance
+from quad_mpc_ros.configuration.arguments import array, instance
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.control_law import ControlLaw
 from quad_mpc_ros.control.guide import Guided
@@ -18,7 +18,12 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.prediction import PredictedState
 from quad_mpc_ros.control.model.reference_window import sample
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import (
+    CommandSample,
+    OdometrySample,
+    ReferenceWindow,
+    RotorCommand,
+)
 from quad_mpc_ros.control.model.state import state_from_odometry
 from quad_mpc_ros.control.mpc import MpcStep, NewPlanner, Planned, Planner
 from quad_mpc_ros.control.ocp.plan import Plan
@@ -50,11 +55,12 @@ class LawStage(Planner):
         In lockstep, where time stands still, the controller has the same share of a control
         period, but of processor time, so that results do not depend on the load.
         """
-        self.law = law
+        self.law, self.commands_rotors = law, bool(getattr(law, "commands_rotors", False))
+        self._kind = RotorCommand if self.commands_rotors else CommandSample
         self._log, self._deadline, self._clock = log, deadline, time.perf_counter
         if config.lockstep:
             self._deadline, self._clock = config.deadline / config.control_rate, time.thread_time
-        self._period = 1.0 / config.control_rate
+        self._period, self._motor_count = 1.0 / config.control_rate, config.motor_count
         self._horizon = config.horizon_steps * config.horizon_step
         self._needs_reset = True
         self._fault: str | None = None
@@ -87,7 +93,10 @@ class LawStage(Planner):
             taken = self._clock() - begun
         except Exception as error:  # the fallbacks have to fly the vehicle in any case
             self._fault = f"error in the controller: {_text(error)}"
-            self._log.warn(f"{self._fault}; it stays out until it is engaged again")
+            self._log.warn(
+                f"{self._fault}; it stays out until it is engaged again: correct it "
+                "(docs/tutorials/your_controller.md)"
+            )
             return Planned(None, self._log.no_plan(self._fault))
         now = time.perf_counter()
         step = MpcStep(
@@ -106,10 +115,17 @@ class LawStage(Planner):
     def _command(self, odometry: OdometrySample, window: ReferenceWindow) -> CommandSample:
         """Return the controller's command. Raises what the controller and the checks raise."""
         given = self.law.step(odometry, window_from(window, odometry.stamp_ns))
-        command = instance(given, "command", CommandSample).checked()
+        command = instance(given, "command", self._kind).checked()
         if not np.isfinite([command.throttle, *command.w_WB_B]).all():
             values = (command.throttle, *command.w_WB_B.tolist())
             raise ArgumentError("command", values, "finite throttle and body rates")
+        if isinstance(given, RotorCommand):
+            if not self.commands_rotors:
+                expected = "CommandSample, or the attribute commands_rotors = True"
+                raise ArgumentError("command", "RotorCommand", expected)
+            count = self._motor_count
+            rotors = array(given.rotor_throttles, "rotor_throttles", count, finite=True)
+            command = RotorCommand(**vars(command), rotor_throttles=rotors.clip(0.0, 1.0))
         return command
 
     def _plan(self, due: Due, command: CommandSample) -> Plan:
@@ -128,6 +144,7 @@ class LawStage(Planner):
             ),
             p_WB=np.stack((x.p_WB, x.p_WB + self._horizon * x.v_WB_W)),
             R_WB=np.stack((x.R_WB, x.R_WB)),
+            rotor_throttles=getattr(command, "rotor_throttles", None),
         )
 
 

@@ -26,6 +26,7 @@ _OWN = {
     "geometric": f"{_PACKAGE}.geometric:GeometricController",
     "px4": f"{_PACKAGE}.px4:Px4Controller",
     "lqr": f"{_PACKAGE}.lqr:LqrController",
+    "raptor": f"{_PACKAGE}.raptor:RaptorController",
 }
 
 

@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 from quad_mpc_ros.configuration import ArgumentError, files
 from quad_mpc_ros.configuration.arguments import instance, number
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.control_law import ControlLaw
+from quad_mpc_ros.control.config import MPC, MpcConfig
+from quad_mpc_ros.control.control_law import ControlLaw, FunctionLaw
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import TickStats
@@ -31,11 +32,12 @@ from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.simulation.shapes import Scene
 from quad_mpc_ros.simulation.surroundings import configured_scene
 
+_LOG = logging.getLogger(__name__)
 _MAX_DURATION = 1e6  # s, of a flight
 _METHODS = {
     "plant": ("apply", "advance_to", "odometry"),
     "trajectory": ("at",),
-    "controller": ("__call__",),
+    "controller": ("reset", "step"),
 }
 
 
@@ -110,8 +112,8 @@ def simulate(
         trajectory: Replaces the trajectory of ``reference``: a path (position and its derivatives
             over time; attitude follows from flatness), or a trajectory.
         controller: Controller that replaces ``mpc.controller``: an object with ``reset`` and
-            ``step`` (:class:`.ControlLaw`), with the checks, limits and failsafe of the MPC; or
-            a function of odometry and reference window, whose commands are flown unchecked.
+            ``step`` (:class:`.ControlLaw`), or a function of odometry and reference window, with
+            the checks, limits and failsafe of the MPC. Its first error is logged.
         scene: Obstacles that replace the simulator's file; the flight ends at a collision.
         on_reference: Start in motion on the reference, not at the initial state of ``simulator``.
         observe: Called with each step.
@@ -138,10 +140,12 @@ def simulate(
     instance(reference, "reference", ReferenceConfig)
     instance(on_reference, "on_reference", bool)
     duration = number(duration, "duration", above=0.0, below=_MAX_DURATION)
-    _check_parts(plant=plant, trajectory=trajectory, controller=controller)
     mpc = dataclasses.replace(mpc, lockstep=True)
+    kind: Any = controller if hasattr(controller, "__qualname__") else type(controller)
+    if callable(controller) and not isinstance(controller, ControlLaw | type):
+        controller = FunctionLaw(controller)
+    _check_parts(plant=plant, trajectory=trajectory, controller=controller)
     if isinstance(controller, ControlLaw):
-        kind = type(controller)
         mpc = dataclasses.replace(mpc, controller=f"{kind.__module__}:{kind.__qualname__}")
     if simulator.duration == 0.0:
         simulator = dataclasses.replace(simulator, duration=duration)
@@ -161,7 +165,11 @@ def simulate(
         log.take(step)
         if observe is not None:
             observe(step)
-    return log.flight(FlightConfig(mpc, simulator, reference))
+    flight = log.flight(FlightConfig(mpc, simulator, reference))
+    errors = flight.stats["solver_failures"] + flight.stats["deadline_misses"] > 0
+    if mpc.controller != MPC and errors.any():
+        _LOG.warning("%s: %s", mpc.controller, flight.stats["reason"][errors.argmax()])
+    return flight
 
 
 def _check_parts(**given: object) -> None:

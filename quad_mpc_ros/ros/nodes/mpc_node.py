@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.publisher import Publisher
 
-from quad_mpc_ros.configuration import UserError, optional_part
+from quad_mpc_ros.configuration import ConfigurationError, UserError, optional_part
 from quad_mpc_ros.control.config import MPC, MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.guide import FAILED
@@ -83,6 +83,9 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._gates: HeldGates | None = None if guidance is None else guidance.gates
         with log_compilation(self):
             self._controller = warmed_up(config, deadline=config.deadline_seconds, guide=guide)
+        if any(getattr(stage, "commands_rotors", False) for stage in self._controller.stages):
+            expected = "a controller of throttle and body rates; fly it with quad_mpc simulate"
+            raise ConfigurationError("mpc.controller", config.controller, expected)
         self._rate_loop = RateLoopMonitor()
         self._rate_loop_fault: str | None = None
         self._standby = Standby(config)

@@ -24,8 +24,10 @@ from quad_mpc_ros.simulation.rotors.parameters import RotorsPlantParameters
 class RotorsPlant(DelayedPlant):
     """A vehicle of rotors, body, battery and rate loop, commanded by throttle and body rates.
 
-    The throttle commands the thrust of the configured curve.
+    The throttle commands the thrust of the configured curve, as does that of a single rotor.
     """
+
+    follows_rotors = True
 
     def __init__(self, config: RotorsPlantParameters, *, period_ns: int | None = None) -> None:
         """Set the initial state; ``period_ns`` replaces the period of the rate loop."""
@@ -47,6 +49,8 @@ class RotorsPlant(DelayedPlant):
         self._inputs["throttle"] = config.initial_throttle
         self._inputs["w_WB_B"] = config.initial_body_rates
         self._wanted, self._speeds = np.zeros((2, config.motor_count))
+        angles = np.arctan2(config.rotors.y, config.rotors.x)
+        self._order = np.argsort(angles % (2.0 * np.pi), kind="stable")
         self._body = BodyState.zeros()
         self._memory = rate_loop.begun(np.array(config.initial_body_rates), self._loop)
         self._period_ns = period_ns or round(1e9 / config.rate_loop.rate)
@@ -127,6 +131,8 @@ class RotorsPlant(DelayedPlant):
             mix=self._mix,
             out=self._wanted,
         )
+        if self._rotor_throttles is not None:  # the rate loop runs on, to take over at any time
+            self._wanted[self._order] = rate_loop.rotor_speeds(self._rotor_throttles, self._loop)
 
     def _is_on_ground(self) -> bool:
         return motion.is_on_ground(self._body, self._craft)
@@ -167,6 +173,8 @@ class RotorsPlant(DelayedPlant):
 
 class DrivenPlant(RotorsPlant):
     """The plant ``rotors`` with another rate loop, which reads an accelerometer."""
+
+    follows_rotors = False
 
     @abstractmethod
     def _run_loop(self) -> None:

@@ -11,6 +11,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros import (
+    CommandSample,
     MpcConfig,
     OdometrySample,
     ReferenceConfig,
@@ -20,10 +21,12 @@ from quad_mpc_ros import (
     so3,
     summarise,
 )
+from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.extras.controllers.lqr import gain
 from quad_mpc_ros.extras.controllers.px4 import Px4Controller
 from quad_mpc_ros.extras.controllers.registry import configured_law
 from quad_mpc_ros.extras.controllers.tracking import attitude_of_thrust
+from quad_mpc_ros.simulation.closed_loop import fly
 
 NAMES = ("geometric", "px4", "lqr")
 LAGGED = SimulatorConfig(rate_time_constant=0.05, thrust_time_constant=0.04, command_delay=0.02)
@@ -75,6 +78,33 @@ def test_commands_point_towards_the_reference(name: str) -> None:
     odometry = OdometrySample.at_rest([0.0, 0.0, 1.0], yaw=math.pi / 2)
     east = law.step(odometry, ReferenceWindow.hover([0.5, 0.0, 1.0], yaw=math.pi / 2))
     assert east.w_WB_B[0] > 0.1 and abs(east.w_WB_B[1]) < 1e-6
+
+
+def test_rest_off_the_reference_is_no_contradiction_unless_the_controller_commands_a_turn() -> (
+    None
+):
+    """Without integral the geometric controller rests below the reference if thrust is missing.
+    If the odometry freezes beside the reference, it turns towards it without end."""
+    config = MpcConfig(controller="geometric", lockstep=True)
+    weak = SimulatorConfig(thrust_scale=0.75)
+    flight = simulate(config, weak, ReferenceConfig(trajectory="hover"), duration=12.0)
+    assert set(flight.stats["source"]) == {"mpc"}
+    assert 0.15 < 2.0 - flight.p_WB[-1, 2] < 0.3
+    controller, reasons = warmed_up(config), set()
+
+    def frozen(odometry: OdometrySample, window: ReferenceWindow) -> CommandSample | None:
+        if odometry.stamp_ns > 6_000_000_000:
+            beside = OdometrySample.at_rest([0.15, 0.0, 2.0], stamp_ns=odometry.stamp_ns)
+            odometry = beside
+        tick = controller.step(odometry, window)
+        assert tick is not None
+        reasons.add(tick.decision.reason)
+        return tick.command
+
+    simulator = SimulatorConfig(duration=10.0)
+    hover = ReferenceConfig(trajectory="hover")
+    assert len(list(fly(simulator=simulator, reference=hover, controller=frozen))) == 500
+    assert any("is the odometry frozen?" in reason for reason in reasons)
 
 
 def test_px4_limits_tilt_and_rates_and_integrates_a_constant_error() -> None:

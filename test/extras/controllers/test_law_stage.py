@@ -153,9 +153,10 @@ def test_commands_are_within_the_limits_of_the_configuration() -> None:
     ],
 )
 def test_an_error_of_a_controller_is_a_failsafe_until_it_is_engaged_again(
-    law: Climb, reason: str
+    law: Climb, reason: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     flight = flown(law)
+    assert len(caplog.records) == 1 and reason in caplog.text
     failed = flight.stats["source"] != "mpc"
     calls = len(law.steps)
     assert failed.any() and failed[failed.argmax() :].all()
@@ -163,6 +164,17 @@ def test_an_error_of_a_controller_is_a_failsafe_until_it_is_engaged_again(
     verdict = verdict_on(summarise(flight))
     assert reason in verdict.line and not verdict.good
     assert any("your_controller.md" in each for each in verdict.advice)
+
+
+def test_a_function_is_a_controller_with_checks_limits_and_failsafe(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    flight = flown(Climb().step)
+    assert set(flight.stats["source"]) == {"mpc"} and not caplog.records
+    failed = flown(Infinite().step)
+    assert "mpc" not in failed.stats["source"]
+    assert len(caplog.records) == 1
+    assert ":Climb.step: error in the controller: ArgumentError: command" in caplog.text
 
 
 def test_a_failed_controller_flies_again_after_engagement() -> None:

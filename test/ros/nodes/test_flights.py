@@ -54,6 +54,8 @@ def test_simulate_and_lockstep_flight_send_identical_commands(
 
 
 BROKEN = """
+import dataclasses
+import time
 from quad_mpc_ros.extras.controllers.geometric import GeometricController
 
 class Broken(GeometricController):
@@ -61,24 +63,72 @@ class Broken(GeometricController):
 
     def step(self, odometry, reference):
         self.left -= 1
-        if self.left < 0:
-            raise RuntimeError("no ideas left")
-        return super().step(odometry, reference)
+        command = super().step(odometry, reference)
+        return command if self.left >= 0 else self.broken(command)
+
+class Raises(Broken):
+    def broken(self, command):
+        raise RuntimeError("no ideas left")
+
+class Type(Broken):
+    def broken(self, command):
+        return command.throttle, command.w_WB_B
+
+class Shape(Broken):
+    def broken(self, command):
+        return dataclasses.replace(command, w_WB_B=command.w_WB_B[:2])
+
+class NotANumber(Broken):
+    def broken(self, command):
+        return dataclasses.replace(command, throttle=float("nan"))
+
+class Late(Broken):
+    def broken(self, command):
+        until = time.thread_time() + 0.03
+        while time.thread_time() < until:
+            pass
+        return command
+
+class Rotors(GeometricController):
+    commands_rotors = True
 """
+OUT = "; it stays out until it is engaged again"
 
 
+@pytest.mark.parametrize(
+    ("kind", "logged"),
+    [
+        ("Raises", f"RuntimeError: no ideas left{OUT}"),
+        ("Type", f"expected CommandSample{OUT}"),
+        ("Shape", f"w_WB_B: given an array (2,) of float64, expected 3 numbers{OUT}"),
+        ("NotANumber", f"expected finite throttle and body rates{OUT}"),
+        ("Late", "late: the controller took"),
+    ],
+)
 def test_a_controller_flies_in_the_node_until_it_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: str, logged: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "broken_controller.py").write_text(BROKEN)
     monkeypatch.chdir(tmp_path)
-    options = ["--lockstep", "--controller", "broken_controller:Broken", "--reference", "hover"]
-    assert main(["fly", *options, "--duration", "3", "--out", "run"]) == 1
+    name = f"broken_controller:{kind}"
+    options = ["--lockstep", "--controller", name, "--reference", "hover"]
+    assert main(["fly", *options, "--duration", "2", "--out", "run"]) == 1
     commanding = json.loads(Path("run/summary.json").read_text())["commanding"]
-    assert commanding["ticks"]["mpc"] == 60 and commanding["ticks"]["hover"] > 50
+    assert commanding["ticks"]["mpc"] == 60 and commanding["ticks"]["hover"] > 20
     log = Path("run/log/mpc.log").read_text()
-    assert "broken_controller:Broken flies" in log
-    assert log.count("no ideas left; it stays out until it is engaged again") == 1
+    assert f"{name} flies" in log
+    assert log.count(logged) == 1
+
+
+def test_the_node_refuses_a_controller_of_rotors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "broken_controller.py").write_text(BROKEN)
+    monkeypatch.chdir(tmp_path)
+    options = ["--lockstep", "--controller", "broken_controller:Rotors", "--reference", "hover"]
+    assert main(["fly", *options, "--duration", "2", "--out", "run"]) != 0
+    expected = "expected a controller of throttle and body rates"
+    assert expected in capsys.readouterr().err + Path("run/log/mpc.log").read_text()
 
 
 def test_a_planned_race_is_the_same_in_lockstep_and_simulated(tmp_path: Path) -> None:
