@@ -4,11 +4,13 @@
 
     python bench/controllers.py --flights 500
 
-Every row is a campaign that all controllers fly: the same vehicles, odometry, delays, limits and
-failsafe. ``--flights`` is the number of flights of the two large campaigns; the rows with one
-vehicle have fixed numbers. With ``--cells FILE`` an interrupted run continues. The times are those
-of the first flight of each campaign, flown alone after all others. ``--page`` is where the page
-goes; without it the table is printed.
+All controllers of a row fly the same vehicles, odometry, delays, limits and failsafe.
+``--flights`` is the number of flights of the campaigns ``hover`` and ``lemniscate``; the other
+numbers are fixed. RAPTOR flies only on plants with rotors. It needs ``quad_mpc_ros[raptor]``,
+acados ``quad_mpc_ros[bench]``, AdaptiveQuadBench rotorpy, and the vehicles of l2f the package l2f
+(see bench/l2f_vehicles.py). With ``--cells FILE`` an interrupted run continues. The times are
+those of the first flight of each campaign, flown alone after all others. ``--page`` is where the
+page goes; without it the table is printed.
 """
 
 from __future__ import annotations
@@ -24,7 +26,11 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import adaptive_quad_bench
+import l2f_vehicles
 import numpy as np
+import published_table
+import sun_2022
 from markdown_table import markdown_table
 
 from quad_mpc_ros import simulate, summarise
@@ -45,6 +51,7 @@ CONTROLLERS = {
     "px4": "PX4",
     "lqr": "LQR",
     ACADOS: "acados",
+    "raptor": "RAPTOR",
 }
 GAINS = {
     "mpc": ("preset `default`", "lags, delay; estimates thrust, wind and lags"),
@@ -52,6 +59,7 @@ GAINS = {
     "px4": ("defaults of PX4's position and attitude controllers", "none; has an integral"),
     "lqr": ("`Q` and `R` of the MPC", "lag of the body rates"),
     ACADOS: ("`Q`, `R`, limits and horizon of the MPC", "rigid body with drag"),
+    "raptor": ("learned; checkpoint of `foundation-policy` 1.0.2", "learned in flight"),
 }
 _VEHICLE: dict[str, Any] = {
     # As configured in the MPC, with the noise of the large campaigns.
@@ -70,7 +78,13 @@ _NOISE = {
 # Otherwise the failsafe would end flights with a constant error or an oscillation.
 _WARN_ONLY = ("mpc.consistency.action=warn", "mpc.advanced.oscillation.action=warn")
 _SMALL, _DELAYED = 4, 4  # flights of the rows with one vehicle
+_LOOPS, _DRIFTS, _L2F_VEHICLES = 16, 8, 8
+_EVERY, _TRIALS = 29, 1  # of Sun et al.'s 14 x 76 flights, and of each family
 _SPEED = float(np.hypot(3.0, 3.0))  # m/s of the lemniscate at 1 rad/s, at its centre
+
+
+Results = list[tuple[bool, float | None]]
+"""Of each flight whether it crashed, and its error [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,14 +95,73 @@ class Row:
     content: Mapping[str, Any] | str
     why: str
     error: str = "settled_error_mean_m"
+    flights: int = 0  # of a campaign file, 0 for those of the command line
 
     def campaign(self, controller: str, flights: int) -> Campaign:
         """Return the campaign, flown by a controller; ``flights`` for those of a file."""
         assignments = [f"mpc.controller={controller}", *_WARN_ONLY]
         if isinstance(self.content, str):
-            overrides = Overrides(config=[], assignments=assignments, flights=flights)
+            overrides = Overrides(
+                config=[], assignments=assignments, flights=min(self.flights or flights, flights)
+            )
             return read_campaign(located_campaign(Path(self.content)), overrides)
         return campaign_from(self.content, Overrides(config=[], assignments=assignments))
+
+    def flies(self, controller: str) -> bool:
+        """Whether a controller flies this row, whose vehicles have no rotors."""
+        return controller != "raptor"
+
+    def fly(self, controller: str, flights: int, engine: LocalWorkers) -> Results:
+        """Return for each flight whether it crashed, and its error [m]."""
+        campaign = self.campaign(controller, flights)
+        batches = engine.fly(campaign, batched(range(campaign.flights), workers=engine.workers))
+        rows = [flight.row for flown in batches for flight in flown]
+        failed = [row["error"] for row in rows if row.get("error")]
+        if failed:
+            raise UserError(f"{len(failed)} flights ended with an error: {failed[0]}")
+        return [(bool(row["crashed"]), row[self.error]) for row in rows]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchRow:
+    """A row of another benchmark: its flights with a controller, and how they end."""
+
+    name: str
+    jobs: Callable[[tuple[str, ...]], Sequence[Any]]
+    flown: Callable[[Any], Any]
+    result: Callable[[Any], tuple[bool, float]]
+    why: str
+    has_rotors: bool = True
+
+    def flies(self, controller: str) -> bool:
+        """Whether a controller flies this row."""
+        return self.has_rotors or controller != "raptor"
+
+    def fly(self, controller: str, flights: int, engine: LocalWorkers) -> Results:
+        """Return for each flight whether it crashed, and its error [m]."""
+        rates = ("mpc.control_rate=100", "simulator.odom_rate=100")
+        assignments = (f"mpc.controller={controller}", *_WARN_ONLY)
+        jobs = self.jobs(assignments + rates if controller == "raptor" else assignments)
+        done = published_table.all_flown(self.flown, jobs, engine.workers)
+        return [self.result(each) for each in done]
+
+
+def _l2f_jobs(given: tuple[str, ...], *, task: str, delay: float) -> list[l2f_vehicles.Flight]:
+    set_ = (*given, f"simulator.command_delay={delay}")
+    return [
+        l2f_vehicles.Flight(vehicle=i, loop="tuned", task=task, assignments=set_)
+        for i in range(_L2F_VEHICLES)
+    ]
+
+
+def _sun_jobs(given: tuple[str, ...]) -> list[sun_2022.Job]:
+    jobs = sun_2022.jobs(sun_2022.parsed(["--rows", "on", "--set", *given]))
+    return [*jobs][::_EVERY]
+
+
+def _aqb_jobs(given: tuple[str, ...]) -> list[adaptive_quad_bench.Job]:
+    options = ["--rows", "on", "--trials", str(_TRIALS), "--set", *given]
+    return [*adaptive_quad_bench.jobs(adaptive_quad_bench.parsed(options))]
 
 
 def _one_vehicle(reference: str, duration: float, **changes: float) -> dict[str, Any]:
@@ -177,6 +250,42 @@ ROWS = (
         why="the geometric controller oscillates; the weights of the MPC were chosen for this "
         "delay, and the gains of PX4 are low.",
     ),
+    Row(
+        name="hover, velocity errors of 0.2 m/s over 1 s",
+        content={
+            **_late(0),
+            "flights": _DRIFTS,
+            "set": {**_NOISE, "simulator.velocity_drift": 0.2},
+        },
+        why="TODO",
+    ),
+    Row(name="campaign `rate_loops`", content="rate_loops", flights=_LOOPS, why="TODO"),
+    BenchRow(
+        name="Sun et al., 14 conditions",
+        jobs=_sun_jobs,
+        flown=sun_2022.flown,
+        result=lambda flown: (flown.crashed, flown.rmse),
+        why="TODO",
+    ),
+    BenchRow(
+        name="AdaptiveQuadBench, 7 families",
+        jobs=_aqb_jobs,
+        flown=adaptive_quad_bench.flown,
+        result=lambda flown: (not flown.rmse <= adaptive_quad_bench.FAILED, flown.rmse),
+        has_rotors=False,
+        why="TODO",
+    ),
+    *(
+        BenchRow(
+            name=f"l2f, {task}{late}",
+            jobs=partial(_l2f_jobs, task=task, delay=delay),
+            flown=l2f_vehicles.result_of,
+            result=lambda flown: (flown.crashed, flown.mean),
+            why="TODO",
+        )
+        for task in ("hover", "lemniscate 1.0 rad/s")
+        for delay, late in ((0.0, ""), (0.02, ", commands 20 ms late"))
+    ),
 )
 
 _PAGE = """\
@@ -220,16 +329,15 @@ def main() -> None:
     finished = Finished(options.cells)
     engine = LocalWorkers(options.workers)
     lines = []
-    for row in ROWS:
-        for name in options.controllers:
-            campaign = row.campaign(name, options.flights)
-            flown = partial(cells, campaign, row.error, engine)
-            found = finished.get(f"{row.name}, {name}, {campaign.flights} flights", flown)
-            lines.append([row.name, CONTROLLERS[name], *found])
-            print("  ".join(lines[-1]), file=sys.stderr, flush=True)
+    chosen = [each for each in product(ROWS, options.controllers) if each[0].flies(each[1])]
+    for row, name in chosen:
+        flown = partial(cells, row, name, options.flights, engine)
+        found = finished.get(f"{row.name}, {name}, {options.flights} flights", flown)
+        lines.append([row.name, CONTROLLERS[name], *found])
+        print("  ".join(lines[-1]), file=sys.stderr, flush=True)
     # Last, when nothing else of this program runs.
-    for line, (row, name) in zip(lines, product(ROWS, options.controllers), strict=True):
-        timed = partial(step_time, row.campaign(name, 1))
+    for line, (row, name) in zip(lines, chosen, strict=True):
+        timed = partial(step_time, row, name)
         line += finished.get(f"{row.name}, {name}, time", timed)
     header = ["flights", "controller", "crashed", "error, mean", "error, p95", "time"]
     table = markdown_table(header, lines, align="llrrrr")
@@ -250,16 +358,12 @@ def main() -> None:
     options.page.write_text(page, encoding="utf-8")
 
 
-def cells(campaign: Campaign, error: str, engine: LocalWorkers) -> list[str]:
-    """Fly a campaign; return the crashes, and mean and p95 of the errors."""
-    batches = engine.fly(campaign, batched(range(campaign.flights), workers=engine.workers))
-    rows = [flight.row for flown in batches for flight in flown]
-    failed = [row["error"] for row in rows if row.get("error")]
-    if failed:
-        raise UserError(f"{len(failed)} flights ended with an error: {failed[0]}")
-    crashed = sum(bool(row["crashed"]) for row in rows)
-    errors = [float(row[error]) for row in rows if not row["crashed"] and row[error] is not None]
-    return [f"{crashed} of {len(rows)}", *_centimetres(errors)]
+def cells(row: Row | BenchRow, controller: str, flights: int, engine: LocalWorkers) -> list[str]:
+    """Fly a row; return the crashes, and mean and p95 of the errors."""
+    results = row.fly(controller, flights, engine)
+    crashes = sum(crashed for crashed, _ in results)
+    errors = [float(error) for crashed, error in results if not crashed and error is not None]
+    return [f"{crashes} of {len(results)}", *_centimetres(errors)]
 
 
 def _centimetres(errors: Sequence[float]) -> tuple[str, str]:
@@ -286,9 +390,11 @@ class Finished:
         return self._cells[name]
 
 
-def step_time(campaign: Campaign) -> list[str]:
+def step_time(row: Row | BenchRow, controller: str) -> list[str]:
     """Fly the first flight alone; return the median time of a controller's step."""
-    plan = campaign.plan(0)
+    if isinstance(row, BenchRow):
+        return ["-"]
+    plan = row.campaign(controller, 1).plan(0)
     summary = summarise(simulate(*plan.config, trajectory=plan.trajectory))
     own = plan.config.mpc.controller != "mpc"
     taken = summary["solve_time_us" if own else "step_time_us"]["p50"]

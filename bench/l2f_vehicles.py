@@ -9,7 +9,7 @@ l2f is the simulator of RAPTOR (J. Eschmann et al., arXiv 2509.11481): rotors th
 slow down with different lags, a rigid body, no drag and no ground. Its vehicles have 0.02 to 5 kg,
 a thrust over weight of 1.5 to 5, a torque over inertia of 40 to 1200 rad/s^2 and rotor lags of 30
 to 100 ms up and 30 to 300 ms down. Only mass and thrust curve are configured; odometry is exact,
-and commands are not delayed.
+and commands are delayed by the 20 ms of the preset ``default``, which the MPC models.
 
 The rate loop and mixer run here at 500 Hz, in front of l2f's rotors. The rate loops: ``tuned``
 (gain of 25/s and a gain on the acceleration, for a damping of 0.7), ``gain alone`` (25/s: it
@@ -72,11 +72,12 @@ class Result(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Flight:
-    """A vehicle (its number), a rate loop and a task."""
+    """A vehicle (its number), a rate loop, a task, and parameters that differ from the preset."""
 
     vehicle: int
     loop: str
     task: str
+    assignments: tuple[str, ...] = ()
 
 
 def vehicle_of(number: int, nominal: dict[str, Any]) -> dict[str, Any]:
@@ -241,7 +242,7 @@ def _thrusts_of(dynamics: dict[str, Any]) -> Array:
     return np.linalg.inv(np.stack([np.ones(4), position[:, 1], -position[:, 0], yaw]))
 
 
-def result_of(flight: Flight, duration: float) -> Result:
+def result_of(flight: Flight, duration: float = 20.0) -> Result:
     """Fly and return the result."""
     tumbling = flight.task == "tumbling"
     height = 20.0 if tumbling else 2.0
@@ -259,7 +260,7 @@ def result_of(flight: Flight, duration: float) -> Result:
             "initial_position": draw.uniform([-0.4, -0.4, 1.6], [0.4, 0.4, 2.4]).tolist(),
             "initial_attitude": so3.quaternion_xyzw_from_rotation(tilt).tolist(),
         }
-    base = load_config("default")
+    base = load_config("default", assignments=flight.assignments)
     simulator = base.simulator.updated({"duration": duration, **start})
     shape: dict[str, Any] = {"trajectory": "hover", "height": height}
     if flight.task.startswith("lemniscate"):
