@@ -78,8 +78,8 @@ _NOISE = {
 # Otherwise the failsafe would end flights with a constant error or an oscillation.
 _WARN_ONLY = ("mpc.consistency.action=warn", "mpc.advanced.oscillation.action=warn")
 _SMALL, _DELAYED = 4, 4  # flights of the rows with one vehicle
-_LOOPS, _DRIFTS, _L2F_VEHICLES = 16, 8, 8
-_EVERY, _TRIALS = 29, 1  # of Sun et al.'s 14 x 76 flights, and of each family
+_LOOPS, _DRIFTS, _L2F_VEHICLES = 8, 4, 6
+_EVERY, _TRIALS = 77, 1  # of Sun et al.'s 14 x 76 flights, and of each family
 _SPEED = float(np.hypot(3.0, 3.0))  # m/s of the lemniscate at 1 rad/s, at its centre
 
 

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 
@@ -35,7 +35,7 @@ class ControlLaw(Protocol):
 class FunctionLaw:
     """A function of odometry and reference window as a controller without state."""
 
-    def __init__(self, function: Callable[[OdometrySample, ReferenceWindow], CommandSample]):
+    def __init__(self, function: Callable[..., Any]) -> None:
         self.step = function
 
     def reset(self) -> None:

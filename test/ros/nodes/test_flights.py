@@ -102,7 +102,7 @@ OUT = "; it stays out until it is engaged again"
         ("Type", f"expected CommandSample{OUT}"),
         ("Shape", f"w_WB_B: given an array (2,) of float64, expected 3 numbers{OUT}"),
         ("NotANumber", f"expected finite throttle and body rates{OUT}"),
-        ("Late", "late: the controller took"),
+        ("Late", "plan takes over: late: the controller took"),
     ],
 )
 def test_a_controller_flies_in_the_node_until_it_fails(
