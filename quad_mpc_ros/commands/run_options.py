@@ -43,7 +43,7 @@ def add_controller(parser: argparse.ArgumentParser) -> None:
         default=[],
         dest="assignments",
         metavar="NAME",
-        help="controller: mpc, geometric, px4, lqr, a name that another package registers, or "
+        help="controller: mpc, geometric, px4, lqr, raptor, a name of another package, or "
         "module:Class, which is also searched in the working directory (default: mpc)",
     )
 

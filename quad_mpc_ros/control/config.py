@@ -262,7 +262,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     )
     controller: str = parameter(
         MPC,
-        doc="Controller: mpc, geometric, px4, lqr, a name that another package registers, or "
+        doc="Controller: mpc, geometric, px4, lqr, raptor, a name of another package, or "
         "module:Class. Input checks, limits and failsafe apply to every controller.",
     )
     formulation: str = parameter(

@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 
@@ -30,13 +29,3 @@ class ControlLaw(Protocol):
             odometry: Newest odometry: pose in ENU, twist in body axes (FLU).
             reference: Reference window; the first sample is at the odometry's stamp.
         """
-
-
-class FunctionLaw:
-    """A function of odometry and reference window as a controller without state."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self.step = function
-
-    def reset(self) -> None:
-        """Do nothing: the function has no state."""

@@ -14,7 +14,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from quad_mpc_ros.configuration import ArgumentError
 from quad_mpc_ros.configuration.arguments import instance, number
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimate_stage import EstimateStage
@@ -265,8 +264,6 @@ class Controller:
     def replace_last_command(self, command: CommandSample, *, now_ns: int) -> None:
         """Record that this command was sent instead of the last tick's command."""
         command = instance(command, "command", CommandSample).checked()
-        if not (math.isfinite(command.throttle) and np.isfinite(command.w_WB_B).all()):
-            raise ArgumentError("command", command, "finite numbers in the command")
         u = Input(throttle=command.throttle, w_WB_B=command.w_WB_B)
         self._limiting.replace(u, now_ns=now_ns)
         tick = self._last_tick
@@ -339,8 +336,10 @@ class Controller:
             self._sent_ns = due.sent_ns
             estimation.record(u, stamp_ns=due.sent_ns)
             command = CommandSample(stamp_ns=due.stamp_ns, throttle=u.throttle, w_WB_B=u.w_WB_B)
-            rotors = None if decided.plan is None else decided.plan.rotors_of(u)
-            if rotors is not None:
+            plan = decided.plan
+            rotors = None if plan is None else plan.rotor_throttles
+            # Only if no limit has changed the expected motion.
+            if plan and rotors is not None and np.array_equal(u.vector(), plan.inputs[0]):
                 command = RotorCommand(**vars(command), rotor_throttles=rotors)
         guidance.record(decided.plan, sent_ns=due.sent_ns)
         self._last_tick = Tick(

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from quad_mpc_ros.configuration import ConfigurationError, optional_part
-from quad_mpc_ros.configuration.arguments import instance
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.control_law import ControlLaw
 from quad_mpc_ros.control.controller import Controller
@@ -189,10 +188,7 @@ def _answered(
     now_ns: int,
 ) -> tuple[Tick | None, CommandSample | None]:
     if not isinstance(controller, Controller):
-        command = controller(sent.odometry, window)
-        if command is not None:
-            command = instance(command, "command", CommandSample).checked()
-        return None, command
+        return None, controller(sent.odometry, window)
     for sample in sent.imu:
         controller.receive_imu(sample)
     controller.receive_reference(window, now_ns=now_ns)

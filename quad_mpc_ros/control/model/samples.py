@@ -167,12 +167,12 @@ class CommandSample:
         """Return the command of another program, with converted numbers.
 
         Raises:
-            ArgumentError: A field has the wrong type or shape.
+            ArgumentError: A field has the wrong type or shape, or is not finite.
         """
         return CommandSample(
             stamp_ns=stamp(self.stamp_ns, "stamp_ns"),
-            throttle=number(self.throttle, "throttle", finite=False),
-            w_WB_B=array(self.w_WB_B, "w_WB_B", 3),
+            throttle=number(self.throttle, "throttle"),
+            w_WB_B=array(self.w_WB_B, "w_WB_B", 3, finite=True),
             frame_id=instance(self.frame_id, "frame_id", str),
         )
 

@@ -48,12 +48,6 @@ class Plan(NamedTuple):
         spent = np.clip(np.minimum(until, ends) - np.maximum(since, ends - self.step), 0.0, None)
         return float(spent @ (1.0 - self.speeds))
 
-    def rotors_of(self, u: Input) -> Array | None:
-        """Return the throttles of the rotors if ``u`` is the first input, else None."""
-        if self.rotor_throttles is None or not np.array_equal(u.vector(), self.inputs[0]):
-            return None
-        return self.rotor_throttles
-
     def command_over(self, elapsed: float, duration: float) -> Input:
         """Return the mean of the inputs planned for ``elapsed`` seconds later.
 

@@ -116,9 +116,6 @@ class LawStage(Planner):
         """Return the controller's command. Raises what the controller and the checks raise."""
         given = self.law.step(odometry, window_from(window, odometry.stamp_ns))
         command = instance(given, "command", self._kind).checked()
-        if not np.isfinite([command.throttle, *command.w_WB_B]).all():
-            values = (command.throttle, *command.w_WB_B.tolist())
-            raise ArgumentError("command", values, "finite throttle and body rates")
         if isinstance(given, RotorCommand):
             if not self.commands_rotors:
                 expected = "CommandSample, or the attribute commands_rotors = True"

@@ -7,12 +7,13 @@ from __future__ import annotations
 import dataclasses
 import logging
 from collections.abc import Callable, Sequence
+from types import SimpleNamespace
 from typing import Any, NamedTuple, cast
 
 from quad_mpc_ros.configuration import ArgumentError, files
 from quad_mpc_ros.configuration.arguments import instance, number
 from quad_mpc_ros.control.config import MPC, MpcConfig
-from quad_mpc_ros.control.control_law import ControlLaw, FunctionLaw
+from quad_mpc_ros.control.control_law import ControlLaw
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import TickStats
@@ -143,7 +144,7 @@ def simulate(
     mpc = dataclasses.replace(mpc, lockstep=True)
     kind: Any = controller if hasattr(controller, "__qualname__") else type(controller)
     if callable(controller) and not isinstance(controller, ControlLaw | type):
-        controller = FunctionLaw(controller)
+        controller = cast(ControlLaw, SimpleNamespace(step=controller, reset=lambda: None))
     _check_parts(plant=plant, trajectory=trajectory, controller=controller)
     if isinstance(controller, ControlLaw):
         mpc = dataclasses.replace(mpc, controller=f"{kind.__module__}:{kind.__qualname__}")
@@ -175,9 +176,7 @@ def simulate(
 def _check_parts(**given: object) -> None:
     """Reject parts of a flight that lack required methods."""
     for name, part in given.items():
-        if part is None:
-            continue
-        if isinstance(part, Controller | ControlLaw) and not isinstance(part, type):
+        if part is None or isinstance(part, Controller):
             continue
         methods = _METHODS[name]
         has_all = all(callable(getattr(part, method, None)) for method in methods)

@@ -132,7 +132,10 @@ class RotorsPlant(DelayedPlant):
             out=self._wanted,
         )
         if self._rotor_throttles is not None:  # the rate loop runs on, to take over at any time
-            self._wanted[self._order] = rate_loop.rotor_speeds(self._rotor_throttles, self._loop)
+            loop = self._loop[()]
+            thrusts = np.polyval(self._config.thrust_curve, self._rotor_throttles)
+            thrusts = thrusts.clip(loop.least, loop.greatest)
+            self._wanted[self._order] = np.sqrt(thrusts / loop.thrust_coefficient)
 
     def _is_on_ground(self) -> bool:
         return motion.is_on_ground(self._body, self._craft)

@@ -168,13 +168,6 @@ def speeds(
     return shares
 
 
-def rotor_speeds(throttles: Array, loop: RecordArray[Loop]) -> Array:
-    """Return the speeds (n,) [rad/s] for the throttle of each rotor (n,)."""
-    own = loop[()]
-    thrusts = np.polyval(own.thrust_curve / len(throttles), throttles.clip(0.0, 1.0))
-    return np.asarray(np.sqrt(thrusts.clip(own.least, own.greatest) / own.thrust_coefficient))
-
-
 def butterworth(cutoff: float, rate: float) -> RecordArray[FilterSection]:
     """Return a low-pass of second order, ``cutoff`` and ``rate`` in Hz; 0 disables the filter.
 

@@ -149,7 +149,7 @@ def test_commands_are_within_the_limits_of_the_configuration() -> None:
         (Tuple(), "command: given [0."),
         (Nothing(), "command: given None, expected CommandSample"),
         (Shape(), "w_WB_B: given "),
-        (Infinite(), "expected finite throttle and body rates"),
+        (Infinite(), "throttle: given nan, expected a finite number"),
     ],
 )
 def test_an_error_of_a_controller_is_a_failsafe_until_it_is_engaged_again(
@@ -174,7 +174,7 @@ def test_a_function_is_a_controller_with_checks_limits_and_failsafe(
     failed = flown(Infinite().step)
     assert "mpc" not in failed.stats["source"]
     assert len(caplog.records) == 1
-    assert ":Climb.step: error in the controller: ArgumentError: command" in caplog.text
+    assert ":Climb.step: error in the controller: ArgumentError: throttle" in caplog.text
 
 
 def test_a_failed_controller_flies_again_after_engagement() -> None:

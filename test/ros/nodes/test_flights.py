@@ -101,7 +101,7 @@ OUT = "; it stays out until it is engaged again"
         ("Raises", f"RuntimeError: no ideas left{OUT}"),
         ("Type", f"expected CommandSample{OUT}"),
         ("Shape", f"w_WB_B: given an array (2,) of float64, expected 3 numbers{OUT}"),
-        ("NotANumber", f"expected finite throttle and body rates{OUT}"),
+        ("NotANumber", f"throttle: given nan, expected a finite number{OUT}"),
         ("Late", "plan takes over: late: the controller took"),
     ],
 )
