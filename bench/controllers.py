@@ -20,6 +20,7 @@ import datetime
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -29,7 +30,6 @@ from typing import Any
 import adaptive_quad_bench
 import l2f_vehicles
 import numpy as np
-import published_table
 import sun_2022
 from markdown_table import markdown_table
 
@@ -142,8 +142,8 @@ class BenchRow:
         rates = ("mpc.control_rate=100", "simulator.odom_rate=100")
         assignments = (f"mpc.controller={controller}", *_WARN_ONLY)
         jobs = self.jobs(assignments + rates if controller == "raptor" else assignments)
-        done = published_table.all_flown(self.flown, jobs, engine.workers)
-        return [self.result(each) for each in done]
+        with ProcessPoolExecutor(engine.workers) as pool:
+            return [self.result(each) for each in pool.map(self.flown, jobs)]
 
 
 def _l2f_jobs(given: tuple[str, ...], *, task: str, delay: float) -> list[l2f_vehicles.Flight]:
@@ -257,15 +257,24 @@ ROWS = (
             "flights": _DRIFTS,
             "set": {**_NOISE, "simulator.velocity_drift": 0.2},
         },
-        why="TODO",
+        why="the MPC estimates correlated errors of the velocity; the other controllers follow "
+        "the measured velocity.",
     ),
-    Row(name="campaign `rate_loops`", content="rate_loops", flights=_LOOPS, why="TODO"),
+    Row(
+        name="campaign `rate_loops`",
+        content="rate_loops",
+        flights=_LOOPS,
+        why="the rate loops ring with lags of 30 to 200 ms; the MPC estimates the lags; the other "
+        "controllers do not, and the LQR, which has the highest gains, turns over.",
+    ),
     BenchRow(
         name="Sun et al., 14 conditions",
         jobs=_sun_jobs,
         flown=sun_2022.flown,
         result=lambda flown: (flown.crashed, flown.rmse),
-        why="TODO",
+        why="the references accelerate with up to 40 m/s²; PX4 limits the tilt to 45°; RAPTOR has "
+        "no setpoint for acceleration and was trained at up to 1 m/s; the geometric controller "
+        "has no integral; the MPC and the LQR know the drag.",
     ),
     BenchRow(
         name="AdaptiveQuadBench, 7 families",
@@ -273,7 +282,8 @@ ROWS = (
         flown=adaptive_quad_bench.flown,
         result=lambda flown: (not flown.rmse <= adaptive_quad_bench.FAILED, flown.rmse),
         has_rotors=False,
-        why="TODO",
+        why="the MPC estimates the disturbance of each family within the 5 s of a flight; on this "
+        "vehicle without lags and delay the high gains of the LQR are stable.",
     ),
     *(
         BenchRow(
@@ -281,10 +291,13 @@ ROWS = (
             jobs=partial(_l2f_jobs, task=task, delay=delay),
             flown=l2f_vehicles.result_of,
             result=lambda flown: (flown.crashed, flown.mean),
-            why="TODO",
+            why=why,
         )
         for task in ("hover", "lemniscate 1.0 rad/s")
-        for delay, late in ((0.0, ""), (0.02, ", commands 20 ms late"))
+        for delay, late, why in (
+            (0.0, "", "L2FNODELAY"),
+            (0.02, ", commands 20 ms late", "L2FDELAY"),
+        )
     ),
 )
 
@@ -308,6 +321,13 @@ completed flights. *Time*: median of a step of the controller alone, for the MPC
 estimator. All are in Python, but the solvers and the functions of the MPC are compiled. *Crashed*
 follows the [crash criteria](../howto/campaigns.md#crash-criteria). The gains of the other
 controllers were not tuned for these vehicles.
+
+RAPTOR commands rotors, so it flies only in l2f and in the conditions of Sun et al. In the example
+of its authors (`python -P bench/raptor_example.py`) it hovers from 64 of 64 starts, 5.3 cm off.
+Sun et al.: the baseline and 13 deviations, one of the 76 references each. AdaptiveQuadBench: the
+first trial of each family. l2f: {l2f} [vehicles](robustness.md#rate-loops-in-l2f) with the tuned
+rate loop. acados is not in the table, because its flights take too long on the computer of these
+measurements; `--controllers peers.acados:AcadosController` adds it.
 
 {table}
 
@@ -353,6 +373,7 @@ def main() -> None:
         names=" ".join(options.controllers),
         controllers=markdown_table(["controller", "gains", "model"], gains),
         table=table,
+        l2f=_L2F_VEHICLES,
         why=why,
     )
     options.page.write_text(page, encoding="utf-8")
