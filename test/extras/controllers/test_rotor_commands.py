@@ -200,6 +200,6 @@ def test_raptor_hovers_on_the_plant_with_rotors() -> None:
     pytest.importorskip("foundation_policy")
     rates = ["mpc.control_rate=100", "simulator.odom_rate=100", "simulator.plant=rotors"]
     loaded = load_config("vehicles/paper", assignments=[*rates, "mpc.controller=raptor"])
-    flight = simulate(loaded.mpc, loaded.simulator, HOVER, duration=6.0)
+    flight = simulate(loaded.mpc, loaded.simulator, HOVER, duration=6.0, on_reference=True)
     assert set(flight.stats["source"]) == {"mpc"}
     assert np.linalg.norm(flight.p_WB[-100:] - [0.0, 0.0, 2.0], axis=1).max() < 0.15
