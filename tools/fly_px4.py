@@ -103,6 +103,7 @@ class Pilot:
             if "odometry" in subscription.topic.name:
                 self.now_ns = max(self.now_ns, 1000 * int(message.timestamp))
             subscription.receive(message, self.now_ns)
+            self._send(self._bridge.take_outgoing())
             self._waiting += [odometry for odometry, _ in self._bridge.take_odometries()]
 
         return receive

@@ -206,6 +206,14 @@ class Bridge(ABC):
         odometries, self._odometries = self._odometries, []
         return odometries
 
+    def take_outgoing(self) -> list[Outgoing]:
+        """Return the messages to send since the last call, in response to the stack's."""
+        return []
+
+    def leave(self) -> list[Outgoing]:
+        """Return the messages to send at the end of the node."""
+        return []
+
     def engage(self, wanted: bool, *, now_ns: int) -> Response:
         """Hand the vehicle to the MPC on request, or take it back.
 

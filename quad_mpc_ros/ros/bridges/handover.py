@@ -66,11 +66,24 @@ class Stack:
 class Handover:
     """The state machine. Times are nanoseconds of the node's clock."""
 
-    def __init__(self, parameters: HandoverParameters, *, by_pilot: bool = False) -> None:
-        """Begin released; ``by_pilot``: a pilot may switch the mode of the stack at any time."""
+    def __init__(
+        self,
+        parameters: HandoverParameters,
+        *,
+        by_pilot: bool = False,
+        request: str = "call the service engage",
+    ) -> None:
+        """Begin released.
+
+        Args:
+            parameters: Conditions for the release.
+            by_pilot: Whether a pilot may switch the mode of the stack at any time.
+            request: Text that says how to engage.
+        """
         self.state = HandoverState.RELEASED
-        self.reason = "not engaged: call the service engage"
+        self.reason = f"not engaged: {request}"
         """Reason for the release."""
+        self._request = request
         self._gap_ns = round(parameters.release_after * _SECOND)
         self._by_pilot = by_pilot
         self._offered_ns = self._command_ns = 0
@@ -84,7 +97,7 @@ class Handover:
 
     def release(self, reason: str) -> None:
         """Release the vehicle until the next request."""
-        self.state, self.reason = HandoverState.RELEASED, f"{reason}: call the service engage"
+        self.state, self.reason = HandoverState.RELEASED, f"{reason}: {self._request}"
 
     def commanded(self, *, now_ns: int) -> None:
         """Record a fresh command."""

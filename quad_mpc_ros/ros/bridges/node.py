@@ -173,6 +173,8 @@ class BridgeNode(ReportingNode[BridgeConfig]):
 
     def _publish_state(self, now_ns: int) -> None:
         """Publish what the bridge has received of the stack; log its warnings."""
+        for outgoing in self._bridge.take_outgoing():
+            self._send(outgoing)
         self._follow_engagement(now_ns)
         for odometry, reset in self._bridge.take_odometries():
             self._publish_odometry(odometry, reset)

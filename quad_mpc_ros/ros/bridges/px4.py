@@ -12,8 +12,9 @@ Fields and constants: https://github.com/PX4/px4_msgs.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -37,7 +38,8 @@ from quad_mpc_ros.ros.bridges.frames import (
     flu_from_frd,
     q_enu_flu_xyzw_from_ned_frd_wxyz,
 )
-from quad_mpc_ros.ros.bridges.handover import LatestStatus, Stack
+from quad_mpc_ros.ros.bridges.handover import Handover, HandoverState, LatestStatus, Stack
+from quad_mpc_ros.ros.bridges.px4_mode import DENIED, MODE_NAME, UNRESPONSIVE, Px4Mode
 
 POSE_FRAME_NED, POSE_FRAME_FRD = 1, 2
 VELOCITY_FRAME_NED, VELOCITY_FRAME_FRD, VELOCITY_FRAME_BODY_FRD = 1, 2, 3
@@ -55,6 +57,8 @@ _STATUS_TIMEOUT = 1.5  # s: published at 2 Hz and on change; DDS forwards 5 Hz a
 _MODE_TIMEOUT = 0.5  # s: published at 50 Hz
 _LAND_TIMEOUT = 2.5  # s: published at 1 Hz and on change
 _ACCEPTED, _IN_PROGRESS = 0, 5
+_RELEASE_AFTER = 0.2  # s without a command in external mode, for which PX4 has no timeout
+_HOLD_RETRY_NS = 1_000_000_000
 
 
 def odometry_from_vehicle_odometry(message: Any) -> OdometrySample:
@@ -108,6 +112,12 @@ class Px4Config(BridgeConfig):
     target_system: int = parameter(
         1, doc="MAV_SYS_ID of the vehicle to arm and to switch.", minimum=1, maximum=255
     )
+    mode: str = parameter(
+        "offboard",
+        doc="PX4's mode for the MPC: offboard, or external for a mode named quad MPC, which is "
+        "selected in the ground station or with the transmitter.",
+        choices=("offboard", "external"),
+    )
 
 
 class Px4Bridge(Bridge):
@@ -122,6 +132,12 @@ class Px4Bridge(Bridge):
     Config = Px4Config
     warm_up = 1.1  # for more than a second
     streams = True
+
+    def __new__(cls, config: Px4Config, new: NewMessage) -> Self:
+        """Return the bridge for the configured mode of PX4."""
+        kind: Any = ExternalModeBridge if config.mode == "external" else cls
+        instance: Self = object.__new__(kind)
+        return instance
 
     def __init__(self, config: Px4Config, new: NewMessage) -> None:
         super().__init__(config, new, namespace=config.fmu)
@@ -138,9 +154,9 @@ class Px4Bridge(Bridge):
         battery = self._versioned("out/battery_status", "BatteryStatus")
         self.subscriptions = [
             Subscription(topic=odometry, receive=self._on_odometry),
-            Subscription(topic=status, receive=self._status.receive),
+            Subscription(topic=status, receive=self._on_status),
             Subscription(topic=mode, receive=self._mode.receive),
-            Subscription(topic=land, receive=self._land.receive),
+            Subscription(topic=land, receive=self._on_land),
             Subscription(topic=ack, receive=self._on_ack),
             *self._battery_subscription(battery, field="voltage_v"),
         ]
@@ -160,17 +176,25 @@ class Px4Bridge(Bridge):
             fault = f"no vehicle_status within {_STATUS_TIMEOUT:g} s on {self._status_name}"
             return Stack(fault=fault)
         # Use both if both are available: either may report a change first.
-        offboard, armed = [], []
+        selected, armed = [], []
         if status is not None:
-            offboard.append(status.nav_state == NAVIGATION_STATE_OFFBOARD)
+            selected.append(self._selects_mpc(status))
             armed.append(status.arming_state == ARMING_STATE_ARMED)
         if mode is not None:
-            offboard.append(bool(mode.flag_control_offboard_enabled))
+            selected.append(self._takes_rates(mode))
             armed.append(bool(mode.flag_armed))
         exit_reason = "PX4 switched the mode in a failsafe"
         if status is None or not status.failsafe:
             exit_reason = "a pilot, a ground station or another node switched PX4's mode"
-        return Stack(takes_setpoints=all(offboard), armed=all(armed), exit_reason=exit_reason)
+        return Stack(takes_setpoints=all(selected), armed=all(armed), exit_reason=exit_reason)
+
+    def _selects_mpc(self, status: Any) -> bool:
+        """Return whether PX4 is in the mode for setpoints, by ``VehicleStatus``."""
+        return bool(status.nav_state == NAVIGATION_STATE_OFFBOARD)
+
+    def _takes_rates(self, mode: Any) -> bool:
+        """Return whether PX4 executes body rates, by ``VehicleControlMode``."""
+        return bool(mode.flag_control_offboard_enabled)
 
     def _arm(self, wanted: bool) -> Response:
         parameters = (1.0, 0.0, 0.0) if wanted else (0.0, FORCED, 0.0)
@@ -190,9 +214,18 @@ class Px4Bridge(Bridge):
         if not self._stack(now_ns).takes_setpoints:
             self.silence = "heartbeat only: the vehicle is not in offboard mode"
             return [heartbeat]
+        return [heartbeat, self._setpoint(command)]
+
+    def _setpoint(self, command: CommandSample) -> OutgoingMessage:
         rates, throttle = self._message(self._rates), self.thrust.stack_throttle(command.throttle)
         fill_vehicle_rates_setpoint(rates.message, command, throttle=throttle)
-        return [heartbeat, rates]
+        return rates
+
+    def _on_status(self, message: Any, now_ns: int) -> None:
+        self._status.receive(message, now_ns)
+
+    def _on_land(self, message: Any, now_ns: int) -> None:
+        self._land.receive(message, now_ns)
 
     def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
         odometry = self._converted(
@@ -241,3 +274,100 @@ class Px4Bridge(Bridge):
         suffix = f"_v{version}" if version > 0 else ""
         # Not latched: an agent that starts later would receive old requests.
         return self._topic(f"{path}{suffix}", type_name)
+
+
+class ExternalModeBridge(Px4Bridge):
+    """Bridge to a mode of PX4 for the MPC (:mod:`.px4_mode`); selecting the mode engages the MPC.
+
+    PX4 holds the last body rates until it finds the mode unresponsive, after more than a second.
+    So the bridge requests Hold as soon as the mode is selected in flight and the MPC is released.
+    """
+
+    warm_up = 0.0
+    streams = False
+
+    def __init__(self, config: Px4Config, new: NewMessage) -> None:
+        super().__init__(config, new)
+        release_after = min(config.handover.release_after, _RELEASE_AFTER)
+        limits = dataclasses.replace(config.handover, release_after=release_after)
+        self._handover = Handover(limits, request=f"select the mode {MODE_NAME}")
+        self._external = Px4Mode(new, self._versioned, check=self._blocking_event)
+        self._selected = self._intended = False  # the mode; in a failsafe PX4 flies another
+        self._held_ns = 0
+        self.subscriptions = [*self.subscriptions, *self._external.subscriptions]
+        self.publications = self._rates, self._command, *self._external.publications
+
+    def take_outgoing(self) -> list[Outgoing]:
+        """Return the messages to send since the last call, in response to PX4's."""
+        outgoing, self._external.outgoing = self._external.outgoing, []
+        return [*outgoing]
+
+    def leave(self) -> list[Outgoing]:
+        """Return the messages to send at the end: Hold in flight, and the mode is removed."""
+        flies = self._handover.state is HandoverState.ENGAGED
+        last = self.engage(False, now_ns=0).messages if flies else []
+        self._external.leave()
+        return [*last, *self.take_outgoing()]
+
+    def _stack(self, now_ns: int) -> Stack:
+        stack = super()._stack(now_ns)
+        if self._status.value(now_ns=now_ns) is None:
+            return dataclasses.replace(stack, takes_setpoints=False)
+        return dataclasses.replace(stack, fault=stack.fault or self._external.fault)
+
+    def _selects_mpc(self, status: Any) -> bool:
+        return bool(status.nav_state == self._external.state)
+
+    def _takes_rates(self, mode: Any) -> bool:
+        others = mode.flag_control_attitude_enabled or mode.flag_control_manual_enabled
+        return bool(mode.flag_control_rates_enabled) and not others
+
+    def _switch(self) -> list[Outgoing]:
+        return [self._vehicle_command(VEHICLE_CMD_DO_SET_MODE, self._external.parameters)]
+
+    def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
+        return [self._setpoint(command)]
+
+    def _on_status(self, message: Any, now_ns: int) -> None:
+        super()._on_status(message, now_ns)
+        armed = message.arming_state == ARMING_STATE_ARMED
+        self._external.follow(message, armed=armed, now_ns=now_ns)
+        before, self._selected = self._selected, self._selects_mpc(message)
+        self._intended = message.nav_state_user_intention == self._external.state
+        if self._selected and not self._stack(now_ns).takes_setpoints:
+            self._external.configure()
+        # A flight that was released does not resume before the mode is selected again.
+        released = self._handover.state is HandoverState.RELEASED
+        if self._selected and released and not (armed and before):
+            response = self.engage(True, now_ns=now_ns)
+            if not response.accepted:
+                self._warnings.append(f"the mode {MODE_NAME} is selected, but {response.text}")
+
+    def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
+        odometry = super()._on_odometry(message, now_ns)
+        self._advance(now_ns)
+        self._warnings += self._external.take_warnings()
+        stack, released = self._stack(now_ns), self._handover.state is HandoverState.RELEASED
+        held = abs(now_ns - self._held_ns) < _HOLD_RETRY_NS
+        if released and stack.takes_setpoints and stack.armed and not held:
+            self._held_ns = now_ns
+            self._external.report(now_ns)  # PX4 flies back if Hold is not possible
+            self._external.outgoing += self._switch_back(now_ns).messages
+        return odometry
+
+    def _on_land(self, message: Any, now_ns: int) -> None:
+        before = self.landed(now_ns=now_ns)
+        super()._on_land(message, now_ns)
+        flies = self._handover.state is HandoverState.ENGAGED
+        if flies and message.landed and before is False:
+            self._external.complete()
+
+    def _blocking_event(self, now_ns: int) -> tuple[str, str]:
+        """Return the reason why PX4 must not arm or run the mode, and PX4's event for it."""
+        stack, state = self._stack(now_ns), self._handover.state
+        if state is HandoverState.ENGAGED:
+            return stack.fault, UNRESPONSIVE
+        if self._intended and state is HandoverState.RELEASED and stack.armed:
+            return self._handover.reason, UNRESPONSIVE  # else PX4 would resume the mode
+        silent = self._handover_conditions.command.value(now_ns=now_ns) is None
+        return self._engage_blocker(now_ns), UNRESPONSIVE if silent else DENIED
