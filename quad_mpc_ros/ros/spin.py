@@ -52,7 +52,8 @@ def run(
     Args:
         create: Creates the node. Its method ``begin``, if any, is called when all nodes exist.
             From then on a signal ends the node with its ``exit_code``, or 0. Before that its
-            method ``drain``, if any, handles messages that wait; the argument spins once.
+            method ``drain``, if any, handles messages that wait; the argument spins once the
+            first node.
         args: Command line arguments for ROS; by default the arguments of the process, which then
             ends with the node.
         others: Create further nodes, each with its own thread, so that a slow callback does not
@@ -104,14 +105,15 @@ def _run(
                 begin()
         for node, executor in zip(nodes, executors, strict=True):
             _register(node, executor)
-        drain = getattr(nodes[0], "drain", None)
-        if drain is None:  # rclpy's handler shuts ROS down, after which nothing can be received
+        drains = [drain for node in nodes if (drain := getattr(node, "drain", None))]
+        if not drains:  # rclpy's handler shuts ROS down, after which nothing can be received
             install_signal_handlers(SignalHandlerOptions.ALL)
         if not signals.received:
             threads += map(_spinning, nodes[1:], executors[1:])
             _spin(executors[0], signals)
-        if drain is not None and rclpy.ok():
-            drain(lambda: executors[0].spin_once(timeout_sec=_DRAIN_TIMEOUT))
+        for drain in drains:
+            if rclpy.ok():
+                drain(lambda: executors[0].spin_once(timeout_sec=_DRAIN_TIMEOUT))
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT

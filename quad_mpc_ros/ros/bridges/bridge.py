@@ -134,6 +134,9 @@ class Bridge(ABC):
     pilot_switches_mode: bool = False
     """Whether a pilot switches the stack to setpoints, so that the switch has no timeout."""
 
+    leave: Callable[[], Sequence[Outgoing]] | None = None
+    """Returns the messages to send at the end of the node, if any."""
+
     line: ReconnectingLine | None = None
     """The line to the stack, None for a stack with topics."""
 
@@ -208,10 +211,6 @@ class Bridge(ABC):
 
     def take_outgoing(self) -> list[Outgoing]:
         """Return the messages to send since the last call, in response to the stack's."""
-        return []
-
-    def leave(self) -> list[Outgoing]:
-        """Return the messages to send at the end of the node."""
         return []
 
     def engage(self, wanted: bool, *, now_ns: int) -> Response:

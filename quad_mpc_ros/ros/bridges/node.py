@@ -96,6 +96,8 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self._answer_arm, arming.send_response = arming.send_response, self._hold_answer
         self._held_answers: list[tuple[Any, Any]] = []
         create_steady_timer(self, _OUTCOME_PERIOD, self._answer_held)
+        if bridge.leave is not None:  # ROS must not be shut down before
+            self.drain = self._send_last
         self._line = bridge.line
         if self._line is not None:
             create_steady_timer(self, self._line.period, self._on_line)
@@ -105,6 +107,11 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         if self._line is not None:
             self._line.close()
         super().destroy_node()
+
+    def _send_last(self, _spin_once: Callable[[], None]) -> None:
+        assert self._bridge.leave is not None
+        for outgoing in self._bridge.leave():
+            self._send(outgoing)
 
     def _check_topic_types(self, command: Topic) -> None:
         """Reject two types on one topic: DDS would use only the first."""

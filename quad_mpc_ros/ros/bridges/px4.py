@@ -57,7 +57,6 @@ _STATUS_TIMEOUT = 1.5  # s: published at 2 Hz and on change; DDS forwards 5 Hz a
 _MODE_TIMEOUT = 0.5  # s: published at 50 Hz
 _LAND_TIMEOUT = 2.5  # s: published at 1 Hz and on change
 _ACCEPTED, _IN_PROGRESS = 0, 5
-_RELEASE_AFTER = 0.2  # s without a command in external mode, for which PX4 has no timeout
 _HOLD_RETRY_NS = 1_000_000_000
 
 
@@ -288,9 +287,7 @@ class ExternalModeBridge(Px4Bridge):
 
     def __init__(self, config: Px4Config, new: NewMessage) -> None:
         super().__init__(config, new)
-        release_after = min(config.handover.release_after, _RELEASE_AFTER)
-        limits = dataclasses.replace(config.handover, release_after=release_after)
-        self._handover = Handover(limits, request=f"select the mode {MODE_NAME}")
+        self._handover = Handover(config.handover, request=f"select the mode {MODE_NAME}")
         self._external = Px4Mode(new, self._versioned, check=self._blocking_event)
         self._selected = self._intended = False  # the mode; in a failsafe PX4 flies another
         self._held_ns = 0

@@ -11,12 +11,11 @@ import math
 from typing import Any
 
 import pytest
-from fixtures.bridges import HOVER, SECOND, T0, command, deliver, topics
+from fixtures.bridges import HOVER, SECOND, T0, command, deliver
 from fixtures.stack_messages import DEFINITIONS, new_message
 
 from quad_mpc_ros.ros.bridges.bridge import Outgoing, OutgoingMessage
 from quad_mpc_ros.ros.bridges.px4 import Px4Bridge
-from quad_mpc_ros.ros.bridges.px4_mode import fnv1a
 
 HOLD, RETURN, MODE = 4, 5, 23
 STEP = SECOND // 50
@@ -42,7 +41,7 @@ def fields_of(kind: str) -> str:
         if not line.strip() or "=" in line:
             continue
         of_type, name = line.split()
-        nested, _, count = of_type.removeprefix("px4_msgs/").partition("[")
+        nested, _, _ = of_type.removeprefix("px4_msgs/").partition("[")
         text += f"{of_type.removeprefix('px4_msgs/')} {name}\n"
         if of_type.startswith("px4_msgs/"):
             text += fields_of(nested)
@@ -282,7 +281,7 @@ def test_requests_hold_when_commands_stop(px4: Px4Commander) -> None:
     px4.commanding, stopped_ns = False, px4.now_ns
     while px4.nav_state == MODE:
         px4.fly(0.02)
-    assert 0.2 * SECOND < px4.now_ns - stopped_ns < 0.3 * SECOND
+    assert 0.5 * SECOND < px4.now_ns - stopped_ns < 0.6 * SECOND
     assert px4.nav_state == px4.intended == HOLD
     # The MPC returns: the flight does not resume.
     px4.commanding = True
@@ -290,7 +289,7 @@ def test_requests_hold_when_commands_stop(px4: Px4Commander) -> None:
     assert px4.nav_state == HOLD
     assert px4.bridge.handover == (
         "released",
-        "released after 0.22 s without a fresh command: select the mode quad MPC",
+        "released after 0.52 s without a fresh command: select the mode quad MPC",
     )
     assert px4.select(MODE)
     px4.fly(0.5)
@@ -299,7 +298,7 @@ def test_requests_hold_when_commands_stop(px4: Px4Commander) -> None:
 
 def test_values_that_are_not_finite_end_the_flight(px4: Px4Commander) -> None:
     flying(px4)
-    px4.fly(0.5, throttle=math.nan)
+    px4.fly(1.0, throttle=math.nan)
     assert px4.nav_state == HOLD
 
 
@@ -348,7 +347,8 @@ def test_registers_again_after_px4_has_restarted(px4: Px4Commander) -> None:
 
 def test_leaves_the_list_of_modes_at_the_end(px4: Px4Commander) -> None:
     flying(px4)
-    px4.hear(px4.bridge.leave())
+    assert px4.bridge.leave is not None
+    px4.hear([*px4.bridge.leave()])
     assert (px4.nav_state, px4.registered) == (HOLD, {})
 
 
