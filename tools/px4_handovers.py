@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Take a simulated PX4 over and give it back, again and again, and print how much it tilted.
 
-    python tools/px4_handovers.py --config vehicle.yaml [--bridge mavlink] [--out DIR]
-                                  [--station udpin:127.0.0.1:14550]
+    python tools/px4_handovers.py --config vehicle.yaml [--bridge mavlink] [--external]
+                                  [--out DIR] [--station udpin:127.0.0.1:14550]
 
 PX4 runs already, in real time, disarmed on the ground; by px4_bridge its uXRCE-DDS agent does as
 well, and px4_msgs is there: docs/howto/stacks/px4.md. The nodes are started here, each a process:
 mpc, reference and the bridge. The pilot is a ground station, to which PX4 speaks MAVLink. Not for
-a real vehicle: in the air the MPC is killed, and PX4 is switched to hold.
+a real vehicle: in the air the MPC is killed, and PX4 is switched to hold. With --external the
+ground station selects the mode quad MPC (px4_bridge, mode: external) instead of calling engage.
 
 Each line is one handover: who flies after it, and by how much [deg] the vehicle tilted more than
 the reference asks for, from it until the next; all of it where PX4 flies by itself. The exit code
@@ -18,6 +19,7 @@ is 1 where one was not as expected.
 from __future__ import annotations
 
 import argparse
+import functools
 import os
 import signal
 import subprocess
@@ -47,7 +49,7 @@ MOST_TILT = 20.0  # degrees beyond what the reference asks for
 PATIENCE = 60.0  # s
 REQUEST_PERIOD = 0.1  # s, for the mode
 TAKE_OFF = 22  # MAV_CMD
-OFFBOARD, HOLD = (6, 0), (4, 3)  # main and sub mode, px4_custom_mode.h
+OFFBOARD, HOLD, EXTERNAL = (6, 0), (4, 3), (4, 11)  # main and sub mode, px4_custom_mode.h
 CUSTOM, ARMED = 1, 128  # bits of MAV_MODE_FLAG
 
 
@@ -87,16 +89,18 @@ class Station:
         message = codec.command_long(command, *parameters, **target)
         self._line.write(self._codec.packed(message))
 
-    def hold(self) -> None:
-        """Switch to hold."""
-        self.send(codec.DO_SET_MODE, CUSTOM + ARMED * self.armed, *map(float, HOLD))
+    def select(self, mode: tuple[int, int]) -> None:
+        """Switch to a mode."""
+        self.send(codec.DO_SET_MODE, CUSTOM + ARMED * self.armed, *map(float, mode))
 
 
 class Rig:
     """The nodes, a ground station, and a node that calls services and watches."""
 
-    def __init__(self, config: list[str], *, bridge: str, station: Station, out: Path) -> None:
-        self._config, self._out = config, out
+    def __init__(
+        self, config: list[str], *, bridge: str, mode: tuple[int, int], station: Station, out: Path
+    ) -> None:
+        self._config, self._out, self._mode = config, out, mode
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._node = rclpy.create_node("px4_handovers")
         self._executor = fastest_executor(message_info=False)
@@ -144,7 +148,15 @@ class Rig:
     @property
     def is_offboard(self) -> bool:
         """Whether PX4 follows the commands of the MPC."""
-        return self.station.mode == OFFBOARD
+        return self.station.mode == self._mode
+
+    def engage(self) -> None:
+        """Request the handover."""
+        if self._mode == OFFBOARD:
+            self.ask(f"{self.bridge}/engage", True)
+            return
+        select = functools.partial(self.station.select, self._mode)
+        self.wait(lambda: self.is_offboard, "in the mode of the MPC", select)
 
     def start(self, name: str) -> None:
         """Start a node."""
@@ -190,12 +202,17 @@ class Rig:
         """Listen for a time [s]."""
         self._executor.spin_until_future_complete(Future(), timeout_sec=seconds)
 
-    def wait(self, condition: Callable[[], bool], what: str) -> None:
-        """Listen until something is so."""
-        give_up = time.monotonic() + PATIENCE
+    def wait(
+        self, condition: Callable[[], bool], what: str, ask: Callable[[], None] = lambda: None
+    ) -> None:
+        """Listen until something is so; ask for it every second."""
+        give_up, asked = time.monotonic() + PATIENCE, 0.0
         while not condition():
             if time.monotonic() > give_up:
                 raise TimeoutError(f"not {what}")
+            if time.monotonic() - asked > 1.0:
+                asked = time.monotonic()
+                ask()
             self.spin(0.05)
 
 
@@ -206,13 +223,13 @@ def tilt_of(R_WB: np.ndarray) -> float:
 
 def engage(rig: Rig) -> None:
     """Take over in the air."""
-    rig.ask(f"{rig.bridge}/engage", True)
+    rig.engage()
     rig.wait(lambda: rig.engaged, "engaged")
 
 
 def take_off(rig: Rig) -> None:
     """Take over on the ground, and take off."""
-    rig.ask(f"{rig.bridge}/engage", True)
+    rig.engage()
     rig.ask(f"{rig.bridge}/arm", True)
     rig.wait(lambda: rig.engaged, "engaged")
     rig.ask("reference/takeoff")
@@ -228,12 +245,12 @@ def kill(rig: Rig) -> None:
 def restart(rig: Rig) -> None:
     """Start the MPC again, and end PX4's failsafe; nothing is requested."""
     rig.start("mpc")
-    rig.station.hold()
+    rig.station.select(HOLD)
 
 
 def pilot_takes_over(rig: Rig) -> None:
     """Switch to hold, as a pilot or a ground station does."""
-    rig.station.hold()
+    rig.station.select(HOLD)
     rig.wait(lambda: rig.station.mode == HOLD and not rig.engaged, "in hold")
 
 
@@ -287,6 +304,9 @@ def main() -> int:
         "--bridge", choices=BRIDGES, default="px4", help="what the MPC flies by (default: px4)"
     )
     parser.add_argument(
+        "--external", action="store_true", help="px4_bridge flies in a mode of its own"
+    )
+    parser.add_argument(
         "--station",
         default="udpin:127.0.0.1:14550",
         metavar="LINE",
@@ -298,7 +318,8 @@ def main() -> int:
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     rclpy.init()
     station = Station(options.station)
-    rig = Rig(options.config, bridge=options.bridge, station=station, out=options.out)
+    mode = EXTERNAL if options.external else OFFBOARD
+    rig = Rig(options.config, bridge=options.bridge, mode=mode, station=station, out=options.out)
     wrong = 0
     with running(rig):
         try:

@@ -146,11 +146,13 @@ def flown(
     return table
 
 
-@pytest.mark.timeout(400)
-def test_px4_is_flown_from_the_ground_to_the_ground(
-    build: Path, start: Start, tmp_path: Path
-) -> None:
-    """Engaged on the ground, armed, a short hover, landed, and disarmed by PX4 itself."""
+def start_px4_with_agent(
+    build: Path, start: Start, folder: Path
+) -> tuple[int, dict[str, str], dict[str, Any]]:
+    """Start PX4 with its agent; return the instance, the environment and px4_bridge's parameters.
+
+    Skips the test without px4_msgs or agent.
+    """
     env = environment()
     if not importable("px4_msgs.msg.VehicleOdometry"):
         pytest.skip("no px4_msgs")
@@ -162,9 +164,20 @@ def test_px4_is_flown_from_the_ground_to_the_ground(
         pytest.skip("no MicroXRCEAgent")
     port = str(free_port())
     start("agent", [agent, "udp4", "-p", port], env)
-    instance = start_px4(build, start, tmp_path, PX4_UXRCE_DDS_PORT=port)
-    vehicle = {"fmu": f"/px4_{instance}/fmu", "target_system": instance + 1}
-    table = flown(start, tmp_path, "px4", "--short", python="python3", env=env, **vehicle)
+    instance = start_px4(build, start, folder, PX4_UXRCE_DDS_PORT=port)
+    return instance, env, {"fmu": f"/px4_{instance}/fmu", "target_system": instance + 1}
+
+
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize("mode", ["offboard", "external"])
+def test_px4_is_flown_from_the_ground_to_the_ground(
+    build: Path, start: Start, tmp_path: Path, mode: str
+) -> None:
+    """Engaged on the ground, armed, a short hover, landed, and disarmed by PX4 itself."""
+    _, env, vehicle = start_px4_with_agent(build, start, tmp_path)
+    table = flown(
+        start, tmp_path, "px4", "--short", python="python3", env=env, mode=mode, **vehicle
+    )
     mean, largest, _, tilt, *_ = table["hover"]
     assert mean < 0.3 and largest < 0.6
     assert tilt < 30
@@ -183,6 +196,23 @@ def test_px4_is_flown_by_mavlink(build: Path, start: Start, tmp_path: Path) -> N
     assert table["reference"][2] > 4.0  # m/s
 
 
+MODE_IS_UNRESPONSIVE = 9815168
+"""Number of this event in the metadata of PX4, build/px4_sitl_default/events."""
+
+
+def events_in(data: bytes) -> set[int]:
+    """Return the numbers of the events of the autopilot in whole frames of MAVLink 2.
+
+    pymavlink has no EVENT (410), whose payload begins with the number in 24 bits.
+    """
+    found = set()
+    while len(data) > 12 and data[0] == 0xFD:
+        if int.from_bytes(data[7:10], "little") == 410:
+            found.add(int.from_bytes(data[10:13], "little"))
+        data = data[12 + data[1] :]
+    return found
+
+
 class Connection:
     """A bridge to PX4 by MAVLink, without a node."""
 
@@ -193,13 +223,16 @@ class Connection:
         self.bridge = MavlinkBridge(MavlinkBridge.Config(device=device), new_message)
         assert self.bridge.line is not None
         self._line = self.bridge.line
+        self.events: set[int] = set()
 
     def until(self, condition: Callable[[], Any], *, seconds: float = 60.0) -> Any:
         """Exchange messages until a condition is true; return what it returned."""
         deadline = time.monotonic() + seconds
         while not (found := condition()):
             assert time.monotonic() < deadline, self.bridge.take_warnings()
-            self._line.write(self.bridge.exchange(self._line.read(), now_ns=self.now_ns))
+            data = self._line.read()
+            self.events |= events_in(data)
+            self._line.write(self.bridge.exchange(data, now_ns=self.now_ns))
             time.sleep(0.002)
         return found
 
@@ -213,13 +246,13 @@ class Connection:
     def command(self, number: int, *parameters: float) -> None:
         """Send a COMMAND_LONG, as a ground station does."""
         message = self.bridge._command(number, *parameters)
-        self._line.write(self.bridge._packed(message).data)
+        self._line.write(self.bridge._packed(message))
 
     def arm(self, wanted: bool) -> Any:
         """Return how PX4 answers a request to arm or disarm."""
         response = self.bridge.arm(wanted, now_ns=self.now_ns)
         for each in response.messages:
-            self._line.write(each.data)
+            self._line.write(each)
         return self.until(lambda: self.bridge.arming_outcome(now_ns=self.now_ns))
 
 
@@ -243,3 +276,30 @@ def test_px4_gives_its_reason_and_disarms_in_the_air(
         px4.until(lambda: denied in bridge.take_warnings())
         outcome = px4.arm(False)
         assert (outcome.accepted, outcome.text) == (True, "disarmed")
+
+
+@pytest.mark.timeout(200)
+def test_px4_refuses_arming_with_the_reason_of_the_mode(
+    build: Path, start: Start, tmp_path: Path
+) -> None:
+    """The ground station selects the mode quad MPC, for which no MPC runs."""
+    pytest.importorskip("pymavlink")
+    instance, env, vehicle = start_px4_with_agent(build, start, tmp_path)
+    parameters = {**vehicle, "mode": "external"}
+    arguments = [part for name in parameters for part in ("-p", f"{name}:={parameters[name]}")]
+    script = "import sys; from quad_mpc_ros.entry import px4_bridge; sys.exit(px4_bridge())"
+    start("bridge", ["python3", "-P", "-c", script, "--ros-args", *arguments], env)
+    with closing(Connection(f"udpout:127.0.0.1:{14580 + instance}")) as px4:
+        px4.until(lambda: not px4.bridge.stack_fault(now_ns=px4.now_ns))
+        registered = px4.now_ns
+        while px4.bridge._mode >> 24 != 11:  # sub mode EXTERNAL1
+            assert px4.now_ns - registered < 60e9
+            px4.command(176, 1.0, 4.0, 11.0)
+            waited = px4.now_ns
+            px4.until(lambda since=waited: px4.now_ns - since > 1e9)
+        outcome = px4.arm(True)
+        assert not outcome.accepted
+        denied = "the autopilot reports: Arming denied: Resolve system health failures first"
+        px4.until(lambda: denied in px4.bridge.take_warnings())
+        px4.until(lambda: MODE_IS_UNRESPONSIVE in px4.events)
+    assert "there is no fresh command" in (tmp_path / "bridge.log").read_text()

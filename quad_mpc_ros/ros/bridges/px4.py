@@ -364,7 +364,8 @@ class ExternalModeBridge(Px4Bridge):
         stack, state = self._stack(now_ns), self._handover.state
         if state is HandoverState.ENGAGED:
             return stack.fault, UNRESPONSIVE
-        if self._intended and state is HandoverState.RELEASED and stack.armed:
+        if self._intended and state is HandoverState.RELEASED and stack.armed is not False:
             return self._handover.reason, UNRESPONSIVE  # else PX4 would resume the mode
         silent = self._handover_conditions.command.value(now_ns=now_ns) is None
-        return self._engage_blocker(now_ns), UNRESPONSIVE if silent else DENIED
+        blocker = stack.fault or self._engage_blocker(now_ns)
+        return blocker, UNRESPONSIVE if silent else DENIED
