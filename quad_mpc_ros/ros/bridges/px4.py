@@ -180,7 +180,7 @@ class Px4Bridge(Bridge):
             selected.append(self._selects_mpc(status))
             armed.append(status.arming_state == ARMING_STATE_ARMED)
         if mode is not None:
-            selected.append(self._takes_rates(mode))
+            selected.append(bool(mode.flag_control_offboard_enabled))
             armed.append(bool(mode.flag_armed))
         exit_reason = "PX4 switched the mode in a failsafe"
         if status is None or not status.failsafe:
@@ -190,10 +190,6 @@ class Px4Bridge(Bridge):
     def _selects_mpc(self, status: Any) -> bool:
         """Return whether PX4 is in the mode for setpoints, by ``VehicleStatus``."""
         return bool(status.nav_state == NAVIGATION_STATE_OFFBOARD)
-
-    def _takes_rates(self, mode: Any) -> bool:
-        """Return whether PX4 executes body rates, by ``VehicleControlMode``."""
-        return bool(mode.flag_control_offboard_enabled)
 
     def _arm(self, wanted: bool) -> Response:
         parameters = (1.0, 0.0, 0.0) if wanted else (0.0, FORCED, 0.0)
@@ -314,10 +310,6 @@ class ExternalModeBridge(Px4Bridge):
 
     def _selects_mpc(self, status: Any) -> bool:
         return bool(status.nav_state == self._external.state)
-
-    def _takes_rates(self, mode: Any) -> bool:
-        others = mode.flag_control_attitude_enabled or mode.flag_control_manual_enabled
-        return bool(mode.flag_control_rates_enabled) and not others
 
     def _switch(self) -> list[Outgoing]:
         return [self._vehicle_command(VEHICLE_CMD_DO_SET_MODE, self._external.parameters)]

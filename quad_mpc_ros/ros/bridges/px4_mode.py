@@ -119,10 +119,11 @@ class Px4Mode:
             )
 
     def configure(self) -> None:
-        """Request body rates with thrust as the only setpoints of the mode."""
+        """Request body rates with thrust as the only setpoints, and stick override as offboard."""
         self._send(
             self._setpoints,
             source_id=self.state,
+            flag_control_offboard_enabled=True,
             flag_control_rates_enabled=True,
             flag_control_allocation_enabled=True,
         )

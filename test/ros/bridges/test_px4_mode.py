@@ -85,8 +85,8 @@ class Px4Commander:
                 self.ask()
             mode = new_message("px4_msgs/msg/VehicleControlMode")
             ours = self.nav_state in self.registered
-            mode.flag_armed, mode.flag_control_rates_enabled = self.armed, True
-            mode.flag_control_attitude_enabled = not (ours and self.configured)
+            mode.flag_armed = self.armed
+            mode.flag_control_offboard_enabled = ours and self.configured
             self.say("vehicle_control_mode", mode)
             odometry = new_message("px4_msgs/msg/VehicleOdometry")
             odometry.timestamp, odometry.pose_frame, odometry.velocity_frame = (
@@ -175,7 +175,7 @@ class Px4Commander:
     def on_config_control_setpoints(self, message: Any) -> None:
         assert message.source_id in self.registered
         assert message.flag_control_rates_enabled and message.flag_control_allocation_enabled
-        assert not message.flag_control_attitude_enabled
+        assert message.flag_control_offboard_enabled and not message.flag_control_attitude_enabled
         self.configured = True
 
     def on_arming_check_reply(self, message: Any) -> None:
@@ -311,6 +311,18 @@ def test_px4_flies_back_and_stays_there_if_hold_is_refused(px4: Px4Commander) ->
     px4.commanding = True
     px4.fly(5.0)
     assert not px4.can_run, "PX4 would resume the mode that the pilot has selected"
+
+
+def test_does_not_resume_after_the_link_was_cut(px4: Px4Commander) -> None:
+    flying(px4)
+    px4.nav_state = RETURN  # PX4's failsafe
+    px4.now_ns += 3 * SECOND
+    px4.now_ns -= px4.now_ns % (SECOND // 2)  # the next status comes in half a second
+    px4.fly(0.25)
+    px4.ask()
+    assert not px4.can_run
+    px4.fly(2.0)
+    assert not px4.can_run
 
 
 def test_does_not_take_a_mode_back_from_the_pilot(px4: Px4Commander) -> None:
