@@ -335,7 +335,6 @@ class ExternalModeBridge(Px4Bridge):
     def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
         odometry = super()._on_odometry(message, now_ns)
         self._advance(now_ns)
-        self._warnings += self._external.take_warnings()
         stack, released = self._stack(now_ns), self._handover.state is HandoverState.RELEASED
         held = abs(now_ns - self._held_ns) < _HOLD_RETRY_NS
         if released and stack.takes_setpoints and stack.armed and not held:

@@ -58,10 +58,10 @@ class Px4Mode:
         self.state: int | None = None
         """PX4's ``nav_state`` of the mode, None until it is registered."""
         self.outgoing: list[Outgoing] = []
-        self._warnings: list[str] = []
         self._new, self._check = new, check
         self._check_id = self._asked_id = 0
         self._requested_ns: int | None = None  # also the id of the request
+        self._refusal, self._is_supported = "", True  # by PX4
         self._compared: dict[str, bool] = {}
         reply = topic("out/register_ext_component_reply", "RegisterExtComponentReply")
         asked = topic("out/arming_check_request", "ArmingCheckRequest")
@@ -89,9 +89,8 @@ class Px4Mode:
         if wrong:
             names = ", ".join(wrong)
             return f"px4_msgs is not of the vehicle's PX4 release, which differs in {names}"
-        if self.state is None:
-            return f"PX4 has not registered the mode {MODE_NAME}, which needs PX4 1.15 or later"
-        return ""
+        unregistered = f"PX4 has not registered the mode {MODE_NAME}, which needs PX4 1.15 to 1.17"
+        return "" if self.state is not None else self._refusal or unregistered
 
     @property
     def parameters(self) -> tuple[float, float, float]:
@@ -102,7 +101,7 @@ class Px4Mode:
     def follow(self, status: Any, *, armed: bool, now_ns: int) -> None:
         """Register again after PX4 or the bridge has restarted; ``status`` is PX4's."""
         waits = self._requested_ns is not None and abs(now_ns - self._requested_ns) < _RETRY_NS
-        if waits:
+        if waits or not self._is_supported:
             return  # the status may be older than the registration
         if self.state is not None and not status.can_set_nav_states_mask >> self.state & 1:
             self.state = None
@@ -156,21 +155,17 @@ class Px4Mode:
             self._send(self._unregister, name=_text(MODE_NAME, 25), mode_executor_id=-1, **ids)
             self.state = None
 
-    def take_warnings(self) -> list[str]:
-        """Return the warnings since the last call."""
-        warnings, self._warnings = self._warnings, []
-        return warnings
-
     def _on_registered(self, reply: Any, now_ns: int) -> None:
         ours = (self._requested_ns, list(_text(MODE_NAME, 25)))
         if (int(reply.request_id), list(reply.name)) != ours or self.state is not None:
             return
         if not reply.success:
-            self._warnings.append(f"PX4 refuses to register the mode {MODE_NAME}: no free place")
+            self._refusal = f"PX4 refuses to register the mode {MODE_NAME}: no free place"
         elif reply.px4_ros2_api_version != API_VERSION:
-            self._warnings.append(
+            self._is_supported = False
+            self._refusal = (
                 f"PX4 registers modes by version {reply.px4_ros2_api_version} of its protocol, "
-                f"expected {API_VERSION}: use another release of PX4"
+                f"expected {API_VERSION}, which PX4 1.15 to 1.17 have"
             )
         else:
             self.state, self._check_id = int(reply.mode_id), int(reply.arming_check_id)
