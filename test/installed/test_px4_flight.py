@@ -223,14 +223,27 @@ class Connection:
         self.bridge = MavlinkBridge(MavlinkBridge.Config(device=device), new_message)
         assert self.bridge.line is not None
         self._line = self.bridge.line
-        self.events: set[int] = set()
+        self.received, self.events = b"", set[int]()
 
-    def until(self, condition: Callable[[], Any], *, seconds: float = 60.0) -> Any:
-        """Exchange messages until a condition is true; return what it returned."""
-        deadline = time.monotonic() + seconds
+    def until(
+        self,
+        condition: Callable[[], Any],
+        *,
+        seconds: float = 60.0,
+        ask: tuple[Any, ...] | None = None,
+    ) -> Any:
+        """Exchange messages until a condition is true; return what it returned.
+
+        ``ask`` is a command, and its parameters, that is sent every second.
+        """
+        deadline, asked = time.monotonic() + seconds, 0.0
         while not (found := condition()):
             assert time.monotonic() < deadline, self.bridge.take_warnings()
+            if ask is not None and time.monotonic() - asked > 1.0:
+                asked = time.monotonic()
+                self.command(*ask)
             data = self._line.read()
+            self.received = self.received[-65536:] + data
             self.events |= events_in(data)
             self._line.write(self.bridge.exchange(data, now_ns=self.now_ns))
             time.sleep(0.002)
@@ -291,12 +304,9 @@ def test_px4_refuses_arming_with_the_reason_of_the_mode(
     start("bridge", ["python3", "-P", "-c", script, "--ros-args", *arguments], env)
     with closing(Connection(f"udpout:127.0.0.1:{14580 + instance}")) as px4:
         px4.until(lambda: not px4.bridge.stack_fault(now_ns=px4.now_ns))
-        registered = px4.now_ns
-        while px4.bridge._mode >> 24 != 11:  # sub mode EXTERNAL1
-            assert px4.now_ns - registered < 60e9
-            px4.command(176, 1.0, 4.0, 11.0)
-            waited = px4.now_ns
-            px4.until(lambda since=waited: px4.now_ns - since > 1e9)
+        px4.until(lambda: b"quad MPC" in px4.received, ask=(512, 435.0, 0.0))  # AVAILABLE_MODES
+        external = 11  # sub mode EXTERNAL1
+        px4.until(lambda: px4.bridge._mode >> 24 == external, ask=(176, 1.0, 4.0, 11.0))
         outcome = px4.arm(True)
         assert not outcome.accepted
         denied = "the autopilot reports: Arming denied: Resolve system health failures first"
