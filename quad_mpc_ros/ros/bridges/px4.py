@@ -312,6 +312,8 @@ class ExternalModeBridge(Px4Bridge):
         return bool(status.nav_state == self._external.state)
 
     def _switch(self) -> list[Outgoing]:
+        if self._selected:
+            return []
         return [self._vehicle_command(VEHICLE_CMD_DO_SET_MODE, self._external.parameters)]
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:

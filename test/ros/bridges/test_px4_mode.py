@@ -7,7 +7,9 @@ The stand-in for PX4 follows ModeManagement.cpp and externalChecks.cpp of PX4 1.
 
 from __future__ import annotations
 
+import json
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -405,3 +407,69 @@ def test_ignores_the_reply_to_another_component(px4: Px4Commander) -> None:
     assert px4.heard == []
     px4.fly(3.0)
     assert px4.registered == {MODE: "quad MPC"}
+
+
+RECORDING = Path(__file__).with_name("recordings") / "px4_1.16_external.jsonl"
+
+
+def replayed() -> tuple[list[tuple[float, str, Any]], Px4Bridge]:
+    """Return what the bridge sends during a recording of PX4 1.16, apart from setpoints.
+
+    The ground station selects the mode, arms, selects Hold and the mode again in the air, and
+    the vehicle lands. Each state is answered by a command of the MPC.
+    """
+    bridge = Px4Bridge(Px4Bridge.Config(mode="external"), new_message)
+    receive = {each.topic.type_name: each.receive for each in bridge.subscriptions}
+    sent: list[tuple[float, str, Any]] = []
+    armed = flies = False
+    for line in RECORDING.read_text().splitlines():
+        time, kind, fields = json.loads(line)
+        now_ns = T0 + round(time * SECOND)
+        message = new_message(f"px4_msgs/msg/{kind}")
+        for name, value in fields.items():
+            if isinstance(value, str):
+                value = [*value.encode().ljust(len(getattr(message, name)), b"\0")]
+            setattr(message, name, value)
+        if kind == "RegisterExtComponentReply":
+            message.request_id = [each.request_id for _, name, each in sent if "regist" in name][
+                -1
+            ]
+        if kind == "MessageFormatResponse":
+            message.message_hash = format_of(text_of(message.topic_name))
+        receive[f"px4_msgs/msg/{kind}"](message, now_ns)
+        outgoing = bridge.take_outgoing()
+        if kind == "VehicleStatus":
+            armed = message.arming_state == 2
+        if kind == "VehicleOdometry":
+            flies = armed and message.position[2] < -0.5
+        made = command(now_ns, HOVER if flies else 0.0)
+        outgoing += bridge.receive_command(made, now_ns=now_ns)
+        for each in outgoing:
+            assert isinstance(each, OutgoingMessage)
+            sent.append((time, each.topic.name.removeprefix("/fmu/in/"), each.message))
+    return sent, bridge
+
+
+def test_a_recording_of_px4_is_answered_as_px4_expects() -> None:
+    sent, bridge = replayed()
+    names = [name for _, name, _ in sent]
+    # PX4 was asked before the recording began, and answers each request once.
+    assert names.count("register_ext_component_request") == 1
+    assert names.count("message_format_request") == 9
+    assert bridge.stack_fault(now_ns=T0 + 35 * SECOND) == ""
+    requests = sum('"ArmingCheckRequest"' in line for line in RECORDING.read_text().splitlines())
+    answers = [message for _, name, message in sent if name == "arming_check_reply"]
+    assert requests > 100
+    assert len(answers) == requests
+    assert [each.registration_id for each in answers] == [0] * requests
+    (completed,) = [message for _, name, message in sent if name == "mode_completed"]
+    assert completed.nav_state == MODE
+    assert "vehicle_command" not in names
+    # Selected on the ground at 1.1 s, in Hold from 17.3 to 20.3 s, disarmed by PX4 at 35.4 s.
+    setpoints = [time for time, name, _ in sent if name == "vehicle_rates_setpoint"]
+    assert setpoints[0] < 1.5
+    assert not [time for time in setpoints if 17.5 < time < 20.2]
+    assert [time for time in setpoints if 20.4 < time < 35.3]
+    assert bridge.handover[0] == "standby"
+    refused = [message for message in answers if not message.can_arm_and_run]
+    assert not refused
