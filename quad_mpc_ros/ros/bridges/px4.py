@@ -241,12 +241,15 @@ class Px4Bridge(Bridge):
     def _on_ack(self, message: Any, now_ns: int) -> None:
         if message.result in (_ACCEPTED, _IN_PROGRESS):
             return
-        result = command_result(int(message.result))
+        result, reason = command_result(int(message.result)), self._refusal_reason(now_ns)
         if message.command == VEHICLE_CMD_COMPONENT_ARM_DISARM:
-            reason = f"PX4 refuses to arm or disarm ({result}): see the ground station"
-            self._refuse_arming(reason)
+            self._refuse_arming(f"PX4 refuses to arm or disarm ({result}): {reason}")
         else:
-            self._warnings.append(f"PX4 refuses command {message.command}: {result}")
+            self._warnings.append(f"PX4 refuses command {message.command} ({result}): {reason}")
+
+    def _refusal_reason(self, now_ns: int) -> str:
+        """Return the reason why PX4 refuses to arm or to switch its mode, as far as it is known."""
+        return "see the ground station"
 
     def _vehicle_command(
         self, command: int, parameters: tuple[float, float, float]
@@ -351,6 +354,9 @@ class ExternalModeBridge(Px4Bridge):
         flies = self._handover.state is HandoverState.ENGAGED
         if flies and message.landed and before is False:
             self._external.complete()
+
+    def _refusal_reason(self, now_ns: int) -> str:
+        return self._blocking_event(now_ns)[0] or super()._refusal_reason(now_ns)
 
     def _blocking_event(self, now_ns: int) -> tuple[str, str]:
         """Return the reason why PX4 must not arm or run the mode, and PX4's event for it."""
