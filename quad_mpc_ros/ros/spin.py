@@ -52,8 +52,7 @@ def run(
     Args:
         create: Creates the node. Its method ``begin``, if any, is called when all nodes exist.
             From then on a signal ends the node with its ``exit_code``, or 0. Before that its
-            method ``drain``, if any, handles messages that wait; the argument spins once the
-            first node.
+            method ``drain``, if any, handles messages that wait; the argument spins once.
         args: Command line arguments for ROS; by default the arguments of the process, which then
             ends with the node.
         others: Create further nodes, each with its own thread, so that a slow callback does not
@@ -111,9 +110,8 @@ def _run(
         if not signals.received:
             threads += map(_spinning, nodes[1:], executors[1:])
             _spin(executors[0], signals)
-        for drain in drains:
-            if rclpy.ok():
-                drain(lambda: executors[0].spin_once(timeout_sec=_DRAIN_TIMEOUT))
+        for drain in drains if rclpy.ok() else ():
+            drain(lambda: executors[0].spin_once(timeout_sec=_DRAIN_TIMEOUT))
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT

@@ -248,7 +248,7 @@ class Px4Bridge(Bridge):
             self._warnings.append(f"PX4 refuses command {message.command} ({result}): {reason}")
 
     def _refusal_reason(self, now_ns: int) -> str:
-        """Return the reason why PX4 refuses to arm or to switch its mode, as far as it is known."""
+        """Return the reason why PX4 refuses to arm or to switch its mode, if it is known."""
         return "see the ground station"
 
     def _vehicle_command(

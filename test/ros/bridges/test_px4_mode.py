@@ -71,7 +71,7 @@ class Px4Commander:
         self.configured = False
         self.can_run, self.events = False, [0]
         self.request_id, self.unanswered = 0, 0
-        self.heard: list[tuple[str, Any]] = []
+        self.received: list[tuple[str, Any]] = []
         self.different = ""
         self.commanding = True
 
@@ -100,11 +100,11 @@ class Px4Commander:
             self.say("vehicle_odometry", odometry)
             if self.commanding:
                 made = command(self.now_ns, throttle, w=w)
-                self.hear(self.bridge.receive_command(made, now_ns=self.now_ns))
+                self.receive(self.bridge.receive_command(made, now_ns=self.now_ns))
 
     def say(self, topic: str, message: Any) -> None:
         deliver(self.bridge, f"/fmu/out/{topic}", message, self.now_ns)
-        self.hear(self.bridge.take_outgoing())
+        self.receive(self.bridge.take_outgoing())
 
     def say_status(self) -> None:
         status = new_message("px4_msgs/msg/VehicleStatus")
@@ -150,12 +150,12 @@ class Px4Commander:
     def restart(self) -> None:
         self.__init__(self.bridge)  # type: ignore[misc]
 
-    def hear(self, outgoing: list[Outgoing]) -> None:
+    def receive(self, outgoing: list[Outgoing]) -> None:
         for each in outgoing:
             assert isinstance(each, OutgoingMessage)
             name = each.topic.name.removeprefix("/fmu/in/")
             assert each.message.timestamp == 0
-            self.heard.append((name, each.message))
+            self.received.append((name, each.message))
             getattr(self, f"on_{name}")(each.message)
 
     def on_register_ext_component_request(self, message: Any) -> None:
@@ -210,7 +210,7 @@ class Px4Commander:
         assert (message.result, message.nav_state) == (0, self.nav_state)
 
     def count(self, topic: str) -> int:
-        return [name for name, _ in self.heard].count(topic)
+        return [name for name, _ in self.received].count(topic)
 
 
 @pytest.fixture
@@ -362,7 +362,7 @@ def test_registers_again_after_px4_has_restarted(px4: Px4Commander) -> None:
 def test_leaves_the_list_of_modes_at_the_end(px4: Px4Commander) -> None:
     flying(px4)
     assert px4.bridge.leave is not None
-    px4.hear([*px4.bridge.leave()])
+    px4.receive([*px4.bridge.leave()])
     assert (px4.nav_state, px4.registered) == (HOLD, {})
 
 
@@ -404,7 +404,7 @@ def test_ignores_the_reply_to_another_component(px4: Px4Commander) -> None:
     reply.success, reply.mode_id, reply.px4_ros2_api_version = True, 25, 1
     reply.name = [*b"quad MPC".ljust(25, b"\0")]
     px4.say("register_ext_component_reply", reply)
-    assert px4.heard == []
+    assert px4.received == []
     px4.fly(3.0)
     assert px4.registered == {MODE: "quad MPC"}
 
