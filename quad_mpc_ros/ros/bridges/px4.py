@@ -131,6 +131,8 @@ class Px4Bridge(Bridge):
     Config = Px4Config
     warm_up = 1.1  # for more than a second
     streams = True
+    _control_mode_suffices = True
+    """Whether ``VehicleControlMode`` alone shows the mode for setpoints."""
 
     def __new__(cls, config: Px4Config, new: NewMessage) -> Self:
         """Return the bridge for the configured mode of PX4."""
@@ -171,7 +173,7 @@ class Px4Bridge(Bridge):
 
     def _stack(self, now_ns: int) -> Stack:
         status, mode = self._status.value(now_ns=now_ns), self._mode.value(now_ns=now_ns)
-        if mode is None and status is None:
+        if status is None and (mode is None or not self._control_mode_suffices):
             fault = f"no vehicle_status within {_STATUS_TIMEOUT:g} s on {self._status_name}"
             return Stack(fault=fault)
         # Use both if both are available: either may report a change first.
@@ -283,13 +285,13 @@ class ExternalModeBridge(Px4Bridge):
 
     warm_up = 0.0
     streams = False
+    _control_mode_suffices = False
 
     def __init__(self, config: Px4Config, new: NewMessage) -> None:
         super().__init__(config, new)
         self._handover = Handover(config.handover, request=f"select the mode {MODE_NAME}")
         self._external = Px4Mode(new, self._versioned, check=self._blocking_event)
-        self._selected = self._intended = False  # the mode; in a failsafe PX4 flies another
-        self._held_ns = 0
+        self._selected, self._held_ns = False, 0
         self.subscriptions = [*self.subscriptions, *self._external.subscriptions]
         self.publications = self._rates, self._command, *self._external.publications
 
@@ -307,8 +309,6 @@ class ExternalModeBridge(Px4Bridge):
 
     def _stack(self, now_ns: int) -> Stack:
         stack = super()._stack(now_ns)
-        if self._status.value(now_ns=now_ns) is None:
-            return dataclasses.replace(stack, takes_setpoints=False)
         return dataclasses.replace(stack, fault=stack.fault or self._external.fault)
 
     def _selects_mpc(self, status: Any) -> bool:
@@ -327,7 +327,6 @@ class ExternalModeBridge(Px4Bridge):
         armed = message.arming_state == ARMING_STATE_ARMED
         self._external.follow(message, armed=armed, now_ns=now_ns)
         before, self._selected = self._selected, self._selects_mpc(message)
-        self._intended = message.nav_state_user_intention == self._external.state
         if self._selected and not self._stack(now_ns).takes_setpoints:
             self._external.configure()
         # A flight that was released does not resume before the mode is selected again.
@@ -361,10 +360,10 @@ class ExternalModeBridge(Px4Bridge):
     def _blocking_event(self, now_ns: int) -> tuple[str, str]:
         """Return the reason why PX4 must not arm or run the mode, and PX4's event for it."""
         stack, state = self._stack(now_ns), self._handover.state
-        if state is HandoverState.ENGAGED:
+        if stack.fault or state is HandoverState.ENGAGED:
             return stack.fault, UNRESPONSIVE
-        if self._intended and state is HandoverState.RELEASED and stack.armed is not False:
+        intended = self._status.value(now_ns=now_ns).nav_state_user_intention
+        if stack.armed and state is HandoverState.RELEASED and intended == self._external.state:
             return self._handover.reason, UNRESPONSIVE  # else PX4 would resume the mode
         silent = self._handover_conditions.command.value(now_ns=now_ns) is None
-        blocker = stack.fault or self._engage_blocker(now_ns)
-        return blocker, UNRESPONSIVE if silent else DENIED
+        return self._engage_blocker(now_ns), UNRESPONSIVE if silent else DENIED
