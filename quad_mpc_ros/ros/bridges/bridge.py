@@ -16,7 +16,8 @@ Every bridge obeys these rules:
 - The bridge rejects values that are not finite or not in a known frame, with a reason.
 - The bridge passes on a reset of the estimator: same frame, next stamp, another position.
 - The bridge arms and switches modes only on request, and sends nothing before a request to engage.
-  (ArduPilot is set to its landing mode after a landing, because it does not disarm otherwise.)
+  (ArduPilot is set to its landing mode after a landing, because it does not disarm otherwise. In
+  its external mode PX4 gets answers to its requests, and Hold if the MPC stops in flight.)
 - The bridge refuses to engage and to arm if the vehicle would jump. The release is permanent if
   another source takes over or commands have stopped (:mod:`.handover`).
 - Disarming is forced: the motors stop also in the air. The bridge releases the vehicle at once. A

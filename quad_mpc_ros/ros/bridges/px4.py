@@ -270,7 +270,10 @@ class Px4Bridge(Bridge):
     def _versioned(self, path: str, kind: str) -> Topic:
         """Return a topic; its name ends in the version of the installed message, if not 0."""
         type_name = f"px4_msgs/msg/{kind}"
-        version = int(getattr(type(self._new(type_name)), "MESSAGE_VERSION", 0))
+        try:
+            version = int(getattr(type(self._new(type_name)), "MESSAGE_VERSION", 0))
+        except AttributeError:
+            version = 0  # px4_msgs is older than the message, which the node reports
         suffix = f"_v{version}" if version > 0 else ""
         # Not latched: an agent that starts later would receive old requests.
         return self._topic(f"{path}{suffix}", type_name)

@@ -399,6 +399,16 @@ def test_names_messages_that_differ_from_px4(px4: Px4Commander) -> None:
     assert "px4_msgs" in fault and "VehicleStatus" in fault and "VehicleOdometry" not in fault
 
 
+def test_px4_msgs_without_the_messages_of_modes_are_left_to_the_node() -> None:
+    def old(type_name: str) -> Any:
+        if "ExtComponent" in type_name:
+            raise AttributeError(type_name)
+        return new_message(type_name)
+
+    bridge = Px4Bridge(Px4Bridge.Config(mode="external"), old)
+    assert "px4_msgs/msg/UnregisterExtComponent" in {t.type_name for t in bridge.publications}
+
+
 def test_ignores_the_reply_to_another_component(px4: Px4Commander) -> None:
     reply = new_message("px4_msgs/msg/RegisterExtComponentReply")
     reply.success, reply.mode_id, reply.px4_ros2_api_version = True, 25, 1
