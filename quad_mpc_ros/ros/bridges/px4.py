@@ -365,8 +365,9 @@ class ExternalModeBridge(Px4Bridge):
         stack, state = self._stack(now_ns), self._handover.state
         if stack.fault or state is HandoverState.ENGAGED:
             return stack.fault, UNRESPONSIVE
+        blocker = self._engage_blocker(now_ns)
         intended = self._status.value(now_ns=now_ns).nav_state_user_intention
-        if stack.armed and state is HandoverState.RELEASED and intended == self._external.state:
-            return self._handover.reason, UNRESPONSIVE  # else PX4 would resume the mode
+        if intended == self._external.state:  # PX4 would arm before, or resume the mode
+            blocker = blocker or self._handover.reason
         silent = self._handover_conditions.command.value(now_ns=now_ns) is None
-        return self._engage_blocker(now_ns), UNRESPONSIVE if silent else DENIED
+        return blocker, UNRESPONSIVE if silent else DENIED

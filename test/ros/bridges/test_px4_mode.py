@@ -278,6 +278,22 @@ def test_px4_refuses_arming_with_the_reason(px4: Px4Commander) -> None:
     assert px4.arm()
 
 
+def test_px4_cannot_arm_before_the_handover(px4: Px4Commander) -> None:
+    px4.commanding = False
+    px4.fly(3.0)
+    assert px4.select(MODE)
+    px4.fly(0.5)
+    px4.commanding = True
+    px4.now_ns -= px4.now_ns % (SECOND // 2)  # the next status comes in half a second
+    px4.fly(0.1, throttle=0.0)
+    px4.ask()
+    assert px4.bridge.handover[0] == "released"
+    assert not px4.arm()
+    px4.fly(1.0, throttle=0.0)
+    assert px4.bridge.handover[0] == "standby"
+    assert px4.arm()
+
+
 def test_requests_hold_when_commands_stop(px4: Px4Commander) -> None:
     flying(px4)
     px4.commanding, stopped_ns = False, px4.now_ns
@@ -481,5 +497,5 @@ def test_a_recording_of_px4_is_answered_as_px4_expects() -> None:
     assert not [time for time in setpoints if 17.5 < time < 20.2]
     assert [time for time in setpoints if 20.4 < time < 35.3]
     assert bridge.handover[0] == "standby"
-    refused = [message for message in answers if not message.can_arm_and_run]
-    assert not refused
+    refused = [time for time, name, message in sent if "reply" in name and message.num_events]
+    assert [time < 1.5 or time > 35.3 for time in refused] == [True, True]  # until a handover
