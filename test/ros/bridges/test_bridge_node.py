@@ -10,6 +10,7 @@ import re
 import signal
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -272,6 +273,45 @@ def test_the_health_of_a_bridge_names_the_missing_heartbeat(peer: StackPeer) -> 
 
 
 """Topics on which a stack is asked to arm, disarm or change its mode."""
+
+
+LEAVING = """
+import sys
+import rclpy
+from rclpy.node import Node
+from quad_mpc_ros.ros import spin
+from quad_mpc_ros.ros.bridges import node
+from quad_mpc_ros.ros.bridges.rates import RatesBridge
+
+class LeavingBridge(RatesBridge):
+    def leave(self):
+        return [self._message(self.publications[0])]
+
+class Bridge(node.BridgeNode):
+    def begin(self):
+        import signal
+        signal.raise_signal(signal.SIGINT)
+
+    def _send(self, outgoing):
+        super()._send(outgoing)
+        print(rclpy.ok(), outgoing.topic.name)
+
+bridge = lambda: Bridge(LeavingBridge)
+nodes = [bridge] if sys.argv.pop() == "alone" else [lambda: Node("first"), bridge]
+sys.exit(spin.run(nodes[0], others=nodes[1:]))
+"""
+
+
+@pytest.mark.parametrize("where", ["alone", "second of a process"])
+def test_sends_its_last_messages_at_a_signal(where: str) -> None:
+    run = subprocess.run(
+        [sys.executable, "-P", "-c", LEAVING, where],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert (run.returncode, run.stdout) == (0, "True rates_setpoint\n"), run.stderr
 
 
 def test_messages_of_another_release_are_refused_in_one_line(
