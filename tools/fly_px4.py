@@ -71,7 +71,7 @@ class Pilot:
 
     def __init__(self, config: dict[str, Any], node: Any, kind: type[Bridge]) -> None:
         self.mpc, reference = config["mpc"], config["reference"]
-        self._bridge = kind(config[kind.name], new_message)
+        self._bridge = kind.configured(config[kind.name], new_message)
         self._line = self._bridge.line
         self._clock = Codec(system=1) if self._line is not None else None
         self._controller: Controller = warmed_up(self.mpc)

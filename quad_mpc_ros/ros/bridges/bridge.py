@@ -175,6 +175,11 @@ class Bridge(ABC):
         self._reasons: list[str] = []  # texts of the stack since then
         self._requested_ns: int | None = None
 
+    @classmethod
+    def configured(cls, config: Any, new: NewMessage) -> Bridge:
+        """Return the bridge for a configuration, which may be one of a derived class."""
+        return cls(config, new)
+
     @abstractmethod
     def _stack(self, now_ns: int) -> Stack:
         """Return the state that the stack reports now."""

@@ -54,7 +54,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         _require(kind)
         self._line: ReconnectingLine | None = None  # ROS may destroy an incomplete node
         super().__init__(kind.name, kind.Config)
-        self._bridge = bridge = kind(self.config, _new)
+        self._bridge = bridge = kind.configured(self.config, _new)
         command = dataclasses.replace(topics.COMMAND, name=self.config.mpc_command_topic)
         self._check_topic_types(command)
         self._check_message_types()

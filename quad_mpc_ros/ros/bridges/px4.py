@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -134,11 +134,10 @@ class Px4Bridge(Bridge):
     _control_mode_suffices = True
     """Whether ``VehicleControlMode`` alone shows the mode for setpoints."""
 
-    def __new__(cls, config: Px4Config, new: NewMessage) -> Self:
+    @classmethod
+    def configured(cls, config: Any, new: NewMessage) -> Bridge:
         """Return the bridge for the configured mode of PX4."""
-        kind: Any = ExternalModeBridge if config.mode == "external" else cls
-        instance: Self = object.__new__(kind)
-        return instance
+        return ExternalModeBridge(config, new) if config.mode == "external" else cls(config, new)
 
     def __init__(self, config: Px4Config, new: NewMessage) -> None:
         super().__init__(config, new, namespace=config.fmu)

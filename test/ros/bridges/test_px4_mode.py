@@ -17,7 +17,7 @@ from fixtures.bridges import HOVER, SECOND, T0, command, deliver
 from fixtures.stack_messages import DEFINITIONS, new_message
 
 from quad_mpc_ros.ros.bridges.bridge import Outgoing, OutgoingMessage
-from quad_mpc_ros.ros.bridges.px4 import Px4Bridge
+from quad_mpc_ros.ros.bridges.px4 import ExternalModeBridge, Px4Bridge
 
 HOLD, RETURN, MODE = 4, 5, 23
 STEP = SECOND // 50
@@ -215,7 +215,7 @@ class Px4Commander:
 
 @pytest.fixture
 def px4() -> Px4Commander:
-    return Px4Commander(Px4Bridge(Px4Bridge.Config(mode="external"), new_message))
+    return Px4Commander(ExternalModeBridge(Px4Bridge.Config(mode="external"), new_message))
 
 
 def flying(px4: Px4Commander) -> Px4Commander:
@@ -421,7 +421,7 @@ def test_px4_msgs_without_the_messages_of_modes_are_left_to_the_node() -> None:
             raise AttributeError(type_name)
         return new_message(type_name)
 
-    bridge = Px4Bridge(Px4Bridge.Config(mode="external"), old)
+    bridge = ExternalModeBridge(Px4Bridge.Config(mode="external"), old)
     assert "px4_msgs/msg/UnregisterExtComponent" in {t.type_name for t in bridge.publications}
 
 
@@ -444,7 +444,7 @@ def replayed() -> tuple[list[tuple[float, str, Any]], Px4Bridge]:
     The ground station selects the mode, arms, selects Hold and the mode again in the air, and
     the vehicle lands. Each state is answered by a command of the MPC.
     """
-    bridge = Px4Bridge(Px4Bridge.Config(mode="external"), new_message)
+    bridge = ExternalModeBridge(Px4Bridge.Config(mode="external"), new_message)
     receive = {each.topic.type_name: each.receive for each in bridge.subscriptions}
     sent: list[tuple[float, str, Any]] = []
     armed = flies = False
