@@ -5,20 +5,13 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import dataclasses
-import fcntl
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from quad_mpc_ros.commands.campaign_options import (
-    add_campaign_options,
-    campaign_folder,
-    engine_of,
-    new_or_resumed,
-)
+from quad_mpc_ros.commands.campaign_options import add_campaign_options, engine_of
+from quad_mpc_ros.commands.output import create_out, prepared_out, results_in
 from quad_mpc_ros.commands.progress import ProgressLine
 from quad_mpc_ros.configuration import UserError
 
@@ -31,12 +24,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.description = (
         "Search controller parameters with campaigns of flights (docs/howto/tune.md). The first "
-        "trial flies the configuration of the campaigns. Writes trials.csv, the picture "
-        "front.png, and parameter files: front/NUMBER.yaml for each Pareto-optimal trial and "
-        "best.yaml for the chosen one. Exit code 0 if all trials were flown. Ctrl-C or a kill "
-        "loses only the running trial. Needs Optuna: pip install 'quad_mpc_ros[campaign]'."
+        "trial flies the configuration of the campaigns. Writes trials.csv and the parameter "
+        "file best.yaml of the chosen trial. Exit code 0 if all trials were flown. Ctrl-C or a "
+        "kill loses only the running trial. Needs Optuna: pip install 'quad_mpc_ros[campaign]'."
     )
     add_campaign_options(parser, "study")
+    parser.add_argument(
+        "--resume", type=Path, metavar="DIR", help="continue the study in a folder, without FILE"
+    )
     parser.add_argument(
         "--trials", type=int, metavar="N", help="number of trials; overrides the file"
     )
@@ -44,11 +39,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Fly the remaining trials, print the results, and return the exit code."""
-    from quad_mpc_ros.extras.campaigns.tuning.optimiser import optuna_module
-    from quad_mpc_ros.extras.campaigns.tuning.study import Study
+    from quad_mpc_ros.extras.campaigns.tuning.study import Study, optuna_module
     from quad_mpc_ros.extras.campaigns.tuning.tune_results import (
         HOLDS,
-        TUNE_NAME,
         begin,
         results_of,
         results_text,
@@ -61,14 +54,12 @@ def run(options: argparse.Namespace) -> int:
     tuning = _tuning(options)
     trials = options.trials or tuning.trials
     tuning = dataclasses.replace(tuning, trials=trials)
-    with (
-        engine_of(options) as engine,
-        campaign_folder(options, HOLDS) as out,
-        contextlib.ExitStack() as held,
-    ):
-        if options.resume is None:
-            begin(tuning, out)
-        held.enter_context(_held(out / TUNE_NAME))
+    with engine_of(options) as engine:
+        out: Path | None = options.resume
+        if out is None:
+            out = prepared_out(options.out or create_out(options.file.stem), holds=HOLDS)
+            with results_in(out):
+                begin(tuning, out)
         study = Study(out, tuning)
         print(f"{trials} trials with {engine.workers} workers into {out}", file=sys.stderr)
         progress = ProgressLine()
@@ -86,22 +77,10 @@ def run(options: argparse.Namespace) -> int:
         finally:
             progress.close()
         results = results_of(tuning, study.trials())
-        write_results(out, results)
+        with results_in(out):
+            write_results(out, results)
     print(results_text(out, results))
     return 0
-
-
-@contextlib.contextmanager
-def _held(path: Path) -> Iterator[None]:
-    """Lock a study. Raises :class:`UserError` if another process has locked the folder."""
-    with path.open() as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise UserError(
-                f"{path.parent}: another quad_mpc tune runs in this folder: wait until it ends"
-            ) from None
-        yield
 
 
 def _tuning(options: argparse.Namespace) -> Tuning:
@@ -110,11 +89,14 @@ def _tuning(options: argparse.Namespace) -> Tuning:
     from quad_mpc_ros.extras.campaigns.tuning.tune_file import read_tuning
     from quad_mpc_ros.extras.campaigns.tuning.tune_results import tuning_of
 
+    if options.resume is not None:
+        if any((options.file, options.out, options.config, options.assignments)):
+            raise UserError(
+                f"--resume: the study in {options.resume} continues unchanged: omit FILE, --out "
+                "and options that change the study"
+            )
+        return tuning_of(options.resume)
+    if options.file is None:
+        raise UserError("FILE: expected the file of a study, or --resume DIR")
     overrides = Overrides(config=options.config, assignments=options.assignments)
-    return new_or_resumed(
-        options,
-        "study",
-        read=lambda: read_tuning(located_campaign(options.file), overrides),
-        read_folder=tuning_of,
-        overrides=bool(options.config or options.assignments),
-    )
+    return read_tuning(located_campaign(options.file), overrides)

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import re
 import sys
 from pathlib import Path
@@ -54,8 +53,6 @@ def test_study_is_flown_resumed_and_its_best_flies(
     assert re.search(r"^ *start +0 ", printed, re.MULTILINE)
     for name in ("tune.yaml", "study.db", "trials.csv", "best.yaml"):
         assert (out / name).is_file(), name
-    assert (out / "front.png").read_bytes().startswith(b"\x89PNG")
-    assert list((out / "front").glob("*.yaml"))
 
     # The command that it names checks what was chosen.
     (command,) = (line for line in printed.splitlines() if "quad_mpc campaign" in line)
@@ -64,11 +61,6 @@ def test_study_is_flown_resumed_and_its_best_flies(
 
     assert main(["tune", "--resume", str(out), "--trials", "3"]) == 0
     assert "3 trials: 3 flown" in capsys.readouterr().out
-
-    with (out / "tune.yaml").open() as file:  # as another process does while it flies
-        fcntl.flock(file, fcntl.LOCK_EX)
-        assert main(["tune", "--resume", str(out), "--trials", "4"]) == 2
-    assert "another quad_mpc tune runs in this folder" in capsys.readouterr().err
 
 
 MISTAKES = {
@@ -79,7 +71,6 @@ MISTAKES = {
         ["--resume", "HERE", "--out", "x"],
         "continues unchanged: omit FILE, --out",
     ),
-    "out is full": (["FILE", "--out", "HERE"], "exists and is not overwritten"),
 }
 
 

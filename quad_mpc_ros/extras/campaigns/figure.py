@@ -21,7 +21,7 @@ from quad_mpc_ros.configuration.atomic_file import placed
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
 from quad_mpc_ros.extras.campaigns.flying import FIGURE_NAME, counts_text
-from quad_mpc_ros.extras.campaigns.journal import Row
+from quad_mpc_ros.extras.campaigns.table import Row
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 
 if TYPE_CHECKING:

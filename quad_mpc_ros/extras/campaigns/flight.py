@@ -18,7 +18,7 @@ import numpy as np
 from quad_mpc_ros.configuration import files
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.campaigns.campaign import SCHEMA, Campaign, FlightPlan
-from quad_mpc_ros.extras.campaigns.journal import NUMBER, VERDICT, Row
+from quad_mpc_ros.extras.campaigns.table import NUMBER, VERDICT, Row
 from quad_mpc_ros.recordings.evaluation.crash import Crash, TrackedMotion, crash_figures, tilts
 from quad_mpc_ros.recordings.evaluation.metrics import Summary, summarise
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, FlightLog
@@ -163,13 +163,6 @@ def fly_one(campaign: Campaign, number: int) -> FlownFlight:
     except Exception as error:  # the campaign continues
         row["error"] = " ".join(f"{type(error).__name__}: {error}".split())
     return FlownFlight(row=row, parameter_file=parameter_file)
-
-
-def lost_flight(campaign: Campaign, number: int, reason: str) -> FlownFlight:
-    """Return the row of a flight that killed its workers."""
-    drawn = campaign.drawn(number)
-    row = {NUMBER: number, "crashed": False, "error": reason, **campaign.cells(drawn)}
-    return FlownFlight(row=row, parameter_file="")
 
 
 def _figures(plan: FlightPlan, *, settle_time: float) -> dict[str, Any]:

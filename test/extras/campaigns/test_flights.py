@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Campaigns that fly: the same flights as simulated ones, by whatever workers, through deaths."""
+"""Campaigns that fly: the same flights as simulated ones, by whatever workers."""
 
 from __future__ import annotations
 
@@ -15,21 +15,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from fixtures.campaigns import (
-    CONTENT,
-    children_of,
-    flown_into,
-    lines_in,
-    start,
-    wait_until,
-)
+from fixtures.campaigns import CONTENT, children_of, flown_into, wait_until
 from fixtures.engines import InThisProcess
 
 from quad_mpc_ros.cli import main
+from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.extras.campaigns import flight as flight_module
 from quad_mpc_ros.extras.campaigns.campaign_file import campaign_from
 from quad_mpc_ros.extras.campaigns.flight import column_names, fly_one
-from quad_mpc_ros.extras.campaigns.journal import CSV_NAME
 from quad_mpc_ros.extras.campaigns.local_workers import LocalWorkers
 from quad_mpc_ros.recordings.evaluation.simulated import load_config, simulate
 from quad_mpc_ros.recordings.recording import Recording
@@ -98,75 +91,33 @@ def test_a_flight_with_incompatible_parameters_is_a_row() -> None:
     assert "mass_scale" in heavy["error"]
 
 
-KILLER = "simulator.seed"
+def test_workers_fly_the_same_flights_as_one_process(reference: Path, tmp_path: Path) -> None:
+    flown = flown_into(tmp_path / "flown", LocalWorkers(2))
+    assert (flown / "flights.csv").read_bytes() == (reference / "flights.csv").read_bytes()
 
 
-def test_a_flight_that_no_worker_survives_is_a_row_and_the_others_fly(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_death_of_a_worker_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # The worker imports this: its flight with seed 2 kills it.
     plugin = tmp_path / "sitecustomize.py"
     plugin.write_text(
         "import os, signal\n"
         "from quad_mpc_ros.extras.campaigns import flight\n"
-        "fly = flight.fly\n"
         "def killing(**arguments):\n"
-        "    if arguments['simulator'].seed == 2:\n"
-        "        os.kill(os.getpid(), signal.SIGKILL)\n"
-        "    return fly(**arguments)\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
         "flight.fly = killing\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
-    varied = {"flights": 4, "seed": 3, "vary": {KILLER: {"integers": [0, 3]}}}
-    campaign = campaign_from({**CONTENT, **varied})
-    seeds = [campaign.drawn(number)[KILLER] for number in range(4)]
-    assert seeds.count(2) == 1
-    with LocalWorkers(1) as engine:
-        batches = list(engine.fly(campaign, [range(4)]))
-    rows = {flight.row["flight"]: flight.row for batch in batches for flight in batch}
-    assert sorted(rows) == [0, 1, 2, 3]
-    assert sum(len(batch) for batch in batches) == 4
-    for number, seed in enumerate(seeds):
-        assert ("error" in rows[number]) == (seed == 2)
-        assert seed != 2 or rows[number]["error"].startswith("WorkerDied")
-
-
-def test_kill_loses_only_flights_in_progress(reference: Path, tmp_path: Path) -> None:
-    file, out = tmp_path / "file.yaml", tmp_path / "out"
-    file.write_text(yaml.safe_dump({**CONTENT, "flights": 40}, sort_keys=False))
-    process = start(str(file), "--out", str(out), "--workers", "2")
-    journal = out / "journal.jsonl"
-    try:
-        wait_until(lambda: lines_in(journal) > 4)
-        victim = children_of(process.pid)[0]
-        os.kill(victim, signal.SIGKILL)
-        before = lines_in(journal)
-        wait_until(lambda: lines_in(journal) > before + 4)
-        orphans = children_of(process.pid)
-    finally:
-        process.kill()
-        process.wait()
-    assert orphans
-    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in orphans))
-    assert not (out / CSV_NAME).exists()
-
-    kept = lines_in(journal)
-    with journal.open("ab") as file_cut:
-        file_cut.write(b'{"flight": 39, "cra')  # as a kill in the middle of writing would
-    assert main(["campaign", "--resume", str(out), "--workers", "2"]) == 0
-    rows = [json.loads(line) for line in journal.read_text().splitlines()[1:]]
-    assert len(rows) == 40
-    assert kept < 41
-    assert sorted(row["flight"] for row in rows) == list(range(40))
-
-    whole = flown_into(tmp_path / "whole", InThisProcess(), {**CONTENT, "flights": 40})
-    assert (out / CSV_NAME).read_bytes() == (whole / CSV_NAME).read_bytes()
+    with pytest.raises(UserError, match="a worker process died"), LocalWorkers(1) as engine:
+        list(engine.fly(campaign_from(CONTENT), [range(4)]))
 
 
 @pytest.mark.parametrize("after", [0.0, 1.0])  # s: workers begin, or fly
-def test_ctrl_c_ends_at_once_and_names_the_resume_command(tmp_path: Path, after: float) -> None:
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
+def test_no_worker_outlives_ctrl_c_or_a_kill(
+    tmp_path: Path, after: float, sent: signal.Signals
+) -> None:
     file, out = tmp_path / "file.yaml", tmp_path / "out"
-    file.write_text(yaml.safe_dump({**CONTENT, "flights": 5000, "duration": 30.0}))
+    file.write_text(yaml.safe_dump({**CONTENT, "flights": 500, "duration": 3000.0}))
     command = [sys.executable, "-P", "-m", "quad_mpc_ros.cli", "campaign", str(file)]
     process = subprocess.Popen(
         [*command, "--out", str(out), "--workers", "2"],
@@ -175,34 +126,19 @@ def test_ctrl_c_ends_at_once_and_names_the_resume_command(tmp_path: Path, after:
         start_new_session=True,
     )
     # Not while Python still imports, where others may swallow it.
-    wait_until(lambda: (out / "journal.jsonl").exists() and bool(children_of(process.pid)))
+    wait_until(lambda: len(children_of(process.pid)) == 2)
     time.sleep(after)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    if sent == signal.SIGINT:
+        os.killpg(process.pid, sent)  # as a terminal does
+    else:
+        process.kill()
     _, message = process.communicate(timeout=30)  # which waits for the workers as well
-    assert process.returncode == 130
-    assert f"quad_mpc campaign --resume {out}" in message
+    assert process.returncode == (130 if sent == signal.SIGINT else -signal.SIGKILL)
     assert "Traceback" not in message
-
-
-def test_refuses_to_resume_a_changed_campaign(
-    reference: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = flown_into(tmp_path / "flown", InThisProcess())
-    file = tmp_path / "file.yaml"
-    file.write_text(yaml.safe_dump({**CONTENT, "seed": 2}))
-    assert main(["campaign", str(file), "--resume", str(folder)]) == 2
-    assert "continues unchanged: omit FILE" in capsys.readouterr().err
-
-    path = folder / "campaign.yaml"
-    path.write_text(path.read_text().replace("settle_time: 0.2", "settle_time: 0.3"))
-    assert main(["campaign", "--resume", str(folder)]) == 2
-    assert "has changed since its first flight" in capsys.readouterr().err
-    assert main(["campaign", "--resume", str(tmp_path / "none")]) == 2
-    assert "not the folder of a campaign" in capsys.readouterr().err
+    assert not (out / "flights.csv").exists()
 
 
 MISTAKES = {
-    "no file": ([], "FILE: expected the file of a campaign"),
     "no such file": (["hoover"], "no shipped campaign"),
     "workers": (["{file}", "--workers", "0"], "--workers: given 0"),
     "flights": (["{file}", "--flights", "0"], "flights: given 0"),

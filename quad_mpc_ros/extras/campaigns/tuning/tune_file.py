@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,8 +27,13 @@ from quad_mpc_ros.extras.campaigns.campaign_file import (
     read_variations,
 )
 from quad_mpc_ros.extras.campaigns.tuning.objectives import Objective, read_objectives
-from quad_mpc_ros.extras.campaigns.tuning.search_space import SearchSpace
-from quad_mpc_ros.extras.campaigns.variation import Variation
+from quad_mpc_ros.extras.campaigns.variation import (
+    Choice,
+    Integers,
+    SameAs,
+    Uniform,
+    Variation,
+)
 
 _KEYS = ("seed", "trials", "give_up", "search", "campaigns", "objectives")
 _TRIALS = 100
@@ -54,9 +61,58 @@ class Tuning:
     campaigns: Mapping[str, Campaign]
     objectives: tuple[Objective, ...]
 
-    def space(self) -> SearchSpace:
-        """Return the search space."""
-        return SearchSpace(self.search, next(iter(self.campaigns.values())))
+    @functools.cached_property
+    def _searched(self) -> Campaign:
+        """A campaign that varies the searched parameters."""
+        return dataclasses.replace(next(iter(self.campaigns.values())), vary=self.search)
+
+    def base_values(self) -> dict[str, Any]:
+        """Return the values of the searched parameters in the campaigns."""
+        base = self._searched.base
+        return {name: value_in(target_of(name, base), base) for name in self.search}
+
+    def values_at(self, point: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values of all searched parameters, given those that follow no other."""
+        return self._searched.completed(point)
+
+    def parameters(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the searched parameters of the controller, with whole vectors, by name.
+
+        Raises :class:`ConfigurationError` for values that cannot be used together.
+        """
+        every = self._searched.configured(values).mpc.flattened()
+        names = dict.fromkeys(target.parameter for target in self._searched.targets.values())
+        return {name: every[name] for name in names}
+
+    def configured(self, values: Mapping[str, Any]) -> dict[str, Campaign]:
+        """Return the campaigns with searched values.
+
+        Raises :class:`UserError` or ``ValueError`` for values that cannot be used together.
+        """
+        parameters, changed = self.parameters(values), {}
+        for name, campaign in self.campaigns.items():
+            given = {**campaign.given, "mpc": {**campaign.given["mpc"], **parameters}}
+            changed[name] = dataclasses.replace(campaign, given=given)
+            changed[name].configured(changed[name].drawn(0))
+        return changed
+
+    def identity_text(self) -> str:
+        """Return the content that must not change in a study: all except the trials."""
+        content = {
+            "seed": self.seed,
+            "give_up": self.give_up,
+            "search": {name: each.described() for name, each in self.search.items()},
+            "campaigns": {
+                name: ros_yaml.read(campaign_text(campaign))
+                for name, campaign in self.campaigns.items()
+            },
+            "objectives": [vars(objective) for objective in self.objectives],
+        }
+        return content_text(content)
+
+    def text(self) -> str:
+        """Return a complete file of the study, which refers to no other file."""
+        return f"trials: {self.trials}\n{self.identity_text()}"
 
 
 def read_tuning(path: Path, overrides: Overrides | None = None) -> Tuning:
@@ -67,29 +123,6 @@ def read_tuning(path: Path, overrides: Overrides | None = None) -> Tuning:
     content = read_content(path, "study")
     with errors_of(str(path)):
         return _tuning(content, overrides or Overrides(), path.parent)
-
-
-def tuning_text(tuning: Tuning) -> str:
-    """Return a complete file of a study, which refers to no other file."""
-    return content_text({"trials": tuning.trials, **_content(tuning)})
-
-
-def identity_text(tuning: Tuning) -> str:
-    """Return the content that must not change in a study: all except the number of trials."""
-    return content_text(_content(tuning))
-
-
-def _content(tuning: Tuning) -> dict[str, Any]:
-    return {
-        "seed": tuning.seed,
-        "give_up": tuning.give_up,
-        "search": {name: each.described() for name, each in tuning.search.items()},
-        "campaigns": {
-            name: ros_yaml.read(campaign_text(campaign))
-            for name, campaign in tuning.campaigns.items()
-        },
-        "objectives": [objective.described() for objective in tuning.objectives],
-    }
 
 
 def _tuning(content: Mapping[Any, Any], overrides: Overrides, folder: Path) -> Tuning:
@@ -126,19 +159,23 @@ def _search(given: Mapping[Any, Any], campaigns: Mapping[str, Campaign]) -> dict
         if not str(name).startswith("mpc."):
             raise UserError(f"search: {name}: expected a parameter of the MPC, mpc.PARAMETER")
     search = read_variations("search", given, {"mpc": first.base["mpc"]})
-    parameters = {target.parameter for target in SearchSpace(search, first).targets}
-    for parameter in parameters:
-        target = target_of(f"mpc.{parameter}", first.base)
-        for name, campaign in campaigns.items():
-            for varied in campaign.targets.values():
-                if (varied.node, varied.parameter) == ("mpc", parameter):
-                    raise UserError(f"search: mpc.{parameter}: {name} also varies it: remove one")
-        for other in others:
-            mine, theirs = (value_in(target, each.base) for each in (first, other))
+    for name, variation in search.items():
+        if not isinstance(variation, Uniform | Integers | Choice | SameAs):
+            expected = "uniform, log_uniform, integers, choice or same_as"
+            raise UserError(f"search: {name}: expected {expected}")
+        if any(isinstance(value, list) for value in variation.extremes()):
+            raise UserError(f"search: {name}: given a vector: search {name}.0, {name}.1, …")
+        target = target_of(name, first.base)
+        for other, campaign in campaigns.items():
+            varied = [each.parameter for each in campaign.targets.values() if each.node == "mpc"]
+            if target.parameter in varied:
+                raise UserError(f"search: {name}: {other} also varies it: remove one")
+        for campaign in others:
+            mine, theirs = (value_in(target, each.base) for each in (first, campaign))
             if mine != theirs:
                 raise UserError(
-                    f"search: mpc.{parameter}: the campaigns start with {mine} and {theirs}: "
-                    "set the same value in all campaigns"
+                    f"search: {name}: the campaigns start with {mine} and {theirs}: set the same "
+                    "value in all campaigns"
                 )
     return search
 
