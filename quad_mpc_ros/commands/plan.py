@@ -5,18 +5,17 @@
 from __future__ import annotations
 
 import argparse
-import threading
-from collections.abc import Callable, Sequence
+import sys
+import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from quad_mpc_ros.analysis.figures.reference_figure import write_reference
 from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.output import check_writable, results_in, write_new
-from quad_mpc_ros.commands.progress import ProgressLine, interrupts
 from quad_mpc_ros.commands.run_options import add_config, add_set
 from quad_mpc_ros.configuration.arguments import number
 from quad_mpc_ros.configuration.text_tables import text_table
-from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.racing.gates import read_course
 from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
 from quad_mpc_ros.extras.racing.planning.race_plan import RacePlan, plan_race
@@ -89,18 +88,16 @@ def run(options: argparse.Namespace) -> int:
     config = load_config(
         *(options.config or ["default"]), assignments=[margin, *options.assignments]
     )
-    progress = ProgressLine()
-    with interrupts() as interrupted:
-        plan = plan_race(
-            course,
-            *config,
-            gate_margin=options.gate_margin,
-            radius=options.radius,
-            step=options.step,
-            progress=_shown_by(progress, interrupted),
-        )
-    progress.close()
-    seconds = progress.seconds
+    print(f"planning {course.source}, which takes seconds to minutes", file=sys.stderr)
+    started = time.monotonic()
+    plan = plan_race(
+        course,
+        *config,
+        gate_margin=options.gate_margin,
+        radius=options.radius,
+        step=options.step,
+    )
+    seconds = time.monotonic() - started
     write_new("--out", options.out, plan.table.text(), overwrite=options.overwrite)
     verdict = judged(plan.trajectory(), config.reference)
     times = [round(1e9 * each) for each in verdict.over_time.seconds]
@@ -111,21 +108,6 @@ def run(options: argparse.Namespace) -> int:
     print(_table(plan, verdict, seconds=seconds))
     print(f"\nplan     {options.out}\npicture  {picture}")
     return 0 if verdict.feasible else EXIT_FAILED
-
-
-def _shown_by(
-    progress: ProgressLine, interrupted: threading.Event
-) -> Callable[[str, int, float, Array], None]:
-    """Return a callback that shows the progress and stops an interrupted search."""
-
-    def show(stage: str, iteration: int, planned: float, _variables: Array) -> None:
-        if interrupted.is_set():
-            raise KeyboardInterrupt
-        progress.show(
-            f"{stage}: iteration {iteration}, {planned:.3f} s   after {progress.seconds:.0f} s"
-        )
-
-    return show
 
 
 def _table(plan: RacePlan, verdict: Feasibility, *, seconds: float) -> str:

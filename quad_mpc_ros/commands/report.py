@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""``quad_mpc report``: an HTML page of recorded runs, and their time series as CSV."""
+"""``quad_mpc report``: an HTML page of recorded runs."""
 
 from __future__ import annotations
 
@@ -33,12 +33,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="page to write (default: report.html)",
     )
     parser.add_argument(
-        "--csv",
-        type=Path,
-        metavar="DIR",
-        help="write odometry.csv, commands.csv and ticks.csv of each run into a folder in DIR",
-    )
-    parser.add_argument(
         "--format",
         choices=("pdf", "svg", "png"),
         help="also write the figures as files into the folder <name of the page>_figures",
@@ -48,7 +42,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Read, draw and write; return the exit code."""
-    from quad_mpc_ros.analysis.report import csv_tables, page, read_runs, run_figures
+    from quad_mpc_ros.analysis.report import page, read_runs, run_figures
 
     bags = _named(options.runs)
     _check(options, list(bags))
@@ -63,12 +57,6 @@ def run(options: argparse.Namespace) -> int:
             for _ in run_figures(runs, _figure_folder(options), options.format):
                 pass
         print(f"figures {_figure_folder(options)}")
-    if options.csv is not None:
-        for run in runs:
-            for name, text in csv_tables(run).items():
-                path = options.csv / run.name / f"{name}.csv"
-                write_new("--csv", path, text, overwrite=options.overwrite)
-        print(f"series  {options.csv}")
     return 0
 
 
@@ -100,14 +88,7 @@ def _figure_folder(options: argparse.Namespace) -> Path:
 
 def _check(options: argparse.Namespace, names: Sequence[str]) -> None:
     """Reject existing output files before anything is read."""
-    from quad_mpc_ros.analysis.report import TABLE_NAMES
-
-    planned = [("--out", options.out)]
-    for name in names:
-        if options.format is not None:
-            file = _figure_folder(options) / f"path_{name}.{options.format}"
-            planned.append(("--format", file))
-        if options.csv is not None:
-            planned += [("--csv", options.csv / name / f"{each}.csv") for each in TABLE_NAMES]
-    for option, path in planned:
-        check_writable(option, path, overwrite=options.overwrite)
+    check_writable("--out", options.out, overwrite=options.overwrite)
+    for name in names if options.format is not None else ():
+        file = _figure_folder(options) / f"path_{name}.{options.format}"
+        check_writable("--format", file, overwrite=options.overwrite)

@@ -8,8 +8,8 @@ import json
 import os
 import signal
 import threading
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import matplotlib.image
 import pytest
@@ -18,9 +18,8 @@ from fixtures.courses import COURSE
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands import EXIT_INTERRUPTED
-from quad_mpc_ros.commands import plan as command
-from quad_mpc_ros.commands.progress import ProgressLine
-from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.extras.racing.planning import race_plan
+from quad_mpc_ros.extras.racing.planning.transcription import solve
 from quad_mpc_ros.extras.racing.verdict import flown_course
 from quad_mpc_ros.recordings.recording import Recording
 
@@ -72,27 +71,17 @@ def test_without_a_plan_a_smooth_path_is_flown(course: Path, tmp_path: Path) -> 
     assert all(gate["passed"] for gate in summary["gates"])
 
 
-@pytest.mark.parametrize("later", [0.0, 0.003])
 def test_ctrl_c_ends_the_search_without_output_files(
-    later: float, course: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    course: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The signal arrives between two iterations or in the middle of one."""
-    shown_by = command._shown_by
+    def interrupted(*arguments: Any, name: str, **options: Any) -> Any:
+        if name == "vehicle":
+            threading.Timer(0.5, os.kill, [os.getpid(), signal.SIGINT]).start()
+            options["most_iterations"] = 1_000_000  # the search does not end by itself
+        return solve(*arguments, name=name, **options)
 
-    def interrupting(
-        progress: ProgressLine, interrupted: threading.Event
-    ) -> Callable[[str, int, float, Array], None]:
-        show = shown_by(progress, interrupted)
-
-        def interrupt(stage: str, iteration: int, planned: float, variables: Array) -> None:
-            if stage == "vehicle" and iteration == 12:
-                threading.Timer(later, os.kill, [os.getpid(), signal.SIGINT]).start()
-            show(stage, iteration, planned, variables)
-
-        return interrupt
-
-    monkeypatch.setattr(command, "_shown_by", interrupting)
-    given = ["plan", str(course), *VEHICLE, *QUICK, "--out", str(tmp_path / "race.csv")]
+    monkeypatch.setattr(race_plan, "solve", interrupted)
+    given = ["plan", str(course), *VEHICLE, "--step", "0.005", "--out", str(tmp_path / "race.csv")]
     assert main(given) == EXIT_INTERRUPTED
     assert list(tmp_path.iterdir()) == [course]
 

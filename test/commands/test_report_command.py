@@ -4,14 +4,12 @@
 
 from __future__ import annotations
 
-import csv
 import shutil
 from pathlib import Path
 
 import pytest
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.recordings.recording import Recording
 
 
 @pytest.fixture(scope="module")
@@ -27,33 +25,23 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return folder / "manifold", folder / "paper"
 
 
-def test_page_and_series_of_two_runs(runs: tuple[Path, Path], tmp_path: Path) -> None:
+def test_page_of_two_runs(runs: tuple[Path, Path], tmp_path: Path) -> None:
     first, second = runs
     arguments = ["report", str(first), str(second / "bag"), "--out", str(tmp_path / "two.html")]
-    assert main([*arguments, "--csv", str(tmp_path / "csv")]) == 0
+    assert main(arguments) == 0
     text = (tmp_path / "two.html").read_text(encoding="utf-8")
     assert "<h1>manifold, paper</h1>" in text
-    for name, run in (("manifold", first), ("paper", second)):
-        with (tmp_path / "csv" / name / "odometry.csv").open() as table:
-            heights = [float(row["p_WB_z_m"]) for row in csv.DictReader(table)]
-        assert heights == Recording(run / "bag").flight().p_WB[:, 2].tolist()
     assert not list(tmp_path.rglob("*.part"))
 
 
 def test_overwrites_only_with_the_overwrite_option(
     runs: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out, precious = tmp_path / "page.html", tmp_path / "csv" / "manifold" / "ticks.csv"
+    out = tmp_path / "page.html"
     out.write_text("do not touch")
     assert main(["report", str(runs[0]), "--out", str(out)]) == 2
     assert "exists and is not overwritten" in capsys.readouterr().err
     assert out.read_text() == "do not touch"
-    precious.parent.mkdir(parents=True)
-    precious.write_text("nor this")
-    other = str(tmp_path / "other.html")
-    assert main(["report", str(runs[0]), "--out", other, "--csv", str(tmp_path / "csv")]) == 2
-    assert precious.read_text() == "nor this"
-    assert not Path(other).exists()
     assert main(["report", str(runs[0]), "--out", str(out), "--overwrite"]) == 0
     assert out.read_text().startswith("<!DOCTYPE html>")
 

@@ -4,9 +4,7 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +14,7 @@ import pytest
 from fixtures.html_page import Elements
 
 from quad_mpc_ros.analysis.figures.over_time import spans_without_mpc
-from quad_mpc_ros.analysis.report import TABLE_NAMES, ReportedRun, csv_tables, page
+from quad_mpc_ros.analysis.report import ReportedRun, page
 from quad_mpc_ros.recordings.flight import Flight
 
 FlightMaker = Callable[..., Flight]
@@ -58,34 +56,6 @@ def test_a_span_lasts_until_the_end_of_the_flight(
     assert "no odometry" in page([run_of(flight)])
 
 
-def test_csv_tables_have_full_precision(make_flight: FlightMaker, build: SimpleNamespace) -> None:
-    random = np.random.default_rng(3)
-    flight = make_flight(
-        50,
-        p_WB=random.normal(size=(50, 3)),
-        commands=build.commands(
-            build.start_ns + build.period_ns * np.arange(50), w_WB_B=random.normal(size=(50, 3))
-        ),
-    )
-    texts = csv_tables(run_of(flight))
-    assert tuple(texts) == TABLE_NAMES
-    tables = {name: list(csv.DictReader(io.StringIO(text))) for name, text in texts.items()}
-
-    def column(table: str, name: str) -> list[float]:
-        return [float(row[name]) for row in tables[table]]
-
-    assert [int(row["stamp_ns"]) for row in tables["odometry"]] == flight.stamp_ns.tolist()
-    for axis, name in enumerate("xyz"):
-        assert column("odometry", f"p_WB_{name}_m") == flight.p_WB[:, axis].tolist()
-        rates = column("commands", f"w_WB_B_{name}_rad_s")
-        assert rates == flight.commands.w_WB_B[:, axis].tolist()
-    # The reference is the origin.
-    distance = [float(np.hypot(np.hypot(*p[:2]), p[2])) for p in flight.p_WB]
-    assert column("odometry", "position_error_m") == pytest.approx(distance)
-    assert {row["source"] for row in tables["ticks"]} == {"mpc"}
-    assert column("ticks", "iterations") == [25.0] * 50
-
-
 def test_a_run_without_reference_commands_or_ticks(
     make_flight: FlightMaker, build: SimpleNamespace
 ) -> None:
@@ -93,10 +63,6 @@ def test_a_run_without_reference_commands_or_ticks(
     bare = run_of(
         make_flight(3, reference=None, commands=build.commands(none), stats=build.stats([]))
     )
-    tables = csv_tables(bare)
-    assert len(tables["odometry"].splitlines()) == 4
-    assert "reference" not in tables["odometry"]
-    assert len(tables["commands"].splitlines()) == 1
     assert "No command was sent." in page([bare])
 
 

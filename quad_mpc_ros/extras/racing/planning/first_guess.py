@@ -21,7 +21,6 @@ from quad_mpc_ros.extras.racing.planning.transcription import (
     MIN_LEG_DURATION,
     Dynamics,
     Nodes,
-    ProgressCallback,
     solve,
 )
 from quad_mpc_ros.references.course import Course
@@ -42,7 +41,6 @@ def flown_by_a_point(
     vehicle: PlannedVehicle,
     *,
     lowest: float,
-    progress: ProgressCallback | None = None,
 ) -> Nodes:
     """Return the time-optimal motion of a point mass: states p, v; inputs a.
 
@@ -71,9 +69,7 @@ def flown_by_a_point(
         smoothing=1e-3,
     )
     guess = _straight(course.start, legs, acceleration=most - vehicle.gravity)
-    solved = solve(
-        legs, dynamics, guess, name="point", most_iterations=_MAX_ITERATIONS, progress=progress
-    )
+    solved = solve(legs, dynamics, guess, name="point", most_iterations=_MAX_ITERATIONS)
     return solved.nodes if solved.optimal else guess
 
 

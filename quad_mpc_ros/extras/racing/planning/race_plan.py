@@ -22,7 +22,6 @@ from quad_mpc_ros.extras.racing.planning.model import P, Q, V, W, model_of
 from quad_mpc_ros.extras.racing.planning.transcription import (
     Dynamics,
     Nodes,
-    ProgressCallback,
     Solved,
     solve,
 )
@@ -77,7 +76,6 @@ def plan_race(
     gate_margin: float = 0.0,
     radius: float = 0.0,
     step: float = 0.05,
-    progress: ProgressCallback | None = None,
 ) -> RacePlan:
     """Return the time-optimal plan through gates, using CasADi (the extra ``plan``).
 
@@ -89,7 +87,6 @@ def plan_race(
         gate_margin: Distance to the edges of the gates [m].
         radius: Radius of the vehicle, additional distance to the frames of planar gates [m].
         step: Longest step between nodes [s].
-        progress: Called with stage, iteration, planned time [s] and variables.
 
     Returns:
         The plan, with ``race_time``, ``table``, ``trajectory()`` and ``write(path)``.
@@ -117,12 +114,12 @@ def plan_race(
     heights = [_HEIGHT_RATIO * place[2] for place in course.places()]
     lowest = float(min(_MIN_HEIGHT, course.start[2], *heights))
     model = model_of(vehicle, start=course.start, start_yaw=course.start_yaw, lowest=lowest)
-    point = flown_by_a_point(course, legs, vehicle, lowest=lowest, progress=progress)
+    point = flown_by_a_point(course, legs, vehicle, lowest=lowest)
     guesses = (
         with_attitudes(point, vehicle, yaw=course.start_yaw, longest_step=longest_step)
         for longest_step in (step, 0.7 * step)
     )
-    return _plan(course, legs, vehicle, model, _solved(course, legs, model, guesses, progress))
+    return _plan(course, legs, vehicle, model, _solved(course, legs, model, guesses))
 
 
 def _solved(
@@ -130,13 +127,10 @@ def _solved(
     legs: list[CourseLeg],
     model: Dynamics,
     guesses: Iterable[Nodes],
-    progress: ProgressCallback | None,
 ) -> Solved:
     """Return the solution from the first guess that leads to one."""
     for guess in guesses:
-        solved = solve(
-            legs, model, guess, name="vehicle", most_iterations=_MAX_ITERATIONS, progress=progress
-        )
+        solved = solve(legs, model, guess, name="vehicle", most_iterations=_MAX_ITERATIONS)
         if solved.optimal:
             return solved
     raise UserError(

@@ -9,7 +9,7 @@ of a leg is a state of every node, so that the constraints couple only neighbour
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,8 +21,6 @@ from quad_mpc_ros.extras.racing.planning.legs import GATE_NODE_GAP, CourseLeg, G
 
 _INTERRUPTED = "User_Requested_Stop"
 MIN_LEG_DURATION, MAX_LEG_DURATION = 0.02, 60.0  # s, of a leg
-ProgressCallback = Callable[[str, int, float, Array], None]
-"""Called with stage, iteration, planned time [s] and variables."""
 
 _Rows = tuple[Any, Array, Array]
 """Constraints: expressions (n,), lower and upper bounds (n,)."""
@@ -96,12 +94,8 @@ def solve(
     *,
     name: str,
     most_iterations: int,
-    progress: ProgressCallback | None = None,
 ) -> Solved:
-    """Return the motion with the smallest weighted time along the legs, from an initial guess.
-
-    An exception of ``progress`` ends the search and is raised.
-    """
+    """Return the motion with the smallest weighted time along the legs, from an initial guess."""
     ca = casadi()
     nx, nu = len(dynamics.first), len(dynamics.scale)
     steps, ends = len(guess.inputs), guess.ends
@@ -130,31 +124,25 @@ def solve(
         },
     }
     variables = ca.vertcat(ca.vec(stage), final)
-    watch = None
-    if progress is not None:
-        # CasADi does not keep a reference to it.
-        watch = _watch(
-            name, progress, sizes=(variables.shape[0], constraints.shape[0]), nodes=guess
-        )
-        options["iteration_callback"] = watch
     cost += dynamics.smoothing * ca.sumsqr(change)
     solver = ca.nlpsol(name, "ipopt", {"x": variables, "f": cost, "g": constraints}, options)
     least, most = (np.concatenate(bounds) for bounds in list(zip(*rows, strict=True))[1:])
-    found = solver(x0=_packed(guess), lbx=lower, ubx=upper, lbg=least, ubg=most)
+    try:
+        found = solver(x0=_packed(guess), lbx=lower, ubx=upper, lbg=least, ubg=most)
+    except SystemError:  # CasADi returns a result in spite of Ctrl-C
+        raise KeyboardInterrupt from None
     stats = solver.stats()
-    if watch is not None and watch.raised is not None:
-        raise watch.raised
     if stats["return_status"] == _INTERRUPTED:  # CasADi checks for Python's signals
         raise KeyboardInterrupt
     return Solved(
-        nodes=unpacked(np.array(found["x"]).ravel(), guess),
+        nodes=_unpacked(np.array(found["x"]).ravel(), guess),
         optimal=bool(stats["success"]),
         status=str(stats["return_status"]),
         iterations=int(stats["iter_count"]),
     )
 
 
-def unpacked(variables: Array, like: Nodes) -> Nodes:
+def _unpacked(variables: Array, like: Nodes) -> Nodes:
     """Return the nodes in the variables of the program, with the shape of ``like``."""
     steps, nx = len(like.inputs), like.states.shape[1]
     rows = variables[: -(nx + 1)].reshape(steps, -1)
@@ -225,40 +213,3 @@ def _bounds(legs: Sequence[CourseLeg], dynamics: Dynamics, guess: Nodes) -> tupl
 def _fix(states: Array, node: int, values: Array) -> None:
     given = np.isfinite(values)
     states[node, : len(values)][given] = values[given]
-
-
-def _watch(name: str, progress: ProgressCallback, *, sizes: tuple[int, int], nodes: Nodes) -> Any:
-    """Return the callback of IPOPT after every iteration."""
-    ca = casadi()
-    variables, rows = sizes
-
-    class Watch(ca.Callback):  # type: ignore[misc, name-defined]
-        """Reports the progress."""
-
-        def __init__(self) -> None:
-            super().__init__()
-            self._iteration = 0
-            self.raised: BaseException | None = None
-            self.construct(f"watch_{name}", {})
-
-        def get_n_in(self) -> int:
-            return int(ca.nlpsol_n_out())
-
-        def get_n_out(self) -> int:
-            return 1
-
-        def get_sparsity_in(self, place: int) -> Any:
-            size = {"f": 1, "x": variables, "lam_x": variables, "g": rows, "lam_g": rows}
-            return ca.Sparsity.dense(size.get(ca.nlpsol_out(place), 0), 1)
-
-        def eval(self, values: Any) -> list[int]:
-            found = np.array(values[0]).ravel()
-            planned = float(unpacked(found, nodes).durations.sum())
-            try:
-                progress(name, self._iteration, planned, found)
-            except BaseException as error:  # CasADi would swallow it
-                self.raised = error
-            self._iteration += 1
-            return [int(self.raised is not None)]
-
-    return Watch()
