@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.campaign_options import add_engine_options, engine_of
-from quad_mpc_ros.commands.output import create_out, prepared_out, results_in, write_json
+from quad_mpc_ros.commands.output import create_out, prepared_out, results_in
 from quad_mpc_ros.commands.run_options import add_config, add_controller, add_out, add_set
 
 if TYPE_CHECKING:
     from quad_mpc_ros.extras.campaigns.rehearsal import Rehearsal
 
-RESULT, LOST = "rehearsal.json", "lost"
+LOST = "lost"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +31,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_config(parser, "(default, agile, …, your vehicle file)")
     add_set(parser, "set one parameter, for example mpc.horizon_steps=20")
     add_controller(parser)
-    add_out(parser, f"{RESULT} and {LOST}/; must not contain these results yet", "rehearsal")
+    add_out(
+        parser,
+        f"{LOST}/, files of vehicles that did not recover; must not contain it yet",
+        "rehearsal",
+    )
     add_engine_options(parser)
 
 
@@ -42,7 +46,6 @@ def run(options: argparse.Namespace) -> int:
         READY,
         VEHICLES,
         disturbed_campaign,
-        rehearsal_figures,
         rehearsal_table,
         rehearse,
         verdict_on,
@@ -51,12 +54,11 @@ def run(options: argparse.Namespace) -> int:
     config, progress = options.config or ["default"], ProgressLine()
     disturbed_campaign(config, options.assignments)  # fails for an invalid configuration
     with engine_of(options) as engine:
-        out = prepared_out(options.out or create_out("rehearsal"), holds=(RESULT, LOST))
+        out = prepared_out(options.out or create_out("rehearsal"), holds=(LOST,))
         print(f"rehearsing with {VEHICLES} disturbed vehicles into {out}", file=sys.stderr)
         found = rehearse(config, options.assignments, engine, progress.show)
         progress.close()
     with results_in(out):
-        write_json(out / RESULT, rehearsal_figures(found))
         again = _write_lost(out, found)
         if found.limits:
             print(f"{rehearsal_table(found)}\n")
@@ -64,9 +66,8 @@ def run(options: argparse.Namespace) -> int:
     print(f"verdict  {verdict.word}")
     print("\n".join(f"why      {each}" for each in verdict.reasons))
     print("\n".join(f"to do    {each}" for each in verdict.advice))
-    print(f"\nresult   {out / RESULT}")
     if again is not None:
-        print(f"lost     quad_mpc simulate --config {again}")
+        print(f"\nlost     quad_mpc simulate --config {again}")
     return 0 if verdict.word == READY else EXIT_FAILED
 
 

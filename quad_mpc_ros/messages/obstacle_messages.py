@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from quad_mpc_ros.messages.conversions import (
 )
 
 # Of visualization_msgs/Marker.
-CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST = 1, 2, 3, 6, 7
+CUBE, SPHERE, CYLINDER = 1, 2, 3
 ADD, DELETE, DELETEALL = 0, 2, 3
 
 
@@ -28,8 +28,8 @@ class Marker:
     """The used fields of a ``visualization_msgs/Marker``, unchecked.
 
     ``p`` (3,) [m] and ``q_xyzw`` (4,) are the marker's pose in ``frame_id``, ``scale`` (3,) [m] is
-    its size, ``points`` (n, 3) [m] the elements of a list in the frame of the pose.
-    ``lifetime_ns`` is 0 for a permanent marker.
+    its size, ``points`` (n, 3) [m] those of drawn lines. ``lifetime_ns`` is 0 for a permanent
+    marker.
     """
 
     stamp_ns: int
@@ -41,7 +41,7 @@ class Marker:
     q_xyzw: Array
     scale: Array
     lifetime_ns: int
-    points: Array
+    points: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,7 +78,6 @@ def markers_from_message(message: Any) -> list[Marker]:
             q_xyzw=quaternion(each.pose.orientation),
             scale=vector(each.scale),
             lifetime_ns=nanoseconds(each.lifetime),
-            points=np.array([vector(point) for point in each.points]).reshape(-1, 3),
         )
         for each in message.markers
     ]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.messages.conversions import fill_quaternion, fill_time, fill_vector
 from quad_mpc_ros.messages.obstacle_messages import (
-    CUBE_LIST,
+    CUBE,
     markers_from_message,
     transforms_from_message,
 )
@@ -141,26 +141,22 @@ def test_markers_are_read_one_after_another() -> None:
     for number in range(3):
         marker = new_message("visualization_msgs/msg/Marker")
         marker.header.frame_id, marker.header.stamp.sec = "map", 12
-        marker.ns, marker.id, marker.type, marker.action = "n", -number, CUBE_LIST, number
+        marker.ns, marker.id, marker.type, marker.action = "n", -number, CUBE, number
         fill_vector(marker.pose.position, RANDOM.normal(size=3))
         fill_quaternion(marker.pose.orientation, RANDOM.normal(size=4))
         fill_vector(marker.scale, RANDOM.normal(size=3))
         fill_time(marker.lifetime, 10**9 * number + 5)
-        marker.points = [new_message("geometry_msgs/msg/Point") for _ in range(number)]
-        for point in marker.points:
-            fill_vector(point, RANDOM.normal(size=3))
         message.markers.append(marker)
     for number, (read, marker) in enumerate(
         zip(markers_from_message(message), message.markers, strict=True)
     ):
         assert (read.name, read.frame_id) == (("n", -number), "map")
-        assert (read.kind, read.action, read.stamp_ns) == (CUBE_LIST, number, 12 * 10**9)
+        assert (read.kind, read.action, read.stamp_ns) == (CUBE, number, 12 * 10**9)
         assert read.lifetime_ns == number * 10**9 + 5
         pose, scale = marker.pose, marker.scale
         assert read.p.tolist() == [pose.position.x, pose.position.y, pose.position.z]
         assert read.q_xyzw[3] == pose.orientation.w
         assert read.scale.tolist() == [scale.x, scale.y, scale.z]
-        assert read.points.tolist() == [[p.x, p.y, p.z] for p in marker.points]
 
 
 def test_transforms_are_read_without_the_old_slash() -> None:

@@ -149,13 +149,12 @@ def directions_of(simulator: SimulatorConfig) -> list[Direction]:
 
 @dataclass(frozen=True, kw_only=True)
 class Flown:
-    """A disturbed vehicle: its final error [m], and the reason if it did not recover.
+    """A disturbed vehicle, and the reason if it did not recover.
 
     ``parameter_file`` repeats the flight.
     """
 
     number: int
-    error: float | None
     lost: str
     parameter_file: str = field(repr=False)
 
@@ -270,7 +269,6 @@ def _flown(campaign: Campaign, engine: LocalWorkers) -> list[Flown]:
     flown = [
         Flown(
             number=int(flight.row["flight"]),
-            error=flight.row.get("settled_error_max_m"),
             lost=_why_lost(flight.row),
             parameter_file=flight.parameter_file,
         )
@@ -349,36 +347,7 @@ def rehearsal_table(rehearsal: Rehearsal) -> str:
     return "\n".join(text_table(rows, align="lrrl"))
 
 
-def rehearsal_figures(rehearsal: Rehearsal) -> dict[str, Any]:
-    """Return verdict, margins and all vehicles for JSON."""
-    verdict = verdict_on(rehearsal)
-    return {
-        "verdict": verdict.word,
-        "reasons": list(verdict.reasons),
-        "advice": list(verdict.advice),
-        "guess": _vehicles(rehearsal.guess),
-        "margins": {
-            limit.direction.name: {
-                "parameter": f"simulator.{limit.direction.parameter}",
-                "unit": "s" if limit.direction.change == "plus" else "share",
-                "margin": limit.margin,
-                "bounded": limit.bounded,
-                "needed": limit.direction.ready,
-                "verdict": _word(limit),
-                "points": [
-                    {"by": point.by, "vehicles": _vehicles(point)} for point in limit.points
-                ],
-            }
-            for limit in rehearsal.limits
-        },
-    }
-
-
 def _word(limit: Limit) -> str:
     if limit.margin >= limit.direction.ready:
         return READY
     return MARGINAL if limit.margin >= limit.direction.marginal else NOT_READY
-
-
-def _vehicles(point: Point) -> list[dict[str, Any]]:
-    return [{"settled_error_max_m": each.error, "lost": each.lost} for each in point.flown]

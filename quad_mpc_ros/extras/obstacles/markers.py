@@ -19,12 +19,10 @@ from quad_mpc_ros.extras.obstacles.surfaces import area, surface_points
 from quad_mpc_ros.messages.obstacle_messages import (
     ADD,
     CUBE,
-    CUBE_LIST,
     CYLINDER,
     DELETE,
     DELETEALL,
     SPHERE,
-    SPHERE_LIST,
     Marker,
 )
 from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
@@ -32,18 +30,10 @@ from quad_mpc_ros.simulation.shapes import Box, Cylinder, Shape, Sphere
 NAMESPACE = "obstacles"
 """Namespace of markers made from shapes."""
 
-_SUPPORTED_TYPES = {
-    CUBE: "CUBE",
-    SPHERE: "SPHERE",
-    CYLINDER: "CYLINDER",
-    CUBE_LIST: "CUBE_LIST",
-    SPHERE_LIST: "SPHERE_LIST",
-}
-_ELEMENT_TYPES = {CUBE_LIST: CUBE, SPHERE_LIST: SPHERE}
+_SUPPORTED_TYPES = {CUBE: "CUBE", SPHERE: "SPHERE", CYLINDER: "CYLINDER"}
 _UNIT_TOLERANCE = 1e-3  # off the length of a quaternion
 _MAX_SCALE = 1e5  # m
-_MAX_AREA = 4000.0  # m^2, of one element
-_MAX_POINTS = 1_000_000  # on the surfaces of a list
+_MAX_AREA = 4000.0  # m^2
 
 # s between two messages, to compute a speed.
 _MIN_INTERVAL, _MAX_INTERVAL = 0.01, 1.0
@@ -60,18 +50,16 @@ class MovingShape(NamedTuple):
 
 
 class _TrackedMarker(NamedTuple):
-    """A shape or points (n, 3) on surfaces, with the times of reception and expiry [ns]."""
+    """A shape, points (n, 3) on it if it is at rest, times of reception and expiry [ns]."""
 
     number: int
-    shape: Shape | None
+    shape: Shape
     points: Array
     stamp_ns: int
     until_ns: float
 
-    def body_at(self, stamp_ns: int) -> Shape | None:
+    def body_at(self, stamp_ns: int) -> Shape:
         """Return the shape at its predicted position."""
-        if self.shape is None or not self.shape.moves:
-            return self.shape
         return self.shape.after(min(1e-9 * (stamp_ns - self.stamp_ns), _PREDICTION_TIME))
 
 
@@ -113,13 +101,12 @@ class Markers:
         """Transform all markers by an odometry jump."""
         for name, known in self._tracked.items():
             shape = known.shape
-            if shape is not None:
-                shape = dataclasses.replace(
-                    shape,
-                    p_WO=reset.points(shape.p_WO),
-                    R_WO=reset.vectors(shape.R_WO.T).T,
-                    v_WO_W=reset.vectors(shape.v_WO_W),
-                )
+            shape = dataclasses.replace(
+                shape,
+                p_WO=reset.points(shape.p_WO),
+                R_WO=reset.vectors(shape.R_WO.T).T,
+                v_WO_W=reset.vectors(shape.v_WO_W),
+            )
             self._tracked[name] = known._replace(shape=shape, points=reset.points(known.points))
         self.revision += 1
 
@@ -138,9 +125,9 @@ class Markers:
     def moving(self, stamp_ns: int) -> list[MovingShape]:
         """Return the moving shapes at their predicted positions at a time."""
         return [
-            MovingShape(body, known.stamp_ns, known.number)
+            MovingShape(known.body_at(stamp_ns), known.stamp_ns, known.number)
             for known in self._tracked.values()
-            if (body := known.body_at(stamp_ns)) is not None and body.moves
+            if known.shape.moves
         ]
 
     def _receive(self, marker: Marker) -> None:
@@ -163,18 +150,14 @@ class Markers:
         in_odometry = self._frames.pose(marker.frame_id, min(stamp_ns, newest_ns))
         placed = in_odometry @ Pose(marker.p, so3.rotation_from_quaternion_xyzw(marker.q_xyzw))
         until_ns = stamp_ns + marker.lifetime_ns if marker.lifetime_ns > 0 else math.inf
-        shape: Shape | None = _shape(marker, placed)
-        assert shape is not None
+        shape = _shape(marker, placed)
         if area(shape) > _MAX_AREA:
             raise ValueError(
                 f"{_named(marker)} with a surface of {area(shape):.0f} m^2, expected "
                 f"{_MAX_AREA:.0f} m^2 at most"
             )
-        if marker.kind in _ELEMENT_TYPES:
-            shape, points = None, self._of_list(marker, placed)
-        else:
-            shape = self._with_speed(shape, marker, stamp_ns)
-            points = np.zeros((0, 3)) if shape.moves else surface_points(shape, self._spacing)
+        shape = self._with_speed(shape, marker, stamp_ns)
+        points = np.zeros((0, 3)) if shape.moves else surface_points(shape, self._spacing)
         before = self._tracked.get(marker.name)
         number = self._count if before is None else before.number
         self._count += before is None
@@ -182,26 +165,10 @@ class Markers:
         if before is None or not np.array_equal(before.points, points):
             self.revision += 1
 
-    def _of_list(self, marker: Marker, placed: Pose) -> Array:
-        """Return points (n, 3) on the surfaces of the elements of a list."""
-        element = _shape(marker, Pose(np.zeros(3), placed.R))
-        surface = surface_points(element, self._spacing)
-        centres = np.asarray(placed.applied(marker.points), dtype=np.float64)
-        count = len(centres) * len(surface)
-        if count > _MAX_POINTS and element.outer_radius <= self._spacing:
-            surface, count = np.zeros((1, 3)), len(centres)
-        if count > _MAX_POINTS:
-            raise ValueError(
-                f"{_named(marker)} with {len(centres)} elements and {count} points on their "
-                f"surfaces, expected {_MAX_POINTS} at most: publish only elements near the "
-                "vehicle, or the centres as a cloud"
-            )
-        return (centres[:, None] + surface).reshape(-1, 3)
-
     def _with_speed(self, shape: Shape, marker: Marker, stamp_ns: int) -> Shape:
         """Return the shape with its speed since the last message, for an unchanged object."""
         before = self._tracked.get(marker.name)
-        if before is None or before.shape is None or type(before.shape) is not type(shape):
+        if before is None or type(before.shape) is not type(shape):
             return shape
         seconds = 1e-9 * (stamp_ns - before.stamp_ns)
         if not seconds >= _MIN_INTERVAL:  # repeated message: keep the speed
@@ -231,7 +198,6 @@ def shape_marker(shape: Shape | None, number: int, *, stamp_ns: int, frame_id: s
         q_xyzw=q_xyzw,
         scale=scale,
         lifetime_ns=0,
-        points=np.zeros((0, 3)),
     )
 
 
@@ -246,7 +212,7 @@ def _check(marker: Marker) -> None:
             f"{_named(marker)} of type {marker.kind}, expected one of "
             f"{', '.join(f'{name} ({kind})' for kind, name in _SUPPORTED_TYPES.items())}"
         )
-    places = np.concatenate((marker.p, marker.q_xyzw, marker.points.ravel()))
+    places = np.concatenate((marker.p, marker.q_xyzw))
     if not ((np.abs(places) <= FARTHEST).all() and (marker.scale <= _MAX_SCALE).all()):
         raise ValueError(
             f"{_named(marker)} with numbers that are not finite, beyond {FARTHEST:g} m, or with a "
@@ -260,10 +226,9 @@ def _check(marker: Marker) -> None:
 
 def _shape(marker: Marker, placed: Pose) -> Shape:
     """Return the shape of a marker; round bounds of flattened spheres and cylinders."""
-    kind = _ELEMENT_TYPES.get(marker.kind, marker.kind)
     x, y, z = marker.scale.tolist()
-    if kind == CUBE:
+    if marker.kind == CUBE:
         return Box(p_WO=placed.p, R_WO=placed.R, size=marker.scale)
-    if kind == CYLINDER:
+    if marker.kind == CYLINDER:
         return Cylinder(p_WO=placed.p, R_WO=placed.R, radius=0.5 * max(x, y), height=z)
     return Sphere(p_WO=placed.p, R_WO=placed.R, radius=0.5 * max(x, y, z))

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from pathlib import Path
 
 import pytest
@@ -22,7 +21,6 @@ from quad_mpc_ros.extras.campaigns.rehearsal import (
     Rehearsal,
     directions_of,
     limit_of,
-    rehearsal_figures,
     rehearse,
     verdict_on,
 )
@@ -33,7 +31,7 @@ DELAY = next(each for each in directions_of(SimulatorConfig()) if each.name == "
 
 def point(by: float, *, lost: bool = False) -> Point:
     why = "it fell" if lost else ""
-    return Point(by=by, flown=[Flown(number=0, error=0.1, lost=why, parameter_file="")])
+    return Point(by=by, flown=[Flown(number=0, lost=why, parameter_file="")])
 
 
 def limit(direction: Direction, tolerated: float) -> Limit:
@@ -67,7 +65,6 @@ def test_the_verdict_follows_the_smallest_margin(tolerated: float, word: str) ->
     if word != "ready":
         assert "delay is longer: margin" in verdict.reasons[0]
         assert "identify" in verdict.advice[0]
-    json.dumps(rehearsal_figures(found), allow_nan=False)
 
 
 def test_is_not_ready_if_the_configured_vehicle_crashes() -> None:
@@ -116,6 +113,5 @@ def test_a_vehicle_that_lags_far_more_than_configured_is_not_ready(
     printed = capsys.readouterr().out
     assert "verdict  not ready" in printed
     assert "did not recover" in printed
-    assert json.loads((out / "rehearsal.json").read_text())["verdict"] == "not ready"
     assert (out / "lost" / "as_guessed.yaml").is_file()
     assert main(["rehearse", "--set", "mpc.mas=1", "--out", str(tmp_path / "bad")]) == 2

@@ -29,12 +29,10 @@ from quad_mpc_ros.messages.markers import filled_marker
 from quad_mpc_ros.messages.obstacle_messages import (
     ADD,
     CUBE,
-    CUBE_LIST,
     CYLINDER,
     DELETE,
     DELETEALL,
     SPHERE,
-    SPHERE_LIST,
     Marker,
     TimedPath,
     Transform,
@@ -328,40 +326,6 @@ class TestMarkers:
         away = np.linalg.norm(known(w, SECOND) - [0.0, 0.0, 1.0], axis=1)
         assert away.min() == pytest.approx(nearest, abs=0.01)
 
-    @pytest.mark.parametrize("kind", [CUBE_LIST, SPHERE_LIST])
-    def test_the_elements_of_a_list_are_placed_by_its_pose(self, kind: int) -> None:
-        """Octomap publishes its cells as such lists; the pose turns them from east to north."""
-        w = world()
-        w.receive_odometry(at(SECOND))
-        turned = np.array([0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])
-        cells = np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
-        w.receive_markers(
-            [
-                marker(
-                    kind=kind,
-                    p=np.array([0, 0, 1.0]),
-                    q_xyzw=turned,
-                    scale=np.full(3, 0.2),
-                    points=cells,
-                )
-            ]
-        )
-        points = known(w, SECOND)
-        assert np.abs(points[:, 0]).max() <= 0.1 + 1e-9
-        ends = points[:, 1].min(), points[:, 1].max()
-        assert ends == pytest.approx((0.9, 2.1), abs=0.02)
-
-    def test_an_octomap_of_20000_cells_keeps_its_surfaces(self) -> None:
-        w = world()
-        w.receive_odometry(at(SECOND))
-        cells = np.array(list(np.ndindex(200, 100, 1))) * 0.2
-        cell = {"scale": np.full(3, 0.2), "p": np.zeros(3)}
-        w.receive_markers([marker(kind=CUBE_LIST, points=cells, **cell)])
-        points = w.points(SECOND, near=np.array([20.0, 10.0, 0.0]), radius=30.0)
-        top = points[points[:, 2] > 0.099]
-        assert np.ptp(points[:, 2]) == pytest.approx(0.2)
-        assert len(np.unique(np.round(top[:, :2], 3), axis=0)) == 401 * 201
-
     def test_add_replaces_delete_removes_and_deleteall_clears(self) -> None:
         w = world()
         w.receive_odometry(at(SECOND))
@@ -434,11 +398,6 @@ class TestMarkers:
             ({"q_xyzw": np.zeros(4)}, "not a unit quaternion"),
             ({"scale": np.array([1e3, 1e3, 0.1])}, "with a surface of 2000400 m.2, expected 4000"),
             ({"frame_id": "moon"}, "frame 'moon'"),
-            ({"kind": CUBE_LIST, "points": np.full((2, 3), 2e7)}, "numbers that are not finite"),
-            (
-                {"kind": CUBE_LIST, "points": np.zeros((5000, 3)), "scale": np.full(3, 9.0)},
-                "with 5000 elements and .* points on their surfaces, expected 1000000 at most",
-            ),
         ],
     )
     def test_unusable_marker_is_rejected_and_others_are_used(

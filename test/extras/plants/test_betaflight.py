@@ -21,8 +21,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quad_mpc_ros.configuration import ConfigurationError, UserError
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.extras.plants.betaflight import firmware as firmware_module
-from quad_mpc_ros.extras.plants.betaflight import plant as plant_module
-from quad_mpc_ros.extras.plants.betaflight.firmware import AT_REST, Firmware, Sensed
+from quad_mpc_ros.extras.plants.betaflight.firmware import Firmware
 from quad_mpc_ros.extras.plants.betaflight.plant import BetaflightPlant, motors_of
 from quad_mpc_ros.recordings.evaluation.simulated import load_config, simulate
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
@@ -42,45 +41,6 @@ def betaflight() -> None:
 
 
 needs_firmware = pytest.mark.usefixtures("betaflight")
-
-
-class StandIn:
-    """A fake session: the pulses of its motors differ by the integral of a rate loop."""
-
-    steps_per_packet = 8
-
-    def __init__(self, settings: tuple[str, ...]) -> None:
-        self._turned = 0.0
-
-    def calibrate(self) -> None:
-        pass
-
-    def arm(self) -> None:
-        """Nothing has to be armed."""
-
-    def close(self) -> None:
-        """Nothing has to be ended."""
-
-    def step(self, channels: tuple[int, ...], sensed: Sensed = AT_REST) -> tuple[float, ...]:
-        rate = math.degrees(sensed.w_WB_B[0])
-        self._turned += self.steps_per_packet * 125e-6 * rate
-        differ = 4.0 * rate + 40.0 * self._turned
-        return (1400.0 - differ, 1400.0 - differ, 1400.0 + differ, 1400.0 + differ)
-
-
-@pytest.mark.parametrize("steps", [1, 8])
-def test_refuses_a_build_with_one_rate_loop_step_per_packet(
-    steps: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(StandIn, "steps_per_packet", steps)
-    monkeypatch.setattr(plant_module, "_Session", StandIn)
-    plant_module._check_build.cache_clear()
-    if steps == 1:
-        with pytest.raises(UserError, match="SIMULATOR_GYROPID_SYNC"):
-            plant_module._check_build()
-    else:
-        plant_module._check_build()
-    plant_module._check_build.cache_clear()
 
 
 def configured(**changes: Any) -> SimulatorConfig:

