@@ -43,7 +43,6 @@ def run(options: argparse.Namespace) -> int:
     from quad_mpc_ros.extras.campaigns.tuning.tune_results import (
         HOLDS,
         begin,
-        results_of,
         results_text,
         write_results,
     )
@@ -65,8 +64,8 @@ def run(options: argparse.Namespace) -> int:
         progress = ProgressLine()
         flights = sum(campaign.flights for campaign in tuning.campaigns.values())
 
-        def observe(done: list[Trial], flown: int) -> None:
-            trial = min(len(done) + 1, trials)
+        def observe(finished: list[Trial], flown: int) -> None:
+            trial = min(len(finished) + 1, trials)
             progress.show(f"trial {trial} of {trials}, {flown} of {flights} flights")
 
         try:
@@ -76,10 +75,10 @@ def run(options: argparse.Namespace) -> int:
             raise
         finally:
             progress.close()
-        results = results_of(tuning, study.trials())
+        done = study.trials()
         with results_in(out):
-            write_results(out, results)
-    print(results_text(out, results))
+            write_results(out, tuning, done)
+    print(results_text(out, tuning, done))
     return 0
 
 

@@ -37,7 +37,6 @@ from quad_mpc_ros.extras.campaigns.tuning.study import Study, fly_trial
 from quad_mpc_ros.extras.campaigns.tuning.tune_file import read_tuning
 from quad_mpc_ros.extras.campaigns.tuning.tune_results import (
     begin,
-    results_of,
     results_text,
     tuning_of,
     write_results,
@@ -193,8 +192,7 @@ def test_refused_configuration_is_a_trial_with_its_reason(tmp_path: Path) -> Non
         assert "mpc.throttle_max" in trial.reason
         assert trial.objectives == ()
     assert len(study.trials()) == 12
-    results = results_of(tuning_of(tmp_path), study.trials())
-    write_results(tmp_path, results)
+    write_results(tmp_path, tuning_of(tmp_path), study.trials())
     with (tmp_path / "trials.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert sum(row["outcome"] == REFUSED for row in rows) == len(refused)
@@ -310,17 +308,16 @@ def test_parameter_file_repeats_the_chosen_trial(tmp_path: Path) -> None:
 
     study = study_in(tmp_path, VECTORS)
     study.run(FormulaEngine(formula))
-    results = results_of(tuning_of(tmp_path), study.trials())
-    write_results(tmp_path, results)
+    write_results(tmp_path, tuning_of(tmp_path), study.trials())
 
-    assert results.best.number == 3  # each is better than the one before
+    best = study.trials()[3]  # each is better than the one before
     loaded = files.load([str(tmp_path / "best.yaml")], [], schema={"mpc": MpcConfig})["mpc"]
     assert isinstance(loaded, MpcConfig)
-    flew = seen[results.best.objectives[0]]
+    flew = seen[best.objectives[0]]
     assert dataclasses.replace(loaded, lockstep=True) == flew
     assert flew.R[2] == 2.0 * flew.R[1]
     assert flew.R[3] == MpcConfig().R[3]
-    assert "--seed 1 --out" in results_text(tmp_path, results)
+    assert "--seed 1 --out" in results_text(tmp_path, tuning_of(tmp_path), study.trials())
 
 
 def test_tolerance_prefers_the_first_objective() -> None:

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from quad_mpc_ros.configuration import UserError, files
@@ -33,23 +32,6 @@ _CHECK_FLIGHTS = 200
 _MAX_LISTED = 20
 
 
-@dataclass(frozen=True, kw_only=True)
-class Results:
-    """A study and its best trials.
-
-    Attributes:
-        tuning: The study.
-        trials: All trials.
-        front: Trials on the Pareto front.
-        best: The chosen trial.
-    """
-
-    tuning: Tuning
-    trials: Sequence[Trial]
-    front: Sequence[Trial]
-    best: Trial
-
-
 def begin(tuning: Tuning, folder: Path) -> None:
     """Write a study into its empty folder. Raises ``OSError``."""
     (folder / CAMPAIGNS_NAME).mkdir()
@@ -65,27 +47,22 @@ def tuning_of(folder: Path) -> Tuning:
     return read_tuning(folder / TUNE_NAME)
 
 
-def results_of(tuning: Tuning, trials: Sequence[Trial]) -> Results:
-    """Return the front and the best trial of a study."""
+def write_results(folder: Path, tuning: Tuning, trials: Sequence[Trial]) -> None:
+    """Write the results of a study, replacing earlier ones. Raises ``OSError``."""
+    best = chosen(front_of(trials), tuning.objectives)
+    write_atomically(folder / BEST_NAME, _parameter_file(tuning, best))
+    write_atomically(folder / TRIALS_NAME, _table(tuning, trials))
+
+
+def results_text(folder: Path, tuning: Tuning, trials: Sequence[Trial]) -> str:
+    """Return the first trial, the front, the chosen trial, and the command to test it."""
     front = front_of(trials)
     best = chosen(front, tuning.objectives)
-    return Results(tuning=tuning, trials=trials, front=front, best=best)
-
-
-def write_results(folder: Path, results: Results) -> None:
-    """Write the results of a study, replacing earlier ones. Raises ``OSError``."""
-    write_atomically(folder / BEST_NAME, _parameter_file(results.tuning, results.best))
-    write_atomically(folder / TRIALS_NAME, _table(results))
-
-
-def results_text(folder: Path, results: Results) -> str:
-    """Return the first trial, the front, the chosen trial, and the command to test it."""
-    trials, front, best = results.trials, results.front, results.best
     counts = ", ".join(
         f"{sum(trial.outcome == outcome for trial in trials)} {outcome}"
         for outcome in (FLOWN, GIVEN_UP, REFUSED)
     )
-    names = [objective.name for objective in results.tuning.objectives]
+    names = [objective.name for objective in tuning.objectives]
     rows = [["", "trial", *names], ["start", "0", *_shown(trials[0])], []]
     rows += [
         ["chosen" if trial is best else "", str(trial.number), *_shown(trial)]
@@ -95,7 +72,7 @@ def results_text(folder: Path, results: Results) -> str:
     lines += text_table(rows, align="lr" + "r" * len(names))
     if len(front) > _MAX_LISTED:
         lines.append(f"… and {len(front) - _MAX_LISTED} more in {folder / TRIALS_NAME}")
-    parameters = results.tuning.parameters(best.values)
+    parameters = tuning.parameters(best.values)
     lines += [
         "",
         *(f"{name}: {files.value_text(value)}" for name, value in parameters.items()),
@@ -105,7 +82,7 @@ def results_text(folder: Path, results: Results) -> str:
         f"chosen   {folder / BEST_NAME}",
         f"table    {folder / TRIALS_NAME}",
         "test the result with other vehicles:",
-        f"  {_check(folder, results.tuning)}",
+        f"  {_check(folder, tuning)}",
     ]
     return "\n".join(lines)
 
@@ -137,15 +114,16 @@ def _parameter_file(tuning: Tuning, trial: Trial) -> str:
     )
 
 
-def _table(results: Results) -> str:
+def _table(tuning: Tuning, trials: Sequence[Trial]) -> str:
     """Return all trials as CSV: number, outcome, searched values, objectives, effort."""
-    names = [objective.name for objective in results.tuning.objectives]
-    columns = ["trial", "outcome", "on_front", *results.trials[0].values, *names]
+    front = front_of(trials)
+    names = [objective.name for objective in tuning.objectives]
+    columns = ["trial", "outcome", "on_front", *trials[0].values, *names]
     rows = [
         {
             "trial": trial.number,
             "outcome": trial.outcome,
-            "on_front": any(trial is each for each in results.front),
+            "on_front": any(trial is each for each in front),
             **trial.values,
             **dict(zip(names, trial.objectives, strict=False)),  # none if refused
             "flights": trial.flights,
@@ -153,6 +131,6 @@ def _table(results: Results) -> str:
             "seconds": f"{trial.seconds:.1f}",
             "reason": trial.reason,
         }
-        for trial in results.trials
+        for trial in trials
     ]
     return csv_text(rows, [*columns, "flights", "lost", "seconds", "reason"])

@@ -14,33 +14,23 @@ from quad_mpc_ros.configuration import UserError
 _WHEEL = "casadi==3.6.7"  # the version in acados' wheel, which replaces files of other versions
 
 
-def casadi() -> Any:
-    """Return the module. Raises :class:`UserError` if CasADi cannot plan."""
-    fault = casadi_fault()
-    if fault is not None:
-        raise UserError(f"plan: {fault}")
-    return importlib.import_module("casadi")
-
-
 @functools.cache
-def casadi_fault() -> str | None:
-    """Return the reason why no race can be planned, or None.
+def casadi() -> Any:
+    """Return the module. Raises :class:`UserError` if CasADi cannot plan.
 
     The wheel of acados replaces files of an installed CasADi by a version without IPOPT.
     """
     try:
         module = importlib.import_module("casadi")
-    except ImportError:
-        return "CasADi is not installed; install it with: pip install casadi (the extra plan)"
-    version = str(module.__version__)
-    try:
         installed = importlib.metadata.version("casadi")
-    except importlib.metadata.PackageNotFoundError:
-        installed = version
-    if installed == version and module.has_nlpsol("ipopt"):
-        return None
-    replaced = "" if installed == version else f" in place of {installed}"
-    return (
-        f"given CasADi {version}{replaced}, without IPOPT (from acados' wheel, for example), "
-        f"expected a complete CasADi: pip install --force-reinstall --no-deps {_WHEEL}"
+    except ImportError as error:
+        raise UserError(
+            "plan: CasADi is not installed; install it with: pip install casadi (the extra plan)"
+        ) from error
+    if installed == module.__version__ and module.has_nlpsol("ipopt"):
+        return module
+    raise UserError(
+        f"plan: given CasADi {module.__version__} (installed: {installed}), without IPOPT (from "
+        "acados' wheel, for example), expected a complete CasADi: pip install --force-reinstall "
+        f"--no-deps {_WHEEL}"
     )

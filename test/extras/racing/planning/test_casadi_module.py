@@ -13,21 +13,21 @@ from types import SimpleNamespace
 import pytest
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.extras.racing.planning.casadi_module import casadi_fault
+from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
 
 
 @pytest.fixture(autouse=True)
 def looked_up_again() -> Iterator[None]:
-    casadi_fault.cache_clear()
+    casadi.cache_clear()
     yield
-    casadi_fault.cache_clear()
+    casadi.cache_clear()
 
 
 @pytest.mark.parametrize(
     ("installed", "has_ipopt", "given"),
     [
-        ("3.6.7", False, "given CasADi 3.6.7, "),
-        ("3.8.2", True, "given CasADi 3.6.7 in place of 3.8.2, "),  # ends in a crash
+        ("3.6.7", False, "given CasADi 3.6.7 (installed: 3.6.7), "),
+        ("3.8.2", True, "given CasADi 3.6.7 (installed: 3.8.2), "),  # ends in a crash
     ],
 )
 def test_rejects_a_casadi_without_ipopt_from_acados(
@@ -51,4 +51,4 @@ def test_accepts_a_complete_casadi(monkeypatch: pytest.MonkeyPatch) -> None:
     module = SimpleNamespace(__version__="3.6.7", has_nlpsol=lambda name: name == "ipopt")
     monkeypatch.setitem(sys.modules, "casadi", module)
     monkeypatch.setattr(importlib.metadata, "version", lambda _: "3.6.7")
-    assert casadi_fault() is None
+    assert casadi() is module
