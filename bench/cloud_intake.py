@@ -19,6 +19,7 @@ import numpy as np
 from quad_mpc_ros.control.config import ObstacleParameters
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.extras.obstacles.simulated import ray_lengths
 from quad_mpc_ros.extras.obstacles.world import ObstacleWorld
 from quad_mpc_ros.messages.point_cloud import (
     PointCloud,
@@ -51,7 +52,7 @@ def seen(shapes: list[Shape], eye: Array, count: int, random: np.random.Generato
     """Return the ends (n, 3) [m] of rays in all directions, with a noise of 1 cm along them."""
     rays = random.normal(size=(count, 3))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    lengths = np.min([shape.ray_lengths(eye, rays) for shape in shapes], axis=0)
+    lengths = np.min([ray_lengths(shape, eye, rays) for shape in shapes], axis=0)
     return np.asarray(rays * (lengths + 0.01 * random.normal(size=count))[:, None])
 
 

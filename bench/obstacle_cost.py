@@ -111,7 +111,7 @@ def main() -> None:
             obstacles.revision += 1
         took, guided = timed(guide.guide, seen, window, plan)
         if due:
-            mapped_us.append(timed(guide.surroundings.renew)[0])
+            mapped_us.append(timed(guide.surroundings.update_map)[0])
             due.clear()
         if guided.corridor is None:
             state[:3] = start
