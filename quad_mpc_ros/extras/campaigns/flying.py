@@ -43,16 +43,22 @@ def begin(campaign: Campaign, folder: Path) -> None:
 def fly_into(
     folder: Path, campaign: Campaign, engine: LocalWorkers, observe: Observer | None = None
 ) -> list[Row]:
-    """Fly a campaign into the folder, and write the table. Raises ``OSError``."""
+    """Fly a campaign into the folder, and write the table. Raises ``OSError``.
+
+    The table of the finished flights is also written if a worker dies or the user interrupts.
+    """
     rows: list[Row] = []
-    for flown in engine.fly(campaign, batched(range(campaign.flights), workers=engine.workers)):
-        for flight in flown:
-            _write_parameters(folder, flight, campaign.flights)
-            rows.append(flight.row)
-        if observe is not None:
-            observe(len(rows), campaign.flights, sum(bool(row["crashed"]) for row in rows))
-    rows.sort(key=lambda row: int(row[NUMBER]))
-    write_table(folder, rows, column_names(campaign))
+    batches = batched(range(campaign.flights), workers=engine.workers)
+    try:
+        for flown in engine.fly(campaign, batches):
+            for flight in flown:
+                _write_parameters(folder, flight, campaign.flights)
+                rows.append(flight.row)
+            if observe is not None:
+                observe(len(rows), campaign.flights, sum(bool(row["crashed"]) for row in rows))
+    finally:
+        rows.sort(key=lambda row: int(row[NUMBER]))
+        write_table(folder, rows, column_names(campaign))
     return rows
 
 
