@@ -28,6 +28,7 @@ from quad_mpc_ros.control.estimation.filter_state import (
     write_estimated,
 )
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
+from quad_mpc_ros.control.estimation.loop_rates import unexplained
 from quad_mpc_ros.control.estimation.rate_update import add_offsets, track_acceleration
 from quad_mpc_ros.control.estimation.specific_force import SpecificForces
 from quad_mpc_ros.control.estimation.update_mode import LONGEST_GAP_NS, MODE_TEXTS, UpdateMode
@@ -46,6 +47,8 @@ from quad_mpc_ros.control.stage import Stage
 
 # Learning starts this long after commands begin to act, as the actuators have to settle.
 _ACTUATOR_SETTLING_NS = 300_000_000
+# Increase of the weights of the rates per unexplained share of the measured rates above the usual.
+_CAUTION, _USUAL = 10.0, 0.05
 
 
 class EstimatorState(Record):
@@ -372,5 +375,6 @@ def _predict_ahead(
             start=predicted.state,
             end=predicted.state,
         )
+    predicted.caution = _CAUTION * max(unexplained(estimate.loop) - _USUAL, 0.0)
     predicted.sent[:] = sent
     add_offsets(estimate, predicted.sent)

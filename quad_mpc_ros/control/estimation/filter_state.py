@@ -14,6 +14,7 @@ import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, Vector3, Vector4
+from quad_mpc_ros.control.estimation.loop_rates import LoopRates
 from quad_mpc_ros.control.estimation.measurement_noise import VelocityDrift, WhiteNoise
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.parameters import ModelParameters
@@ -155,6 +156,7 @@ class Filter(Record):
     drag_shape: Vector3  # anisotropic drag over the mean drag
     longest_rate_lag: float  # factor on the time constants of roll and pitch
     lowpass: LowpassedRates
+    loop: LoopRates  # of the estimated loop
     bounds: Bounds
     enabled: int  # whether parameters are estimated
     paused_for: float  # s, how long the velocity alone has been estimated

@@ -29,6 +29,7 @@ from quad_mpc_ros.control.estimation.filter_state import (
     LowpassedRates,
     loop_lags,
 )
+from quad_mpc_ros.control.estimation.loop_rates import follow_loops, start_loops
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.actuators import axis_step, first_order_lag, loop_step
@@ -53,6 +54,7 @@ def update_rates(state: Filter, after: StateRecord, acting: Acting, mode: Update
     state.lowpass.skipped = int(_is_outlier(state.lowpass, acting, w_WB_B))
     if state.lowpass.skipped:
         w_WB_B[:] = state.lowpass.last
+    _follow_estimated_loop(state, acting, kernels.vector(w_WB_B))
     off = _interpolation_error(state.lowpass, w_WB_B)
     lowpass = _lowpassed(state.lowpass, acting, w_WB_B)
     if mode in (UpdateMode.HOLD, UpdateMode.REJECT):
@@ -73,6 +75,18 @@ def update_rates(state: Filter, after: StateRecord, acting: Acting, mode: Update
     R = _RATE_NOISE**2 / duration + (share * off) ** 2
     kalman.update(x, P, kalman.innovation(P, H, R, nu), considered)
     _constrain_rates(state, considered)
+
+
+@compiled
+def _follow_estimated_loop(state: Filter, acting: Acting, w: kernels.Vector) -> None:
+    """Compare measured rates with those of the estimated loop after the mean of the commands."""
+    duration, mean, loops = acting.durations.sum(), np.zeros(3), np.empty((1, 3, 2))
+    for axis in range(3):
+        loops[0, axis, 0], loops[0, axis, 1] = loop_lags(state, axis)
+        for n in range(len(acting.durations)):
+            mean[axis] += acting.durations[n] / duration * acting.commands[n, U_RATE + axis]
+    unbounded = math.inf, math.inf, math.inf
+    follow_loops(state.loop, loops, mean, w, acceleration_max=unbounded, duration=duration)
 
 
 @compiled
@@ -151,6 +165,7 @@ def begin_rates(state: Filter, w_WB_B: Array) -> None:
         lowpass.measured[k] = lowpass.last[k] = w_WB_B[k]
         lowpass.change[k] = 0.0
         lowpass.command[U_RATE + k] = w_WB_B[k] - lowpass.command[U_RATE + k]
+    start_loops(state.loop, kernels.vector(w_WB_B))
     take_rates(state)
 
 

@@ -23,6 +23,8 @@ class Prediction(Record):
     parameters: ModelParameters  # as estimated
     # Last commanded throttle and rates [rad/s], including the offset of the rates.
     sent: Vector4
+    # Relative increase of the weights of the rates, 0 if the model explains the measured rates.
+    caution: float
 
 
 class PredictedState(NamedTuple):

@@ -178,6 +178,9 @@ def begin(
         Cost of the initial plan, number of iterations, and whether the reference flips.
     """
     settings, work = problem.settings[()], problem.work
+    for k in range(3):
+        caution = problem.prediction[()].caution
+        settings.R[U_RATE + k] = settings.rate_weights[k] * (1.0 + caution)
     planned, speeds = work.plan.deviation, work.progress.nominal
     if len(speeds) > 0:
         plan = work.progress.plan

@@ -27,6 +27,7 @@ import math
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vector3
+from quad_mpc_ros.control.estimation.loop_rates import follow_loops, start_loops
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.actuators import first_order_lag
 from quad_mpc_ros.control.model.parameters import ModelParameters, modelled_thrust
@@ -34,10 +35,9 @@ from quad_mpc_ros.control.model.samples import Measured
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.safety.dead_reckoning import Track, dead_reckon, start_track
 from quad_mpc_ros.control.safety.plausible_loops import (
+    PLAUSIBLE_LOOPS,
     PlausibleRates,
     are_explained,
-    follow_loops,
-    start_loops,
 )
 from quad_mpc_ros.control.safety.relations import (
     KinematicPair,
@@ -65,7 +65,9 @@ _LEAST_LIFT, _FALLING, _SOME_THRUST = 0.25, 0.9, 0.5
 # that climbs without thrust.
 _LEAST_THRUST, _RISING, _RISING_SPEED = 0.25, 1.1, 1.0
 _SLOWEST_ROTORS = 0.3  # s, time constant of rotors that slow down
-_CALM_DEMAND = 1.5  # rad/s, from rate to command, above which a mixer may raise the thrust
+# Distance of the rates from their commands above which a mixer may raise the thrust [rad/s], with
+# the weight of yaw, which has the least torque.
+_CALM_DEMAND, _YAW_DEMAND = 0.7, 5.0
 # Rotations in rad/s, positions in m/s, forces in m/s^2. The second of a kinematic relation is for
 # x as a function of y, which detects values that are too large.
 _ATTITUDE = RelationLimits(floor=0.4, share=0.12, least=0.35, twist=0.6)
@@ -173,7 +175,7 @@ def compare_step(
             _compare_with_command(state, (v, w), R, duration)
             shown = kernels.vector(state.angular_acceleration)
             most = kernels.scaled(_ACCELERATION_MARGIN, shown)
-            follow_loops(state.plausible, command.w_WB_B, w, most, duration)
+            follow_loops(state.plausible, PLAUSIBLE_LOOPS, command.w_WB_B, w, most, duration)
         found = _contradicted(state, is_flying)
     _follow_tracks(state, (p, v, R), duration, is_flying, descends)
     if duration <= 0.0:
@@ -287,7 +289,8 @@ def _compare_with_command(
     specific_thrust = _thrust_of(state, state.throttle)
     kept = math.exp(-duration / _SLOWEST_ROTORS)
     state.held_thrust = max(specific_thrust, kept * state.held_thrust)
-    demand = kernels.norm(kernels.minus(kernels.vector(state.commanded), w))
+    roll, pitch, yaw = kernels.minus(kernels.vector(state.commanded), w)
+    demand = kernels.norm((roll, pitch, _YAW_DEMAND * yaw))
     state.held_demand = max(demand, kept * state.held_demand)
     thrust = kernels.scaled(specific_thrust, up)
     late_thrust = kernels.scaled(_thrust_of(state, state.late_throttle), up)

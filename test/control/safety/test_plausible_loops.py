@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
+from quad_mpc_ros.control.estimation.loop_rates import follow_loops, start_loops
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.safety.plausible_loops import (
+    PLAUSIBLE_LOOPS,
     PlausibleRates,
     are_explained,
-    follow_loops,
-    start_loops,
 )
 
 PERIOD = 0.02
@@ -45,7 +45,7 @@ def share_explained(command: Array, rates: Array, most: float) -> float:
     start_loops(state, tuple(rates[0]))
     explained = []
     for acted, w in zip(command[:-1], rates[1:], strict=True):
-        follow_loops(state, acted, tuple(w), (most, most, most), PERIOD)
+        follow_loops(state, PLAUSIBLE_LOOPS, acted, tuple(w), (most, most, most), PERIOD)
         explained.append(are_explained(state))
     return float(np.mean(explained[50:]))
 
