@@ -4,7 +4,7 @@
 
 Such a loop turns against its command temporarily, a reversed axis permanently. So the rates of
 each axis are compared with the rates of a few loops (:mod:`..model.actuators`). A loop explains an
-axis if the residual is below three quarters of the variance of the rates of the last seconds, or
+axis if the residual is below 0.85 times the variance of the rates of the last seconds, or
 no more than a slow motion. Saturated rotors limit the angular acceleration: the loops have bounds
 that follow from the vehicle's own.
 """
@@ -23,7 +23,7 @@ from quad_mpc_ros.control.lie import Array
 # (tau, T) of each axis [s]: three loops of a damping ratio of 0.7, two that ring.
 _LOOPS = np.array([(0.12, 0.06), (0.24, 0.12), (0.4, 0.2), (0.04, 0.06), (0.04, 0.16)])
 PLAUSIBLE_LOOPS = np.repeat(_LOOPS[:, None], 3, axis=1)
-_LEFT_SHARE = 0.75  # of the squares
+_LEFT_SHARE = 0.85  # of the squares
 
 _OfLoops = Annotated[Array, (len(_LOOPS), 3)]
 
