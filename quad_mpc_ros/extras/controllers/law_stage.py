@@ -46,7 +46,7 @@ class LawStage(Planner):
     """Takes commands from a controller along the guided window.
 
     After an exception or an unusable command the controller stays out until it is engaged again.
-    A late command is dropped.
+    A late command is dropped, but not the first one.
     """
 
     def __init__(self, law: ControlLaw, config: MpcConfig, deadline: float, log: StageLog) -> None:
@@ -63,6 +63,7 @@ class LawStage(Planner):
         self._period, self._motor_count = 1.0 / config.control_rate, config.motor_count
         self._horizon = config.horizon_steps * config.horizon_step
         self._needs_reset = True
+        self._is_first = True  # the first step may compile or load code
         self._fault: str | None = None
 
     def reset_estimate(self, reset: EstimateReset) -> None:
@@ -107,7 +108,8 @@ class LawStage(Planner):
             step_time=now - due.started,
             state=state,
         )
-        if taken > self._deadline:
+        is_first, self._is_first = self._is_first, False
+        if taken > self._deadline and not is_first:
             late = f"late: the controller took {1e3 * taken:.1f} ms"
             return Planned(step, self._log.no_plan(late, counted="deadline_misses"))
         return Planned(step, None)
