@@ -123,15 +123,6 @@ def assert_sound(tick: Tick, config: MpcConfig) -> None:
 # --- commands
 
 
-def test_climbs_and_tilts_towards_the_reference(hovering: Hovering) -> None:
-    climb = hovering.tick(p_WB=np.array([0.0, 0.0, 1.0]))
-    assert climb.command is not None
-    assert climb.command.throttle > 0.5
-    lean = hovering.tick(p_WB=np.array([-1.0, 0.0, 2.0]))
-    assert lean.command is not None
-    assert lean.command.w_WB_B[1] > 1.0
-
-
 def test_publishes_nothing_before_odometry_and_reference(
     hovering: Hovering, spy: SolverSpy
 ) -> None:
@@ -151,14 +142,8 @@ def test_publishes_nothing_before_odometry_and_reference(
 
 
 BAD_ODOMETRY: dict[str, dict[str, Any]] = {
-    **{
-        f"{name}[{index}]={value}": {name: (index, value)}
-        for name, size in (("p_WB", 3), ("q_WB_xyzw", 4), ("v_WB_B", 3), ("w_WB_B", 3))
-        for index in range(size)
-        for value in (math.nan, math.inf)
-    },
-    "long quaternion": {"q_WB_xyzw": np.array([0.0, 0.0, 0.0, 1.002])},
-    "no quaternion": {"q_WB_xyzw": np.zeros(4)},
+    "number": {"v_WB_B": np.array([0.0, math.nan, 0.0])},
+    "quaternion": {"q_WB_xyzw": np.array([0.0, 0.0, 0.0, 1.002])},
     "frame": {"frame_id": "map"},
     "stamp": {"stamp_ns": START},
 }
@@ -166,21 +151,15 @@ BAD_ODOMETRY: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("case", BAD_ODOMETRY)
 def test_bad_odometry_is_ignored_and_the_last_good_one_kept(
-    hovering: Hovering, spy: SolverSpy, make_odometry: MakeOdometry, case: str
+    hovering: Hovering, spy: SolverSpy, case: str
 ) -> None:
     for _ in range(3):
         hovering.tick()
     solved = len(spy.odometries)
-    changes = dict(BAD_ODOMETRY[case])
-    for name, value in changes.items():
-        if isinstance(value, tuple):
-            numbers = np.array(getattr(make_odometry(0), name))
-            numbers[value[0]] = value[1]
-            changes[name] = numbers
     hovering.controller.take_warnings()
 
     hovering.reference()
-    assert hovering.odometry(**changes) is None
+    assert hovering.odometry(**BAD_ODOMETRY[case]) is None
     assert len(spy.odometries) == solved
     (warning,) = hovering.controller.take_warnings()
     assert warning
@@ -340,24 +319,6 @@ def test_lost_odometry_levels_then_falls_silent_then_recovers(hovering: Hovering
 
     assert hovering.tick().stats.source == "mpc"
     assert hovering.watch() is None
-
-
-def test_blind_levels_the_last_attitude(hovering: Hovering) -> None:
-    """The blind commands, integrated by dead reckoning, lead to a level attitude."""
-    seen = Rotation.from_euler("zxy", [0.4, 1.2, -0.3])
-    tick = hovering.tick(q_WB_xyzw=seen.as_quat())
-    assert tick.command is not None
-    hovering.sleep(480 * MS)
-    # The vehicle holds the last command until the next one.
-    attitude = seen * Rotation.from_rotvec(0.5 * tick.command.w_WB_B)
-    for _ in range(50):
-        blind = hovering.watch()
-        assert blind is not None
-        assert blind.stats.source == "blind"
-        assert blind.command is not None
-        hovering.sleep()
-        attitude = attitude * Rotation.from_rotvec(0.02 * blind.command.w_WB_B)
-    assert attitude.as_matrix()[2, 2] > np.cos(0.01)
 
 
 def test_hover_holds_the_position_at_each_engagement(hovering: Hovering, spy: SolverSpy) -> None:

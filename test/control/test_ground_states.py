@@ -134,14 +134,6 @@ def landed_after(moments: list[Moment], since: float) -> float:
 TAKE_OFF, LAND = LiveReference.take_off, LiveReference.land
 
 
-@pytest.mark.parametrize("noise", [0.05, 0.2])
-def test_stays_on_the_ground(noise: float) -> None:
-    moments = flown(12.0, velocity_noise=noise, **NOISE)
-    later = [moment for moment in moments if moment.seconds > 0.6]
-    assert share(later, ON_GROUND) >= 0.99
-    assert {moment.throttle for moment in moments} == {0.0}
-
-
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_stays_on_a_rocking_and_heaving_deck(noise: float) -> None:
     moments = flown(20.0, velocity_noise=noise, **NOISE, **DECK)

@@ -14,7 +14,6 @@ from quad_mpc_ros.control.estimation.command_history import Acting, CommandHisto
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import GroundState
-from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import Input
@@ -182,25 +181,6 @@ def test_continuous_jumps_reset_estimate() -> None:
     assert {status.text for status in statuses[2:100]} == {"learn"}
     assert statuses[102].text == "reject"
     assert statuses[-1][:2] == ("reset", 1)
-
-
-class FakeGround(GroundDetector):
-    """A ground detector whose permission to learn is set by the test."""
-
-    learning = UpdateMode.HOLD  # type: ignore[assignment]
-
-
-def test_estimates_parameters_only_in_flight() -> None:
-    ground = FakeGround()
-    compensation = DelayCompensation(agile(), ground=ground)
-    statuses = []
-    for k in range(150):
-        ground.learning = UpdateMode.HOLD if k < 50 else UpdateMode.LEARN  # type: ignore[misc]
-        compensation.predict(_odometry(stamp_ns=20 * MS * k))
-        compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
-        statuses.append(compensation.status.text)
-    assert statuses.index("learn") == 50
-    assert set(statuses[statuses.index("learn") :]) == {"learn"}
 
 
 def _odometry(*, stamp_ns: int, v_WB_B: np.ndarray | None = None) -> OdometrySample:

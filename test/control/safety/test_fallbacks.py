@@ -24,7 +24,6 @@ from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.control.safety.fallbacks import (
     BlindFallback,
     HoverFallback,
-    tilt_to,
 )
 from quad_mpc_ros.simulation.closed_loop import fly
 
@@ -121,25 +120,6 @@ def test_blind_source_levels_and_descends(tilt: float, paper_config: MpcConfig) 
     assert (np.diff(throttles) < 0.0).all()
     # Sinking, not falling.
     assert vehicle.thrust(throttles[-1]) > 0.5 * vehicle.mass * vehicle.gravity
-
-
-@settings(deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_tilting_turns_the_thrust_axis_onto_the_direction_without_yaw(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    R_WB = Rotation.from_quat(rng.normal(size=4)).as_matrix()
-    direction = rng.normal(size=3)
-    turn = tilt_to(direction, R_WB)
-    turned = R_WB @ Rotation.from_rotvec(turn).as_matrix()
-    assert_allclose(turned[:, 2], direction / np.linalg.norm(direction), atol=1e-9)
-    assert turn[2] == 0.0
-    assert np.linalg.norm(turn) <= math.pi + 1e-12
-
-
-@pytest.mark.parametrize("off", [0.0, 1e-12, 1e-10, 1e-8])
-def test_levelling_from_upside_down_is_a_half_turn(off: float) -> None:
-    turn = tilt_to(np.array([off, 0.0, -1.0]), np.eye(3))
-    assert np.linalg.norm(turn) == pytest.approx(math.pi, abs=1e-7)
 
 
 @pytest.mark.parametrize("seed", range(4))

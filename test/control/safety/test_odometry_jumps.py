@@ -266,22 +266,6 @@ def test_accepts_a_velocity_that_positions_confirm() -> None:
     assert off[confirmed < TIMES] == pytest.approx(4.0)
 
 
-def test_uses_an_announced_heading_at_once() -> None:
-    source = Source()
-    source.observe(2.0)
-    source.jumps.reset_estimate(
-        EstimateReset(stamp_ns=round(2.02 * SECOND), turn=1.5, step_W=np.zeros(3))
-    )
-    turned = OdometrySample(
-        stamp_ns=round(2.02 * SECOND),
-        p_WB=so3.exp([0.0, 0.0, 1.5]) @ straight(2.02),
-        q_WB_xyzw=np.array([0.0, 0.0, np.sin(0.75), np.cos(0.75)]),
-        v_WB_B=np.array([2.0, 0.0, 0.0]),
-        w_WB_B=np.zeros(3),
-    )
-    assert source.jumps.checked(turned) is turned
-
-
 @pytest.mark.parametrize(
     "name",
     [

@@ -24,7 +24,6 @@ from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 PERIOD_NS = 20_000_000
-LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 # None of these lags is modelled.
 LATE = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03, "command_delay": 0.02}
 
@@ -157,23 +156,6 @@ def test_ignores_a_reference_whose_tilt_jumps_from_side_to_side() -> None:
         now_ns, leaning = tick * PERIOD_NS, Rotation.from_rotvec([attitude, 0.0, 0.0])
         reference = position, Rotation.from_rotvec([asked, 0.0, 0.0]).as_quat()
         assert monitor.check(odometry(leaning, now_ns=now_ns), reference, now_ns=now_ns) is None
-
-
-def test_the_mpc_flies_around_pillars_without_a_fallback() -> None:
-    config = load_config(
-        assignments=[
-            "reference.trajectory=minimum_snap",
-            "reference.waypoints=[0.0,0.0,1.5,4.5,0.0,1.5,9.0,0.0,1.5]",
-            "reference.max_speed=2.5",
-            f"simulator.obstacles.file={EXAMPLES / 'pillars.yaml'}",
-            f"mpc.obstacles.file={EXAMPLES / 'pillars.yaml'}",
-            "mpc.obstacles.half_spaces=8",
-        ]
-    )
-    flight = simulate(*config, duration=6.0)
-    assert set(flight.stats["source"]) == {"mpc"}
-    assert "around" in set(flight.stats["avoidance"])
-    assert summarise(flight)["clearance_min_m"] > 0.0
 
 
 def test_solves_among_pillars_within_300_iterations() -> None:

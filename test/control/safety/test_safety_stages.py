@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 
@@ -130,14 +129,6 @@ def make_flight(
 MakeFlight = Callable[[MpcConfig], Flight]
 
 
-def test_a_command_is_clamped(make_flight: MakeFlight) -> None:
-    flight = make_flight(MpcConfig(throttle_max=0.6, omega_max=(2.0, 2.0, 2.0)))
-    _, command = flight.tick(planned(0.9, 9.0, 0.0, 0.0))
-    assert command is not None
-    assert command.throttle == 0.6
-    assert_allclose(command.w_WB_B, [2.0, 0.0, 0.0])
-
-
 # Nose down by 0.1 rad, and leaning to the right by as much.
 LEANING = np.array([math.sin(0.05), math.sin(0.05), 0.0, math.cos(0.05)])
 LEANING /= np.linalg.norm(LEANING)
@@ -233,21 +224,6 @@ def test_refuses_missing_nonfinite_or_late_plan(
     assert planned.failure == (Failure("plan", fault) if fault else None)
     counted = {name for name, count in log.counts.items() if count}
     assert counted == ({counter} if counter else set())
-
-
-def test_rejected_input_is_counted_reported_once_and_dropped(
-    make_flight: MakeFlight, make_odometry: MakeOdometry, make_window: MakeWindow
-) -> None:
-    flight = make_flight(MpcConfig())
-    flight.tick(planned(0.3))
-    inputs, kept = flight.inputs, flight.inputs.odometry
-    bad = dataclasses.replace(make_odometry(flight.now), p_WB=np.full(3, math.nan))
-    assert inputs.accept_odometry(bad, now_ns=flight.now) is None
-    assert not inputs.accept_reference(make_window(flight.now, frame_id="map"), now_ns=flight.now)
-    assert flight.log.counts["rejected_inputs"] == 2
-    assert len(flight.log.take_warnings()) == 2
-    assert flight.log.take_warnings() == []
-    assert inputs.odometry is kept
 
 
 def test_uses_a_reference_that_is_recent_or_covers_the_horizon(
