@@ -195,18 +195,6 @@ def test_refuses_impossible_request_without_effect() -> None:
     assert "lowest height" in answer.text
 
 
-def test_a_landing_can_be_aborted() -> None:
-    director, now = airborne()
-    assert director.land(now).accepted
-    low = now + 2 * SECOND
-    assert director.mode(low) == "landing"
-    assert director.hold(low).accepted
-    later = low + 5 * SECOND
-    assert director.mode(later) == "hold"
-    assert at(director, later)[0][2] > 0.1
-    assert_nothing_jumps(director.timeline, now - SECOND, later)
-
-
 def test_inverted_reference_continues_until_a_stop_is_possible() -> None:
     director, now = airborne()
     assert director.fly(now, flown("vertical_loop")).accepted

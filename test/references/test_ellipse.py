@@ -67,14 +67,6 @@ def test_heading_points_to_the_centre_or_along_the_path(axes: tuple[float, float
     assert_allclose(nose, unit(place), atol=1e-9)
 
 
-@pytest.mark.parametrize("heading", ["centre", "along"])
-def test_the_heading_never_jumps_and_its_rate_is_its_slope(heading: str) -> None:
-    seconds = np.arange(0.0, 12.0, 1e-3)
-    path = ellipse(config(ellipse_heading=heading)).at(seconds)
-    rate = np.asarray(path.yaw_rate)
-    assert_allclose(np.gradient(np.asarray(path.yaw), seconds)[1:-1], rate[1:-1], atol=1e-4)
-
-
 def test_rejects_heading_of_vertical_ellipse() -> None:
     with pytest.raises(ConfigurationError, match=r"reference\.ellipse_heading: given 'centre'"):
         config(ellipse_plane="vertical", ellipse_heading="centre")

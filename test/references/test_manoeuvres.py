@@ -12,7 +12,6 @@ from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
-from quad_mpc_ros.references.path import PEAK, SmoothTurn
 from quad_mpc_ros.references.trajectory import TrajectorySamples
 
 
@@ -73,18 +72,3 @@ def test_inverted_flip_has_its_coasting_thrust() -> None:
     force = samples.a_WB_W + 0.2 * samples.v_WB_W + [0.0, 0.0, 9.81]
     assert np.count_nonzero(inverted) > 100
     assert_allclose(np.linalg.norm(force[inverted], axis=1), 0.4 * 9.81)
-
-
-def test_smooth_turn_has_its_angle_and_peak_rate() -> None:
-    turn = SmoothTurn.with_peak_rate(-2.0, rate=5.0)
-    times = np.linspace(0.0, turn.duration, 20_001)
-    angle, rate, rate_1, rate_2 = turn.at(times)
-    assert angle[0] == pytest.approx(0.0, abs=1e-12)
-    assert angle[-1] == pytest.approx(-2.0)
-    assert np.abs(rate).max() == pytest.approx(5.0)
-    assert turn.duration == pytest.approx(PEAK * 2.0 / 5.0)
-    for value, derivative in ((angle, rate), (rate, rate_1), (rate_1, rate_2)):
-        slope = np.gradient(value, times, edge_order=2)
-        assert_allclose(slope, derivative, atol=1e-4 * np.abs(derivative).max())
-    for vanishing in (rate, rate_1, rate_2):
-        assert_allclose(vanishing[[0, -1]], 0.0, atol=1e-9)
