@@ -23,7 +23,6 @@ from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
 
 MILLISECOND = 1_000_000
-SECOND = 1_000_000_000
 HOVER = Vehicle().hover_throttle
 
 
@@ -202,20 +201,6 @@ def test_on_the_ground_rotors_spin_up_without_rotation() -> None:
     body.advance_to(round(lifts_after * 1e9) + 20 * MILLISECOND)
     assert body.state.p_WB[2] > 0.0
     assert 0.0 < body.odometry(0).w_WB_B[0] < 3.0
-
-
-def test_one_call_for_many_steps_equals_many_calls() -> None:
-    """Bit for bit: the state between steps is complete."""
-    lags = {"rate_time_constant": 0.05, "thrust_time_constant": 0.05}
-    once, stepwise = (started_plant(**lags, integration_step=0.004) for _ in range(2))
-    for body in (once, stepwise):
-        body.apply(command(0.7, (12.0, -9.0, 5.0)))
-    once.advance_to(40 * MILLISECOND)
-    for k in range(1, 11):
-        stepwise.advance_to(4 * k * MILLISECOND)
-    for name in ("p_WB", "v_WB_B", "R_WB"):
-        assert_array_equal(getattr(once.state, name), getattr(stepwise.state, name))
-    assert once._x["throttle"] == stepwise._x["throttle"]
 
 
 def test_flight_does_not_depend_on_how_time_is_divided() -> None:

@@ -99,13 +99,6 @@ def test_a_step_has_the_truth_and_the_time_of_publication(mpc: MpcConfig) -> Non
         assert step.sent_ns == step.odometry.stamp_ns + 4_300_000
 
 
-def test_control_rate_with_faster_odometry(mpc: MpcConfig) -> None:
-    steps = list(fly(mpc=mpc, simulator=rigid_body(2.0, 200.0), reference=ReferenceConfig()))
-    assert len(steps) == 400
-    assert len(commands(steps)) == pytest.approx(100, abs=1)
-    assert steps[1].tick is None
-
-
 def test_stamps_do_not_accumulate_rounding() -> None:
     rate = 333.0
     stamps = list(odometry_stamps(rigid_body(100.0, rate)))

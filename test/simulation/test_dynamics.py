@@ -26,10 +26,6 @@ def vehicle() -> Vehicle:
     return Vehicle()
 
 
-def at_rest(R_WB: Array | None = None) -> State:
-    return State(p_WB=np.zeros(3), v_WB_B=np.zeros(3), R_WB=np.eye(3) if R_WB is None else R_WB)
-
-
 def flown(
     x: State, u: Input, vehicle: Vehicle, *, dynamics: str, duration: float, steps: int
 ) -> State:
@@ -38,37 +34,13 @@ def flown(
     return x
 
 
-def hovering(vehicle: Vehicle, rates: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Input:
-    return Input(throttle=vehicle.hover_throttle, w_WB_B=np.array(rates))
-
-
 @BOTH
 def test_hover_is_an_equilibrium(dynamics: str, vehicle: Vehicle) -> None:
     heading = Rotation.from_euler("z", 1.0).as_matrix()
-    held = rate(at_rest(heading), hovering(vehicle), vehicle, dynamics=dynamics)
+    x = State(p_WB=np.zeros(3), v_WB_B=np.zeros(3), R_WB=heading)
+    u = Input(throttle=vehicle.hover_throttle, w_WB_B=np.zeros(3))
+    held = rate(x, u, vehicle, dynamics=dynamics)
     assert_allclose(held, np.zeros(9), atol=1e-14)
-
-
-@BOTH
-def test_nose_down_accelerates_forwards(dynamics: str, vehicle: Vehicle) -> None:
-    x = at_rest()
-    x = flown(
-        x, hovering(vehicle, (0.0, 1.0, 0.0)), vehicle, dynamics=dynamics, duration=0.3, steps=10
-    )
-    nose = x.R_WB[:, 0]
-    assert nose[2] < 0.0
-    x = flown(x, hovering(vehicle), vehicle, dynamics=dynamics, duration=0.5, steps=10)
-    assert x.v_WB_W[0] > 0.5
-    assert x.p_WB[0] > 0.1
-    assert abs(x.v_WB_W[1]) < 1e-12
-
-
-@BOTH
-def test_left_side_up_accelerates_to_the_right(dynamics: str, vehicle: Vehicle) -> None:
-    x = at_rest()
-    for rates in ((1.0, 0.0, 0.0), (0.0, 0.0, 0.0)):
-        x = flown(x, hovering(vehicle, rates), vehicle, dynamics=dynamics, duration=0.3, steps=10)
-    assert x.v_WB_W[1] < -0.1
 
 
 def quaternion_rate(q: Array, w_B: Array) -> Array:

@@ -13,7 +13,6 @@ from fixtures.presets import agile, ideal
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
-from quad_mpc_ros.references.director import Director
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 
@@ -96,32 +95,3 @@ def test_minimum_snap_through_the_squares_corners_without_saturation() -> None:
     steps = flown(trajectory="square")
     assert steps.saturated() > 0.02
     assert smooth.saturated() <= 0.1 * steps.saturated()
-
-
-def test_follows_requests_from_the_ground_to_a_circle_and_a_goal() -> None:
-    config = ReferenceConfig(trajectory="circle", max_acceleration=4.0, max_speed=4.0)
-    director = Director.on_ground(config, p_WB=np.zeros(3), yaw=0.0)
-    requests = {
-        0.5: director.take_off,
-        4.0: lambda now: director.fly(now, configured_trajectory(config)),
-        8.0: director.hold,
-        10.0: lambda now: director.go_to(now, p_WB=np.array([0.0, 3.0, 2.0]), yaw=1.5),
-    }
-    simulator = ideal(
-        duration=14.0,
-        rate_time_constant=LAG,
-        thrust_time_constant=LAG,
-        command_delay=DELAY,
-    )
-    steps, misses = [], []
-    loop = fly(mpc=MPC, simulator=simulator, reference=config, trajectory=director.timeline)
-    for step in loop:
-        now_ns = step.truth.stamp_ns - SIMULATION_START_NS
-        for time in [time for time in requests if 1e-9 * now_ns >= time]:
-            answer = requests.pop(time)(now_ns)
-            assert answer.accepted, answer.text
-        steps.append(step)
-        if now_ns >= 3e9:  # it stands on the ground, and the reference below it, at first
-            misses.append(step.truth.p_WB - director.timeline.at([now_ns]).p_WB[0])
-    assert steps[-1].truth.p_WB == pytest.approx([0.0, 3.0, 2.0], abs=0.01)
-    assert rms(np.linalg.norm(misses, axis=1)) <= 0.01
