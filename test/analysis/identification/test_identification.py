@@ -34,6 +34,7 @@ from quad_mpc_ros.configuration import BagError, UserError, files
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import CommandSample
+from quad_mpc_ros.recordings.logs import Received
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.references.config import ReferenceConfig
@@ -65,6 +66,11 @@ def flown(
     )
     sticks = lively * np.array(STICKS)
     return knocked_about(InternalPlant(config), config, sticks=sticks, seed=seed)
+
+
+def resent(each: Received, **changes: Any) -> Received:
+    """Return a received message with other values."""
+    return dataclasses.replace(each, value=dataclasses.replace(each.value, **changes))
 
 
 def measured(run: RecordedRun) -> Measurements:
@@ -165,14 +171,7 @@ def test_ignores_commands_that_were_not_executed() -> None:
     run = flown(**TRUTH, duration=15.0)
     released_ns, engaged_ns = START_NS + 5_000_000_000, START_NS + 9_000_000_000
     commands = [
-        received(
-            dataclasses.replace(
-                command.value,
-                throttle=1.0 - command.value.throttle,
-                w_WB_B=-command.value.w_WB_B,
-            ),
-            command.log_time_ns,
-        )
+        resent(command, throttle=1.0 - command.value.throttle, w_WB_B=-command.value.w_WB_B)
         if released_ns <= command.log_time_ns < engaged_ns
         else command
         for command in run.commands
@@ -235,12 +234,11 @@ def test_is_robust_to_single_outliers() -> None:
     run = noisy(flown(**TRUTH))
     odometries = list(run.odometries)
     for i in range(100, 700, 40):
-        wild = dataclasses.replace(
-            odometries[i].value,
+        odometries[i] = resent(
+            odometries[i],
             v_WB_B=odometries[i].value.v_WB_B + np.array((5.0, 0.0, -5.0)),
             w_WB_B=odometries[i].value.w_WB_B + 10.0,
         )
-        odometries[i] = dataclasses.replace(odometries[i], value=wild)
     assert_near(identified(changed(run, odometries=odometries)), relative=0.1, drag_within=0.6)
 
 
@@ -250,10 +248,8 @@ def test_rotates_a_twist_in_the_world_frame() -> None:
     for received_odometry in run.odometries:
         odometry = received_odometry.value
         R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
-        world = dataclasses.replace(
-            odometry, v_WB_B=R_WB @ odometry.v_WB_B, w_WB_B=R_WB @ odometry.w_WB_B
-        )
-        turned.append(dataclasses.replace(received_odometry, value=world))
+        v_WB_W, w_WB_W = R_WB @ odometry.v_WB_B, R_WB @ odometry.w_WB_B
+        turned.append(resent(received_odometry, v_WB_B=v_WB_W, w_WB_B=w_WB_W))
     data = measurements_of(
         changed(run, odometries=turned),
         vehicle=MpcConfig().vehicle(),
@@ -371,12 +367,7 @@ def test_refuses_a_flight_that_is_too_short() -> None:
         measured(changed(run, commands=[]))
     with pytest.raises(BagError, match="10 usable odometries"):
         measured(changed(run, odometries=run.odometries[:10]))
-    long_ago = [
-        dataclasses.replace(
-            sent, value=dataclasses.replace(sent.value, stamp_ns=sent.value.stamp_ns % 10**9)
-        )
-        for sent in run.commands
-    ]
+    long_ago = [resent(each, stamp_ns=each.value.stamp_ns % 10**9) for each in run.commands]
     with pytest.raises(BagError, match="stamped"):
         measured(changed(run, commands=long_ago[:40]))
 
@@ -385,32 +376,12 @@ def test_is_robust_to_invalid_values_and_clock_steps() -> None:
     run = flown(**TRUTH)
     commands = list(run.commands)
     for i, throttle, rate in ((50, np.nan, 0.0), (150, 0.3, 1e300), (250, -np.inf, np.inf)):
-        wild = dataclasses.replace(commands[i].value, throttle=throttle, w_WB_B=np.full(3, rate))
-        commands[i] = dataclasses.replace(commands[i], value=wild)
-    before = [
-        dataclasses.replace(
-            odometry, value=dataclasses.replace(odometry.value, stamp_ns=k * 20_000_000)
-        )
-        for k, odometry in enumerate(run.odometries[:20])
-    ]
-    late = [
-        dataclasses.replace(
-            odometry,
-            value=dataclasses.replace(
-                odometry.value, stamp_ns=odometry.value.stamp_ns + 2_000_000_000 * 10**9
-            ),
-        )
-        for odometry in run.odometries
-    ]
-    later = [
-        dataclasses.replace(
-            sent,
-            value=dataclasses.replace(
-                sent.value, stamp_ns=sent.value.stamp_ns + 2_000_000_000 * 10**9
-            ),
-        )
-        for sent in commands
-    ]
+        commands[i] = resent(commands[i], throttle=throttle, w_WB_B=np.full(3, rate))
+    before = [resent(run.odometries[k], stamp_ns=k * 20_000_000) for k in range(20)]
+    late, later = (
+        [resent(each, stamp_ns=each.value.stamp_ns + 2_000_000_000 * 10**9) for each in sent]
+        for sent in (run.odometries, commands)
+    )
     whole = changed(run, odometries=[*before, *late], commands=later)
     found = identified(whole)
     assert found.rate_time_constant[0].value == pytest.approx(0.03, rel=0.1)
@@ -512,20 +483,10 @@ def test_identifies_the_gain_of_a_rate_loop() -> None:
 def test_keeps_configured_yaw_lag_without_yaw_excitation() -> None:
     given = dataclasses.replace(GIVEN, rate_time_constant=(0.05, 0.05, 0.2))
     run = flown(**TRUTH)
-    still = [
-        received(
-            dataclasses.replace(command.value, w_WB_B=command.value.w_WB_B * [1.0, 1.0, 0.0]),
-            command.log_time_ns,
-        )
-        for command in run.commands
-    ]
-    fixed = [
-        received(
-            dataclasses.replace(odometry.value, w_WB_B=odometry.value.w_WB_B * [1.0, 1.0, 0.0]),
-            odometry.log_time_ns,
-        )
-        for odometry in run.odometries
-    ]
+    still, fixed = (
+        [resent(each, w_WB_B=each.value.w_WB_B * [1.0, 1.0, 0.0]) for each in messages]
+        for messages in (run.commands, run.odometries)
+    )
     data = measured(changed(run, commands=still, odometries=fixed))
     found = fit(data, given=given)
     roll, pitch, yaw = found.rate_time_constant
@@ -541,9 +502,7 @@ def test_refuses_a_value_at_a_bound() -> None:
     """The throttle of another flight does nothing to the vehicle: no lag is long enough for it."""
     run, given = flown(**TRUTH), dataclasses.replace(GIVEN, thrust_time_constant=0.07)
     others = [
-        received(
-            dataclasses.replace(command.value, throttle=other.value.throttle), command.log_time_ns
-        )
+        resent(command, throttle=other.value.throttle)
         for command, other in zip(run.commands, flown(seed=1).commands, strict=True)
     ]
     found = fit(measured(changed(run, commands=others)), given=given)

@@ -302,48 +302,17 @@ def test_missing_data_is_null(make_flight: FlightMaker, build: SimpleNamespace) 
     none = np.zeros(0, dtype=np.int64)
     flight = make_flight(1, reference=None, commands=build.commands(none), stats=build.stats([]))
     found = json.loads(json.dumps(summarise(flight, wall_seconds=0.0), allow_nan=False))
-    nothing = {"p50": None, "p90": None, "p99": None, "max": None}
-    assert found == {
-        "position_rmse_m": None,
-        "position_max_m": None,
-        "waypoint_error_m": [],
-        "attitude_rmse_rad": None,
-        "step_time_us": nothing,
-        "solve_time_us": nothing,
-        "odom_to_command_ms": nothing,
-        "iterations": {"p50": None, "p99": None, "max": None},
-        "solver_failures": 0,
-        "fallbacks": 0,
-        "deadline_misses": 0,
-        "commands": 0,
-        "rate_saturation_fraction": None,
-        "realtime_factor": None,
-        "config": {},
-        "odometries": 1,
-        "unanswered_odometries": 0,
-        "duration_s": 0.0,
-        **dict.fromkeys(("crashed", "crash", "crash_time_s", "gates", "lap_time_s")),
-        **dict.fromkeys(("clearance_min_m", "collided", "collision", "progress_delay_max_s")),
-        "commanding": {"ticks": {}, "first_without_mpc": None},
-        "margins": {
-            "lockstep": False,
-            "control_period_ms": 20.0,
-            "odom_period_ms": 20.0,
-            "odom_timeout_ms": 100.0,
-            **dict.fromkeys(("odom_age_ms", "reference_age_ms"), dict.fromkeys(P50_P99_MAX)),
-            "tilt_max_rad": 0.0,
-            "tilt_limit_rad": 0.61,
-            "fence_margin_m": None,
-        },
-        "estimated": {},
-        "missed": [],
-        "beyond_limits": [],
-        "estimate_resets": 0,
-        "rejected_inputs": 0,
-        "stage_errors": 0,
-        "odometry_gaps_s": [],
-        "rejected_odometries": {},
-    }
+    for name in ("position_rmse_m", "position_max_m", "attitude_rmse_rad", "clearance_min_m"):
+        assert found[name] is None, name
+    for name in ("rate_saturation_fraction", "realtime_factor", "crashed", "lap_time_s"):
+        assert found[name] is None, name
+    for name in ("step_time_us", "solve_time_us", "odom_to_command_ms", "iterations"):
+        assert set(found[name].values()) == {None}, name
+    for name in ("odom_age_ms", "reference_age_ms"):
+        assert found["margins"][name] == dict.fromkeys(P50_P99_MAX), name
+    assert found["margins"]["fence_margin_m"] is None
+    assert found["commands"] == found["unanswered_odometries"] == found["duration_s"] == 0
+    assert found["odometries"] == 1
 
 
 def test_the_summary_is_strict_json(make_flight: FlightMaker, build: SimpleNamespace) -> None:
