@@ -25,7 +25,6 @@ from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.extras.controllers.lqr import gain
 from quad_mpc_ros.extras.controllers.px4 import Px4Controller
 from quad_mpc_ros.extras.controllers.registry import configured_law
-from quad_mpc_ros.extras.controllers.tracking import attitude_of_thrust
 from quad_mpc_ros.simulation.closed_loop import fly
 
 NAMES = ("geometric", "px4", "lqr")
@@ -140,11 +139,3 @@ def test_lqr_gain_stabilises_the_model_and_scales_with_the_weights() -> None:
     assert_allclose(K[1, 1], -K[2, 0], rtol=1e-9)  # roll and pitch alike, with opposite signs
     stiffer = gain(config.updated({"Q": (40.0,) * 3 + config.Q[3:]}))
     assert stiffer[2, 0] > K[2, 0] > 0.0
-
-
-def test_attitude_of_a_thrust_keeps_the_heading() -> None:
-    for direction in ([0.0, 0.0, 9.81], [3.0, -2.0, 8.0], [-5.0, 1.0, 1.0]):
-        R = attitude_of_thrust(np.array(direction), yaw=0.8)
-        assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
-        assert_allclose(R[:, 2], np.array(direction) / np.linalg.norm(direction))
-        assert math.atan2(R[1, 0], R[0, 0]) == pytest.approx(0.8)

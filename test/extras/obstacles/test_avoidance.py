@@ -190,27 +190,6 @@ def test_stops_in_front_of_a_wall_with_a_reason() -> None:
     assert 3.0 < rest[-1, 0] < 3.95 - RADIUS
 
 
-def test_hovers_near_a_reference_inside_an_obstacle() -> None:
-    """The reference ends in a block."""
-    block = box(np.array([4.0, 0.0, 1.0]), np.array([1.5, 1.5, 2.0]))
-    config, obstacles = CONFIG, Standing(block)
-    guide = ObstacleAvoidance(config, obstacles, radius=RADIUS)
-    controller, nearest = Controller(config, guide=guide), np.inf
-
-    def law(odometry: OdometrySample, window: ReferenceWindow) -> Any:
-        inside = ReferenceWindow.hover([4.0, 0.0, 1.0], stamp_ns=window.stamp_ns)
-        tick = controller.step(odometry, inside)
-        return None if tick is None else tick.command
-
-    simulator = SimulatorConfig(
-        duration=6.0, initial_position=(0.0, 0.0, 1.0), initial_throttle=0.2923
-    )
-    for step in fly(mpc=config, simulator=simulator, controller=law):
-        nearest = min(nearest, np.linalg.norm(block - step.truth.p_WB, axis=1).min())
-    assert nearest > RADIUS
-    assert np.linalg.norm(step.truth.v_WB_B) < 0.1
-
-
 @pytest.mark.parametrize("across", [-1.0, 1.0])
 def test_waits_for_a_crossing_ball(across: float) -> None:
     ball = np.array([4.0, -2.0 * across, 1.0]), np.array([0.0, across, 0.0])

@@ -89,14 +89,6 @@ def known(of: ObstacleWorld, stamp_ns: int, *, near: Array = HERE, radius: float
 
 
 class TestFrames:
-    def test_body_frame_cloud_is_transformed_with_the_pose_at_its_stamp(self) -> None:
-        """Ahead of a vehicle at (1, 0, 1) that heads north is north of it."""
-        w = world()
-        w.receive_odometry(at(SECOND, (1.0, 0.0, 1.0), yaw=math.pi / 2))
-        w.receive_odometry(at(SECOND + 10**8, (5.0, 0.0, 1.0), yaw=math.pi / 2))
-        w.receive_cloud(cloud([[2, 0, 0]], SECOND, "base_link"))
-        assert known(w, SECOND + 10**8) == pytest.approx(np.array([[1.0, 2.0, 1.0]]), abs=1e-6)
-
     def test_pose_is_interpolated_between_odometries(self) -> None:
         w = world()
         w.receive_odometry(at(SECOND, (0.0, 0.0, 1.0), yaw=0.0))

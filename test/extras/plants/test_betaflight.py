@@ -66,10 +66,6 @@ def commanded(
     return body
 
 
-def about(axis: int, rate: float) -> tuple[float, ...]:
-    return tuple(rate if index == axis else 0.0 for index in range(3))
-
-
 @needs_firmware
 def test_hovers_at_the_hover_throttle() -> None:
     body = plant()
@@ -78,15 +74,6 @@ def test_hovers_at_the_hover_throttle() -> None:
     assert abs(body.state.v_WB_B[2]) < 0.5 * 0.005 * 9.81
     assert_allclose(body.state.p_WB[:2], [0.0, 0.0], atol=1e-6)
     assert_allclose(body.odometry(0).w_WB_B, np.zeros(3), atol=1e-6)
-
-
-@needs_firmware
-@pytest.mark.parametrize(("axis", "rate"), [(0, 1.5), (1, -1.5), (2, 1.5)])
-def test_body_rates_are_followed_with_their_signs(axis: int, rate: float) -> None:
-    body, throttle = plant(), configured().vehicle().hover_throttle
-    for time in range(0, 300, 20):
-        commanded(body, throttle, about(axis, rate)).advance_to((time + 20) * MILLISECOND)
-    assert_allclose(body.odometry(0).w_WB_B, about(axis, rate), atol=0.15)
 
 
 @needs_firmware
@@ -160,7 +147,7 @@ def test_the_square_settles_before_each_switch_with_the_default_configuration() 
 def test_aggressive_turns_in_the_first_second_do_not_disarm() -> None:
     body = plant()
     for turn in range(5):
-        commanded(body, 0.5, about(2, 12.0 if turn % 2 else -12.0))
+        commanded(body, 0.5, (0.0, 0.0, 12.0 if turn % 2 else -12.0))
         body.advance_to((turn + 1) * 200 * MILLISECOND)
     commanded(body, 0.5).advance_to(1300 * MILLISECOND)
     assert body.odometry(0).w_WB_B == pytest.approx(np.zeros(3), abs=0.1)

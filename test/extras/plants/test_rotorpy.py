@@ -23,7 +23,7 @@ from quad_mpc_ros.commands.run_configuration import SCHEMA, run_configuration
 from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.samples import CommandSample
-from quad_mpc_ros.simulation.config import PLANTS, SimulatorConfig, make_plant
+from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import DelayedPlant
 
 MILLISECOND = 1_000_000
@@ -182,8 +182,3 @@ def test_reports_a_missing_plant_before_anything_is_written(
     assert len(lines) == 1
     assert "pip install 'quad_mpc_ros[rotorpy]'" in lines[0]
     assert not out.exists()
-
-
-def test_every_plant_of_the_choices_is_registered() -> None:
-    (choices,) = (spec.choices for spec in SimulatorConfig.specs() if spec.name == "plant")
-    assert set(choices or ()) == set(PLANTS)
