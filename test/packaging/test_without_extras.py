@@ -96,5 +96,5 @@ def test_names_the_missing_extra_in_one_line(product: Path, command: str) -> Non
 def test_names_the_missing_bridge_in_one_line(product: Path) -> None:
     ended = in_product(product, "-m", "quad_mpc_ros.entry", "crazyflie_bridge")
     (line,) = ended.stderr.splitlines()
-    assert "crazyflie_bridge: quad_mpc_ros.extras.bridges.crazyflie" in line
+    assert "crazyflie_bridge = quad_mpc_ros.extras.bridges.crazyflie" in line
     assert ended.returncode == 2

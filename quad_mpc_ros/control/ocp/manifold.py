@@ -76,6 +76,7 @@ class ManifoldProblem:
             progress=ProgressBuffers.zeros(steps if self.has_progress_state else 0),
             limits=limits,
             stages=HorizonStages.zeros(*pattern_of(config, limits).sizes),
+            R=np.zeros(INPUT_SIZE),
         )
         limits = Limits.zeros(settings, steps, half_spaces=config.half_spaces)
         stages = HorizonStages.zeros(*pattern_of(config, limits).sizes)
@@ -178,9 +179,8 @@ def begin(
         Cost of the initial plan, number of iterations, and whether the reference flips.
     """
     settings, work = problem.settings[()], problem.work
-    for k in range(3):
-        caution = problem.prediction[()].caution
-        settings.R[U_RATE + k] = settings.rate_weights[k] * (1.0 + caution)
+    work.R[:] = settings.R
+    work.R[U_RATE:] *= 1.0 + problem.prediction[()].caution
     planned, speeds = work.plan.deviation, work.progress.nominal
     if len(speeds) > 0:
         plan = work.progress.plan

@@ -93,8 +93,8 @@ class OcpArrays(NamedTuple):
     """The arrays of N stages.
 
     ``target`` (N,) is the reference along the horizon, ``nominal`` the plan linearised along,
-    ``plan`` the last plan and ``stages`` the QP. ``progress`` is empty if the reference is tracked
-    in time.
+    ``plan`` the last plan, ``stages`` the QP and ``R`` (4,) the weights of the inputs of this
+    step. ``progress`` is empty if the reference is tracked in time.
     """
 
     target: RecordArray[TargetStage]
@@ -103,6 +103,7 @@ class OcpArrays(NamedTuple):
     progress: ProgressBuffers
     limits: Limits
     stages: HorizonStages
+    R: Array
 
 
 class Problem(NamedTuple):
@@ -167,9 +168,9 @@ def write_qp(problem: Problem, is_flipping: bool) -> float:
     target, plan, errors = work.target, work.nominal, np.empty((len(work.target), TANGENT_SIZE))
     has_progress = len(work.progress.nominal) > 0
     _write_dynamics(problem)
-    cost = tracking_cost(settings, plan.states, target, plan.deviation, errors)
+    cost = tracking_cost(settings, work.R, plan.states, target, plan.deviation, errors)
     write_tracking_cost(settings, errors, stages.H, stages.g)
-    _write_inputs(settings, target, plan, stages)
+    _write_inputs(settings, work.R, target, plan, stages)
     if has_progress:
         write_progress(settings, errors, work.progress, stages)
         cost += progress_cost(settings, work.progress.nominal)
@@ -178,7 +179,7 @@ def write_qp(problem: Problem, is_flipping: bool) -> float:
         cost += penalty
         full_damping_slope = math.inf if is_flipping else settings.full_damping_slope
         scale = regularise_limits(
-            settings.R, work.limits.weights, activity, full_damping_slope, stages
+            work.R, work.limits.weights, activity, full_damping_slope, stages
         )
         if has_progress:
             regularise_progress(settings.progress_weight, scale, stages)
@@ -206,6 +207,7 @@ def _write_dynamics(problem: Problem) -> None:
 @compiled
 def tracking_cost(
     settings: ProblemSettings,
+    R: Array,
     states: RecordArray[StateRecord],
     target: RecordArray[TargetStage],
     deviation: Array,
@@ -224,7 +226,7 @@ def tracking_cost(
         for k in range(TANGENT_SIZE):
             cost += weight * settings.Q[k] * error[k] ** 2
         for k in range(INPUT_SIZE):
-            cost += settings.R[k] * deviation[i, k] ** 2
+            cost += R[k] * deviation[i, k] ** 2
     return cost
 
 
@@ -253,6 +255,7 @@ def write_tracking_cost(settings: ProblemSettings, errors: Array, H: Array, g: A
 @compiled
 def _write_inputs(
     settings: ProblemSettings,
+    R: Array,
     target: RecordArray[TargetStage],
     plan: PlannedTrajectory,
     stages: HorizonStages,
@@ -261,8 +264,8 @@ def _write_inputs(
     for i in range(len(target)):
         for k in range(INPUT_SIZE):
             u = target[i].mean_input[k] + plan.deviation[i, k]
-            stages.R[i, k] = settings.R[k]
-            stages.r[i, k] = settings.R[k] * plan.deviation[i, k]
+            stages.R[i, k] = R[k]
+            stages.r[i, k] = R[k] * plan.deviation[i, k]
             # So that du = 0 is feasible.
             stages.lower[i, k] = min(settings.u_min[k] - u, 0.0)
             stages.upper[i, k] = max(settings.u_max[k] - u, 0.0)
@@ -273,7 +276,7 @@ def plan_cost(problem: Problem) -> float:
     """Return the true cost of the last plan, whose states and target are rolled out."""
     settings, work = problem.settings[()], problem.work
     plan, errors = work.plan, np.empty((len(work.target), TANGENT_SIZE))
-    cost = tracking_cost(settings, plan.states, work.target, plan.deviation, errors)
+    cost = tracking_cost(settings, work.R, plan.states, work.target, plan.deviation, errors)
     cost += progress_cost(settings, work.progress.plan)
     if len(work.limits.bounds) > 0:
         penalty, _activity = limits_cost(work.limits, plan.states)

@@ -13,15 +13,14 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3, Vector4
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.state import POSITION, TANGENT_SIZE, U_RATE
+from quad_mpc_ros.control.model.state import POSITION, TANGENT_SIZE
 
 
 class ProblemSettings(Record):
     """Weights and bounds of the problem, as configured."""
 
     Q: Annotated[Array, (TANGENT_SIZE,)]  # weights of position, velocity and attitude
-    R: Vector4  # weights of throttle and rates, with caution
-    rate_weights: Vector3  # as configured
+    R: Vector4  # weights of throttle and rates
     terminal_weight: float  # factor on Q at the last stage
     step: float  # s, of a stage
     # Bounds of throttle and rates.
@@ -49,7 +48,6 @@ def settings_of(config: MpcConfig) -> RecordArray[ProblemSettings]:
     # Inputs of the problem are what the rates follow, commands times their gain.
     fastest = gain * config.omega_max
     settings.Q[:], settings.R[:] = config.Q, config.R
-    settings.rate_weights[:] = settings.R[U_RATE:]
     settings.terminal_weight = config.terminal_weight
     settings.step, settings.rate_gain[:] = config.horizon_step, gain
     settings.u_min[:] = config.throttle_min, *(-fastest)

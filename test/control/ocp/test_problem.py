@@ -34,7 +34,7 @@ DEVIATION = RNG.normal(size=(STEPS, 4))
 
 def cost_and_errors(states: RecordArray[StateRecord]) -> tuple[float, Array]:
     errors = np.zeros((STEPS, 9))
-    return tracking_cost(SETTINGS, states, TARGET, DEVIATION, errors), errors
+    return tracking_cost(SETTINGS, SETTINGS.R, states, TARGET, DEVIATION, errors), errors
 
 
 def moved(stage: int, step: Array) -> RecordArray[StateRecord]:

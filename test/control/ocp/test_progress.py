@@ -90,7 +90,9 @@ def test_gradient_of_the_cost_in_inputs_and_speeds(seed: int) -> None:
         roll_out(model, settings.step, tried.inputs, state.prediction[()].state, tried.states)
         follow_path(0, packed(window), settings.step, speeds, work.progress, target)
         errors = np.zeros((len(change), 9))
-        tracked = tracking_cost(settings, tried.states, target, tried.deviation, errors)
+        tracked = tracking_cost(
+            settings, settings.R, tried.states, target, tried.deviation, errors
+        )
         return tracked + progress_cost(settings, speeds)
 
     shape = stages.r.shape

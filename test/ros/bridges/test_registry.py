@@ -40,7 +40,7 @@ def test_other_packages_add_theirs(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     (tmp_path / "a_kite.py").write_text("class KiteBridge:\n    name = 'kite_bridge'\n")
     monkeypatch.syspath_prepend(tmp_path)
     assert load_bridge("kite").name == "kite_bridge"
-    with pytest.raises(UserError, match="ghost_bridge: not_there:GhostBridge cannot be loaded"):
+    with pytest.raises(UserError, match="ghost_bridge = not_there:GhostBridge cannot be loaded"):
         load_bridge("ghost")
     assert bridge_packages()["kite_bridge"] == "some_body"
     assert bridge_packages()["rates_bridge"] == "quad_mpc_ros"
