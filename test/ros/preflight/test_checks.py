@@ -71,6 +71,10 @@ def fit() -> Facts:
 FIT = fit()
 
 
+def changed(**fields: Any) -> Change:
+    return lambda facts: facts.changed(**fields)
+
+
 def with_node(name: str, **fields: Any) -> Change:
     """Return what changes or adds a node."""
 
@@ -142,316 +146,250 @@ def flying(*, twist_frame: str) -> tuple[Arrival, ...]:
 HEAVY = {"mass": 0.9, "thrust_curve": [4.0, 3.0, 0.0]}
 OK, WARNING, ERROR, UNKNOWN = Level.OK, Level.WARNING, Level.ERROR, Level.UNKNOWN
 
-CASES: dict[str, tuple[str, Change, Level, str]] = {
-    # nodes
-    "no mpc": ("nodes", without("mpc"), ERROR, "no mpc node"),
-    "mpc not active": (
-        "nodes",
-        with_node("mpc", state="inactive", health="inactive: no odometry yet"),
-        ERROR,
-        "mpc is not active: inactive: no odometry yet",
-    ),
-    "mpc hovers": (
-        "nodes",
-        with_node("mpc", level=diagnostics.ERROR, health="solver: failed"),
-        ERROR,
-        "mpc: solver: failed",
-    ),
-    "another bridge": (
-        "nodes",
-        lambda facts: facts.changed(bridge="px4_bridge"),
-        ERROR,
-        "px4_bridge does not run, there is rates_bridge",
-    ),
-    "a bridge where none should be": (
-        "nodes",
-        lambda facts: facts.changed(bridge="none"),
-        ERROR,
-        "expected no bridge",
-    ),
-    "no bridge": ("nodes", without("rates_bridge"), WARNING, "neither a bridge nor"),
-    "an own reference": (
-        "nodes",
-        both(without("reference")),
-        OK,
-        "mpc active",
-    ),
-    "no reference at all": (
-        "nodes",
-        both(without("reference"), peer_counts("mpc", reference=0)),
-        ERROR,
-        "no reference node",
-    ),
-    # vehicles
-    "another mass": (
-        "vehicles",
-        configured("reference", mass=0.75),
-        ERROR,
-        "vehicles differ: mass 0.396893 of mpc and rates_bridge, 0.75 of reference",
-    ),
-    # file
-    "without the file's mass": (
-        "file",
-        lambda facts: facts.changed(stated={"mpc": HEAVY, "reference": {}}),
-        ERROR,
-        "mpc has mass 0.396893, the file 0.9",
-    ),
-    "with what the file states": (
-        "file",
-        lambda facts: facts.changed(stated={"mpc": {"mass": 0.396893}}),
-        OK,
-        "mpc match the file",
-    ),
-    "a file and no node to compare": (
-        "file",
-        lambda facts: facts.changed(stated={"mpc": HEAVY}, nodes={}),
-        UNKNOWN,
-        "no running node has parameters of the file",
-    ),
-    # throttle
-    "lifts little": (
-        "throttle",
-        configured("mpc", mass=1.5),
-        WARNING,
-        "lift 1.27 times the weight",
-    ),
-    "sinks when tilted": (
-        "throttle",
-        configured("mpc", limits__tilt_max=1.5),
-        WARNING,
-        "set limits.tilt_max below 1.36",
-    ),
-    "hardly descends": (
-        "throttle",
-        configured("mpc", throttle_min=0.25),
-        WARNING,
-        "at throttle_min 0.25 the motors still lift 0.83",
-    ),
-    "a thrust map too weak": (
-        "throttle",
-        configured("rates_bridge", thrust_map__kind="linear", thrust_map__full_thrust=3.0),
-        ERROR,
-        "for a weight of 3.89 N, expected 0 to 1",
-    ),
-    # lags
-    "no lags": (
-        "lags",
-        configured("mpc", input_delay=0.0),
-        WARNING,
-        "input_delay = 0: every real vehicle lags",
-    ),
-    # limits
-    "plans beyond the envelope": (
-        "limits",
-        configured("mpc", envelope__tilt_max=0.5),
-        WARNING,
-        "limits.tilt_max allows 0.61 rad in the plan, envelope.tilt_max is 0.5",
-    ),
-    "a reference faster than the envelope": (
-        "limits",
-        configured("mpc", envelope__speed_max=3.0, envelope__action="hover"),
-        ERROR,
-        "reference.max_speed is 5 m/s",
-    ),
-    "a reference slower than the plan": (
-        "limits",
-        configured("mpc", limits__speed_max=6.0),
-        OK,
-        "",
-    ),
-    # fence
-    "no fence": (
-        "fence",
-        configured("mpc", fence__minimum=[-1e7] * 3, fence__maximum=[1e7] * 3),
-        WARNING,
-        "no fence is set",
-    ),
-    "a reference outside": (
-        "fence",
-        configured("reference", origin=[4.0, 0.0]),
-        ERROR,
-        "the reference would break a limit: outside the fence: x is 4.00 m, limits -3 to 3",
-    ),
-    "a reference too fast to stop inside": (
-        "fence",
-        both(
-            configured("reference", trajectory="circle", circle_radius=2.4, circle_speed=3.0),
+CASES: dict[str, dict[str, tuple[Change, Level, str]]] = {
+    "nodes": {
+        "no mpc": (without("mpc"), ERROR, "no mpc node"),
+        "mpc not active": (
+            with_node("mpc", state="inactive", health="inactive: no odometry yet"),
+            ERROR,
+            "mpc is not active: inactive: no odometry yet",
         ),
-        ERROR,
-        "at the stopping point",
-    ),
-    "a take-off through the roof": (
-        "fence",
-        configured("reference", takeoff_height=4.5),
-        ERROR,
-        "a take-off to 4.5 m would break a limit: outside the fence: z is 4.50",
-    ),
-    "a way that is not known here": (
-        "fence",
-        lambda facts: facts.changed(
-            reference_samples=None, reference_samples_error="there.csv does not exist"
+        "mpc hovers": (
+            with_node("mpc", level=diagnostics.ERROR, health="solver: failed"),
+            ERROR,
+            "mpc: solver: failed",
         ),
-        UNKNOWN,
-        "there.csv does not exist",
-    ),
-    # topics
-    "no odometry is published": (
-        "topics",
-        peer_counts("mpc", odom=0),
-        ERROR,
-        "mpc has no peer on odom",
-    ),
-    "two sources of odometry": (
-        "topics",
-        peer_counts("mpc", odom=2),
-        ERROR,
-        "2 publishers on odom of mpc, expected one",
-    ),
-    "a bridge without commands": (
-        "topics",
-        peer_counts("rates_bridge", command=0),
-        ERROR,
-        "rates_bridge has no peer on command",
-    ),
-    "a reference of the same process": (
-        "topics",
-        with_node("mpc", values={"peers.odom": "1", "peers.command": "1"}),
-        OK,
-        "command, odom connected",
-    ),
-    # rate
-    "no odometry": (
-        "rate",
-        lambda facts: facts.changed(arrivals=()),
-        ERROR,
-        "no odometry received",
-    ),
-    "a gap": (
-        "rate",
-        lambda facts: facts.changed(
-            arrivals=(*facts.arrivals[:20], *facts.arrivals[40:]),
+        "another bridge": (
+            changed(bridge="px4_bridge"),
+            ERROR,
+            "px4_bridge does not run, there is rates_bridge",
         ),
-        WARNING,
-        "gap of 0.42 s between two odometries",
-    ),
-    "irregular arrivals": (
-        "rate",
-        lambda facts: facts.changed(
-            arrivals=tuple(
-                dataclasses.replace(each, at_ns=each.at_ns + (16_000_000 if i % 2 else 0))
-                for i, each in enumerate(facts.arrivals)
-            )
+        "a bridge where none should be": (changed(bridge="none"), ERROR, "expected no bridge"),
+        "no bridge": (without("rates_bridge"), WARNING, "neither a bridge nor"),
+        "an own reference": (without("reference"), OK, "mpc active"),
+        "no reference at all": (
+            both(without("reference"), peer_counts("mpc", reference=0)),
+            ERROR,
+            "no reference node",
         ),
-        WARNING,
-        "jitter of 8 ms",
-    ),
-    # clock
-    "another clock": (
-        "clock",
-        lambda facts: facts.changed(arrivals=arrivals(age=3.0)),
-        ERROR,
-        "3.00 s behind the clock",
-    ),
-    "simulated time on one node": (
-        "clock",
-        with_node("mpc", use_sim_time=True),
-        ERROR,
-        "use_sim_time is on for mpc, off for reference, recorder, rates_bridge",
-    ),
-    "simulated time in lockstep": (
-        "clock",
-        both(
-            without("rates_bridge"),
-            *(with_node(name, use_sim_time=True) for name in ("mpc", "reference", "recorder")),
-            with_node("simulator", config=SimulatorConfig(lockstep=True)),
-            lambda facts: facts.changed(has_clock=True),
-        ),
-        OK,
-        "ms old",
-    ),
-    # motion
-    "another frame": (
-        "motion",
-        lambda facts: facts.changed(arrivals=arrivals(frame_id="map")),
-        ERROR,
-        "50 of 50 odometries",
-    ),
-    **{
-        f"{rate} Hz": (
-            "rate",
-            lambda facts, rate=rate: facts.changed(arrivals=arrivals(3 * rate, period=1 / rate)),
-            WARNING,
-            f"odometry arrives at {rate}.0 Hz, mpc.control_rate is 50",
-        )
-        for rate in (2, 30)
     },
-    "a stamp for ever": (
-        "motion",
-        lambda facts: facts.changed(arrivals=arrivals(stamp_ns=NOW_NS)),
-        ERROR,
-        "odometry stamps do not advance",
-    ),
-    "speed at rest": (
-        "motion",
-        lambda facts: facts.changed(arrivals=arrivals(v_WB_B=np.array([0.0, 0.8, 0.0]))),
-        ERROR,
-        "of 50 odometries: odometry reports motion but its values do not change",
-    ),
-    "speed at rest, noisy": (
-        "motion",
-        lambda facts: facts.changed(
-            arrivals=tuple(
-                dataclasses.replace(
-                    each,
-                    odometry=dataclasses.replace(
-                        each.odometry, v_WB_B=np.array([0.0, 0.8 + 0.001 * i, 0.0])
-                    ),
+    "vehicles": {
+        "another mass": (
+            configured("reference", mass=0.75),
+            ERROR,
+            "vehicles differ: mass 0.396893 of mpc and rates_bridge, 0.75 of reference",
+        ),
+    },
+    "file": {
+        "without the file's mass": (
+            changed(stated={"mpc": HEAVY, "reference": {}}),
+            ERROR,
+            "mpc has mass 0.396893, the file 0.9",
+        ),
+        "with what the file states": (
+            changed(stated={"mpc": {"mass": 0.396893}}),
+            OK,
+            "mpc match the file",
+        ),
+        "a file and no node to compare": (
+            changed(stated={"mpc": HEAVY}, nodes={}),
+            UNKNOWN,
+            "no running node has parameters of the file",
+        ),
+    },
+    "throttle": {
+        "lifts little": (configured("mpc", mass=1.5), WARNING, "lift 1.27 times the weight"),
+        "sinks when tilted": (
+            configured("mpc", limits__tilt_max=1.5),
+            WARNING,
+            "set limits.tilt_max below 1.36",
+        ),
+        "hardly descends": (
+            configured("mpc", throttle_min=0.25),
+            WARNING,
+            "at throttle_min 0.25 the motors still lift 0.83",
+        ),
+        "a thrust map too weak": (
+            configured("rates_bridge", thrust_map__kind="linear", thrust_map__full_thrust=3.0),
+            ERROR,
+            "for a weight of 3.89 N, expected 0 to 1",
+        ),
+    },
+    "lags": {
+        "no lags": (
+            configured("mpc", input_delay=0.0),
+            WARNING,
+            "input_delay = 0: every real vehicle lags",
+        ),
+    },
+    "limits": {
+        "plans beyond the envelope": (
+            configured("mpc", envelope__tilt_max=0.5),
+            WARNING,
+            "limits.tilt_max allows 0.61 rad in the plan, envelope.tilt_max is 0.5",
+        ),
+        "a reference faster than the envelope": (
+            configured("mpc", envelope__speed_max=3.0, envelope__action="hover"),
+            ERROR,
+            "reference.max_speed is 5 m/s",
+        ),
+        "a reference slower than the plan": (configured("mpc", limits__speed_max=6.0), OK, ""),
+    },
+    "fence": {
+        "no fence": (
+            configured("mpc", fence__minimum=[-1e7] * 3, fence__maximum=[1e7] * 3),
+            WARNING,
+            "no fence is set",
+        ),
+        "a reference outside": (
+            configured("reference", origin=[4.0, 0.0]),
+            ERROR,
+            "the reference would break a limit: outside the fence: x is 4.00 m, limits -3 to 3",
+        ),
+        "a reference too fast to stop inside": (
+            configured("reference", trajectory="circle", circle_radius=2.4, circle_speed=3.0),
+            ERROR,
+            "at the stopping point",
+        ),
+        "a take-off through the roof": (
+            configured("reference", takeoff_height=4.5),
+            ERROR,
+            "a take-off to 4.5 m would break a limit: outside the fence: z is 4.50",
+        ),
+        "a way that is not known here": (
+            changed(reference_samples=None, reference_samples_error="there.csv does not exist"),
+            UNKNOWN,
+            "there.csv does not exist",
+        ),
+    },
+    "topics": {
+        "no odometry is published": (peer_counts("mpc", odom=0), ERROR, "mpc has no peer on odom"),
+        "two sources of odometry": (
+            peer_counts("mpc", odom=2),
+            ERROR,
+            "2 publishers on odom of mpc, expected one",
+        ),
+        "a bridge without commands": (
+            peer_counts("rates_bridge", command=0),
+            ERROR,
+            "rates_bridge has no peer on command",
+        ),
+        "a reference of the same process": (
+            with_node("mpc", values={"peers.odom": "1", "peers.command": "1"}),
+            OK,
+            "command, odom connected",
+        ),
+    },
+    "rate": {
+        "no odometry": (changed(arrivals=()), ERROR, "no odometry received"),
+        "a gap": (
+            lambda facts: facts.changed(arrivals=(*facts.arrivals[:20], *facts.arrivals[40:])),
+            WARNING,
+            "gap of 0.42 s between two odometries",
+        ),
+        "irregular arrivals": (
+            lambda facts: facts.changed(
+                arrivals=tuple(
+                    dataclasses.replace(each, at_ns=each.at_ns + (16_000_000 if i % 2 else 0))
+                    for i, each in enumerate(facts.arrivals)
                 )
-                for i, each in enumerate(facts.arrivals)
+            ),
+            WARNING,
+            "jitter of 8 ms",
+        ),
+        **{
+            f"{rate} Hz": (
+                changed(arrivals=arrivals(3 * rate, period=1 / rate)),
+                WARNING,
+                f"odometry arrives at {rate}.0 Hz, mpc.control_rate is 50",
             )
+            for rate in (2, 30)
+        },
+    },
+    "clock": {
+        "another clock": (changed(arrivals=arrivals(age=3.0)), ERROR, "3.00 s behind the clock"),
+        "simulated time on one node": (
+            with_node("mpc", use_sim_time=True),
+            ERROR,
+            "use_sim_time is on for mpc, off for reference, recorder, rates_bridge",
         ),
-        ERROR,
-        "does not change, but the twist reports 0.82 m/s",
-    ),
-    "on its side": (
-        "motion",
-        lambda facts: facts.changed(
-            arrivals=arrivals(q_WB_xyzw=np.array([math.sin(0.3), 0.0, 0.0, math.cos(0.3)]))
+        "simulated time in lockstep": (
+            both(
+                without("rates_bridge"),
+                *(with_node(name, use_sim_time=True) for name in ("mpc", "reference", "recorder")),
+                with_node("simulator", config=SimulatorConfig(lockstep=True)),
+                changed(has_clock=True),
+            ),
+            OK,
+            "ms old",
         ),
-        WARNING,
-        "rests with a tilt of 0.60 rad",
-    ),
-    "a twist in the other frame": (
-        "motion",
-        lambda facts: facts.changed(arrivals=flying(twist_frame="world")),
-        ERROR,
-        "is the heading off by 90 degrees, or is odometry.twist_frame wrong?",
-    ),
-    "in flight": (
-        "motion",
-        lambda facts: facts.changed(arrivals=flying(twist_frame="child")),
-        OK,
-        "the vehicle moves; position, velocity, attitude and body rates agree",
-    ),
-    # stack
-    "a bridge without a heartbeat": (
-        "stack",
-        with_node("rates_bridge", values={"stack_fault": "no heartbeat", "landed": "unknown"}),
-        Level.ERROR,
-        "rates_bridge: no heartbeat",
-    ),
-    "a vehicle that flies": (
-        "stack",
-        with_node("rates_bridge", values={**GROUNDED, "landed": "false"}),
-        Level.WARNING,
-        "reports that the vehicle is flying",
-    ),
-    "a bridge that has not reported": (
-        "stack",
-        with_node("rates_bridge", values={}),
-        Level.UNKNOWN,
-        "has not reported its health",
-    ),
+    },
+    "motion": {
+        "another frame": (
+            changed(arrivals=arrivals(frame_id="map")),
+            ERROR,
+            "50 of 50 odometries",
+        ),
+        "a stamp for ever": (
+            changed(arrivals=arrivals(stamp_ns=NOW_NS)),
+            ERROR,
+            "odometry stamps do not advance",
+        ),
+        "speed at rest": (
+            changed(arrivals=arrivals(v_WB_B=np.array([0.0, 0.8, 0.0]))),
+            ERROR,
+            "of 50 odometries: odometry reports motion but its values do not change",
+        ),
+        "speed at rest, noisy": (
+            lambda facts: facts.changed(
+                arrivals=tuple(
+                    dataclasses.replace(
+                        each,
+                        odometry=dataclasses.replace(
+                            each.odometry, v_WB_B=np.array([0.0, 0.8 + 0.001 * i, 0.0])
+                        ),
+                    )
+                    for i, each in enumerate(facts.arrivals)
+                )
+            ),
+            ERROR,
+            "does not change, but the twist reports 0.82 m/s",
+        ),
+        "on its side": (
+            changed(
+                arrivals=arrivals(q_WB_xyzw=np.array([math.sin(0.3), 0.0, 0.0, math.cos(0.3)]))
+            ),
+            WARNING,
+            "rests with a tilt of 0.60 rad",
+        ),
+        "a twist in the other frame": (
+            changed(arrivals=flying(twist_frame="world")),
+            ERROR,
+            "is the heading off by 90 degrees, or is odometry.twist_frame wrong?",
+        ),
+        "in flight": (
+            changed(arrivals=flying(twist_frame="child")),
+            OK,
+            "the vehicle moves; position, velocity, attitude and body rates agree",
+        ),
+    },
+    "stack": {
+        "a bridge without a heartbeat": (
+            with_node("rates_bridge", values={"stack_fault": "no heartbeat", "landed": "unknown"}),
+            ERROR,
+            "rates_bridge: no heartbeat",
+        ),
+        "a vehicle that flies": (
+            with_node("rates_bridge", values={**GROUNDED, "landed": "false"}),
+            WARNING,
+            "reports that the vehicle is flying",
+        ),
+        "a bridge that has not reported": (
+            with_node("rates_bridge", values={}),
+            UNKNOWN,
+            "has not reported its health",
+        ),
+    },
 }
 
 
@@ -462,9 +400,11 @@ def test_reports_no_problem_for_a_ready_vehicle() -> None:
     assert {name for name, _ in found} == CHECKS.keys() - {"file"}
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_reports_each_case_with_its_level(case: str) -> None:
-    check, change, level, words = CASES[case]
+@pytest.mark.parametrize(
+    ("check", "case"), [(check, case) for check, cases in CASES.items() for case in cases]
+)
+def test_reports_each_case_with_its_level(check: str, case: str) -> None:
+    change, level, words = CASES[check][case]
     found = CHECKS[check](change(FIT))
     assert max(each.level for each in found) == level, found
     (result,) = [each for each in found if each.level is level and words in each.text][:1]
@@ -472,10 +412,9 @@ def test_reports_each_case_with_its_level(case: str) -> None:
 
 
 def test_every_check_is_tried_in_both_directions() -> None:
-    found_well = {name for name, each in findings(FIT) if each.level is Level.OK}
-    well = found_well | {check for check, _, level, _ in CASES.values() if level is Level.OK}
-    ill = {check for check, _, level, _ in CASES.values() if level is not Level.OK}
-    assert well == ill == CHECKS.keys()
+    tried = {(check, level is OK) for check in CASES for _, level, _ in CASES[check].values()}
+    tried |= {(check, each.level is OK) for check, each in findings(FIT)}
+    assert tried == {(check, well) for check in CHECKS for well in (True, False)}
 
 
 @pytest.mark.parametrize("check", CHECKS)
