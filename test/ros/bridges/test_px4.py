@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from fixtures.bridges import (
+    AXES,
+    FRD,
     HOVER,
     SECOND,
     T0,
@@ -46,8 +48,9 @@ def wxyz(axis_angle: list[float]) -> list[float]:
     return [math.cos(angle / 2.0), *(math.sin(angle / 2.0) * axis)]
 
 
-def odometry_message(new: New, **fields: Any) -> Any:
+def odometry_message(new: New, now_ns: int = 0, **fields: Any) -> Any:
     message = new("px4_msgs/msg/VehicleOdometry")
+    message.timestamp = now_ns // 1000
     message.pose_frame, message.velocity_frame = 1, 1
     message.q = [1.0, 0.0, 0.0, 0.0]
     for name, value in fields.items():
@@ -55,28 +58,17 @@ def odometry_message(new: New, **fields: Any) -> Any:
     return message
 
 
-@pytest.mark.parametrize(
-    ("frd", "flu"),
-    [
-        ([1, 0, 0], [1, 0, 0]),
-        ([-1, 0, 0], [-1, 0, 0]),
-        ([0, 1, 0], [0, -1, 0]),
-        ([0, -1, 0], [0, 1, 0]),
-        ([0, 0, 1], [0, 0, -1]),
-        ([0, 0, -1], [0, 0, 1]),
-    ],
-)
-def test_body_rates_and_body_velocity_axis_by_axis(
-    new: New, frd: list[float], flu: list[float]
-) -> None:
+@pytest.mark.parametrize("axis", AXES)
+def test_body_rates_and_body_velocity_axis_by_axis(new: New, axis: tuple[float, ...]) -> None:
+    frd = FRD[axis]
     message = odometry_message(new, angular_velocity=frd, velocity=frd, velocity_frame=3)
     odometry = px4.odometry_from_vehicle_odometry(message)
-    assert_allclose(odometry.w_WB_B, flu)
-    assert_allclose(odometry.v_WB_B, flu)
+    assert_allclose(odometry.w_WB_B, axis)
+    assert_allclose(odometry.v_WB_B, axis)
 
     rates = new("px4_msgs/msg/VehicleRatesSetpoint")
-    px4.fill_vehicle_rates_setpoint(rates, command(w=(flu[0], flu[1], flu[2])), throttle=0.3)
-    assert [rates.roll, rates.pitch, rates.yaw] == frd
+    px4.fill_vehicle_rates_setpoint(rates, command(w=axis), throttle=0.3)
+    assert (rates.roll, rates.pitch, rates.yaw) == frd
 
 
 def test_the_variance_of_the_velocity_is_passed_on(new: New) -> None:
@@ -84,28 +76,6 @@ def test_the_variance_of_the_velocity_is_passed_on(new: New) -> None:
     assert px4.odometry_from_vehicle_odometry(message).v_variance == 0.125
     message.velocity_variance = [math.nan] * 3
     assert px4.odometry_from_vehicle_odometry(message).v_variance == 0.0
-
-
-def test_heading_east_is_the_identity_quaternion(new: New) -> None:
-    message = odometry_message(new, q=wxyz([0.0, 0.0, math.pi / 2.0]))
-    odometry = px4.odometry_from_vehicle_odometry(message)
-    R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
-    assert_allclose(R_WB, np.eye(3), atol=1e-7)
-
-
-def test_nose_down_heading_north_accelerates_north(new: New) -> None:
-    # FRD: the nose goes down with a negative pitch; the thrust then leans forward.
-    message = odometry_message(new, q=wxyz([0.0, -0.3, 0.0]))
-    odometry = px4.odometry_from_vehicle_odometry(message)
-    thrust_W = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw) @ UP
-    assert_allclose(thrust_W, math.sin(0.3) * NORTH_ENU + math.cos(0.3) * UP, atol=1e-7)
-
-
-def test_upward_thrust_is_negative_in_frd(new: New) -> None:
-    rates = new("px4_msgs/msg/VehicleRatesSetpoint")
-    px4.fill_vehicle_rates_setpoint(rates, command(), throttle=0.25)
-    assert rates.thrust_body.tolist() == [0.0, 0.0, -0.25]
-    assert rates.timestamp == 0
 
 
 @settings(deadline=None)
@@ -183,16 +153,6 @@ def px4_status(new: New, nav_state: int) -> Any:
     return message
 
 
-def px4_odometry(new: New, now_ns: int, **fields: Any) -> Any:
-    message = new("px4_msgs/msg/VehicleOdometry")
-    message.timestamp = now_ns // 1000
-    message.pose_frame = message.velocity_frame = 1
-    message.q = [1.0, 0.0, 0.0, 0.0]
-    for name, value in fields.items():
-        setattr(message, name, value)
-    return message
-
-
 def report_status(
     bridge: Px4Bridge, now_ns: int, *, nav_state: int = 14, armed: bool = True
 ) -> None:
@@ -210,7 +170,7 @@ def flown(
     """Let PX4 and the MPC speak for a while; return what was sent, and when."""
     sent: list[tuple[int, Outgoing]] = []
     for now_ns in range(begin_ns, begin_ns + round(seconds * SECOND), SECOND // 50):
-        deliver(bridge, "/fmu/out/vehicle_odometry", px4_odometry(new_message, now_ns), now_ns)
+        deliver(bridge, "/fmu/out/vehicle_odometry", odometry_message(new_message, now_ns), now_ns)
         report_status(bridge, now_ns, **state)
         made = bridge.receive_command(command(now_ns, throttle), now_ns=now_ns)
         sent += [(now_ns, each) for each in made]
@@ -335,7 +295,7 @@ def test_px4_topics_end_in_the_version_of_their_message(new: New) -> None:
 @pytest.mark.parametrize("field", ["position", "velocity", "angular_velocity"])
 def test_px4_state_marked_invalid_is_not_passed_on(new: New, field: str) -> None:
     bridge = made(new)
-    message = px4_odometry(new, T0, **{field: [math.nan, 0.0, 0.0]})
+    message = odometry_message(new, T0, **{field: [math.nan, 0.0, 0.0]})
     assert deliver(bridge, "/fmu/out/vehicle_odometry", message, T0) is None
     (warning,) = bridge.take_warnings()
     assert "the stack's state is not valid" in warning
@@ -347,7 +307,7 @@ def test_px4_frame_changes_are_passed_on_as_a_jump(new: New) -> None:
     frames = ((1, 1), (2, 2), (2, 3))
     for i, (pose, velocity) in enumerate(frames):
         now_ns = T0 + i * SECOND // 50
-        message = px4_odometry(new, now_ns, pose_frame=pose, velocity_frame=velocity)
+        message = odometry_message(new, now_ns, pose_frame=pose, velocity_frame=velocity)
         odometry = deliver(bridge, "/fmu/out/vehicle_odometry", message, now_ns)
         assert odometry is not None
         assert (odometry.frame_id, odometry.child_frame_id) == ("odom", "base_link")
