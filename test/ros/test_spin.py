@@ -10,6 +10,12 @@ import sys
 
 import pytest
 
+
+def ran(program: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-P", "-c", program]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60)
+
+
 _INTERRUPTED = """
 import signal, sys, weakref
 from rclpy.node import Node
@@ -40,11 +46,7 @@ sys.exit(spin.run(create, message_info={message_info}))
 @pytest.mark.parametrize("message_info", [False, True])
 def test_executor_outlives_the_signal_thread(message_info: bool) -> None:
     """rclpy's signal thread reads the list of executors without a lock."""
-    program = _INTERRUPTED.format(message_info=message_info)
-
-    result = subprocess.run(
-        [sys.executable, "-P", "-c", program], capture_output=True, text=True, timeout=60
-    )
+    result = ran(_INTERRUPTED.format(message_info=message_info))
 
     assert result.returncode == 0, result.stderr
     assert result.stdout.splitlines() == ["signal thread ended", "executor freed"]
@@ -80,9 +82,7 @@ sys.exit(code)
 
 def test_no_thread_of_dds_is_left_when_a_process_ends() -> None:
     """One that outlives what it calls aborts the process: ``pure virtual method called``."""
-    result = subprocess.run(
-        [sys.executable, "-P", "-c", _ENDED], capture_output=True, text=True, timeout=60
-    )
+    result = ran(_ENDED)
 
     assert result.returncode == 0, result.stderr
     assert result.stdout.splitlines() == ["True", "[]"]
@@ -107,11 +107,7 @@ def test_signal_in_a_callback_of_c_interrupts_a_start_that_inherits_sigint_ignor
 ) -> None:
     """A shell without job control starts background processes so; Python cannot raise there."""
     ignoring = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
-    program = ignoring + _SWALLOWED.format(name=name)
-
-    result = subprocess.run(
-        [sys.executable, "-P", "-c", program], capture_output=True, text=True, timeout=60
-    )
+    result = ran(ignoring + _SWALLOWED.format(name=name))
 
     assert (result.returncode, result.stderr) == (130, "")
 
@@ -123,18 +119,14 @@ from quad_mpc_ros.ros import spin
 
 class Begun(Node):
     def begin(self):
-        signal.raise_signal(signal.{name})
+        signal.raise_signal(signal.SIGTERM)
 
 sys.exit(spin.run(lambda: Begun("begun")))
 """
 
 
 def test_a_signal_from_the_first_published_message_on_is_exit_code_0() -> None:
-    program = _BEGUN.format(name="SIGTERM")
-
-    result = subprocess.run(
-        [sys.executable, "-P", "-c", program], capture_output=True, text=True, timeout=60
-    )
+    result = ran(_BEGUN)
 
     assert (result.returncode, result.stderr) == (0, "")
 
@@ -142,9 +134,9 @@ def test_a_signal_from_the_first_published_message_on_is_exit_code_0() -> None:
 _SPENT = """
 import sys, time
 from quad_mpc_ros.ros import spin
-from quad_mpc_ros.ros.nodes.{module} import {node}
+from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
 
-class Ending({node}):
+class Ending(MpcNode):
     def begin(self):
         super().begin()
         self.create_timer(0.1, self.end)
@@ -160,12 +152,9 @@ sys.exit(spin.run(Ending))
 
 def test_shutdown_is_much_faster_than_startup() -> None:
     """The times are processor times; with a garbage collection it was more than a third."""
-    program = _SPENT.format(module="mpc_node", node="MpcNode")
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
 
-    result = subprocess.run(
-        [sys.executable, "-P", "-c", program], capture_output=True, text=True, timeout=60
-    )
+    result = ran(_SPENT)
 
     assert result.returncode == 0, result.stderr
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -187,7 +176,7 @@ def registering(self, wait_set):
     global count
     count += 1
     if count == 2:
-        signal.raise_signal(signal.{name})
+        signal.raise_signal(signal.SIGINT)
         time.sleep(0.3)
     register(self, wait_set)
 
@@ -205,10 +194,6 @@ sys.exit(spin.run(create, message_info={message_info}))
 @pytest.mark.parametrize("message_info", [False, True])
 def test_a_signal_while_the_executor_registers_a_node_is_exit_code_0(message_info: bool) -> None:
     """An events executor that registers while ROS ends aborts the process."""
-    program = _REGISTERING.format(name="SIGINT", message_info=message_info)
-
-    result = subprocess.run(
-        [sys.executable, "-P", "-c", program], capture_output=True, text=True, timeout=60
-    )
+    result = ran(_REGISTERING.format(message_info=message_info))
 
     assert (result.returncode, result.stderr) == (0, "")

@@ -2,6 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of the stacks, and bridges as processes of their own."""
 
-from fixtures.bridge_nodes import matching, new, sound, start
+from fixtures.bridge_nodes import new, sound, start
 
-__all__ = ["matching", "new", "sound", "start"]
+__all__ = ["new", "sound", "start"]

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -12,7 +11,6 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from fixtures.peer import Peer
@@ -86,34 +84,14 @@ class Feed:
         """Send the enabled messages with the current time."""
         stamp_ns = int(self._peer.node.get_clock().now().nanoseconds)
         if self.reference:
-            self._reference.publish(self._window(stamp_ns))
+            held = ReferenceWindow.hover([0.0, 0.0, 2.0], yaw=self.yaw, stamp_ns=stamp_ns)
+            self._reference.publish(cdr.written_reference(held, child_frame_id="b"))
         self._count += 1
         if self.odometry and self._count % self.decimation == 0:
             odometry = Odometry()
-            conversions.fill_odometry(
-                odometry,
-                OdometrySample(
-                    stamp_ns=stamp_ns,
-                    p_WB=np.array([0.0, 0.0, self.height]),
-                    q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
-                    v_WB_B=np.zeros(3),
-                    w_WB_B=np.zeros(3),
-                ),
-            )
+            rest = OdometrySample.at_rest([0.0, 0.0, self.height], stamp_ns=stamp_ns)
+            conversions.fill_odometry(odometry, rest)
             self._odometry.publish(odometry)
-
-    def _window(self, stamp_ns: int) -> bytes:
-        held = np.array([[0.0, 0.0, 2.0]] * 2)
-        window = ReferenceWindow(
-            stamp_ns=stamp_ns,
-            offset_ns=np.array([0, 10**9]),
-            p_WB=held,
-            q_WB_xyzw=np.array([[0.0, 0.0, math.sin(self.yaw / 2), math.cos(self.yaw / 2)]] * 2),
-            v_WB_W=0.0 * held,
-            a_WB_W=0.0 * held,
-            w_WB_W=0.0 * held,
-        )
-        return cdr.written_reference(window, child_frame_id="b")
 
 
 @pytest.fixture

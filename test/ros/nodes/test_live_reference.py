@@ -169,21 +169,6 @@ def assert_nothing_jumps(windows: list[ReferenceWindow]) -> None:
     assert judged > 50
 
 
-def odometry_at(peer: Any, p_WB: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Odometry:
-    message = Odometry()
-    conversions.fill_odometry(
-        message,
-        OdometrySample(
-            stamp_ns=int(peer.node.get_clock().now().nanoseconds),
-            p_WB=np.array(p_WB),
-            q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
-            v_WB_B=np.zeros(3),
-            w_WB_B=np.zeros(3),
-        ),
-    )
-    return message
-
-
 def trajectory_message(
     points: list[tuple[float, float, float]], seconds: list[float], *, frame_id: str = "odom"
 ) -> MultiDOFJointTrajectory:
@@ -211,10 +196,7 @@ def pilot(start: Start, peer: Any, request: pytest.FixtureRequest) -> Pilot:
     rep147 = getattr(request, "param", False)
     made = Pilot(peer, rep147=rep147)
     remaps = [f"{name}:={to}" for name, to in REP147_NAMES.items()] if rep147 else []
-    many = (
-        "-p",
-        "advanced.window_duration:=0.4",
-    )  # a window that reaches less far is renewed sooner
+    many = ("-p", "advanced.window_duration:=0.4")  # a shorter window is renewed sooner
     rules = [word for remap in remaps for word in ("-r", remap)]
     start("reference", "-p", "mode:=on_request", "-p", "takeoff_height:=0.5", *many, *rules)
     made.await_node()
@@ -225,9 +207,14 @@ def pilot(start: Start, peer: Any, request: pytest.FixtureRequest) -> Pilot:
     answer = made.call("takeoff")
     assert not answer.success
     assert answer.message == "no usable odometry yet"
+    message = Odometry()
     # Again and again: a best-effort message may be lost on a machine that is busy.
     for _ in range(50):
-        odometry.publish(odometry_at(peer))
+        stamp_ns = int(peer.node.get_clock().now().nanoseconds)
+        conversions.fill_odometry(
+            message, OdometrySample.at_rest([0.0, 0.0, 0.0], stamp_ns=stamp_ns)
+        )
+        odometry.publish(message)
         if peer.wait(lambda: made.now > 0.0, timeout=0.3):
             return made
     raise AssertionError("no window for the odometry")
@@ -240,32 +227,13 @@ def test_bad_input_is_rejected_with_a_reason_and_the_flight_continues(
     assert "is rejected in mode ground" in pilot.call("land").message
     assert pilot.call("takeoff").success
     pilot.fly(0.5)
-    nan = float("nan")
     no_transform = trajectory_message([(0, 0, 1), (1, 0, 1)], [0, 2])
     no_transform.points[1].transforms = []
     for request, reason in (
         (lambda: pilot.send_goal((1.0, 0.0, -1.0)), "1 m below the ground"),
-        (lambda: pilot.send_goal((1000.0, 0.0, 1.0)), "beyond reach"),
-        (lambda: pilot.send_goal((1.0, nan, 1.0)), "not finite"),
-        (lambda: pilot.send_goal((1.0, 0.0, 1.0), frame_id="map"), "frame 'map'"),
         (lambda: pilot.send_trajectory(trajectory_message([], [])), "0 points"),
-        (lambda: pilot.send_trajectory(trajectory_message([(0, 0, 1)], [0])), "1 points"),
-        (
-            lambda: pilot.send_trajectory(
-                trajectory_message([(0, 0, 1), (1, 0, 1), (2, 0, 1)], [0, 2, 1])
-            ),
-            "time of point 2",
-        ),
-        (
-            lambda: pilot.send_trajectory(trajectory_message([(0, 0, 1), (nan, 0, 1)], [0, 2])),
-            "not finite",
-        ),
         (lambda: pilot.send_trajectory(no_transform), "no transform"),
         (lambda: pilot._replied("velocity", lambda: pilot.send_velocity(frame_id="map")), "'map'"),
-        (
-            lambda: pilot._replied("velocity", lambda: pilot.send_velocity(frame_id="", x=nan)),
-            "expected finite numbers",
-        ),
         (
             lambda: pilot._replied("velocity", lambda: pilot.send_velocity(frame_id="base_link")),
             "velocity is rejected in mode takeoff",
