@@ -272,9 +272,6 @@ def test_the_health_of_a_bridge_names_the_missing_heartbeat(peer: StackPeer) -> 
         node.destroy_node()
 
 
-"""Topics on which a stack is asked to arm, disarm or change its mode."""
-
-
 LEAVING = """
 import sys
 import rclpy
@@ -341,32 +338,3 @@ def test_one_name_for_two_types_is_refused_in_one_line(
     )
     (line,) = capfd.readouterr().err.splitlines()
     assert "/command has the type rosflight_msgs/msg/Command in the stack" in line
-
-
-def test_rosflight_flies_in_the_root_namespace(
-    start: Start, peer: StackPeer, tmp_path: Path
-) -> None:
-    """With the real messages, where they are installed, and the topics of the launch file."""
-    messages = pytest.importorskip("rosflight_msgs.msg")
-    states = pytest.importorskip("roscopter_msgs.msg")
-    commands: list[Any] = []
-    node = peer.node
-    node.destroy_publisher(peer.command)  # of the other type
-    node.create_subscription(messages.Command, "/command", commands.append, 10)
-    status = node.create_publisher(messages.Status, "/status", qos_profile_sensor_data)
-    state = node.create_publisher(states.State, "/estimated_state", qos_profile_sensor_data)
-    peer.command = node.create_publisher(TwistStamped, "/mpc/command", qos_profile_sensor_data)
-    peer.engage = node.create_client(SetBool, "/rosflight_bridge/engage")
-
-    def publish() -> bool:
-        sent_status, sent_state = messages.Status(armed=True), states.State()
-        sent_state.header.stamp = node.get_clock().now().to_msg()
-        sent_state.quat.w = 1.0
-        status.publish(sent_status)
-        state.publish(sent_state)
-        return peer.asked_to_engage()
-
-    start("rosflight_bridge")
-    assert peer.fly(publish), (tmp_path / "rosflight_bridge.log").read_text()
-    assert peer.fly(lambda: publish() and len(commands) > 10)
-    assert commands[-1].u[2] == pytest.approx(HOVER)

@@ -91,11 +91,8 @@ class Px4Commander:
             mode.flag_control_offboard_enabled = ours and self.configured
             self.say("vehicle_control_mode", mode)
             odometry = new_message("px4_msgs/msg/VehicleOdometry")
-            odometry.timestamp, odometry.pose_frame, odometry.velocity_frame = (
-                self.now_ns // 1000,
-                1,
-                1,
-            )
+            odometry.timestamp = self.now_ns // 1000
+            odometry.pose_frame = odometry.velocity_frame = 1
             odometry.q, odometry.position = [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -self.height]
             self.say("vehicle_odometry", odometry)
             if self.commanding:
