@@ -11,6 +11,7 @@ from typing import cast
 
 import pytest
 import rclpy
+from fixtures.recorded_flights import tick
 
 from quad_mpc_ros import load_config, simulate
 from quad_mpc_ros.control.safety.ladder import Decision, Source
@@ -61,7 +62,8 @@ def test_health_reports_a_confirmed_fault_without_side_effects() -> None:
         node = MpcNode()
         node.trigger_configure()
         for seconds in range(7):
-            stats = ringing(stamp_ns=seconds * 10**9)
+            ringing = {"rate_time_constant_ms": 40.0, "torque_time_constant_ms": 100.0}
+            stats = tick(seconds * 10**9, **ringing)
             node._tick = cast(Tick, SimpleNamespace(stats=stats, decision=Decision(Source.MPC)))
             before = [node.report().text for _ in range(2)]
             node._check_faults()
@@ -70,26 +72,3 @@ def test_health_reports_a_confirmed_fault_without_side_effects() -> None:
         node.destroy_node()
     finally:
         rclpy.shutdown()
-
-
-def ringing(*, stamp_ns: int) -> TickStats:
-    return TickStats(
-        stamp_ns=stamp_ns,
-        source="mpc",
-        reason="",
-        solver_status="solved",
-        iterations=10,
-        primal_residual=0.0,
-        dual_residual=0.0,
-        solve_time_us=1.0,
-        step_time_us=1.0,
-        thrust_scale=1.0,
-        odom_age_ms=1.0,
-        reference_age_ms=1.0,
-        commands=1,
-        fallbacks=0,
-        solver_failures=0,
-        rejected_inputs=0,
-        rate_time_constant_ms=40.0,
-        torque_time_constant_ms=100.0,
-    )

@@ -715,17 +715,17 @@ def absurd(speaker: Speaker, kind: str, dice: random.Random) -> bytes:
 
     message = getattr(development, f"MAVLink_{kind}_message")
     values: list[Any] = []
-    for name, kind_of, length in zip(
-        message.fieldnames, message.fieldtypes, ordered(message), strict=True
-    ):
+    for kind_of, length in zip(message.fieldtypes, ordered(message), strict=True):
         if kind_of == "char":
             values.append(dice.choice((b"GUID_OPTIONS", b"\xff\xfe", b"", b"MOT_THST_EXPO")))
         elif kind_of in ("float", "double"):
             numbers = [dice.choice(ABSURD) for _ in range(max(length, 1))]
             values.append(numbers if length > 1 else numbers[0])
         else:
-            low, high = limits(kind_of)
-            values.append(dice.choice((0, 1, 2, 12, high, low, high // 2)) if name else 0)
+            # A kind may go on after its type: "uint8_t_mavlink_version".
+            limits = np.iinfo(kind_of.split("_")[0])
+            numbers = (0, 1, 2, 12, int(limits.max), int(limits.min), int(limits.max) // 2)
+            values.append(dice.choice(numbers))
     return speaker.say(kind, *values)
 
 
@@ -733,8 +733,3 @@ def ordered(message: Any) -> list[int]:
     """Return the lengths of arrays by the fields' names."""
     lengths = dict(zip(message.ordered_fieldnames, message.array_lengths, strict=True))
     return [lengths[name] for name in message.fieldnames]
-
-
-def limits(kind: str) -> tuple[int, int]:
-    bits = 8 * int("".join(filter(str.isdigit, kind))) // 8
-    return (0, 2**bits - 1) if kind.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)

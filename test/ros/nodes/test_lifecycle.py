@@ -11,7 +11,7 @@ import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -231,37 +231,19 @@ def test_a_shutdown_from_every_state_ends_the_process(
         assert "Traceback" not in (tmp_path / f"{name}.log").read_text()
 
 
-class LifecycleManager:
-    """Speaks the protocol of ``nav2_lifecycle_manager`` with ``bond_timeout: 0.0``.
+GOALS = {
+    Transition.TRANSITION_CONFIGURE: "inactive",
+    Transition.TRANSITION_ACTIVATE: "active",
+    Transition.TRANSITION_DEACTIVATE: "inactive",
+    Transition.TRANSITION_CLEANUP: "unconfigured",
+}
 
-    Each transition goes to all nodes in order, by number; then ``get_state`` must name its goal.
-    """
 
-    GOALS: ClassVar = {
-        Transition.TRANSITION_CONFIGURE: "inactive",
-        Transition.TRANSITION_ACTIVATE: "active",
-        Transition.TRANSITION_DEACTIVATE: "inactive",
-        Transition.TRANSITION_CLEANUP: "unconfigured",
-    }
-
-    def __init__(self, nodes: list[Any]) -> None:
-        self._nodes = nodes
-
-    def startup(self) -> bool:
-        first = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
-        return all(self._change(self._nodes, each) for each in first)
-
-    def reset(self) -> bool:
-        last = (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
-        return all(self._change(self._nodes[::-1], each) for each in last)
-
-    def shutdown(self) -> None:
-        self.reset()
-        for node in self._nodes[::-1]:
-            assert node.to(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
-
-    def _change(self, nodes: list[Any], transition: int) -> bool:
-        return all(node.to(transition) and node.state == self.GOALS[transition] for node in nodes)
+def manage(nodes: list[Any], *transitions: int) -> bool:
+    """Ask as ``nav2_lifecycle_manager`` with ``bond_timeout: 0.0``: by number, then the state."""
+    return all(
+        node.to(each) and node.state == GOALS[each] for each in transitions for node in nodes
+    )
 
 
 def test_nav2_lifecycle_manager_starts_resets_and_shuts_down(
@@ -274,13 +256,17 @@ def test_nav2_lifecycle_manager_starts_resets_and_shuts_down(
         start("recorder", *WAIT, "-p", f"directory:={tmp_path / 'bag'}"),
     ]
     start("mpc")
-    manager, mpc = LifecycleManager([managed("reference"), managed("recorder")]), managed("mpc")
-    assert manager.startup()
+    nodes, mpc = [managed("reference"), managed("recorder")], managed("mpc")
+    up = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
+    down = (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
+    assert manage(nodes, *up)
     assert mpc.reports("active")
-    assert manager.reset()
+    assert manage(nodes[::-1], *down)
     shutil.rmtree(tmp_path / "bag")
-    assert manager.startup()
-    manager.shutdown()
+    assert manage(nodes, *up)
+    assert manage(nodes[::-1], *down)
+    for node in nodes[::-1]:
+        assert node.to(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
     assert [process.wait(PATIENCE) for process in processes] == [0, 0]
     assert mpc.state == "active"
 

@@ -79,12 +79,10 @@ class Pilot:
     def call(self, name: str) -> Any:
         return self._peer.call(self._clients[name], Trigger.Request())
 
-    def send_goal(
-        self, p: tuple[float, float, float], *, yaw: float = 0.0, frame_id: str = "odom"
-    ) -> str:
+    def send_goal(self, p: tuple[float, float, float], *, yaw: float = 0.0) -> str:
         """Send a goal as RViz does; return what the node says of it."""
         message = PoseStamped()
-        message.header.frame_id = frame_id
+        message.header.frame_id = "odom"
         message.pose.position.x, message.pose.position.y, message.pose.position.z = p
         message.pose.orientation.z = math.sin(0.5 * yaw)
         message.pose.orientation.w = math.cos(0.5 * yaw)
@@ -170,12 +168,11 @@ def assert_nothing_jumps(windows: list[ReferenceWindow]) -> None:
 
 
 def trajectory_message(
-    points: list[tuple[float, float, float]], seconds: list[float], *, frame_id: str = "odom"
+    points: list[tuple[float, float, float]], seconds: list[float]
 ) -> MultiDOFJointTrajectory:
     count, rest = len(points), np.zeros((len(points), 3))
     window = ReferenceWindow(
         stamp_ns=0,
-        frame_id=frame_id,
         offset_ns=np.array([round(1e9 * t) for t in seconds], dtype=np.int64),
         p_WB=np.reshape(np.array(points, dtype=float), (count, 3)),
         q_WB_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)),
