@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-import functools
-import math
 import random
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -15,6 +13,7 @@ import pytest
 from fixtures import crazyflie, mavlink
 from fixtures.betaflight import set_raw_rc
 from fixtures.bridges import BRIDGES, engage
+from fixtures.fuzzing import ALL, leaves, spoil, value_at
 
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.extras.bridges.crazyflie.line import CrazyflieLine
@@ -35,10 +34,6 @@ AGAIN = 20  # messages until it is engaged again
 PER_BRIDGE = 500  # messages until the next configuration is taken
 SECOND = 1_000_000_000
 
-FLOATS = [math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, 1e-30, 1e-3, 0.1, 1.0, -1.0, 2.0]
-FLOATS += [-7.0, 99.0, 101.0, 1e4, -1e8, 1.1e8, 1e19, -3.4e38, 3.5e38, 1e154, -1e200, 1.7e308]
-TEXTS = ["", "odom", "/odom", "map", "earth", "base_link", "drone0/base_link", "/", "//", "\0"]
-TEXTS += ["OFFBOARD", "GUIDED", "STABILIZE", "nan", "schön ☃", 5000 * "x"]
 # Among 20 ms and again 20 ms: the clock is set, and jumps.
 STEPS_NS = [0, 1, SECOND // 100, SECOND // 10, 2 * SECOND, 3600 * SECOND, -1, -SECOND // 20]
 STEPS_NS += [-3600 * SECOND]
@@ -61,64 +56,18 @@ VARIANTS: dict[str, list[dict[str, Any]]] = {
 }
 
 
-def leaves(message: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Yield the path of every field that is a value."""
-    for name in type(message).FIELDS:
-        value = getattr(message, name)
-        if hasattr(type(value), "FIELDS"):
-            yield from leaves(value, (*path, name))
-        else:
-            yield (*path, name)
-
-
-def put(message: Any, path: tuple[str, ...], value: Any) -> None:
-    setattr(functools.reduce(getattr, path[:-1], message), path[-1], value)
-
-
-def absurd(random: random.Random, now: Any) -> Any:
-    """Return another value of the kind that a field has now."""
-    match now:
-        case bool():
-            return random.random() < 0.5
-        case str():
-            return random.choice(TEXTS)
-        case float():
-            return random.choice(FLOATS)
-        case int():
-            return random.choice((0, 1, 2, 3, 5, 14, 127, 128, 255, 2**31 - 1, -1, -(2**31)))
-        case np.ndarray() if now.dtype.kind == "f":
-            return [random.choice(FLOATS) for _ in now]
-        case np.ndarray():
-            return now
-        case _:
-            return [] if random.random() < 0.5 else 3 * [random.choice(FLOATS)]
-
-
 class Messages:
     """Makes messages: as they should be but for some fields, or for all of them."""
 
     def __init__(self, sound: Sound, seed: int) -> None:
         self.random = random.Random(seed)
         self._sound = sound
-        self._leaves: dict[str, list[tuple[str, ...]]] = {}
 
     def make(self, type_name: str, now_ns: int) -> Any:
         age_ns = self.random.choice((0, 0, 1, SECOND // 50, SECOND // 5))
         message = self._sound(type_name, now_ns - age_ns)
-        if type_name not in self._leaves:
-            self._leaves[type_name] = list(leaves(message))
-        paths = self._leaves[type_name]
-        count = self.random.choice((0, 0, 1, 1, 2, 3, len(paths)))
-        for path in self.random.sample(paths, min(count, len(paths))):
-            self._spoil(message, path)
+        spoil(message, self.random.choice((0, 0, 1, 1, 2, 3, ALL)), self.random)
         return message
-
-    def _spoil(self, message: Any, path: tuple[str, ...]) -> None:
-        now = functools.reduce(getattr, path, message)
-        try:
-            put(message, path, absurd(self.random, now))
-        except AssertionError:  # no such number in this type, and so none in a message
-            put(message, path, now)
 
 
 class Clock:
@@ -150,7 +99,7 @@ def bridges(case: str, new: New) -> Iterator[Bridge]:
 def check_message(message: Any) -> None:
     """Every number is finite."""
     for path in leaves(message):
-        value = functools.reduce(getattr, path, message)
+        value = value_at(message, path)
         if isinstance(value, float | np.ndarray):
             assert np.all(np.isfinite(value)), (path, value)
 
@@ -262,9 +211,7 @@ class Run:
             engage(self.bridge, self.clock.now_ns)
 
     def failed(self, error: BaseException, message: Any) -> AssertionError:
-        values = {
-            ".".join(path): functools.reduce(getattr, path, message) for path in leaves(message)
-        }
+        values = {".".join(path): value_at(message, path) for path in leaves(message)}
         return AssertionError(
             f"{self.case}, seed {SEED}, message {self.number} ({type(message).__name__}): "
             f"{error!r}: {values}"

@@ -4,15 +4,14 @@
 
 from __future__ import annotations
 
-import functools
-import math
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 import rclpy
+from fixtures.fuzzing import ALL, spoil
 from geometry_msgs.msg import PoseStamped, Transform, Twist, TwistStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.serialization import serialize_message
@@ -34,14 +33,6 @@ from quad_mpc_ros.ros.nodes.visualisation_node import VisualisationNode
 SHORT, LONG = 1_000, 10_000
 SEED = 7
 
-FLOATS = [math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, 1e-30, 1e-3, 0.1, 1.0, -1.0, 2.0]
-FLOATS += [-7.0, 99.0, 1e4, -1e8, 1.1e8, 1e19, -3.4e38, 1e154, -1e200, 1.7e308]
-# What fits into seconds, and what into nanoseconds although it is no fraction of one.
-INTEGERS = {
-    "sec": [0, 1, 5, 10**9, 2**31 - 1, -1, -(2**31)],
-    "nanosec": [0, 1, 5, 999_999_999, 10**9, 2**31, 2**32 - 1],
-}
-TEXTS = ["", "odom", "/odom", "map", "base_link", "//", "nan", "schön ☃", 5000 * "x"]
 NODES: dict[str, tuple[Callable[[], Any], list[str]]] = {
     "mpc": (MpcNode, []),
     "mpc, world twist": (MpcNode, ["odometry.twist_frame:=world", "fence.maximum:=[9.0,9.0,9.0]"]),
@@ -54,24 +45,6 @@ NODES: dict[str, tuple[Callable[[], Any], list[str]]] = {
 }
 
 
-def leaves(message: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Yield the path of every value in a message: names, and numbers into lists of messages."""
-    for name in message.get_fields_and_field_types():
-        value = getattr(message, name)
-        if hasattr(value, "get_fields_and_field_types"):
-            yield from leaves(value, (*path, name))
-            continue
-        yield (*path, name)
-        if isinstance(value, list):
-            for k, element in enumerate(value):
-                if hasattr(element, "get_fields_and_field_types"):
-                    yield from leaves(element, (*path, name, k))
-
-
-def _inside(value: Any, step: Any) -> Any:
-    return value[step] if isinstance(step, int) else getattr(value, step)
-
-
 class Messages:
     """Makes messages: as they should be but for some fields, or for all of them."""
 
@@ -81,40 +54,11 @@ class Messages:
     def make(self, kind: type[Any], now_ns: int) -> Any:
         """Return one of a kind."""
         message = SOUND[kind](now_ns)
-        paths = list(leaves(message))
-        count = self.random.choice((0, 0, 0, 1, 1, 2, 3, len(paths)))
+        count = self.random.choice((0, 0, 0, 1, 1, 2, 3, ALL))
         if kind in REQUESTS and self.random.random() < 0.95:
             count = max(count, 8)  # what could be flown is planned for, which takes its time
-        # The innermost first: a list that is replaced takes its elements with it.
-        chosen = self.random.sample(paths, min(count, len(paths)))
-        for path in sorted(chosen, key=len, reverse=True):
-            self._spoil(message, path)
+        spoil(message, count, self.random)
         return message
-
-    def _spoil(self, message: Any, path: tuple[Any, ...]) -> None:
-        owner = functools.reduce(_inside, path[:-1], message)
-        now = getattr(owner, path[-1])
-        try:
-            setattr(owner, path[-1], self._absurd(path[-1], now))
-        except AssertionError:  # there is no such value in this type, and so none in a message
-            setattr(owner, path[-1], now)
-
-    def _absurd(self, name: str, now: Any) -> Any:
-        match now:
-            case bool():
-                return self.random.random() < 0.5
-            case str():
-                return self.random.choice(TEXTS)
-            case float():
-                return self.random.choice(FLOATS)
-            case int():
-                return self.random.choice(INTEGERS[name])
-            case np.ndarray():
-                return np.array([self.random.choice(FLOATS) for _ in now])
-            case list():
-                return self.random.choice(([], now[:1], now[::-1], now + now))
-            case _:
-                return now
 
 
 def _stamped(message: Any, now_ns: int) -> Any:
