@@ -140,32 +140,6 @@ def test_recorder_subscribes_before_a_topic_has_a_publisher(
     assert not any(map(peer.node.count_publishers, expected))
 
 
-def test_recorder_records_topics_that_appear_later(
-    start: Start, peer: Any, managed: Any, tmp_path: Path
-) -> None:
-    bag = tmp_path / "bag"
-    process = start("recorder", "-p", f"directory:={bag}", "-p", "topics:=[odom, /other/odom]")
-    recorder = managed("recorder")
-    assert recorder.reports("active", "no publisher yet")
-    publisher = peer.node.create_publisher(Odometry, "odom", 100)
-    # A publisher matches a subscription before the subscription matches the publisher.
-    assert peer.wait(lambda: recorder.health.get("peers./odom") == "1")
-    for second in range(1, 31):
-        message = Odometry()
-        message.header.stamp.sec = second
-        publisher.publish(message)
-    peer.deliver(publisher)
-    process.send_signal(signal.SIGINT)
-    assert process.wait(PATIENCE) == 0
-
-    with AnyReader([bag]) as reader:
-        stamps = [
-            reader.deserialize(data, connection.msgtype).header.stamp.sec
-            for connection, _, data in reader.messages()
-        ]
-    assert stamps == list(range(1, 31))
-
-
 def test_a_lockstep_flight_waits_for_a_stopped_recorder(
     start: Start, peer: Any, managed: Any, tmp_path: Path
 ) -> None:

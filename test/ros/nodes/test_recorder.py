@@ -129,6 +129,7 @@ def test_a_restarted_publisher_loses_no_message_after_its_match(
     bag = tmp_path / "bag"
     recorder = start("recorder", "-p", f"directory:={bag}", "-p", "topics:=[/words, /numbers]")
     status = managed("recorder")
+    assert status.reports("active", "no publisher yet")
 
     def matched(count: str) -> bool:
         return bool(peer.wait(lambda: status.health.get("peers./numbers", "0") == count))

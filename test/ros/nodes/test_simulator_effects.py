@@ -52,6 +52,16 @@ def test_lockstep_and_simulate_agree_with_every_effect(tmp_path: Path) -> None:
     assert payloads(again / "bag", "/command") == payloads(flown / "bag", "/command")
 
 
+def fly(start: Callable[..., Any], peer: Any, subscription: Any, parameters: Path) -> None:
+    """Run the simulator from the moment at which a subscription is matched to its end."""
+    process = start("simulator", "--params-file", str(parameters))
+    client = peer.node.create_client(Trigger, "simulator/start")
+    assert peer.wait(lambda: subscription.get_publisher_count() > 0)
+    assert peer.call(client, Trigger.Request()).success
+    assert peer.wait(lambda: process.poll() is not None)
+    assert process.returncode == 0
+
+
 def test_real_time_odometry_has_delay_jitter_and_dropouts(
     tmp_path: Path, start: Callable[..., Any], peer: Any
 ) -> None:
@@ -70,12 +80,7 @@ def test_real_time_odometry_has_delay_jitter_and_dropouts(
         received.append((stamp_ns, now_ns, message.pose.pose.position.x))
 
     subscription = peer.node.create_subscription(Odometry, "odom", take, qos_profile_sensor_data)
-    process = start("simulator", "--params-file", str(parameters))
-    client = peer.node.create_client(Trigger, "simulator/start")
-    assert peer.wait(lambda: subscription.get_publisher_count() > 0)
-    assert peer.call(client, Trigger.Request()).success
-    assert peer.wait(lambda: process.poll() is not None)
-    assert process.returncode == 0
+    fly(start, peer, subscription, parameters)
 
     stamps, arrivals, x = (np.array(column) for column in zip(*received, strict=True))
     assert 100 <= len(stamps) <= 180  # of 200, three in ten dropped, a few lost
@@ -100,10 +105,6 @@ def test_publishes_sagging_battery_voltage(
     subscription = peer.node.create_subscription(
         BatteryState, "battery", lambda m: volts.append(m.voltage), qos_profile_sensor_data
     )
-    process = start("simulator", "--params-file", str(parameters))
-    client = peer.node.create_client(Trigger, "simulator/start")
-    assert peer.wait(lambda: subscription.get_publisher_count() > 0)
-    assert peer.call(client, Trigger.Request()).success
-    assert peer.wait(lambda: process.poll() is not None)
+    fly(start, peer, subscription, parameters)
     assert 5 <= len(volts) <= 15
     assert 13.2 < volts[-1] < volts[0] <= 16.8
