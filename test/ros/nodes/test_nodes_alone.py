@@ -13,15 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from fixtures.processes import PATIENCE
-from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
 from rosbags.highlevel import AnyReader
 from std_srvs.srv import Trigger
 
-from quad_mpc_ros.messages import conversions, diagnostics
+from quad_mpc_ros.messages import conversions
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 
@@ -97,38 +96,6 @@ def test_simulator_publishes_odometry_in_its_namespace_and_remapped(
     assert received[0].pose.pose.position.x == 1.0
     stamps = np.array([conversions.nanoseconds(m.header.stamp) for m in received])
     assert np.median(np.diff(stamps)) == pytest.approx(10e6, rel=0.3)
-
-
-def test_nan_odometry_never_reaches_the_solver(start: Start, peer: Any, feed: Any) -> None:
-    commands: list[TwistStamped] = []
-    stats: list[dict[str, str]] = []
-    peer.node.create_subscription(
-        TwistStamped, "command", commands.append, qos_profile_sensor_data
-    )
-    peer.node.create_subscription(
-        DiagnosticArray,
-        "mpc/stats",
-        lambda m: stats.append(diagnostics.stats_from_message(m)),
-        10,
-    )
-
-    def flies() -> bool:
-        return bool(peer.wait(lambda: stats and stats[-1]["source"] == "mpc"))
-
-    # Odometry that rests contradicts the thrust that it is given.
-    start("mpc", "-p", "consistency.action:=warn")
-    assert flies()
-    feed.height = float("nan")
-    assert peer.wait(lambda: int(stats[-1]["rejected_inputs"]) >= 10)
-    assert peer.wait(lambda: any(each["source"] == "blind" for each in stats))
-    feed.height = 2.0
-    assert flies()
-    assert not [each for each in stats if "not finite" in each["solver_status"]]
-    values = [
-        (c.twist.linear.z, c.twist.angular.x, c.twist.angular.y, c.twist.angular.z)
-        for c in commands
-    ]
-    assert np.isfinite(values).all()
 
 
 def test_recorder_subscribes_before_a_topic_has_a_publisher(
