@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from geometry_msgs.msg import TransformStamped, Twist
@@ -64,37 +65,18 @@ def test_logs_each_failsafe_level_and_flies_on_when_the_inputs_return(
     assert process.poll() is None
 
 
-class Clock:
-    """Seconds as the test says."""
-
-    now = 0.0
-
-
-@pytest.fixture
-def logged(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[RepeatedWarnings, list[str], Clock]]:
-    texts, clock = [], Clock()
-
-    class Logger:
-        def warning(self, text: str) -> None:
-            texts.append(text)
-
-    class Node:
-        def get_logger(self) -> Logger:
-            return Logger()
-
-    monkeypatch.setattr(time, "monotonic", lambda: clock.now)
-    yield RepeatedWarnings(Node()), texts, clock
-
-
 def test_warns_of_each_kind_at_once_and_every_five_seconds(
-    logged: tuple[RepeatedWarnings, list[str], Clock],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    warnings, texts, clock = logged
+    node, now = Mock(), 0.0
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    warnings = RepeatedWarnings(node)
     for tick in range(600):
-        clock.now = 0.02 * tick
+        now = 0.02 * tick
         warnings.warn(f"odometry is {tick}.5 s old in frame '{tick}'")
         if tick == 5:
             warnings.warn("position jumped by 30.0 m")
+    texts = [call.args[0] for call in node.get_logger().warning.call_args_list]
     assert [text[:8] for text in texts] == ["odometry", "position", "odometry", "odometry"]
 
 
