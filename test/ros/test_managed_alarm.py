@@ -7,7 +7,7 @@ from __future__ import annotations
 import time
 
 import pytest
-import rclpy
+from fixtures.ros_context import initialised
 from rclpy.task import Future
 
 from quad_mpc_ros.control.config import MpcConfig
@@ -37,8 +37,7 @@ class _Woken(ManagedNode[MpcConfig]):
 
 
 def test_alarm_follows_period_of_its_callback() -> None:
-    rclpy.init()
-    try:
+    with initialised():
         node = _Woken()
         executor = fastest_executor(message_info=False)
         executor.add_node(node)
@@ -46,8 +45,6 @@ def test_alarm_follows_period_of_its_callback() -> None:
         while len(node.times) < 2 * len(PAUSES) and time.monotonic() < deadline:
             executor.spin_until_future_complete(Future(), timeout_sec=0.1)
         node.destroy_node()
-    finally:
-        rclpy.try_shutdown()
     passed = [after - before for before, after in zip(node.times, node.times[1:], strict=False)]
     expected = (2 * PAUSES)[: len(passed)]
     assert len(passed) >= 2 * len(PAUSES) - 1
@@ -73,13 +70,10 @@ class _Hindered(ManagedNode[MpcConfig]):
 
 @pytest.mark.parametrize("refused", [1, 2, 5])
 def test_retries_a_refused_automatic_activation(refused: int) -> None:
-    rclpy.init()
-    try:
+    with initialised():
         node = _Hindered([each for _ in range(refused) for each in (None, "too old")])
         for _ in range(refused):
             assert node._activates_by_itself() is False
         assert node._activates_by_itself() is True
         assert node.active
         node.destroy_node()
-    finally:
-        rclpy.shutdown()

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import rclpy
 import yaml
+from fixtures.ros_context import initialised
 from rclpy.node import Node
 
 from quad_mpc_ros import cli
@@ -96,14 +97,11 @@ def test_a_section_is_for_the_nodes_that_ros_reads_it_for(tmp_path: Path) -> Non
         (section,) = files.sections("", path)
         for namespace in ("/", "/uav1", "/uav1/deep"):
             arguments = ["--ros-args", "-r", f"__ns:={namespace}", "--params-file", path]
-            rclpy.init(args=arguments)
-            try:
+            with initialised(arguments):
                 node = Node("mpc", automatically_declare_parameters_from_overrides=True)
                 read_by_ros = node.has_parameter("a")
                 full = node.get_fully_qualified_name()
                 node.destroy_node()
-            finally:
-                rclpy.shutdown()
             assert section.is_read_by(full) is read_by_ros, f"{key} for {full}"
 
 
@@ -123,28 +121,22 @@ def test_loads_given_and_dumped_parameters(tmp_path: Path, namespace: str) -> No
         "autostart": False,
     }
     path = written(tmp_path / "dumped.yaml", **{"/**/mpc": given})
-    rclpy.init(args=["--ros-args", "-r", f"__ns:={namespace}", "--params-file", path])
-    try:
+    with initialised(["--ros-args", "-r", f"__ns:={namespace}", "--params-file", path]):
         node = MpcNode()
         assert node.get_parameter("mass").value == 1.0
         assert list(node.get_parameter("obstacles.neighbours").value) == []
         # As ros2 param dump does it.
         dumped = {name: node.get_parameter(name).value for name in node._parameters}
         node.destroy_node()
-    finally:
-        rclpy.shutdown()
     plain = {
         name: list(value) if not isinstance(value, str) and hasattr(value, "__len__") else value
         for name, value in dumped.items()
     }
     again = written(tmp_path / "again.yaml", **{"/**/mpc": plain})
-    rclpy.init(args=["--ros-args", "-r", f"__ns:={namespace}", "--params-file", again])
-    try:
+    with initialised(["--ros-args", "-r", f"__ns:={namespace}", "--params-file", again]):
         node = MpcNode()
         assert {name: node.get_parameter(name).value for name in node._parameters} == dumped
         node.destroy_node()
-    finally:
-        rclpy.shutdown()
 
 
 class _UnspunError(Exception):
@@ -324,15 +316,12 @@ FOREIGN: dict[str, dict[str, object]] = {
 def test_ignores_parameters_of_nodes_of_other_packages(shared: str, tmp_path: Path) -> None:
     path = written(tmp_path / "stack.yaml", **FOREIGN[shared])
     arguments = ["--ros-args", "--params-file", path, "-p", "autostart:=false"]
-    rclpy.init(args=arguments)
-    try:
+    with initialised(arguments):
         node = MpcNode()
         known = node.get_parameters_by_prefix("")
         check_names(read_arguments(arguments)[0], {node.get_fully_qualified_name(): known})
         assert node.get_parameter("horizon_steps").value == 12
         node.destroy_node()
-    finally:
-        rclpy.shutdown()
 
 
 def test_vehicle_file_applies_to_every_node(tmp_path: Path) -> None:
@@ -341,8 +330,7 @@ def test_vehicle_file_applies_to_every_node(tmp_path: Path) -> None:
         tmp_path / "vehicle.yaml", **{"/**": {**vehicle, "thrust_map": {"kind": "model"}}}
     )
     arguments = ["--ros-args", "--params-file", path]
-    rclpy.init(args=arguments)
-    try:
+    with initialised(arguments):
         reference = ReferenceNode()
         bridge = BridgeNode(RatesBridge)
         assert reference.get_parameter("mass").value == 0.5
@@ -351,8 +339,6 @@ def test_vehicle_file_applies_to_every_node(tmp_path: Path) -> None:
         assert bridge.get_parameter("mass").value == 0.5
         bridge.destroy_node()
         reference.destroy_node()
-    finally:
-        rclpy.shutdown()
 
 
 def test_an_override_in_one_process_applies_to_its_node(

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 from typing import cast
 
 import pytest
-import rclpy
 from fixtures.recorded_flights import tick
+from fixtures.ros_context import initialised
 
 from quad_mpc_ros import load_config, simulate
 from quad_mpc_ros.control.safety.ladder import Decision, Source
@@ -57,8 +57,7 @@ def test_reports_no_loop_that_is_tuned(tau: float, torque: float) -> None:
 
 
 def test_health_reports_a_confirmed_fault_without_side_effects() -> None:
-    rclpy.init(args=["--ros-args", "-p", "autostart:=false", "--log-level", "FATAL"])
-    try:
+    with initialised(["--ros-args", "-p", "autostart:=false", "--log-level", "FATAL"]):
         node = MpcNode()
         node.trigger_configure()
         for seconds in range(7):
@@ -70,5 +69,3 @@ def test_health_reports_a_confirmed_fault_without_side_effects() -> None:
             texts = [*before, node.report().text]
             assert ["rate loop" in text for text in texts] == [seconds > 5] * 2 + [seconds > 4]
         node.destroy_node()
-    finally:
-        rclpy.shutdown()

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
 import yaml
+from fixtures.ros_context import initialised
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from rclpy.node import Node
@@ -37,8 +37,7 @@ LISTS = ["[1e7, 0.0]", "[5e-2, .5]", "[1, 0x10]", "[y, off]", "[a, '1']", "[1e3]
 
 def to_ros(*arguments: str) -> Any:
     """Return the parameter ``x`` of a node that was started with these arguments."""
-    rclpy.init(args=["--ros-args", *arguments])
-    try:
+    with initialised(["--ros-args", *arguments]):
         node = Node(
             "mpc",
             automatically_declare_parameters_from_overrides=True,
@@ -47,8 +46,6 @@ def to_ros(*arguments: str) -> Any:
         )
         value = node.get_parameter("x").value
         node.destroy_node()
-    finally:
-        rclpy.shutdown()
     return list(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
 
 
@@ -69,8 +66,7 @@ def test_scalars_in_files_have_the_types_of_ros(tmp_path: Path) -> None:
     file = tmp_path / "words.yaml"
     lines = "".join(f"    word_{i}: {word}\n" for i, word in enumerate(words))
     file.write_text(f"mpc:\n  ros__parameters:\n    x: 1\n{lines}")
-    rclpy.init(args=["--ros-args", "--params-file", str(file)])
-    try:
+    with initialised(["--ros-args", "--params-file", str(file)]):
         node = Node("mpc", automatically_declare_parameters_from_overrides=True)
         (section,) = files.sections("", str(file))
         for i, word in enumerate(words):
@@ -80,8 +76,6 @@ def test_scalars_in_files_have_the_types_of_ros(tmp_path: Path) -> None:
             read = section.values[f"word_{i}"]
             assert alike(read, expected), f"{word}: ROS reads {expected!r}, we {read!r}"
         node.destroy_node()
-    finally:
-        rclpy.shutdown()
 
 
 @pytest.mark.parametrize("word", ["5e-2", "1e3", ".5", "0x10", "yes", "[1e7, 0.0]", "null"])

@@ -13,6 +13,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from fixtures.ros_context import initialised  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 
@@ -35,8 +36,7 @@ VEHICLE = """
 def test_another_mass_is_reported_once_and_in_the_health(tmp_path: Path) -> None:
     file = tmp_path / "vehicle.yaml"
     file.write_text(VEHICLE + "/**/reference: {ros__parameters: {mass: 0.75}}\n")
-    rclpy.init(args=["test", "--ros-args", "--params-file", str(file)])
-    try:
+    with initialised(["test", "--ros-args", "--params-file", str(file)]):
         mpc, reference, listener = MpcNode(), ReferenceNode(), Node("listener")
         logger = Mock()
         mpc.get_logger = lambda: logger
@@ -52,8 +52,6 @@ def test_another_mass_is_reported_once_and_in_the_health(tmp_path: Path) -> None
             executor.spin_once(timeout_sec=0.1)
         for node in nodes:
             node.destroy_node()
-    finally:
-        rclpy.try_shutdown()
     warnings = [call.args[0] for call in logger.warning.call_args_list]
     health = [each for message in received for each in message.status if each.name == "/mpc"]
     (warning,) = [text for text in warnings if "vehicle" in text]

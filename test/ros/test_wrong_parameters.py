@@ -8,7 +8,7 @@ import gc
 from collections.abc import Callable, Iterator
 
 import pytest
-import rclpy
+from fixtures.ros_context import initialised
 from fixtures.wrong_inputs import wrong_values
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -49,8 +49,7 @@ def no_node_is_left() -> Iterator[None]:
 def test_every_wrong_value_is_refused_with_a_reason(counted: str) -> None:
     name = COUNTED[counted]
     autostart = ["-p", "autostart:=false"] if "autostart" in dir(KINDS[name]) else []
-    rclpy.init(args=["--ros-args", *autostart])
-    try:
+    with initialised(["--ros-args", *autostart]):
         node = NODES[name]()
         for parameter, value in WRONG[name]:
             before = node.get_parameter(parameter).value
@@ -59,5 +58,3 @@ def test_every_wrong_value_is_refused_with_a_reason(counted: str) -> None:
             assert result.reason, (parameter, value)
             assert node.get_parameter(parameter).value == before
         node.destroy_node()
-    finally:
-        rclpy.shutdown()

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from fixtures.ros_context import initialised
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
@@ -87,13 +88,10 @@ class Flown:
 
 @pytest.fixture
 def flown(request: pytest.FixtureRequest) -> Iterator[Flown]:
-    rclpy.init(args=[*ARGUMENTS, *getattr(request, "param", [])])
-    try:
+    with initialised([*ARGUMENTS, *getattr(request, "param", [])]):
         made = Flown()
         yield made
         made.close()
-    finally:
-        rclpy.shutdown()
 
 
 def assert_steady(windows: list[tuple[int, ReferenceWindow]]) -> None:
