@@ -68,6 +68,9 @@ _SLOWEST_ROTORS = 0.3  # s, time constant of rotors that slow down
 # Distance of the rates from their commands above which a mixer may raise the thrust [rad/s], with
 # the weight of yaw, which has the least torque.
 _CALM_DEMAND, _YAW_DEMAND = 0.7, 5.0
+# A climb without commanded thrust that lasts is reported also with demands; a ballistic climb has
+# no such force, as share of gravity.
+_LONG_CLIMB, _CARRYING = 2.0, 0.5  # s
 # Rotations in rad/s, positions in m/s, forces in m/s^2. The second of a kinematic relation is for
 # x as a function of y, which detects values that are too large.
 _ATTITUDE = RelationLimits(floor=0.4, share=0.12, least=0.35, twist=0.6)
@@ -121,6 +124,7 @@ class ConsistencyState(Record):
     # rates from their commands [rad/s].
     held_thrust: float
     held_demand: float
+    climbing: float  # s, for how long the vehicle has climbed without commanded thrust
     force: Pair
     force_late: Pair
     drag: Pair  # y the velocity, x that of the force
@@ -193,7 +197,7 @@ def compare_step(
 def start_force(memory: RecordArray[ConsistencyState]) -> None:
     """Reset the relations of the force to a vehicle at rest."""
     state = memory[()]
-    state.held_thrust = 0.0
+    state.held_thrust = state.climbing = 0.0
     for pair in (state.force, state.force_late, state.drag, state.drag_on_force):
         forget(pair)
     for pair in (state.force, state.force_late):
@@ -308,6 +312,9 @@ def _compare_with_command(
     ):
         follow_means(pair, duration)
         add_products(pair, duration)
+    carries = state.force.y[2] > _CARRYING * state.model.gravity and v[2] > _RISING_SPEED
+    climbs = carries and _largest_thrust(state) < _LEAST_THRUST * state.force.y[2]
+    state.climbing = state.climbing + duration if climbs else 0.0
 
 
 @compiled
@@ -356,11 +363,16 @@ def _contradicted(state: ConsistencyState, is_flying: bool) -> int:
     falls = lift < _LEAST_LIFT * thrust and lift < _FALLING * gravity
     if falls and thrust > _SOME_THRUST * gravity:
         found |= Relation.LIFT
-    thrust = max(state.force.x[2], state.force_late.x[2], state.held_thrust)
-    rises = state.force.y[2] > _RISING * gravity and state.v_WB_W[2] > _RISING_SPEED
-    if rises and state.held_demand < _CALM_DEMAND and thrust < _LEAST_THRUST * state.force.y[2]:
+    is_calm = state.force.y[2] > _RISING * gravity and state.held_demand < _CALM_DEMAND
+    if (state.climbing > 0.0 and is_calm) or state.climbing > _LONG_CLIMB:
         found |= Relation.CLIMB
     return found
+
+
+@compiled
+def _largest_thrust(state: ConsistencyState) -> float:
+    """Return the largest commanded thrust over the mass of the last moments [m/s^2]."""
+    return float(max(state.force.x[2], state.force_late.x[2], state.held_thrust))
 
 
 @compiled
