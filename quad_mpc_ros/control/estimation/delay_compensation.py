@@ -48,7 +48,7 @@ from quad_mpc_ros.control.stage import Stage
 # Learning starts this long after commands begin to act, as the actuators have to settle.
 _ACTUATOR_SETTLING_NS = 300_000_000
 # Increase of the weights of the rates per unexplained share of the measured rates above the usual.
-_CAUTION, _USUAL = 10.0, 0.15
+_CAUTION, _USUAL = 8.0, 0.08
 
 
 class EstimatorState(Record):
