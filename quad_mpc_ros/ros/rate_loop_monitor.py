@@ -9,6 +9,8 @@ import math
 from quad_mpc_ros.control.tick import TickStats
 
 _LEAST_DAMPING, _LEAST_FREQUENCY = 0.45, 1.2  # Hz
+# Faster oscillations decay within a few control periods, and the estimate is near its bound.
+_HIGHEST_FREQUENCY = 6.0  # Hz
 _CONFIRMED_NS = 5_000_000_000
 
 
@@ -30,7 +32,7 @@ class RateLoopMonitor:
             return None
         frequency = 1.0 / (2.0 * math.pi * math.sqrt(tau * torque))
         damping = 0.5 * math.sqrt(tau / torque)
-        if damping < _LEAST_DAMPING:
+        if damping < _LEAST_DAMPING and frequency < _HIGHEST_FREQUENCY:
             advice = "lower P or raise D, or expect overshoot after fast turns"
         elif frequency < _LEAST_FREQUENCY:
             advice = "raise P, or expect large errors in fast turns"
