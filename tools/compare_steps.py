@@ -6,9 +6,11 @@
 
 Both Pythons have quad_mpc_ros installed, in environments of their own. Each pair of runs of
 ``quad_mpc simulate`` flies the same flight, the old one first in every other pair, and gives the
-ratios new / old of the p50 and the p99 of its step times. A machine that is busy for a while is so
-for both runs of a pair, hence the median of the ratios separates a change from the machine. With
-``--cold`` 20 ms pass between two steps, as in flight, and the caches hold other data.
+ratios new / old of the p50 and the p99 of the time from reference and odometry to the command, by
+the calls of the controller: what a summary reports as step begins elsewhere in some versions. A
+machine that is busy for a while is so for both runs of a pair, hence the median of the ratios
+separates a change from the machine. With ``--cold`` 20 ms pass between two steps, as in flight,
+and the caches hold other data.
 """
 
 from __future__ import annotations
@@ -24,16 +26,35 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-COLD_FLIGHT = """
-import json, time
-from quad_mpc_ros import load_config, simulate, summarise
-flight = simulate(*load_config("default"), duration=10.0, observe=lambda _: time.sleep(0.02))
-print(json.dumps(summarise(flight)["step_time_us"]))
+FLIGHT = """
+import json, sys, time
+from quad_mpc_ros.cli import main
+from quad_mpc_ros.control.controller import Controller
+
+pause, times, passed = float(sys.argv[1]), [], [0.0]
+
+def timed(method, pause):
+    def call(*arguments, **named):
+        time.sleep(pause)
+        begun = time.perf_counter()
+        tick = method(*arguments, **named)
+        passed[0] += time.perf_counter() - begun
+        if tick is not None:
+            times.append(1e6 * passed[0])
+            passed[0] = 0.0
+        return tick
+    return call
+
+Controller.receive_reference = timed(Controller.receive_reference, 0.0)
+Controller.receive_odometry = timed(Controller.receive_odometry, pause)
+main(["simulate", *sys.argv[2:]])
+times.sort()
+print(json.dumps([times[len(times) // 2], times[len(times) * 99 // 100]]))
 """
 
 
 class StepTimes(NamedTuple):
-    """Step times of a flight [us]."""
+    """Times of the controller for a command [us]."""
 
     p50: float
     p99: float
@@ -49,7 +70,8 @@ def main() -> None:
     options = parser.parse_args()
     if options.pairs < 1:
         parser.error(f"--pairs: given {options.pairs}, expected a number >= 1")
-    measured = cold_step_times if options.cold else partial(step_times, options=options.simulate)
+    pause = 0.02 if options.cold else 0.0
+    measured = partial(step_times, options=options.simulate, pause=pause)
     for name in ("old", "new"):
         python = getattr(options, name)
         print(f"{name}  {package_of(python)}")
@@ -71,25 +93,13 @@ def package_of(python: Path) -> str:
     return ended.stdout.strip()
 
 
-def step_times(python: Path, options: list[str]) -> StepTimes:
-    """Fly once, and return the step times of its summary."""
+def step_times(python: Path, options: list[str], *, pause: float) -> StepTimes:
+    """Fly once with a pause [s] before each odometry, and return the times of the controller."""
     with tempfile.TemporaryDirectory() as folder:
-        summary = Path(folder) / "run" / "summary.json"
-        command = ("-m", "quad_mpc_ros.cli", "simulate", *options, "--out", str(summary.parent))
-        ended = run(python, *command)
-        if not summary.exists():  # a flight with a fallback is one, too
-            raise SystemExit(f"{python}: {ended.stderr}")
-        times = json.loads(summary.read_text(encoding="utf-8"))["step_time_us"]
-        return StepTimes(times["p50"], times["p99"])
-
-
-def cold_step_times(python: Path) -> StepTimes:
-    """Fly with pauses between the steps, and return the step times."""
-    ended = run(python, "-c", COLD_FLIGHT)
+        ended = run(python, "-c", FLIGHT, str(pause), *options, "--out", f"{folder}/run")
     if ended.returncode:
         raise SystemExit(f"{python}: {ended.stderr}")
-    times = json.loads(ended.stdout)
-    return StepTimes(times["p50"], times["p99"])
+    return StepTimes(*json.loads(ended.stdout.splitlines()[-1]))
 
 
 def run(python: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -103,7 +113,7 @@ def run(python: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def table(pairs: list[tuple[StepTimes, StepTimes]]) -> str:
-    """Return the table of pairs old, new: their step times, ratios, and the medians of each."""
+    """Return the table of pairs old, new: their times, ratios, and the medians of each."""
     lines = [
         "       p50 [us]                p99 [us]",
         "pair     old     new  new/old     old     new  new/old",
