@@ -16,6 +16,7 @@ from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.guide import FAILED
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.ocp.margins import stability_margins
 from quad_mpc_ros.control.safety.ladder import Source
 from quad_mpc_ros.control.standby import Standby
 from quad_mpc_ros.control.tick import Tick
@@ -89,6 +90,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._rate_loop = RateLoopMonitor()
         self._rate_loop_fault: str | None = None
         self._standby = Standby(config)
+        self._margins = stability_margins(config)
         self.health.lockstep = config.lockstep
         self._engaged: bool | None = None  # commands act unless a bridge reports otherwise
         self._landed: bool | None = None
@@ -181,6 +183,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         """Apply live parameters between two control steps."""
         self._controller.reconfigure(config)
         self._standby.reconfigure(config)
+        self._margins = stability_margins(config)
 
     def _on_odometry(self, odometry: OdometrySample) -> None:
         now_ns = self._time.now_ns()
@@ -378,11 +381,11 @@ class MpcNode(ManagedNode[MpcConfig]):
             if fault := self._obstacle_inputs.fault(tick.stats.stamp_ns):
                 level, text = max(level, WARN), f"{text}; {fault}"
             obstacle_values = self._obstacle_inputs.values(tick.stats.stamp_ns)
-        return Health(
-            level=level,
-            text=text,
-            values=[*tick.stats.items(), *obstacle_values, ("engaged", engaged)],
-        )
+        values = [*tick.stats.items(), *obstacle_values, ("engaged", engaged)]
+        if self._controller.config.controller == MPC:
+            delay, gain = self._margins
+            values += [("delay_margin_ms", f"{1e3 * delay:.0f}"), ("gain_margin", f"{gain:.1f}")]
+        return Health(level=level, text=text, values=values)
 
 
 def _guidance(config: MpcConfig) -> Guidance | None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 from quad_mpc_ros.configuration.vehicle import describes_vehicle
+from quad_mpc_ros.control.ocp.margins import stability_margins
 from quad_mpc_ros.messages.diagnostics import ERROR, OK
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
@@ -32,6 +33,7 @@ from quad_mpc_ros.ros.preflight.own import (
     LANDED_KEY,
     STACK_FAULT_KEY,
     lag_findings,
+    margin_findings,
     throttle_findings,
 )
 from quad_mpc_ros.ros.preflight.reference import fence_findings, limits_findings
@@ -190,10 +192,13 @@ def stack(facts: Facts) -> list[Finding]:
 
 
 def lags(facts: Facts) -> list[Finding]:
-    """Check that the lags of the vehicle are modelled."""
-    if facts.mpc is None or not facts.bridges:
+    """Check that the lags of the vehicle are modelled, and that more delay is tolerated."""
+    mpc = facts.mpc
+    if mpc is None or not facts.bridges:
         return []
-    return list(lag_findings(facts.mpc)) or [ok("modelled")]
+    delay = stability_margins(mpc).delay
+    text = f"modelled; the weights tolerate {1e3 * delay:.0f} ms more delay"
+    return [*lag_findings(mpc), *margin_findings(mpc)] or [ok(text)]
 
 
 Check = Callable[[Facts], Sequence[Finding]]

@@ -13,7 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from quad_mpc_ros.configuration import Configuration
-from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.config import MPC, MpcConfig
+from quad_mpc_ros.control.ocp.margins import stability_margins
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.ros.preflight.finding import Finding, warning
 
@@ -23,6 +24,7 @@ STACK_FAULT_KEY, LANDED_KEY = "stack_fault", "landed"
 # Thrust over weight: with less at full throttle, wind and climbs saturate the thrust; with more at
 # minimum throttle, the vehicle hardly descends.
 _MIN_LIFT, _MAX_IDLE = 1.4, 0.7
+_MIN_DELAY_MARGIN = 0.02  # s: a control period of the default
 # bytes: ten minutes at 50 Hz take about 30 MB.
 _MIN_FREE_BYTES = 1_000_000_000
 
@@ -31,7 +33,8 @@ def own_findings(config: Configuration) -> list[Finding]:
     """Return the findings in a node's own parameters."""
     if isinstance(config, MpcConfig):
         lags = () if config.lockstep else lag_findings(config)
-        return [*lags, *throttle_findings(config), *limit_findings(config)]
+        found = [*lags, *throttle_findings(config), *limit_findings(config)]
+        return [*found, *margin_findings(config)]
     if isinstance(config, RecorderConfig):
         return list(_disk_findings(bag_place(config)))
     return []
@@ -44,6 +47,17 @@ def lag_findings(mpc: MpcConfig) -> Iterator[Finding]:
             f"{', '.join(mpc.unmodelled_lags)} = 0: every real vehicle lags, and a vehicle that "
             "lags more than modelled oscillates",
             "set an estimate, and after a first flight the result of quad_mpc identify",
+        )
+
+
+def margin_findings(mpc: MpcConfig) -> Iterator[Finding]:
+    """Yield a warning if little unmodelled delay makes the hover oscillate."""
+    delay = stability_margins(mpc).delay
+    if mpc.controller == MPC and delay < _MIN_DELAY_MARGIN:
+        yield warning(
+            f"the hover oscillates with {1e3 * delay:.0f} ms more delay than input_delay, "
+            f"expected {1e3 * _MIN_DELAY_MARGIN:.0f} ms or more",
+            "raise R, or lower Q",
         )
 
 
