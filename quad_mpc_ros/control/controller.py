@@ -116,6 +116,11 @@ class Controller:
         """Whether the vehicle is on the ground or flies, at the last odometry."""
         return self._estimation.ground.state
 
+    @property
+    def commands_rotors(self) -> bool:
+        """Whether commands are for rotors (:class:`.RotorCommand`)."""
+        return self._planning.commands_rotors
+
     def fresh_copy(self) -> Controller:
         """Return a new controller with the same configuration, deadline and guide."""
         guide, planner = self._guidance.guide, self._planner

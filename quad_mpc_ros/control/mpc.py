@@ -149,6 +149,9 @@ class Planned(NamedTuple):
 class Planner(Stage, ABC):
     """A stage that plans from the estimate along the guided window."""
 
+    commands_rotors = False
+    """Whether the plans command rotors in addition to throttle and body rates."""
+
     @abstractmethod
     def step(self, due: Due, state: PredictedState | Failure, guided: Guided | Failure) -> Planned:
         """Return the plan, or the reason why no plan exists."""

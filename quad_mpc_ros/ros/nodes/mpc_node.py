@@ -84,7 +84,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._gates: HeldGates | None = None if guidance is None else guidance.gates
         with log_compilation(self):
             self._controller = warmed_up(config, deadline=config.deadline_seconds, guide=guide)
-        if any(getattr(stage, "commands_rotors", False) for stage in self._controller.stages):
+        if self._controller.commands_rotors:
             expected = "a controller of throttle and body rates; fly it with quad_mpc simulate"
             raise ConfigurationError("mpc.controller", config.controller, expected)
         self._rate_loop = RateLoopMonitor()
