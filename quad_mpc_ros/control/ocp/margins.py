@@ -16,10 +16,10 @@ the margins.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
 
 from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.control.config import MpcConfig
@@ -53,7 +53,8 @@ class _Axis(NamedTuple):
 
 def stability_margins(config: MpcConfig) -> StabilityMargins:
     """Return the smallest margins of the horizontal, vertical and yaw motion in hover."""
-    margins = [_margins(axis, config) for axis in _axes(config)]
+    # As a rule pitch and roll are the same.
+    margins = [_margins(axis, config) for axis in dict.fromkeys(_axes(config))]
     return StabilityMargins(*(min(values) for values in zip(*margins, strict=True)))
 
 
@@ -96,7 +97,7 @@ def _feedback(axis: _Axis, config: MpcConfig) -> Array:
     size = len(A)
     joint = np.zeros((size + 1, size + 1))
     joint[:size, :size], joint[:size, size:] = A, B
-    step = expm(config.horizon_step * joint)
+    step = _propagator(joint, config.horizon_step)
     A, B = step[:size, :size], step[:size, size:]
     Q = np.diag([*axis.weights, *np.zeros(len(axis.lags))])
     P, K = config.terminal_weight * Q, np.zeros((1, size))
@@ -107,13 +108,23 @@ def _feedback(axis: _Axis, config: MpcConfig) -> Array:
     return K
 
 
+def _propagator(A: Array, duration: float) -> Array:
+    """Return e^(A t) by repeated squaring; scipy.linalg would take 8 MiB in the MPC's process."""
+    norm = duration * float(np.abs(A).sum(axis=1).max())
+    fractions = 2 ** (6 + math.ceil(math.log2(max(norm, 1.0))))
+    X = A * (duration / fractions)
+    one = np.eye(len(A))
+    series = one + X @ (one + X / 2.0 @ (one + X / 3.0 @ (one + X / 4.0)))
+    return np.linalg.matrix_power(series, fractions)
+
+
 def _margins(axis: _Axis, config: MpcConfig) -> StabilityMargins:
     K, (A, B), delay = _feedback(axis, config), _dynamics(axis), config.input_delay
     s = 1j * _FREQUENCIES
     G = np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, B)[:, :, 0]
     G *= np.exp(-0.5 * s / config.control_rate)[:, None]  # held for the control period
     M = np.diag(np.arange(len(A)) < len(A) - axis.unmeasured)
-    S, D = G @ K[0], np.exp(-s * delay) * (G @ M @ (K @ expm(delay * A))[0])
+    S, D = G @ K[0], np.exp(-s * delay) * (G @ M @ (K @ _propagator(A, delay))[0])
     L = D / (1.0 + S - D)
     size, phase = np.abs(L), np.angle(-L) % (2.0 * np.pi)  # above the critical point
     crossings = np.flatnonzero((size[:-1] > 1.0) != (size[1:] > 1.0))
