@@ -200,38 +200,38 @@ ROWS = (
         name="square, error at the corners",
         content=_one_vehicle("square", 12.0),
         error="waypoint_error_max_m",
-        why="the MPC settles within the 2 s at a corner; the other controllers approach more "
+        why="the MPC settles within the 2 s at a corner. The other controllers approach more "
         "slowly, the LQR because its position error is bounded.",
     ),
     Row(
         name="lemniscate, 2 m/s",
         content=_one_vehicle("lemniscate", 14.0, angular_frequency=2.0 / _SPEED),
-        why="the MPC predicts the lags of the vehicle; the other controllers fall behind by "
+        why="the MPC predicts the lags of the vehicle. The other controllers fall behind by "
         "these lags, PX4 most, because it has no setpoint for roll and pitch rates.",
     ),
     Row(
         name="lemniscate, 8 m/s",
         content=_one_vehicle("lemniscate", 14.0, angular_frequency=8.0 / _SPEED),
-        why="the reference tilts by up to 65°, and PX4 limits the tilt to 45°; the attitude "
-        "loop of the geometric controller lags; the LQR and acados model neither delay nor "
+        why="the reference tilts by up to 65°, and PX4 limits the tilt to 45°. The attitude "
+        "loop of the geometric controller lags. The LQR and acados model neither delay nor "
         "thrust lag and turn over.",
     ),
     Row(
         name="campaign `hover`",
         content="hover",
-        why="the MPC estimates thrust and wind; the geometric controller has no integral, and "
-        "the integral of PX4 is slow; the LQR and acados turn over where lags and delay are long.",
+        why="the MPC estimates thrust and wind. The geometric controller has no integral, and "
+        "the integral of PX4 is slow. The LQR and acados turn over where lags and delay are long.",
     ),
     Row(
         name="campaign `lemniscate`",
         content="lemniscate",
-        why="the causes are those of the hover; PX4 also lacks a setpoint for roll and pitch "
+        why="the causes are those of the hover. PX4 also lacks a setpoint for roll and pitch "
         "rates.",
     ),
     Row(
         name="hover, modelled delay",
         content=_late(0),
-        why="with the modelled delay all controllers hover; the LQR is close to instability.",
+        why="with the modelled delay all controllers hover. The LQR is close to instability.",
     ),
     Row(
         name="hover, 20 ms more delay",
@@ -247,7 +247,7 @@ ROWS = (
     Row(
         name="hover, 80 ms more delay",
         content=_late(80),
-        why="the geometric controller oscillates; the weights of the MPC were chosen for this "
+        why="the geometric controller oscillates. The weights of the MPC were chosen for this "
         "delay, and the gains of PX4 are low.",
     ),
     Row(
@@ -257,14 +257,14 @@ ROWS = (
             "flights": _DRIFTS,
             "set": {**_NOISE, "simulator.velocity_drift": 0.2},
         },
-        why="the MPC estimates correlated errors of the velocity; the other controllers follow "
+        why="the MPC estimates correlated errors of the velocity. The other controllers follow "
         "the measured velocity.",
     ),
     Row(
         name="campaign `rate_loops`",
         content="rate_loops",
         flights=_LOOPS,
-        why="the rate loops ring with lags of 30 to 200 ms; the MPC estimates the lags; the other "
+        why="the rate loops ring with lags of 30 to 200 ms. The MPC estimates the lags. The other "
         "controllers do not, and the LQR and acados, with the highest gains, turn over.",
     ),
     BenchRow(
@@ -272,9 +272,9 @@ ROWS = (
         jobs=_sun_jobs,
         flown=sun_2022.flown,
         result=lambda flown: (flown.crashed, flown.rmse),
-        why="the references accelerate with up to 40 m/s²; PX4 limits the tilt to 45°; RAPTOR has "
-        "no setpoint for acceleration and was trained at up to 1 m/s; the geometric controller "
-        "has no integral; the MPC and the LQR know the drag.",
+        why="the references accelerate with up to 40 m/s². PX4 limits the tilt to 45°. RAPTOR has "
+        "no setpoint for acceleration and was trained at up to 1 m/s. The geometric controller "
+        "has no integral. The MPC and the LQR model the drag.",
     ),
     BenchRow(
         name="AdaptiveQuadBench, 7 families",
@@ -298,14 +298,15 @@ ROWS = (
             (
                 0.0,
                 "",
-                "RAPTOR knows neither mass nor thrust, and has a constant error and no setpoint "
-                "for acceleration; the others fly over a rate loop that knows the inertia.",
+                "RAPTOR receives neither mass nor thrust, and has a constant error and no "
+                "setpoint for acceleration. The other controllers command a rate loop with the "
+                "true inertia.",
             ),
             (
                 0.02,
                 ", commands 20 ms late",
-                "RAPTOR was trained without delay; the MPC models it, and the low gains of PX4 "
-                "tolerate it.",
+                "RAPTOR was trained without delay. The MPC models the delay, and the low gains "
+                "of PX4 tolerate the delay.",
             ),
         )
     ),
@@ -335,8 +336,8 @@ controllers were not tuned for these vehicles.
 RAPTOR commands rotors, so it flies only in l2f and in the conditions of Sun et al. In the example
 of its authors (`python -P bench/raptor_example.py`) it hovers from 64 of 64 starts, 5.3 cm off.
 Sun et al.: the baseline and 13 deviations, one of the 76 references each. AdaptiveQuadBench: the
-first trial of each family. Both count the RMSE, and have their own criteria for crashes. l2f:
-{l2f} [vehicles](robustness.md#rate-loops-in-l2f) with the tuned rate loop. acados has neither
+first trial of each family. Both count the RMSE, and have their own criteria for crashes. In l2f,
+{l2f} [vehicles](robustness.md#rate-loops-in-l2f) have the tuned rate loop. acados has neither
 lags, delay nor a disturbance in its model: the difference shows their benefit for an MPC.
 
 {table}

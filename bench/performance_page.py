@@ -159,8 +159,8 @@ is an rclpy node without computation.
 ## Simulation speed
 
 Times real time in one process, `python bench/closed_loop.py --duration 12`, 2026-11-22 to
-2026-11-24: hover 88, square 79, hover with lags, delay, gusts and noise 42, at 200 Hz 12; plants
-`rotors` 65 to 74, `betaflight` 5, `rotorpy` 0.5.
+2026-11-24: hover 88, square 79, hover with lags, delay, gusts and noise 42, at 200 Hz 12. The
+plant `rotors` reaches 65 to 74, `betaflight` 5, `rotorpy` 0.5.
 
 **Campaigns:** 500 hovers of 12 s take 42 s with two workers: 7 flights per second and core. More
 workers than cores bring no speedup. The overhead is 2.1 ms per flight and 2.5 s at the start
@@ -172,11 +172,11 @@ def _how(record: Record) -> str:
     s = record["settings"]
     machine = [each for each in record["machine"].items() if each[0] not in _NOT_SHOWN]
     return (
-        "`make bench` compares a control step with other solvers of the same problem "
-        f"({', '.join(' '.join(each) for each in machine)}). The "
+        "`make bench` compares a control step with other solvers of the same problem. Setup: "
+        f"{', '.join(' '.join(each) for each in machine)}. Flights: the "
         f"{s['trajectory']} on `{s['dynamics']}`, {s['duration_s']:g} s at "
-        f"{s['odom_rate_hz']:g} Hz, {s['repeats']} flights of each peer in turns, "
-        f"N = {s['horizon_steps']} steps of {s['horizon_step_s']:g} s, "
+        f"{s['odom_rate_hz']:g} Hz, {s['repeats']} flights of each peer in turns. "
+        f"Problem: N = {s['horizon_steps']} steps of {s['horizon_step_s']:g} s, "
         f"Q = diag({_numbers(s['Q'])}), R = diag({_numbers(s['R'])}), terminal weight "
         f"{s['terminal_weight']:g}, tolerance of OSQP {s['solver_tolerance']:g}."
     )
