@@ -27,9 +27,9 @@ def add_configuration_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--gates",
         metavar="FILE",
-        help="file of gates, or the name of a shipped track (split_s, seven_gates): draw the "
-        "gates, evaluate the passages, and fly through the gates unless --reference selects "
-        "another trajectory; to fly a plan, add --set reference.file=race.csv",
+        help="file of gates, or shipped track (split_s, seven_gates). The flight leads through "
+        "the gates, unless --reference selects another trajectory. The passages are evaluated. "
+        "To fly a plan, add --set reference.file=race.csv",
     )
     add_set(parser, "set one parameter, for example mpc.horizon_steps=20")
 

@@ -34,7 +34,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a run, and the plant."""
     parser.description = (
         "Fly the closed loop in one process, without ROS. Writes the same files as 'fly'; the "
-        "commands are those of 'fly --lockstep', bit for bit."
+        "commands equal 'fly --lockstep', bit for bit."
     )
     add_run_options(parser)
     parser.add_argument(

@@ -108,7 +108,7 @@ def _extended(kind: type[ExtensibleConfiguration], name: str) -> type[Extensible
         known = kind.__dataclass_fields__.get(field.name)
         if known is not None and known is not field:
             raise ConfigurationError(
-                f"{kind.owner}.{field.name}", field.default, f"another name in {name}: it is taken"
+                f"{kind.owner}.{field.name}", field.default, f"a name that is not in {name}"
             )
     chosen = parameter(spec.default, doc=spec.doc, choices=(*choices, name))
     return dataclasses.make_dataclass(

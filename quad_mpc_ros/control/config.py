@@ -43,7 +43,7 @@ class OdometryParameters(Configuration):
 
 @dataclass(frozen=True, kw_only=True)
 class SolverParameters(Configuration):
-    """Effort of OSQP; tolerances are those of the scaled problem, with variables of about 1."""
+    """Effort of OSQP; tolerances apply to the scaled problem, with variables of about 1."""
 
     owner = "mpc.solver"
 

@@ -14,8 +14,8 @@ class ControlLaw(Protocol):
     """A controller: odometry and reference in, command out.
 
     A class of this protocol is created with the :class:`.MpcConfig` of the flight, whose
-    ``vehicle()`` has mass and thrust curve. It flies by its name or ``module:Class`` as the
-    parameter ``mpc.controller``. Input checks, command limits and failsafe of the MPC apply.
+    ``vehicle()`` has mass and thrust curve. The parameter ``mpc.controller`` selects the class by
+    name or as ``module:Class``. Input checks, command limits and failsafe of the MPC apply.
     A class with the attribute ``commands_rotors = True`` returns a :class:`.RotorCommand`.
     """
 

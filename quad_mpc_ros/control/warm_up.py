@@ -40,8 +40,8 @@ def warmed_up(
 ) -> Controller:
     """Return a new controller with all code compiled.
 
-    A ``law`` replaces the MPC, or that of ``config.controller``, for which :class:`UserError` is
-    raised if it cannot be created.
+    ``law`` replaces the MPC or the controller of ``config.controller``. Raises
+    :class:`UserError` if ``config.controller`` cannot be created.
     """
     planner: NewPlanner = PlanStage
     if law is not None or config.controller != MPC:

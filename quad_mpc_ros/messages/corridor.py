@@ -4,7 +4,7 @@
 
 A point is a half-space n' p <= b on the position at the end of a stage, with the fields ``stage``,
 the unit vector ``normal_x``, ``normal_y``, ``normal_z``, and ``offset`` b [m], in the frame of the
-header; the stamp is that of the constrained plan. Without points the space is free.
+header; the stamp is equal to the stamp of the constrained plan. Without points the space is free.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ class Marker:
     """The used fields of a ``visualization_msgs/Marker``, unchecked.
 
     ``p`` (3,) [m] and ``q_xyzw`` (4,) are the marker's pose in ``frame_id``, ``scale`` (3,) [m] is
-    its size, ``points`` (n, 3) [m] those of drawn lines. ``lifetime_ns`` is 0 for a permanent
+    its size, ``points`` (n, 3) [m] are points of drawn lines. ``lifetime_ns`` is 0 for a permanent
     marker.
     """
 

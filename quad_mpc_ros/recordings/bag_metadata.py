@@ -24,7 +24,7 @@ from quad_mpc_ros.recordings.qos import parse_qos_text, qos_entries
 
 METADATA_ROOT = "rosbag2_bagfile_information"
 
-# Version 9 is that of Jazzy, and so are the schemas and type hashes that this package ships.
+# Jazzy writes version 9. The schemas and type hashes of this package are from Jazzy, too.
 _METADATA_VERSION = 9
 _ROS_DISTRO = "jazzy"
 
@@ -58,8 +58,8 @@ def bag_information(files: Sequence[McapFile] = ()) -> str:
     """Return ``rosbag2_bagfile_information`` of a bag of these files as YAML.
 
     rosbag2 also stores it at the beginning of a file, without messages, so that an interrupted
-    recording contains the version. The keys are those of ``convert<BagMetadata>::encode`` in
-    rosbag2_storage/yaml.hpp (Jazzy).
+    recording contains the version. ``convert<BagMetadata>::encode`` in
+    rosbag2_storage/yaml.hpp (Jazzy) defines the keys.
     """
     names = [file.path.name for file in files]
     information = {
@@ -80,7 +80,7 @@ def bag_information(files: Sequence[McapFile] = ()) -> str:
             }
             for name, topic in topics_in(files).items()
         ],
-        "compression_format": "",  # of rosbag2; that of MCAP's chunks is in the files
+        "compression_format": "",  # of rosbag2; the files name the compression of MCAP
         "compression_mode": "",
         "relative_file_paths": names,
         "files": [

@@ -195,8 +195,8 @@ def _throttle(vehicle: Vehicle, thrust: Array) -> Array:
     """Return throttles (n,) for thrusts (n,) [N], also beyond the vehicle's range."""
     a, b, c = vehicle.thrust_curve
     wanted = thrust / vehicle.motor_count - c
-    # The root of Vehicle.throttle_for; below the curve's least thrust that of the curve mirrored
-    # there, for its slope may be zero.
+    # The root of Vehicle.throttle_for. Below its least thrust the curve is mirrored, because the
+    # slope there may be zero.
     size = np.abs(wanted)
     root = np.sqrt(b * b + 4.0 * a * size)
     return np.asarray(2.0 * wanted / np.maximum(b + root, np.finfo(float).tiny))

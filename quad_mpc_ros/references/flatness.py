@@ -231,8 +231,8 @@ def yaw_of(R_WB: Array) -> float:
 def _shortest_tilt(z: Array, z_rate: Array) -> tuple[Array, Array]:
     """Return the shortest rotation from e_3 to z (n, 3, 3), and its body rate (n, 3).
 
-    The rotation is that of :func:`so3.shortest_rotation`, computed precisely near straight down
-    and with terms shared with the rate.
+    The rotation equals :func:`so3.shortest_rotation`, but is precise near straight down and
+    shares terms with the rate.
     """
     a, b, c = np.moveaxis(z, -1, 0)
     a_rate, b_rate, c_rate = np.moveaxis(z_rate, -1, 0)

@@ -50,7 +50,7 @@ def run(
     """Create a node, spin it until SIGINT, SIGTERM or :func:`stop`, and return the exit code.
 
     Args:
-        create: Creates the node. Its method ``begin``, if any, is called when all nodes exist.
+        create: Creates the node. The node's ``begin``, if any, is called when all nodes exist.
             From then on a signal ends the node with its ``exit_code``, or 0. Before that its
             method ``drain``, if any, handles messages that wait; the argument spins once.
         args: Command line arguments for ROS; by default the arguments of the process, which then

@@ -92,7 +92,7 @@ def _axis(
         off = start[0] - follows
         kept = math.exp(-duration / numbers[0]) if numbers[0] > 0.0 else 0.0
         return (follows + kept * off, 0.0), follows * duration + numbers[0] * (1.0 - kept) * off
-    if numbers[1] == 0.0:  # the acceleration is that of the new command
+    if numbers[1] == 0.0:  # the new command sets the acceleration
         start = start[0], _slope(start, follows, numbers)[0]
     k1 = _slope(start, follows, numbers)
     k2 = _slope(_moved(start, k1, half), follows, numbers)

@@ -23,7 +23,7 @@ _LOWEST_AIRSPEED = 1.0
 SIMULATION_START_NS = 1_000_000_000
 """Start of simulated time; not zero, which ROS treats as "no time yet"."""
 
-_MAX_BODY_RATE = 1e3  # rad/s, far beyond that of any vehicle
+_MAX_BODY_RATE = 1e3  # rad/s, far beyond any vehicle
 
 
 class Wind:

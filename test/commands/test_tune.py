@@ -66,7 +66,7 @@ def test_study_is_flown_resumed_and_its_best_flies(
 MISTAKES = {
     "no file": ([], "FILE: expected"),
     "trials": (["FILE", "--trials", "0"], "--trials: given 0, expected a number >= 1"),
-    "resume what": (["--resume", "HERE"], "not the folder of a study"),
+    "resume what": (["--resume", "HERE"], "expected the folder of a study"),
     "resume and out": (
         ["--resume", "HERE", "--out", "x"],
         "continues unchanged: omit FILE, --out",

@@ -269,8 +269,8 @@ def _notes(found: Identification, given: MpcConfig, command_age: float) -> Itera
     yield f"wind and other disturbances: {east} m/s^2 east and {north} m/s^2 north"
     if not math.isnan(command_age) and found.input_delay.observable:
         yield (
-            "input_delay counts from the stamp of the odometry to the effect of the command, "
-            f"including {1e3 * command_age:.1f} ms (median) until the command is published"
+            "input_delay is the time from the stamp of the odometry to the effect of the command. "
+            f"The command is published after {1e3 * command_age:.1f} ms (median)"
         )
     yield from (f"warning: {text}" for text in warnings(found, given))
 

@@ -26,7 +26,7 @@ _OneLoop = Annotated[Array, (1, 3)]
 class LoopRates(Record):
     """Rates of one loop and measured rates, low-passed, with means and mean squares.
 
-    ``left`` are the mean squares of the difference, ``squares`` those of the measured rates.
+    ``left`` are mean squares of the difference, ``squares`` of the measured rates.
     """
 
     measured: Vector3

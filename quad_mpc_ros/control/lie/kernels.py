@@ -303,6 +303,6 @@ def shortest_rotation(start: Vector, end: Vector) -> Matrix:
 def log(r: Matrix) -> Vector:
     """Return the rotation vector of a rotation, of length at most pi.
 
-    It is computed from the unit quaternion, whose vector part is well conditioned near pi.
+    The unit quaternion gives the vector, because its vector part is well conditioned near pi.
     """
     return _rotation_vector(quaternion(r))

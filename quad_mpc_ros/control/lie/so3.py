@@ -9,7 +9,7 @@ Conventions follow Solà, Deray, Atchuthan, "A micro Lie theory for state estima
 
 Arguments with a wrong shape, or no rotations, raise :class:`ArgumentError`, a ``ValueError``.
 
-The formulas are those of compiled code (:mod:`.formulas`). NumPy computes the sines of a batch of
+Compiled code has the same formulas (:mod:`.formulas`). NumPy computes the sines of a batch of
 rotation vectors, and a batch of quaternions, because these batches may be long.
 """
 
@@ -129,7 +129,7 @@ def rotation_from_quaternion_xyzw(q_xyzw: ArrayLike) -> Array:
 def quaternion_xyzw_from_rotation(rotation: Array) -> Array:
     """Return the unit quaternion (x, y, z, w) with w >= 0; (..., 3, 3) → (..., 4).
 
-    Raises :class:`ArgumentError` for numbers that are not those of a rotation.
+    Raises :class:`ArgumentError` for a matrix that is not a rotation.
     """
     rotation = array(rotation, "rotation", ..., 3, 3)
     rows: list[Any] = rotation.reshape(-1, 9).tolist()

@@ -44,7 +44,7 @@ WITHOUT_ACTUATORS, WITHOUT_ACCELERATION = OMEGA, ALPHA
 # Columns of the sensitivities to attitude, rates, angular accelerations, commanded rates, and with
 # anisotropic drag to the velocity.
 _FROM_RATE, _FROM_ACCELERATION, _FROM_COMMAND, _FROM_VELOCITY, _COLUMNS = 3, 6, 9, 12, 15
-# Blocks of those of the rates themselves.
+# Blocks of the sensitivities of the rates themselves.
 _BY_RATE, _BY_ACCELERATION, _BY_COMMAND = 0, 1, 2
 
 
@@ -52,7 +52,7 @@ class _Sensitivities(NamedTuple):
     """Sensitivities of attitude, velocity and position, (15, 3) each, and of the rate loops.
 
     ``rates`` and ``accelerations`` (3, 3) are sensitivities of each axis to its rate, acceleration
-    and command at the start of the stage, ``means`` (3, 3) those of a substep's mean rates.
+    and command at the start of the stage, ``means`` (3, 3) of mean rates in a substep.
     """
 
     R: Array

@@ -24,7 +24,7 @@ class ModelParameters(Record):
     # Mean of the linear drag over the body axes [1/s], which is integrated exactly.
     drag: float
     gravity: float  # m/s^2
-    # Time constants of lags [s], 0 without a lag; that of a falling throttle may differ.
+    # Time constants of lags [s], 0 without a lag; rising and falling throttle may differ.
     thrust_time_constant: float
     thrust_time_constant_down: float
     rate_time_constants: Vector3

@@ -68,7 +68,7 @@ class SampleRecord(Record):
 
 
 class PointRecord(Record):
-    """The reference at a time; fields are those of :class:`ReferencePoints`."""
+    """The reference at a time, with the fields of :class:`ReferencePoints`."""
 
     p_WB: Vector3
     R_WB: Matrix3

@@ -44,7 +44,7 @@ class OdometrySample:
 
     Raises:
         ArgumentError: A field has another type or shape. The controller rejects numbers that are
-            not finite, like those of a message.
+            not finite, as in a message.
 
     Example:
         >>> OdometrySample.at_rest([0.0, 0.0, 1.5], yaw=0.5).speed
@@ -211,7 +211,7 @@ class ReferenceWindow:
 
     Raises:
         ArgumentError: A field has another type or shape. The controller rejects other unusable
-            values, like those of a message.
+            values, as in a message.
     """
 
     stamp_ns: int

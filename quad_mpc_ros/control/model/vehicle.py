@@ -197,7 +197,7 @@ def inverse_throttle_curve(a: float, b: float, c: float, thrust: float) -> float
     so that reading a configuration does not load Numba.
     """
     missing = c - thrust
-    if missing >= 0.0:  # no thrust wanted above that of throttle 0
+    if missing >= 0.0:  # throttle 0 has the requested thrust or more
         return 0.0
     root = math.sqrt(b * b - 4.0 * a * missing)
     return min(-2.0 * missing / (b + root), 1.0)

@@ -300,7 +300,7 @@ def _write_bounds(stages: HorizonStages, scales: Scales, numbers: Numbers) -> No
     """Write the right-hand sides of the dynamics, and the bounds of inputs and soft rows."""
     n, nx, nu = stages.B.shape
     nr, sizes = len(scales.slack_of), scales.sizes
-    for k in range(nx):  # those of later stages are zero
+    for k in range(nx):  # columns of later stages are zero
         A_x0 = 0.0
         for j in range(nx):
             A_x0 += stages.A[0, k, j] * stages.x0[j]

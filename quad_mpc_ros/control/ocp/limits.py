@@ -62,8 +62,8 @@ _NEAR = np.array([0.2, 0.5, 0.1])
 
 # Margins beyond the reference's own values: tilt [rad], speed [m/s].
 TILT_MARGIN, SPEED_MARGIN = 0.3, 1.0
-# Weights: this share of a slope, which is that of all stages that follow together; of a typical
-# violation at least this, and at least this share of the steepest slope.
+# Weights: share of a slope, which includes all later stages; least weight of a typical
+# violation, and least share of the steepest slope.
 _SLOPE_SHARE, _LEAST_WEIGHT, _LEAST_SHARE = 0.8, 0.4, 0.2
 _HALF_SPACE_SLOPE, _LEAST_HALF_SPACE_WEIGHT = 2.0, 4.0
 _SWERVE_TIME = 0.3  # s, in which a change of the velocity becomes one of the position
@@ -72,7 +72,7 @@ _DAMPING_THROTTLE = 0.02 / 0.3**2
 _DAMPING_RATES = 0.2 / 5.0**2
 _DAMPING_VELOCITY = 0.03 / 3.0**2
 _DAMPING_ATTITUDE = 0.03 / 0.5**2
-# Below this tilt [rad] or speed [m/s] its direction is not that of the next stages.
+# Below this tilt [rad] or speed [m/s] the direction does not predict the next stages.
 _MIN_TILT, _MIN_SPEED = 0.05, 0.3
 
 

@@ -127,8 +127,8 @@ class ConsistencyState(Record):
     climbing: float  # s, for how long the vehicle has climbed without commanded thrust
     force: Pair
     force_late: Pair
-    drag: Pair  # y the velocity, x that of the force
-    drag_on_force: Pair  # x the velocity, y that of the force
+    drag: Pair  # y the velocity, x the velocity of the force
+    drag_on_force: Pair  # x the velocity, y the velocity of the force
     older: Track
     newer: Track
     track_age: float  # s, of the newer track

@@ -160,6 +160,6 @@ class InputMonitor(Stage):
         failsafe = f"; odom_timeout is {timeout:g} s: the failsafe is active in between"
         self._log.warn(
             f"odometry arrives {1.0 / period:.1f} times a second, control_rate is "
-            f"{1.0 / self._control_period:g}: the rate of commands is limited to that of "
+            f"{1.0 / self._control_period:g}: commands are limited to the rate of "
             f"odometry{failsafe if SLOW * period > timeout else ''}; raise the odometry rate"
         )

@@ -64,7 +64,7 @@ def pose_fault(
 ) -> str | None:
     """Return why poses, positions (n, 3) and quaternions (n, 4), are unusable."""
     if not is_frame(frame_id, expected_frame_id):
-        return f"it is in frame '{frame_id}', expected '{expected_frame_id}'"
+        return f"the message is in frame '{frame_id}', expected '{expected_frame_id}'"
     # Comparisons with NaN are false, so that NaN is refused.
     if not ((np.abs(p_WB) <= LARGEST).all() and (np.abs(q_WB_xyzw) <= LARGEST).all()):
         return f"it contains a number that is not finite or beyond {LARGEST:g}"

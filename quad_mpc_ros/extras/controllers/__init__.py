@@ -2,5 +2,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Controllers from textbooks and autopilots, to compare with the MPC.
 
-They command throttle and body rates from the same odometry, reference, mass and thrust curve.
+All command throttle and body rates from the same odometry, reference, mass and thrust curve.
 """

@@ -35,7 +35,7 @@ _NO_ODOMETRY = Failure("plan", "the controller needs odometry")
 
 
 def law_planner(config: MpcConfig, law: ControlLaw | None = None) -> NewPlanner:
-    """Return the stage of a controller, by default that of ``mpc.controller``.
+    """Return the stage of ``law``, by default of the controller ``mpc.controller``.
 
     Raises :class:`UserError` for an unknown name, and if the controller cannot be created.
     """

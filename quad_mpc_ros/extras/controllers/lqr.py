@@ -3,7 +3,7 @@
 """Linear quadratic regulator on the error state of the MPC.
 
 The error about the reference is (p, v, attitude, body rates), attitude as Log(R_r' R), all in the
-reference's body frame. It is linearised about hover: p' = v, v' = g (th_y, -th_x, 0) + thrust,
+reference's body frame. Linearised about hover, p' = v, v' = g (th_y, -th_x, 0) + thrust,
 th' = w, and w follows the commanded rates with the configured lag. The discrete Riccati equation
 (``scipy.linalg.solve_discrete_are``) at the control rate gives one gain matrix.
 

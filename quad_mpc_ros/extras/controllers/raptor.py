@@ -7,8 +7,8 @@ arXiv 2509.11481; weights and inference from the package ``foundation-policy`` o
 policy uses neither mass nor thrust curve: its recurrent state infers the vehicle.
 
 Position and velocity error are in the heading of the reference, and limited as in the module
-``mc_raptor`` of PX4. The policy has no setpoint for acceleration and body rates. It expects four
-rotors, the front right one anticlockwise seen from above, and the rate of its training.
+``mc_raptor`` of PX4. The policy has no setpoint for acceleration and body rates. The policy
+expects four rotors, front right anticlockwise seen from above, and the rate of its training.
 """
 
 from __future__ import annotations

@@ -194,7 +194,7 @@ def _check_headings(course: Course) -> None:
     for i, step in enumerate(np.diff(places, axis=0)):
         if np.linalg.norm(step) < _SAME_PLACE:
             place = Entry(places[i + 1].tolist(), source=course.source, name=names[i + 1])
-            raise place.error(f"a position other than that of {names[i]}")
+            raise place.error(f"a position that differs from {names[i]}")
     steps = np.diff(places, axis=0)
     for i, gate in enumerate(course.gates):
         if gate.R_WG is None or gate.both_ways:

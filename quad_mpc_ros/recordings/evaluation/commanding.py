@@ -22,7 +22,7 @@ FALLBACKS = [
 ]
 WITHOUT_MPC = (*FALLBACKS, Source.SILENT.name.lower())
 
-_SETTLED_RATIO = 0.5  # of the MPC's ticks: the estimates are those of the rest
+_SETTLED_RATIO = 0.5  # of the MPC's ticks; the estimates are read after this share
 
 
 def commanding(flight: Flight) -> dict[str, Any]:

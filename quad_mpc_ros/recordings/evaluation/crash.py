@@ -115,7 +115,7 @@ class TrackedMotion:
         steps = np.linalg.norm(np.diff(self.p_WB_reference, axis=0), axis=1)
         speeds = steps / np.maximum(np.diff(self.time), 1e-9)
         beside = np.concatenate(([0.0], speeds, [0.0]))
-        # Where odometry is missing a jump takes longer: it is known by what is beside it.
+        # If odometry is missing, a jump takes longer: compare its speed with the speeds beside it.
         sudden = speeds - np.maximum(beside[:-2], beside[2:]) > _BRIEF_JUMP_SPEED
         jumps = np.append(True, (speeds > _JUMP_SPEED) | sudden)
         last = np.maximum.accumulate(np.where(jumps, self.time, -np.inf))

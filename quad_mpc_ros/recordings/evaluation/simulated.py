@@ -114,7 +114,7 @@ def simulate(
             over time; attitude follows from flatness), or a trajectory.
         controller: Controller that replaces ``mpc.controller``: an object with ``reset`` and
             ``step`` (:class:`.ControlLaw`), or a function of odometry and reference window, with
-            the checks, limits and failsafe of the MPC. Its first error is logged.
+            the checks, limits and failsafe of the MPC. The first error is logged.
         scene: Obstacles that replace the simulator's file; the flight ends at a collision.
         on_reference: Start in motion on the reference, not at the initial state of ``simulator``.
         observe: Called with each step.

@@ -3,8 +3,8 @@
 """Feed a recorded flight to a controller and compute its commands.
 
 The controller always receives the recorded odometry, and the recorded commands count as sent. With
-the flight's configuration the commands equal those of the flight, bit for bit, if the controller's
-inputs and their times were recorded.
+the flight's configuration the commands equal the recorded commands, bit for bit, if the
+controller's inputs and their times were recorded.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from quad_mpc_ros.simulation.rotors.parameters import RotorsPlantParameters
 class RotorsPlant(DelayedPlant):
     """A vehicle of rotors, body, battery and rate loop, commanded by throttle and body rates.
 
-    The throttle commands the thrust of the configured curve, as does that of a single rotor.
+    Throttle and single rotors follow the configured thrust curve.
     """
 
     follows_rotors = True

@@ -110,8 +110,8 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
         {"start": [0.0, 0.0, -1.0]},
         "start: given [0.0, 0.0, -1.0], expected",
     ),
-    "same place": ({"end": [15.0, 0.0, 1.5]}, "a position other than that of gates[3]"),
-    "twice in a row": ({"order": [1, 1, 2]}, "a position other than that of gates[1]"),
+    "same place": ({"end": [15.0, 0.0, 1.5]}, "a position that differs from gates[3]"),
+    "twice in a row": ({"order": [1, 1, 2]}, "a position that differs from gates[1]"),
     "turned round": ({"gates__0__yaw": math.pi}, "the gate faces backwards; add or subtract pi"),
     "end at speed": ({"end": {"position": [20, 0, 1], "at_rest": 1}}, "end.at_rest: given 1"),
 }

@@ -155,7 +155,7 @@ class CrazyflieBridge(Bridge):
         return crtp.is_armed(telemetry.info, wanted=wanted)
 
     def _switch_back(self, now_ns: int) -> Response:
-        """Let the firmware hold the position: without setpoints it would stop the motors."""
+        """Let the firmware hold the position. Without setpoints the firmware stops the motors."""
         if self._is_left:
             return Response(accepted=True, text="released")
         self._is_left = True

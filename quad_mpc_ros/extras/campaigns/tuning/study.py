@@ -189,8 +189,8 @@ def fly_trial(
 
     Returns the rows of the flights by campaign, and whether the trial was given up. The share
     refers to all flights of the campaign, so that a trial that would stay below is never given up.
-    It is checked after every eight flights. Flights beyond do not count, so that the result does
-    not depend on the number of workers.
+    The share is checked after every eight flights. Later flights do not count, so that the
+    result does not depend on the number of workers.
     """
     rows: dict[str, list[Row]] = {}
     for name, campaign in campaigns.items():

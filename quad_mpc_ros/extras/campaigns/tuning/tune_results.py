@@ -43,7 +43,7 @@ def begin(tuning: Tuning, folder: Path) -> None:
 def tuning_of(folder: Path) -> Tuning:
     """Return the study in a folder. Raises :class:`UserError` without a study."""
     if not (folder / TUNE_NAME).is_file():
-        raise UserError(f"{folder}: not the folder of a study: it has no {TUNE_NAME}")
+        raise UserError(f"{folder}: expected the folder of a study; {TUNE_NAME} is missing")
     return read_tuning(folder / TUNE_NAME)
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Initial guess of the optimiser: a point mass on the course, with attitudes from its thrust.
 
-The motion of a point mass is found within a second and is near the plan of the vehicle. Its thrust
+The motion of a point mass is found within a second and is near the plan of the vehicle. The thrust
 is smoothed over the time in which a vehicle turns. The body follows the thrust with the shortest
 rotations, without rotation about the thrust.
 """
@@ -96,7 +96,7 @@ def with_attitudes(
 ) -> Nodes:
     """Return the motion of a point mass with attitudes, at steps of ``longest_step`` [s].
 
-    States and inputs are those of :mod:`.model`.
+    :mod:`.model` defines states and inputs.
     """
     counts = np.maximum(MIN_STEPS, np.ceil(point.durations / longest_step)).astype(int)
     steps = np.repeat(point.durations / counts, counts)
