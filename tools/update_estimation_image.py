@@ -58,7 +58,7 @@ def _draw(time: Array, stats: list[TickStats], error: Array) -> None:
         ("disturbance [m/s²]", [("disturbance_x", DRAG * WIND), ("disturbance_z", 0.0)]),
         ("drag [1/s]", [("drag", DRAG)]),
         (
-            "time constants [ms]",
+            "lags [ms]",
             [
                 ("rate_time_constant_ms", 1e3 * RATE_LAG),
                 ("thrust_time_constant_ms", 1e3 * THRUST_LAG),
@@ -76,9 +76,9 @@ def _draw(time: Array, stats: list[TickStats], error: Array) -> None:
         style.legend(axis)
         style.tidy(axis)
     axes[-1].plot(time, error, color="black")
-    axes[-1].set_ylabel("position error, cm")
+    axes[-1].set_ylabel("error [cm]")
     axes[-1].set_ylim(0.0, 30.0)
-    axes[-1].set_xlabel("time, s")
+    axes[-1].set_xlabel("time [s]")
     style.tidy(axes[-1])
     style.save(figure, IMAGE)
 

@@ -29,9 +29,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MEAN, _MAXIMUM = "settled_error_mean_m", "settled_error_max_m"
-_COLUMNS, _TOP_LINES = 4, 2
-_WIDTH, _LINE_HEIGHT = 12.0, 2.0  # inch
-_DPI = 110
+_COLUMNS, _TOP_LINES = 3, 2
+_WIDTH, _LINE_HEIGHT, _DPI = 8.4, 1.8, 110  # inch, 1/inch; readable at the width of a page
 _BINS, _MIN_IN_BIN = 10, 5
 _MAX_TICK_CHARACTERS = 30  # of all names below one axis
 
@@ -80,13 +79,13 @@ def _draw_distribution(axes: Axes, completed: Sequence[Row]) -> None:
         shares = np.arange(1, len(errors) + 1) / len(errors)
         known = percentiles(errors, 50, 95).items()
         texts = [f"{key} {value:.3g} m" for key, value in known if value is not None]
-        label = ", ".join([f"{label} of a flight", *texts])
+        label = ", ".join([label, *texts])
         axes.step(errors, shares, where="post", color=colour, linewidth=1.8, label=label)
     if positive:
         style.use_log_scale(axes, "x")
     axes.set_yticks([0.0, 0.5, 0.95], ["0", "p50", "p95"])
     axes.set_ylim(0.0, 1.02)
-    axes.set_xlabel("error after the settle time [m]", fontsize=8, color=style.INK)
+    axes.set_xlabel("error of a flight after the settle time [m]", fontsize=8, color=style.INK)
     axes.set_ylabel("share of completed flights", fontsize=8, color=style.INK)
     style.legend(axes)
 
@@ -105,6 +104,7 @@ def _draw_parameter(axes: Axes, column: str, flown: Sequence[Row]) -> None:
         values = bins
     else:
         bins = _bins(values)
+        axes.locator_params(axis="x", nbins=4)
     crashed = np.array([bool(row["crashed"]) for row in rows], dtype=np.bool_)
     errors = _numbers(rows, _MEAN)
     known = ~crashed & np.isfinite(errors)

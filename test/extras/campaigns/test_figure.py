@@ -54,7 +54,7 @@ def test_marks_every_crash_and_shows_percentiles_of_the_other_flights() -> None:
     errors = sorted(row["settled_error_mean_m"] for row in completed)
     p50, p95 = (errors[math.ceil(percent * len(errors) / 100) - 1] for percent in (50, 95))
     mean, _ = (each.get_text() for each in distribution.get_legend().get_texts())
-    assert mean.startswith(f"mean of a flight, p50 {p50:.3g} m, p95 {p95:.3g} m")
+    assert mean.startswith(f"mean, p50 {p50:.3g} m, p95 {p95:.3g} m")
     assert [axes.get_xlabel().split()[0] for axes in effects] == [
         *(f"simulator.wind.{element}" for element in range(3)),
         "simulator.drag",
