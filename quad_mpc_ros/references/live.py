@@ -448,12 +448,10 @@ class LiveReference:
         """Raise :class:`UserError` for points (n, 3) [m] too far away or below the ground."""
         lowest = float(p_WB[:, 2].min())
         if not lowest >= director.ground:
-            raise UserError(f"the target is {director.ground - lowest:.3g} m below the ground")
+            raise UserError(f"target {director.ground - lowest:.3g} m below the ground")
         distance = float(np.linalg.norm(p_WB - self._home, axis=1).max())
         if not distance <= self._config.reach:
-            raise UserError(
-                f"the target is {distance:.4g} m away, beyond reach, {self._config.reach:g} m"
-            )
+            raise UserError(f"target {distance:.4g} m off, beyond reach, {self._config.reach:g} m")
         self._config.fence.check_inside(p_WB)
 
 
