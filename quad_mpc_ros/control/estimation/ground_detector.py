@@ -53,6 +53,7 @@ _MOVING_SPEED = 0.5 * FAST  # m/s, filtered: with a change of height, faster veh
 _SLIPPING_SPEED = 0.5 * SLOW  # m/s, horizontal with thrust: the vehicle has left the ground
 _CLIMB_SPEED = 0.3  # m/s, with thrust, half of HEIGHT above the ground: it has left the ground
 _NEAR_GROUND = 0.5  # m above the place on the ground, as odometry drifts
+_MIN_IMPACT = 0.25  # m/s: near the ground a sinking vehicle has met it
 _MIN_HEIGHT_CHANGE = 0.01  # m within its window: the reference climbs or sinks
 
 
@@ -189,7 +190,8 @@ class GroundDetector(Stage):
         self._lands = rests and (below or sinks) and self._is_low(height)
         if self._climbs:
             found += (GroundEvidence.CLIMBS,)
-        if rests and below and self._might_be_down(height, sinks=sinks):
+        touches = below and self._might_be_down(height, sinks=sinks)
+        if rests and (touches or self._meets_ground()):
             found += (GroundEvidence.TOUCHES,)
         if self._has_left() or self._is_moving():
             found += (GroundEvidence.LEFT,)
@@ -249,6 +251,15 @@ class GroundDetector(Stage):
         low = self._little_since_ns is not None and self._is_low(height)
         carried = sinks and self._motion.now.carried
         return self._motion.now.speed < SLOW and (carried or self.idle_wanted or low)
+
+    def _meets_ground(self) -> bool:
+        """Whether a landing has just met the ground, before the reference is far below it.
+
+        On the ground the reported velocity still drifts. Tilting against the drift would only
+        make the vehicle lean.
+        """
+        motion = self._motion.now
+        return self._lands and motion.impact > _MIN_IMPACT and motion.speed < SLOW
 
     def _is_low(self, height: float) -> bool:
         """Whether the vehicle is near the height of the ground."""

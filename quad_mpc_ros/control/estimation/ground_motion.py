@@ -3,7 +3,9 @@
 """Filtered motion and thrust of a vehicle, for the ground detector.
 
 With less than a share of its recent thrust in flight, a vehicle must fall. If its sink rate has
-grown by less than a share of the expected amount, the vehicle is on the ground.
+grown by less than a share of the expected amount, the vehicle is on the ground. This takes 0.1 s
+to 0.4 s. A change of the climb rate that the thrust does not explain shows a contact at once, but
+a gust changes the climb rate as well.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ _ODOMETRY_TIME, _THRUST_TIME, _FLIGHT_TIME = 0.1, 0.3, 2.0
 _REDUCED_THRUST = 0.8  # share of the thrust in flight below which the vehicle must fall
 _EXPECTED_SINK = 0.2  # m/s, expected change of the sink rate before it is compared
 _MIN_SINK_SHARE = 0.3  # of the expected change; below it the ground carries the vehicle
+_IMPACT_TIME = 0.5  # s, time constant with which an impact is forgotten
 
 
 class VehicleMotion(NamedTuple):
@@ -30,7 +33,8 @@ class VehicleMotion(NamedTuple):
 
     ``displacement`` and ``rise`` [m] are relative to the position on the ground, or the first
     position. ``lift`` is the vertical thrust as a share of the weight; ``carried``: the ground
-    seems to carry the vehicle. Not filtered: ``up``, cosine of the tilt, and ``reported_speed``.
+    seems to carry the vehicle; ``impact`` [m/s]: recent rise of the climb rate that the thrust does
+    not explain. Not filtered: ``up``, cosine of the tilt, and ``reported_speed``.
     """
 
     aside: float = 0.0
@@ -41,6 +45,7 @@ class VehicleMotion(NamedTuple):
     rise: float = 0.0
     lift: float = 0.0
     carried: bool = False
+    impact: float = 0.0
     up: float = 1.0
     reported_speed: float = 0.0
 
@@ -60,6 +65,9 @@ class Filters(Record):
     # m/s: expected change of the sink rate with too little thrust, climb rate before.
     fall: float
     climb: float
+    # m/s: climb rate as reported last, and its recent rise that the thrust does not explain.
+    reported_climb: float
+    impact: float
 
 
 class MotionFilter:
@@ -127,6 +135,8 @@ def _follow(
     filters.duration = duration
     filters.lift += kernels.lowpass_share(duration, _THRUST_TIME) * (thrust * up - filters.lift)
     vx, vy, climb = kernels.vector(filters.v_WB_W)
+    carried = _is_carried(filters, max(thrust, 0.0), is_flying)
+    _update_impact(filters, v_WB_W[2], is_flying and not restarts)
     return VehicleMotion(
         aside=math.hypot(vx, vy),
         climb=climb,
@@ -135,7 +145,8 @@ def _follow(
         displacement=kernels.distance(filters.p_WB, filters.ground_W),
         rise=filters.p_WB[2] - filters.ground_W[2],
         lift=filters.lift,
-        carried=_is_carried(filters, max(thrust, 0.0), is_flying),
+        carried=carried,
+        impact=filters.impact,
         up=up,
         reported_speed=kernels.length(v_WB_B),
     )
@@ -157,3 +168,15 @@ def _is_carried(filters: Filters, thrust: float, is_flying: bool) -> bool:
     if is_flying and filters.fall < _EXPECTED_SINK:
         filters.in_flight += kernels.lowpass_share(duration, _FLIGHT_TIME) * change
     return bool(filters.fall > max(_EXPECTED_SINK, (filters.climb - climb) / _MIN_SINK_SHARE))
+
+
+@compiled
+def _update_impact(filters: Filters, climb: float, is_flying: bool) -> None:
+    """Update the impact with the reported climb rate [m/s]."""
+    rise, filters.reported_climb = climb - filters.reported_climb, climb
+    if not is_flying or filters.in_flight <= 0.0:
+        filters.impact = 0.0
+        return
+    by_thrust = filters.gravity * (filters.thrust / filters.in_flight - 1.0) * filters.duration
+    kept = 1.0 - kernels.lowpass_share(filters.duration, _IMPACT_TIME)
+    filters.impact = max(kept * (filters.impact + rise - by_thrust), 0.0)

@@ -286,6 +286,27 @@ def test_permits_body_rates_when_falling_with_reduced_thrust(
         assert grounded.ground.state is not GroundState.TOUCHING_DOWN
 
 
+@pytest.mark.parametrize(
+    ("height", "stop", "thrust", "touches"),
+    [(0.3, 0.0, 1.0, True), (0.8, 0.0, 1.0, False), (0.3, 0.16, 1.2, False)],
+    ids=["met the ground", "too high", "stopped by thrust"],
+)
+def test_levels_at_once_when_a_landing_meets_the_ground(
+    grounded: Detector, height: float, stop: float, thrust: float, touches: bool
+) -> None:
+    """Before the thrust is reduced, and before the reference is below the vehicle."""
+    down = window_through([0.0, 1.0, 2.0], [[0, 0, height - drop] for drop in (0.0, 0.3, 0.6)])
+    sinks, stopped = np.array([0.0, 0.0, -0.3]), np.zeros(3)
+    grounded.observe(2.0, thrust=1.2, height=1.0, window=ABOVE)
+    grounded.observe(8.0, height=height, thrust=1.0, velocity=sinks, window=down)
+    assert grounded.ground.state is GroundState.FLYING
+    for left in np.arange(stop, 0.0, -PERIOD):
+        velocity = sinks * left / stop
+        grounded.observe(height=height, thrust=thrust, velocity=velocity, window=down)
+    states = grounded.observe(0.1, height=height, thrust=1.0, velocity=stopped, window=down)
+    assert (states[-1] is GroundState.TOUCHING_DOWN) is touches
+
+
 def test_reduced_thrust_in_hover_is_not_a_touchdown(grounded: Detector) -> None:
     """A vehicle with more thrust than modelled holds 0.15 m too high at first."""
     hover = ReferenceWindow.hover([0.0, 0.0, 1.0])
