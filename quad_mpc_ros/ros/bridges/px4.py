@@ -327,7 +327,10 @@ class ExternalModeBridge(Px4Bridge):
     def _on_status(self, message: Any, now_ns: int) -> None:
         super()._on_status(message, now_ns)
         armed = message.arming_state == ARMING_STATE_ARMED
-        self._external.follow(message, armed=armed, now_ns=now_ns)
+        if not armed and self._external.awaits_removal(message):
+            self._external.outgoing += self._switch_back(now_ns).messages
+        else:
+            self._external.follow(message, armed=armed, now_ns=now_ns)
         before, self._selected = self._selected, self._selects_mpc(message)
         if self._selected and not self._stack(now_ns).takes_setpoints:
             self._external.configure()

@@ -98,6 +98,15 @@ class Px4Mode:
         assert self.state is not None
         return 1.0, _AUTO, float(self.state - _FIRST_STATE + _FIRST_SUB_MODE)
 
+    def awaits_removal(self, status: Any) -> bool:
+        """Whether PX4 keeps the mode of a process that was killed, because it is still selected.
+
+        PX4 would give a second mode of this name another place, and refuse to arm in the first.
+        """
+        selected = status.nav_state_user_intention
+        is_external = selected >= _FIRST_STATE and status.can_set_nav_states_mask >> selected & 1
+        return bool(self.state is None and is_external and not status.pre_flight_checks_pass)
+
     def follow(self, status: Any, *, armed: bool, now_ns: int) -> None:
         """Register again after PX4 or the bridge has restarted; ``status`` is PX4's."""
         waits = self._requested_ns is not None and abs(now_ns - self._requested_ns) < _RETRY_NS

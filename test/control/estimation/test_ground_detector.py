@@ -298,13 +298,13 @@ def test_levels_at_once_when_a_landing_meets_the_ground(
     down = window_through([0.0, 1.0, 2.0], [[0, 0, height - drop] for drop in (0.0, 0.3, 0.6)])
     sinks, stopped = np.array([0.0, 0.0, -0.3]), np.zeros(3)
     grounded.observe(2.0, thrust=1.2, height=1.0, window=ABOVE)
-    grounded.observe(8.0, height=height, thrust=1.0, velocity=sinks, window=down)
+    grounded.observe(6.0, height=height, thrust=1.0, velocity=sinks, window=down)
     assert grounded.ground.state is GroundState.FLYING
     for left in np.arange(stop, 0.0, -PERIOD):
         velocity = sinks * left / stop
         grounded.observe(height=height, thrust=thrust, velocity=velocity, window=down)
     states = grounded.observe(0.1, height=height, thrust=1.0, velocity=stopped, window=down)
-    assert (states[-1] is GroundState.TOUCHING_DOWN) is touches
+    assert (GroundState.TOUCHING_DOWN in states) is touches
 
 
 def test_reduced_thrust_in_hover_is_not_a_touchdown(grounded: Detector) -> None:

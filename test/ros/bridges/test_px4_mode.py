@@ -107,6 +107,7 @@ class Px4Commander:
         status = new_message("px4_msgs/msg/VehicleStatus")
         status.nav_state, status.arming_state = self.nav_state, 2 if self.armed else 1
         status.nav_state_user_intention = self.intended
+        status.pre_flight_checks_pass = self.can_run or self.intended not in self.registered
         status.can_set_nav_states_mask = sum(1 << each for each in (HOLD, *self.registered))
         self.say("vehicle_status_v4", status)
         land = new_message("px4_msgs/msg/VehicleLandDetected")
@@ -158,6 +159,8 @@ class Px4Commander:
     def on_register_ext_component_request(self, message: Any) -> None:
         assert not self.armed, "PX4 registers only while disarmed"
         assert message.register_mode and message.register_arming_check
+        if self.unanswered > 4 and self.intended not in self.registered:
+            self.registered.clear()  # unresponsive, and not selected
         reply = new_message("px4_msgs/msg/RegisterExtComponentReply")
         reply.request_id, reply.name = message.request_id, message.name
         reply.success, reply.px4_ros2_api_version = True, 1
@@ -370,6 +373,19 @@ def test_registers_again_after_px4_has_restarted(px4: Px4Commander) -> None:
     px4.fly(3.0, throttle=0.0)
     assert px4.registered == {MODE: "quad MPC"}
     assert px4.can_run
+
+
+def test_registers_again_after_the_bridge_was_killed_in_flight(px4: Px4Commander) -> None:
+    """PX4 keeps the mode while it is selected, and would give a second one another place."""
+    flying(px4).bridge = ExternalModeBridge(Px4Bridge.Config(mode="external"), new_message)
+    px4.fly(3.0)
+    assert px4.nav_state == RETURN
+    px4.armed, px4.landed, px4.nav_state = False, True, px4.intended
+    px4.fly(6.0, throttle=0.0)
+    assert (px4.nav_state, px4.registered) == (HOLD, {MODE: "quad MPC"})
+    assert px4.select(MODE)
+    px4.fly(1.0, throttle=0.0)
+    assert px4.arm()
 
 
 def test_leaves_the_list_of_modes_at_the_end(px4: Px4Commander) -> None:
