@@ -53,7 +53,7 @@ _MOVING_SPEED = 0.5 * FAST  # m/s, filtered: with a change of height, faster veh
 _SLIPPING_SPEED = 0.5 * SLOW  # m/s, horizontal with thrust: the vehicle has left the ground
 _CLIMB_SPEED = 0.3  # m/s, with thrust, half of HEIGHT above the ground: it has left the ground
 _NEAR_GROUND = 0.5  # m above the place on the ground, as odometry drifts
-_MIN_IMPACT = 0.25  # m/s: near the ground a sinking vehicle has met it
+_MIN_IMPACT = 0.2  # m/s: near the ground a sinking vehicle has met it
 _MIN_HEIGHT_CHANGE = 0.01  # m within its window: the reference climbs or sinks
 
 

@@ -25,7 +25,8 @@ _ODOMETRY_TIME, _THRUST_TIME, _FLIGHT_TIME = 0.1, 0.3, 2.0
 _REDUCED_THRUST = 0.8  # share of the thrust in flight below which the vehicle must fall
 _EXPECTED_SINK = 0.2  # m/s, expected change of the sink rate before it is compared
 _MIN_SINK_SHARE = 0.3  # of the expected change; below it the ground carries the vehicle
-_IMPACT_TIME = 0.5  # s, time constant with which an impact is forgotten
+# Time constants [s] with which an impact is forgotten, and of the thrust before the impact.
+_IMPACT_TIME, _RECENT_TIME = 0.5, 1.0
 
 
 class VehicleMotion(NamedTuple):
@@ -33,8 +34,8 @@ class VehicleMotion(NamedTuple):
 
     ``displacement`` and ``rise`` [m] are relative to the position on the ground, or the first
     position. ``lift`` is the vertical thrust as a share of the weight; ``carried``: the ground
-    seems to carry the vehicle; ``impact`` [m/s]: recent rise of the climb rate that the thrust does
-    not explain. Not filtered: ``up``, cosine of the tilt, and ``reported_speed``.
+    seems to carry the vehicle; ``impact`` [m/s]: recent rise of the climb rate that the thrust
+    does not explain. Not filtered: ``up``, cosine of the tilt, and ``reported_speed``.
     """
 
     aside: float = 0.0
@@ -65,9 +66,11 @@ class Filters(Record):
     # m/s: expected change of the sink rate with too little thrust, climb rate before.
     fall: float
     climb: float
-    # m/s: climb rate as reported last, and its recent rise that the thrust does not explain.
+    # Last reported climb rate [m/s], its recent rise that the thrust does not explain [m/s], and
+    # the recent thrust as a share of the weight.
     reported_climb: float
     impact: float
+    recent: float
 
 
 class MotionFilter:
@@ -174,9 +177,12 @@ def _is_carried(filters: Filters, thrust: float, is_flying: bool) -> bool:
 def _update_impact(filters: Filters, climb: float, is_flying: bool) -> None:
     """Update the impact with the reported climb rate [m/s]."""
     rise, filters.reported_climb = climb - filters.reported_climb, climb
-    if not is_flying or filters.in_flight <= 0.0:
-        filters.impact = 0.0
+    if not is_flying or filters.recent <= 0.0:
+        filters.impact, filters.recent = 0.0, filters.thrust
         return
-    by_thrust = filters.gravity * (filters.thrust / filters.in_flight - 1.0) * filters.duration
-    kept = 1.0 - kernels.lowpass_share(filters.duration, _IMPACT_TIME)
+    duration = filters.duration
+    change = filters.thrust - filters.recent
+    filters.recent += kernels.lowpass_share(duration, _RECENT_TIME) * change
+    by_thrust = filters.gravity * (filters.thrust / filters.recent - 1.0) * duration
+    kept = 1.0 - kernels.lowpass_share(duration, _IMPACT_TIME)
     filters.impact = max(kept * (filters.impact + rise - by_thrust), 0.0)
