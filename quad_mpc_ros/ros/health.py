@@ -18,7 +18,6 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.subscription import Subscription
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from quad_mpc_ros.configuration import Configuration
 from quad_mpc_ros.messages import cdr
@@ -58,7 +57,7 @@ class _Endpoint(NamedTuple):
             return int(self.entity.get_subscription_count())
         return int(self.entity.get_publisher_count())
 
-    def known_peers(self, node: Node) -> list[TopicEndpointInfo]:
+    def known_peers(self, node: Node) -> list[Any]:
         """Return the peers in the graph, matched or not."""
         if isinstance(self.entity, Publisher):
             return list(node.get_subscriptions_info_by_topic(self.entity.topic_name))
@@ -73,7 +72,7 @@ class _Endpoint(NamedTuple):
             return []
         return sorted({why for peer in self.known_peers(node) if (why := self.mismatch(peer))})
 
-    def mismatch(self, peer: TopicEndpointInfo) -> str:
+    def mismatch(self, peer: Any) -> str:
         """Return the reason why a peer cannot be matched, or an empty string."""
         publishes = isinstance(self.entity, Publisher)
         node = f"{peer.node_namespace.rstrip('/')}/{peer.node_name}"
