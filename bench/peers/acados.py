@@ -343,7 +343,8 @@ def _dynamics(casadi: Any, x: Any, u: Any, vehicle: Vehicle) -> Any:
     gravity = casadi.vertcat(0.0, 0.0, -vehicle.gravity)
     R, drag = _rotation(casadi, q), casadi.vertcat(*per_axis(vehicle.drag))
     push, air = thrust / vehicle.mass, drag * v
-    if not vehicle.has_isotropic_drag:
+    is_isotropic = vehicle.translational_lift == 0.0 and not any(per_axis(vehicle.rotor_drag))
+    if not (is_isotropic and len(set(per_axis(vehicle.drag))) == 1):
         v_B, rotors = R.T @ v, casadi.vertcat(*per_axis(vehicle.rotor_drag))
         drag = drag + rotors * casadi.sqrt(casadi.fmax(push, _SOFT) / vehicle.gravity)
         push += vehicle.translational_lift * (v_B[0] ** 2 + v_B[1] ** 2)

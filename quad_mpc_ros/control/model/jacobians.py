@@ -1,10 +1,12 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Exact Jacobians of the rollout, in compiled loops.
+"""Jacobians of the rollout, in compiled loops.
 
 x_{i+1} = f(x_i, u_i) over a stage of substeps; A_i = df/dx and B_i = df/du through ⊞, that is in
 the tangent spaces at x_i and x_{i+1}, with the right Jacobian of SO(3). The Jacobians belong to
 the discretisation in :mod:`quad_mpc_ros.control.model.rollout`, not to the differential equations.
+They are exact but for anisotropic drag, rotor drag and lift: of these the rollout has the forces,
+the Jacobians the mean drag alone.
 
 Tangent order of the horizon: position, velocity, attitude, body rate, throttle, angular
 acceleration.
@@ -25,10 +27,8 @@ from quad_mpc_ros.control.model.rollout import (
     Discretisation,
     Midpoint,
     StateRecord,
-    anisotropic_air,
     body_in,
     discretised,
-    rotor_speed,
     store_body,
     substep,
 )
@@ -41,15 +41,14 @@ ACCELERATION = slice(ALPHA, STATE_SIZE)
 WITHOUT_ACTUATORS, WITHOUT_ACCELERATION = OMEGA, ALPHA
 """Sizes of the state without actuator lags, and without a lag of the torque."""
 
-# Columns of the sensitivities to attitude, rates, angular accelerations, commanded rates, and with
-# anisotropic drag to the velocity.
-_FROM_RATE, _FROM_ACCELERATION, _FROM_COMMAND, _FROM_VELOCITY, _COLUMNS = 3, 6, 9, 12, 15
+# Columns of the sensitivities to attitude, rates, angular accelerations and commanded rates.
+_FROM_RATE, _FROM_ACCELERATION, _FROM_COMMAND, _COLUMNS = 3, 6, 9, 12
 # Blocks of the sensitivities of the rates themselves.
 _BY_RATE, _BY_ACCELERATION, _BY_COMMAND = 0, 1, 2
 
 
 class _Sensitivities(NamedTuple):
-    """Sensitivities of attitude, velocity and position, (15, 3) each, and of the rate loops.
+    """Sensitivities of attitude, velocity and position, (12, 3) each, and of the rate loops.
 
     ``rates`` and ``accelerations`` (3, 3) are sensitivities of each axis to its rate, acceleration
     and command at the start of the stage, ``means`` (3, 3) of mean rates in a substep.
@@ -61,21 +60,6 @@ class _Sensitivities(NamedTuple):
     rates: Array
     accelerations: Array
     means: Array
-
-
-class AirSlopes(NamedTuple):
-    """Derivatives of the anisotropic drag w.r.t. midpoint velocity, rotation and specific thrust.
-
-    ``kept`` and ``half`` are the derivatives of the midpoint velocity with respect to the previous
-    velocity and the acceleration.
-    """
-
-    anisotropic: bool
-    by_v: kernels.Matrix
-    by_turn: kernels.Matrix
-    by_thrust: kernels.Vector
-    kept: float
-    half: float
 
 
 @compiled
@@ -119,37 +103,20 @@ def jacobians(
             command, let = actuators_in(inputs[i, j]), actuators_in(free[i, j])
             x, midpoint = substep(model, d, command, x)
             decay, share = midpoint.lag
-            air = air_slopes(model, d, midpoint)
             _propagate_rates(midpoint, let, sensitivities)
-            _propagate(d, midpoint, air, columns, sensitivities)
+            _propagate(d, midpoint, columns, sensitivities)
             slope = model.thrust_scale * (2.0 * model.a * midpoint.throttle + model.b)
             thrust_slope_W = kernels.scaled(slope, kernels.column(midpoint.R, 2))
-            slowed = kernels.scaled(slope, air.by_thrust)
             mean_kept = share * kept
             mean_gained = let[U_THROTTLE] + share * (gained - let[U_THROTTLE])
-            by_throttle = propagated_slopes(
-                d,
-                air,
-                kernels.scaled(mean_kept, thrust_slope_W),
-                kernels.scaled(mean_kept, slowed),
-                by_throttle,
-            )
-            by_command = propagated_slopes(
-                d,
-                air,
-                kernels.scaled(mean_gained, thrust_slope_W),
-                kernels.scaled(mean_gained, slowed),
-                by_command,
-            )
+            by_throttle = _later(d, kernels.scaled(mean_kept, thrust_slope_W), by_throttle)
+            by_command = _later(d, kernels.scaled(mean_gained, thrust_slope_W), by_command)
             kept *= decay
             gained = let[U_THROTTLE] + decay * (gained - let[U_THROTTLE])
             own_p += d.phi1 * own_v
             own_v *= d.velocity_decay
         store_body(x, states[i + 1])
         _fill(A[i], B[i], own_p, own_v, sensitivities, by_command)
-        if d.anisotropic:
-            # Anisotropic drag couples the axes of the velocity.
-            _fill_columns(A[i], V, _FROM_VELOCITY, sensitivities)
         if columns > _FROM_RATE:
             _fill_actuators(A[i], B[i], kept, gained, sensitivities, by_throttle)
         if columns > _FROM_ACCELERATION:
@@ -165,58 +132,15 @@ def _begin(sensitivities: _Sensitivities) -> None:
     for n in range(_COLUMNS):
         for k in range(3):
             dR[n, k] = 1.0 if n == k else 0.0
-            dv[n, k] = 1.0 if n - _FROM_VELOCITY == k else 0.0
-            dp[n, k] = 0.0
+            dv[n, k] = dp[n, k] = 0.0
 
 
 @compiled
-def air_slopes(model: ModelParameters, d: Discretisation, midpoint: Midpoint) -> AirSlopes:
-    """Return the derivatives of the anisotropic drag, zeros for isotropic drag."""
-    none = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    if not d.anisotropic:
-        return AirSlopes(False, none, none, (0.0, 0.0, 0.0), 0.0, 0.0)
-    u, drag, rotors, R = midpoint.v_B, model.anisotropic_drag, model.rotor_drag, midpoint.R
-    speed = rotor_speed(model, midpoint.specific_thrust)
-    by_thrust = 0.5 * speed / midpoint.specific_thrust if midpoint.specific_thrust > 0.0 else 0.0
-    x, y, z = anisotropic_air(model, u, speed)
-    lift = 2.0 * model.translational_lift
-    by_x, by_y = -drag[0] - speed * rotors[0], -drag[1] - speed * rotors[1]
-    by_z = -drag[2] - speed * rotors[2]
-    slope = (by_x, 0.0, 0.0, 0.0, by_y, 0.0, lift * u[0], lift * u[1], by_z)
-    # Derivative of R e(R' v) by a turn phi of the body: R (phi x e) + R e' (u x phi).
-    turned = kernels.multiply(slope, (0.0, -u[2], u[1], u[2], 0.0, -u[0], -u[1], u[0], 0.0))
-    xx, xy, xz, yx, yy, yz, zx, zy, zz = turned
-    by_turn = xx, xy + z, xz - y, yx - z, yy, yz + x, zx + y, zy - x, zz
-    return AirSlopes(
-        True,
-        kernels.multiply(kernels.multiply(R, slope), kernels.transposed(R)),
-        kernels.multiply(R, by_turn),
-        kernels.apply(
-            R, kernels.scaled(-by_thrust, (rotors[0] * u[0], rotors[1] * u[1], rotors[2] * u[2]))
-        ),
-        1.0 - 0.5 * d.dt * model.drag,
-        0.5 * d.dt,
-    )
-
-
-@compiled
-def propagated_slopes(
-    d: Discretisation,
-    air: AirSlopes,
-    acceleration: kernels.Vector,
-    direct: kernels.Vector,
-    moved: tuple[kernels.Vector, kernels.Vector],
+def _later(
+    d: Discretisation, acceleration: kernels.Vector, moved: tuple[kernels.Vector, kernels.Vector]
 ) -> tuple[kernels.Vector, kernels.Vector]:
-    """Return the sensitivities of velocity and position after a substep.
-
-    ``acceleration`` and ``direct`` are sensitivities of the acceleration and, at constant midpoint
-    velocity, of the anisotropic drag.
-    """
+    """Return the sensitivities of velocity and position after a substep."""
     v, p = moved
-    if air.anisotropic:
-        v_mid = kernels.plus(kernels.scaled(air.kept, v), kernels.scaled(air.half, acceleration))
-        by_air = kernels.plus(kernels.apply(air.by_v, v_mid), direct)
-        acceleration = kernels.plus(acceleration, by_air)
     return (
         kernels.plus(kernels.scaled(d.velocity_decay, v), kernels.scaled(d.phi1, acceleration)),
         kernels.plus(
@@ -244,11 +168,7 @@ def _propagate_rates(midpoint: Midpoint, let: Actuators, sensitivities: _Sensiti
 
 @compiled
 def _propagate(
-    d: Discretisation,
-    midpoint: Midpoint,
-    air: AirSlopes,
-    columns: int,
-    sensitivities: _Sensitivities,
+    d: Discretisation, midpoint: Midpoint, columns: int, sensitivities: _Sensitivities
 ) -> None:
     """Propagate the sensitivities to attitude, rates and velocity over a substep.
 
@@ -257,7 +177,7 @@ def _propagate(
     dR, dv, dp, _rates, _accelerations, means = sensitivities
     J = kernels.right_jacobian(midpoint.half_turn)
     x_axis, y_axis = kernels.column(midpoint.R, 0), kernels.column(midpoint.R, 1)
-    for n in range(_FROM_VELOCITY):
+    for n in range(_COLUMNS):
         if columns <= n < _FROM_COMMAND:
             continue
         # By how much half of the turn moves.
@@ -271,19 +191,12 @@ def _propagate(
             midpoint.specific_thrust,
             kernels.plus(kernels.scaled(turned[1], x_axis), kernels.scaled(-turned[0], y_axis)),
         )
-        moved = kernels.vector(dv[n]), kernels.vector(dp[n])
-        direct = kernels.apply(air.by_turn, turned) if air.anisotropic else (0.0, 0.0, 0.0)
-        v, p = propagated_slopes(d, air, acceleration, direct, moved)
+        v, p = _later(d, acceleration, (kernels.vector(dv[n]), kernels.vector(dp[n])))
         kernels.store_vector(v, dv[n])
         kernels.store_vector(p, dp[n])
         kernels.store_vector(
             kernels.plus(kernels.apply_transposed(midpoint.half, turned), half), dR[n]
         )
-    for n in range(_FROM_VELOCITY, _COLUMNS if air.anisotropic else _FROM_VELOCITY):
-        moved = kernels.vector(dv[n]), kernels.vector(dp[n])
-        v, p = propagated_slopes(d, air, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), moved)
-        kernels.store_vector(v, dv[n])
-        kernels.store_vector(p, dp[n])
 
 
 @compiled

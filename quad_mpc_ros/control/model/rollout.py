@@ -190,8 +190,7 @@ def anisotropic_air(model: ModelParameters, u: kernels.Vector, speed: float) -> 
 
 class Midpoint(NamedTuple):
     """Midpoint of a substep, for the Jacobians: mean throttle with the applied lag, steps of the
-    rates, specific thrust, half of the rotation as vector and matrix, attitude, and with
-    anisotropic drag the velocity in the body.
+    rates, specific thrust, half of the rotation as vector and matrix, and attitude.
     """
 
     throttle: float
@@ -201,7 +200,6 @@ class Midpoint(NamedTuple):
     half_turn: kernels.Vector
     half: kernels.Matrix
     R: kernels.Matrix
-    v_B: kernels.Vector
 
 
 @compiled
@@ -224,7 +222,7 @@ def substep(
     force = kernels.plus(
         kernels.scaled(thrust, kernels.column(R_mid, 2)), kernels.vector(model.a_W)
     )
-    a, v_B = (force[0], force[1], force[2] - model.gravity), (0.0, 0.0, 0.0)
+    a = force[0], force[1], force[2] - model.gravity
     if step.anisotropic:
         slowed = kernels.plus(a, kernels.scaled(-model.drag, x.v))
         v_B = kernels.apply_transposed(
@@ -243,7 +241,7 @@ def substep(
         (roll.acceleration, pitch.acceleration, yaw.acceleration),
     )
     axes = roll, pitch, yaw
-    return after, Midpoint(throttle, lag, axes, thrust, half_turn, half, R_mid, v_B)
+    return after, Midpoint(throttle, lag, axes, thrust, half_turn, half, R_mid)
 
 
 @compiled

@@ -124,12 +124,6 @@ class VehicleParameters(LiftParameters):
         maximum=10.0,
     )
 
-    @property
-    def has_isotropic_drag(self) -> bool:
-        """Whether drag is isotropic, independent of the attitude."""
-        alike = len(set(per_axis(self.drag))) == 1 and self.translational_lift == 0.0
-        return alike and not any(per_axis(self.rotor_drag))
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Vehicle(VehicleParameters):

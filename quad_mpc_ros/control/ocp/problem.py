@@ -130,7 +130,6 @@ def pattern_of(config: MpcConfig, limits: Limits) -> HorizonPattern:
     diagonal, all_states = np.eye(3, dtype=bool), progress.SIZE
     A = np.zeros((all_states, all_states), dtype=bool)
     A[POSITION, POSITION] = A[POSITION, VELOCITY] = A[VELOCITY, VELOCITY] = diagonal
-    A[:THETA, VELOCITY] |= not config.has_isotropic_drag  # anisotropic drag couples the axes
     A[:THETA, THETA:STATE_SIZE] = True
     A[ATTITUDE, THETA:THROTTLE] = A[ATTITUDE, ACCELERATION] = True
     A[RATE, RATE] = A[RATE, ACCELERATION] = diagonal
