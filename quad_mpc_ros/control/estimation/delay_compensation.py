@@ -160,16 +160,12 @@ class DelayCompensation(Stage):
     def engage(self, engaged: bool) -> None:
         """Set whether the vehicle executes commands (initially true).
 
-        If not, estimation is paused, and the estimate of some seconds before is restored. Commands
-        are still recorded, as this call may be late.
+        If not, estimation is paused. Commands are still recorded, as this call may be late.
         """
         if engaged and not self._engaged:
             self._history.forget()
             self._previous_ns = None
             self._was_idle = True
-        elif self._engaged and not engaged:
-            # The vehicle may have landed before disarming.
-            self._ekf.restore()
         self._engaged = engaged
 
     def reset_estimate(self, reset: EstimateReset) -> None:
@@ -281,15 +277,11 @@ class DelayCompensation(Stage):
         permitted = UpdateMode.LEARN
         if self._ground is not None and self._learns and self._engaged:
             permitted = self._ground.learning
-            if self._ground.state.is_on_ground:
-                self._ekf.restore()
         settling_ns = _ACTUATOR_SETTLING_NS if self._was_idle else 0
         acts_ns = self._history.acts_ns
         acts = acts_ns.size > 0 and acts_ns.item(0) <= previous_ns - settling_ns
         if not (self._learns and self._engaged and acts):
             return UpdateMode.HOLD
-        if permitted is UpdateMode.LEARN:
-            self._ekf.keep(previous_ns)
         return permitted
 
 

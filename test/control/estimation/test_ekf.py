@@ -238,21 +238,6 @@ def test_held_estimate_does_not_change() -> None:
     np.testing.assert_array_equal(numbers(ekf.parameters()), numbers(modelled))
 
 
-def test_recall_restores_estimate_and_keeps_velocity() -> None:
-    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
-    flown(ekf, rate=0.03, thrust=0.03, a_W=np.array([0.6, -0.4, 0.2]))
-    before = ekf.parameters()
-    ekf.keep(0)
-    idle = Input(throttle=0.1, w_WB_B=np.zeros(3))
-    for _ in range(50):  # what carries it is not the thrust
-        ekf.update(measured(), idle)
-    assert np.abs(ekf.parameters().a_W).max() > 2.0
-    ekf.restore()
-    np.testing.assert_array_equal(numbers(ekf.parameters()), numbers(before))
-    flown(ekf, rate=0.03, thrust=0.03, a_W=np.array([0.6, -0.4, 0.2]))
-    np.testing.assert_allclose(ekf.parameters().a_W, [0.6, -0.4, 0.2], atol=0.1)
-
-
 def hovering(ekf: Ekf, *, scale: float, seconds: float) -> list[ModelParameters]:
     """Return the estimates of a vehicle that a controller holds in place by them.
 
