@@ -20,7 +20,6 @@ from quad_mpc_ros.configuration.records import Record, RecordArray
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.command_history import CommandHistory, acting_between
 from quad_mpc_ros.control.estimation.ekf import VehicleEkf, update
-from quad_mpc_ros.control.estimation.estimate_health import EstimateHealth
 from quad_mpc_ros.control.estimation.filter_state import (
     MOTION,
     Filter,
@@ -60,13 +59,9 @@ class EstimatorState(Record):
 
 
 class EstimateStatus(NamedTuple):
-    """Status of the estimate: the update mode, ``at bounds`` or ``reset``.
-
-    ``resets`` is the number of resets, ``accelerometer`` the use of accelerometer samples.
-    """
+    """Status of the estimate: the update mode or ``at bounds``; use of accelerometer samples."""
 
     text: str = MODE_TEXTS[UpdateMode.HOLD]
-    resets: int = 0
     accelerometer: str = "off"  # or missing, paused, used, refused
     imu_stamp_ns: int = 0  # of the newest accelerometer sample
 
@@ -116,7 +111,6 @@ class DelayCompensation(Stage):
         self.specific_forces = SpecificForces()
         """Accelerometer samples for the next odometry."""
         self._ground = ground
-        self._health = EstimateHealth()
         self.status = EstimateStatus()
         self._sent = hover.vector()
         self._engaged, self._was_idle = True, False
@@ -189,7 +183,7 @@ class DelayCompensation(Stage):
             measured = self._estimator.measured
             measured.angular_acceleration[:] = 0.0
             self._ekf.start(p_WB=measured.p_WB, v_WB_W=measured.v_WB_W, w_WB_B=measured.w_WB_B)
-            self.status = EstimateStatus(resets=self._health.resets)
+            self.status = EstimateStatus()
             if self._force_variance > 0.0:
                 self._take_specific_force(stamp_ns, stamp_ns)
         elif self._follows:
@@ -233,7 +227,9 @@ class DelayCompensation(Stage):
             stamps_ns=(previous_ns, stamp_ns),
             permitted=int(self._permitted_mode(previous_ns)),
         )
-        self._check_health(mode, at_bounds, stamp_ns, duration=1e-9 * (stamp_ns - previous_ns))
+        text = "at bounds" if at_bounds and mode == UpdateMode.LEARN else MODE_TEXTS[mode]
+        if text != self.status.text:
+            self.status = EstimateStatus(text)
         if measures:
             self.status = self.status._replace(
                 accelerometer=self._accelerometer_use(mode, is_measured),
@@ -255,22 +251,6 @@ class DelayCompensation(Stage):
         if self._estimator.filter.specific_force.used:
             return "used"
         return "refused" if mode in (UpdateMode.LEARN, UpdateMode.REJECT) else "paused"
-
-    def _check_health(self, mode: int, at_bounds: bool, stamp_ns: int, *, duration: float) -> None:
-        """Set the status after an odometry; reset an estimate that has failed too long."""
-        text = MODE_TEXTS[mode]
-        if mode in (UpdateMode.LEARN, UpdateMode.REJECT):
-            refused = mode == UpdateMode.REJECT
-            if at_bounds and not refused:
-                text = "at bounds"
-            if self._health.fails(
-                stamp_ns, duration=duration, refused=refused, at_bounds=at_bounds
-            ):
-                self._ekf.start_over()
-            if self._health.resets > 0 and self._health.was_reset(stamp_ns):
-                text = "reset"
-        if (text, self._health.resets) != self.status[:2]:
-            self.status = EstimateStatus(text, self._health.resets)
 
     def _permitted_mode(self, previous_ns: int) -> UpdateMode:
         """Return the update that commands and ground permit since the previous odometry."""

@@ -43,7 +43,6 @@ from quad_mpc_ros.control.estimation.filter_state import (
     RATES,
     ROLL_PITCH,
     SCALE,
-    SCALE_BOUNDS,
     THRUST_LAG,
     TORQUE_LAG,
     VERTICAL,
@@ -95,29 +94,13 @@ class VehicleEkf:
         measurement_noise.start(state.velocity_noise, measurement_noise.USUAL / bandwidth_scale)
         measurement_noise.start(state.position_noise, measurement_noise.LEAST_OF_POSITION)
         measurement_noise.start_drift(state.drift)
-        state.translation.x[MOTION.scale] = 1.0
         set_initial_variances(state, bandwidth_scale, uses_accelerometer)
-        self.start_over()
-        self.start(p_WB=np.zeros(3), v_WB_W=np.zeros(3), w_WB_B=np.zeros(3))
-
-    def start_over(self) -> None:
-        """Return to the configured parameters, with the initial covariance.
-
-        The vertical disturbance is moved into the thrust scale, so that the total vertical force
-        is kept: the vehicle may depend on it in flight.
-        """
-        state = self._filter
-        nominal, x = state.nominal, state.translation.x
-        lifted = nominal.gravity - x[MOTION.disturbance + 2]
-        scale = x[MOTION.scale] * nominal.gravity / lifted
-        x[MOTION.disturbance : MOTION.scale] = 0.0
-        x[MOTION.scale] = min(max(scale, SCALE_BOUNDS[0]), SCALE_BOUNDS[1])
-        x[MOTION.accelerometer :] = 0.0
-        x[MOTION.lag], x[MOTION.drag] = nominal.thrust_time_constant, nominal.drag
+        x = state.translation.x
+        x[MOTION.scale], x[MOTION.lag] = 1.0, nominal.thrust_time_constant
+        x[MOTION.drag] = nominal.drag
         state.translation.P[:] = state.process_noise.translation.P
-        state.rates.x[:] = 0.0
         state.rates.P[:] = state.process_noise.rates.P
-        restart(state, x[: MOTION.velocity].copy(), x[MOTION.velocity : MOTION.disturbance].copy())
+        self.start(p_WB=np.zeros(3), v_WB_W=np.zeros(3), w_WB_B=np.zeros(3))
 
     def reconfigure(
         self, *, throttle_min: float, throttle_max: float, disturbance_max: float

@@ -142,7 +142,7 @@ def test_estimates_only_while_commands_are_executed(
     assert (min(changes, default=None), max(changes, default=None)) == (first, last)
 
 
-def test_continuous_jumps_reset_estimate() -> None:
+def test_continuous_jumps_are_rejected() -> None:
     compensation = DelayCompensation(agile())
     statuses = []
     for k in range(200):
@@ -155,7 +155,6 @@ def test_continuous_jumps_reset_estimate() -> None:
         statuses.append(compensation.status)
     assert {status.text for status in statuses[2:100]} == {"learn"}
     assert statuses[102].text == "reject"
-    assert statuses[-1][:2] == ("reset", 1)
 
 
 def _odometry(*, stamp_ns: int, v_WB_B: np.ndarray | None = None) -> OdometrySample:

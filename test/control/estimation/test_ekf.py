@@ -269,19 +269,6 @@ def test_lasting_error_in_hover_becomes_thrust_scale(scale: float) -> None:
     assert found[-1].a_W[2] == pytest.approx(0.0, abs=0.05)
 
 
-def test_reset_keeps_total_thrust() -> None:
-    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
-    found = hovering(ekf, scale=0.8, seconds=0.6)[-1]
-    assert abs(found.a_W[2]) > 0.05
-    ekf.start_over()
-    after = ekf.parameters()
-    carried = found.thrust_scale * VEHICLE.gravity / (VEHICLE.gravity - found.a_W[2])
-    assert after.thrust_scale == pytest.approx(carried, rel=1e-12)
-    np.testing.assert_array_equal(after.a_W, 0.0)
-    np.testing.assert_array_equal(after.rate_time_constants, 0.03)
-    assert after.thrust_time_constant == 0.03
-
-
 @pytest.mark.parametrize(
     "jump",
     [
