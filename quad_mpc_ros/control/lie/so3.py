@@ -16,6 +16,7 @@ rotation vectors, and a batch of quaternions, because these batches may be long.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -51,8 +52,13 @@ def exp(phi: ArrayLike) -> Array:
         turns = np.sqrt(square) / math.pi
         sine, versine = np.sinc(turns), 0.5 * np.sinc(0.5 * turns) ** 2
     x, y, z = np.moveaxis(phi, -1, 0)
-    entries = formulas.polynomial((x, y, z), sine, versine)
-    return np.stack(entries, axis=-1).reshape(*phi.shape, 3)
+    return _matrices(formulas.polynomial((x, y, z), sine, versine))
+
+
+def _matrices(entries: Sequence[ArrayLike]) -> Array:
+    """Return matrices (..., 3, 3) of nine entries (...), row by row."""
+    stacked = np.stack(entries, axis=-1)
+    return stacked.reshape(*stacked.shape[:-1], 3, 3)
 
 
 def log(rotation: Array) -> Array:
@@ -113,17 +119,7 @@ def rotation_from_quaternion_xyzw(q_xyzw: ArrayLike) -> Array:
     if not np.all(np.isfinite(norm) & (norm > 0.0)):
         raise ArgumentError("q_xyzw", q.tolist(), _QUATERNION)
     x, y, z, w = np.moveaxis(q / norm, -1, 0)
-    rotation = np.empty((*q.shape[:-1], 3, 3))
-    rotation[..., 0, 0] = 1.0 - 2.0 * (y * y + z * z)
-    rotation[..., 1, 1] = 1.0 - 2.0 * (x * x + z * z)
-    rotation[..., 2, 2] = 1.0 - 2.0 * (x * x + y * y)
-    rotation[..., 0, 1] = 2.0 * (x * y - z * w)
-    rotation[..., 1, 0] = 2.0 * (x * y + z * w)
-    rotation[..., 0, 2] = 2.0 * (x * z + y * w)
-    rotation[..., 2, 0] = 2.0 * (x * z - y * w)
-    rotation[..., 1, 2] = 2.0 * (y * z - x * w)
-    rotation[..., 2, 1] = 2.0 * (y * z + x * w)
-    return rotation
+    return _matrices(formulas.polynomial((x, y, z), 2.0 * w, 2.0))
 
 
 def quaternion_xyzw_from_rotation(rotation: Array) -> Array:
