@@ -284,19 +284,7 @@ def shortest_rotation(start: Vector, end: Vector) -> Matrix:
     """
     lengths = math.sqrt(dot(start, start) * dot(end, end))
     cosine = dot(start, end) / lengths
-    x, y, z = scaled(1.0 / lengths, cross(start, end))
-    k = 1.0 / (1.0 + cosine)
-    return (
-        cosine + k * x * x,
-        k * x * y - z,
-        k * x * z + y,
-        k * x * y + z,
-        cosine + k * y * y,
-        k * y * z - x,
-        k * x * z - y,
-        k * y * z + x,
-        cosine + k * z * z,
-    )
+    return _polynomial(scaled(1.0 / lengths, cross(start, end)), 1.0, 1.0 / (1.0 + cosine))
 
 
 @compiled
