@@ -44,7 +44,7 @@ from quad_mpc_ros.extras.obstacles.surfaces import area, surface_points
 from quad_mpc_ros.extras.racing.gates import course_text, read_course
 from quad_mpc_ros.recordings.evaluation.metrics import summarise
 from quad_mpc_ros.recordings.reader import BagReader
-from quad_mpc_ros.recordings.recording import Recording, flown_points
+from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.repair import repair
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import judged_trajectory
@@ -230,9 +230,7 @@ def _campaign(path: Path) -> None:
 
 def _judged(trajectory: str) -> Callable[[Path], None]:
     def judge(path: Path) -> None:
-        judged_trajectory(
-            ReferenceConfig(trajectory=trajectory, file=str(path)), read_bag=flown_points
-        )
+        judged_trajectory(ReferenceConfig(trajectory=trajectory, file=str(path)))
 
     return judge
 

@@ -17,7 +17,7 @@ from quad_mpc_ros.analysis.figures import write_figures
 from quad_mpc_ros.analysis.figures.reference_figure import write_reference
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.extras.racing.gate_path import configured_course
-from quad_mpc_ros.recordings.recording import Recording, flown_points
+from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.references.config import TRAJECTORIES, ReferenceConfig
 from quad_mpc_ros.references.configured import judged_trajectory
 
@@ -28,7 +28,6 @@ REFERENCE_DPI = 100
 # What a picture of the default would not show.
 REFERENCE_CHANGES: dict[str, dict[str, object]] = {
     "minimum_snap": {"max_acceleration": 8.0},
-    "bag": {"time_scaling": "auto"},
     "gates": {"gates": "seven_gates", "max_acceleration": 6.0},
 }
 
@@ -47,16 +46,12 @@ def update_flights() -> None:
 def update_references() -> None:
     """Draw every reference with the required throttle and rates."""
     with tempfile.TemporaryDirectory() as scratch:
-        run = Path(scratch, "run")
-        manifold = ["--set", "mpc.formulation=manifold", "--set", "mpc.terminal_weight=30"]
-        main(["simulate", "--duration", "8", *manifold, "--out", str(run)])
-        files = {"csv": str(_helix(Path(scratch))), "bag": str(run / "bag")}
         for name in TRAJECTORIES:
             changes = {"trajectory": name, **REFERENCE_CHANGES.get(name, {})}
-            if name in files:
-                changes["file"] = files[name]
+            if name == "csv":
+                changes["file"] = str(_helix(Path(scratch)))
             config = ReferenceConfig.build(changes)
-            trajectory, verdict = judged_trajectory(config, read_bag=flown_points)
+            trajectory, verdict = judged_trajectory(config)
             times = [round(1e9 * seconds) for seconds in verdict.over_time.seconds]
             picture = IMAGES / f"reference_{name}.png"
             write_reference(

@@ -16,7 +16,6 @@ from quad_mpc_ros.commands.run_options import add_configuration_options, add_out
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.recordings.evaluation.simulated import load_config
-from quad_mpc_ros.recordings.recording import flown_points
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import judged_trajectory
 from quad_mpc_ros.references.feasibility import Feasibility, rates_beyond
@@ -39,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     assignments = [*reference_assignments(options), *options.assignments]
     loaded = load_config(*(options.config or ["default"]), assignments=assignments)
     config = _within_the_mpc(loaded.reference, loaded.mpc)
-    trajectory, verdict = judged_trajectory(config, read_bag=flown_points)
+    trajectory, verdict = judged_trajectory(config)
     out = prepared_out(options.out or create_out(config.trajectory), holds=(_FIGURE_NAME,))
     figure = out / _FIGURE_NAME
     times = [round(1e9 * seconds) for seconds in verdict.over_time.seconds]

@@ -24,7 +24,7 @@ from quad_mpc_ros.configuration.arguments import number
 from quad_mpc_ros.configuration.vehicle import disagreements
 from quad_mpc_ros.control.config import MPC, MpcConfig
 from quad_mpc_ros.recordings.config import RecorderConfig
-from quad_mpc_ros.recordings.recording import SCENE_NAME, flown_points
+from quad_mpc_ros.recordings.recording import SCENE_NAME
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.references.trajectory import Trajectory
@@ -68,7 +68,7 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
     made = [*_assignments(options, lockstep=lockstep), *_of_obstacles(options)]
     loaded = _loaded(options, made)
     reference = _with_course(loaded.reference)
-    trajectory = configured_trajectory(reference, read_bag=flown_points)
+    trajectory = configured_trajectory(reference)
     start: dict[str, Any] = {}
     made += _duration(options, loaded, trajectory)
     if _starts_on_reference(options, trajectory, reference):

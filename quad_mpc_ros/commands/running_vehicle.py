@@ -16,7 +16,6 @@ from quad_mpc_ros.commands.run_configuration import SCHEMA
 from quad_mpc_ros.configuration import Configuration, UserError, files
 from quad_mpc_ros.messages.diagnostics import OK
 from quad_mpc_ros.messages.topics import CLOCK, DIAGNOSTICS, ODOMETRY, Topic
-from quad_mpc_ros.recordings.recording import flown_points
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.registry import bridge_configurations
@@ -191,6 +190,6 @@ def _reference_samples(node: NodeFacts | None) -> tuple[ReferenceSamples | None,
     if node is None or not isinstance(node.config, ReferenceConfig):
         return None, ""
     try:
-        return sample_reference(node.config, read_bag=flown_points), ""
+        return sample_reference(node.config), ""
     except UserError as error:
         return None, str(error)

@@ -45,7 +45,6 @@ from quad_mpc_ros.recordings.logs import Log, Received, Stamps, T, tick_stats
 from quad_mpc_ros.recordings.parameters import read_parameters, recorded_parameters
 from quad_mpc_ros.recordings.reader import CDR, BagReader, RecordedMessage, encoding_error
 from quad_mpc_ros.recordings.run import RecordedRun
-from quad_mpc_ros.references.point_table import PointTable
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.shapes import Scene
 
@@ -324,15 +323,6 @@ class Recording:
         ]
         more = len(topics) - len(shown)
         return ", ".join(shown + ([f"{more} more"] if more else [])) or "no topic"
-
-
-def flown_points(bag: Path) -> PointTable:
-    """Return the flown path in a bag, with the stamps of its odometry.
-
-    Raises :class:`UserError` for a bag that cannot be read and for too few odometries.
-    """
-    flight = Recording(bag).flight()
-    return PointTable(source=str(bag), seconds=flight.time, p_WB=flight.p_WB)
 
 
 def _usable(

@@ -38,7 +38,7 @@ from quad_mpc_ros.references.manoeuvres import (
     vertical_loop,
 )
 from quad_mpc_ros.references.path import Path
-from quad_mpc_ros.references.point_table import GateParameters, bag_path, csv_path, gates_path
+from quad_mpc_ros.references.point_table import GateParameters, csv_path, gates_path
 from quad_mpc_ros.references.square import SquareParameters, smooth_square, square
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.references.waypoints import (
@@ -79,7 +79,6 @@ TRAJECTORIES = {
     "flip": TrajectoryEntry(make=flip, scalable=False),
     "excitation": TrajectoryEntry(make=excitation),
     "csv": TrajectoryEntry(make=csv_path),
-    "bag": TrajectoryEntry(make=bag_path),
     "gates": TrajectoryEntry(make=gates_path),
 }
 

@@ -28,37 +28,29 @@ _GROWTH, _LARGEST_FACTOR, _PRECISION = 1.2, 50.0, 1.005
 _MOST_POINTS, _LONGEST = 1000, 600.0  # s
 
 
-def configured_trajectory(
-    config: ReferenceConfig, *, read_bag: point_table.BagReader | None = None
-) -> Trajectory:
+def configured_trajectory(config: ReferenceConfig) -> Trajectory:
     """Return the configured trajectory, slowed down with ``time_scaling`` ``auto``.
 
     Raises :class:`UserError` for invalid input, and for a smooth trajectory that the vehicle
     cannot fly, with the worst excess and its time. A trajectory with jumps is never feasible but
     accepted: such trajectories test controllers.
     """
-    return _approved(*judged_trajectory(config, read_bag=read_bag), config)
+    return _approved(*judged_trajectory(config), config)
 
 
-def joined_trajectory(
-    config: ReferenceConfig, *, read_bag: point_table.BagReader | None = None
-) -> Trajectory:
+def joined_trajectory(config: ReferenceConfig) -> Trajectory:
     """Return the trajectory with minimum-snap legs instead of jumps.
 
     Raises like :func:`configured_trajectory`.
     """
     joined = config.entry().joined
     if joined is None:
-        return configured_trajectory(config, read_bag=read_bag)
+        return configured_trajectory(config)
     return _approved(*_judged(joined(config), config), config)
 
 
-def judged_trajectory(
-    config: ReferenceConfig, *, read_bag: point_table.BagReader | None = None
-) -> tuple[Trajectory, Feasibility]:
+def judged_trajectory(config: ReferenceConfig) -> tuple[Trajectory, Feasibility]:
     """Return the configured trajectory and its feasibility, even if infeasible."""
-    if config.trajectory == "bag":
-        return _judged(point_table.bag_path(config, read_bag), config)
     return _judged(config.entry().make(config), config)
 
 

@@ -40,16 +40,16 @@ class LegParameters(TrajectoryParameters):
 
     max_speed: float = parameter(
         5.0,
-        doc="Highest speed of waypoints, minimum_snap, gates, legs before and after csv and bag, "
-        "and requested legs.",
+        doc="Highest speed of waypoints, minimum_snap, gates, legs before and after csv, and "
+        "requested legs.",
         unit="m/s",
         above=0.0,
         maximum=1e3,
     )
     max_acceleration: float = parameter(
         2.0,
-        doc="Highest acceleration of waypoints, minimum_snap, gates, legs before and after csv "
-        "and bag, and requested legs.",
+        doc="Highest acceleration of waypoints, minimum_snap, gates, legs before and after csv, "
+        "and requested legs.",
         unit="m/s^2",
         above=0.0,
         maximum=1e3,

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Paths from positions over time.
 
-Points come from a recorded run, a message, or a file of comma-separated values with units in the
-header:
+Points come from a message or a file of comma-separated values with units in the header:
 
     time [s], x [m], y [m], z [m], yaw [rad]
     0.00, 0.0, 0.0, 1.0, 0.0
@@ -17,7 +16,6 @@ order. Empty lines and lines that begin with ``#`` are skipped. With the columns
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 
@@ -68,12 +66,11 @@ class TableParameters(LegParameters):
 
     file: str = parameter(
         "",
-        doc="csv: table to fly. bag: recorded run to fly again. gates: plan from quad_mpc plan; "
-        "if empty, a smooth path is flown.",
+        doc="csv: table to fly. gates: plan from quad_mpc plan; if empty, a smooth path is flown.",
     )
     path_tolerance: float = parameter(
         0.005,
-        doc="csv, bag: largest RMS distance of the smooth curve from the points.",
+        doc="csv: largest RMS distance of the smooth curve from the points.",
         unit="m",
         above=0.0,
         advanced=True,
@@ -114,30 +111,14 @@ def check_increasing(seconds: Array, prefix: str = "") -> None:
         )
 
 
-BagReader = Callable[[FilePath], PointTable]
-"""Returns the odometry of a recorded run; an argument, as bags are read above this layer."""
-
-
 def csv_path(config: TableParameters) -> Path | PlannedMotion:
     """Return the path along the configured file, or the motion in it."""
-    table = read_csv(_file(config, "csv"))
+    if not config.file:
+        raise ConfigurationError(f"{config.owner}.file", config.file, "the csv to fly")
+    table = read_csv(files.expanded(config.file))
     if isinstance(table, MotionTable):
         return PlannedMotion(table, offset=np.array([*config.origin, 0.0]))
     return table_path(table, config)
-
-
-def bag_path(config: TableParameters, read_bag: BagReader | None = None) -> Path:
-    """Return the path along the configured run, read by ``read_bag``."""
-    file = _file(config, "bag")
-    if read_bag is None:
-        raise ConfigurationError(f"{config.owner}.file", config.file, "a file that is not a bag")
-    return table_path(read_bag(file), config)
-
-
-def _file(config: TableParameters, kind: str) -> FilePath:
-    if not config.file:
-        raise ConfigurationError(f"{config.owner}.file", config.file, f"the {kind} to fly")
-    return files.expanded(config.file)
 
 
 def table_path(table: PointTable, config: TableParameters) -> Path:

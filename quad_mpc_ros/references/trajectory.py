@@ -75,7 +75,7 @@ class TrajectoryParameters(VehicleParameters):
         2.0,
         doc="Height of the trajectory above the ground: of the lowest point of vertical_loop "
         "and flip, of the centre of an ellipse. Not used by trajectories with heights of "
-        "their own (waypoints, minimum_snap, gates, csv, bag).",
+        "their own (waypoints, minimum_snap, gates, csv).",
         unit="m",
         minimum=0.0,
     )

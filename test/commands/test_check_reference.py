@@ -6,13 +6,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.recordings.recording import flown_points
-from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.configured import configured_trajectory
 
 
 @pytest.mark.parametrize(
@@ -65,28 +61,3 @@ def test_compares_a_reference_with_the_limits_of_the_vehicle_file(
     flip = ["check-reference", "--reference", "flip", "--out", str(tmp_path / "out")]
     assert main([*flip, "--config", str(file)]) == 1
     assert complaint in capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_a_recorded_run_is_flown_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The second flight, along what the first recorded, goes where the first one went."""
-    mpc = ["--set", "mpc.formulation=manifold", "--set", "mpc.terminal_weight=30"]
-    first, second = tmp_path / "first", tmp_path / "second"
-    noise = ["--set", "simulator.position_noise=0.002"]
-    begun = ["simulate", *mpc, "--duration", "4", "--reference", "circle", *noise]
-    assert main([*begun, "--out", str(first)]) == 0
-    again = [
-        *("--reference", "bag", "--set", f"reference.file={first / 'bag'}"),
-        *("--set", "reference.max_acceleration=4"),
-    ]
-    assert main(["simulate", *mpc, "--duration", "4", *again, "--out", str(second)]) == 0
-    capsys.readouterr()
-
-    config = ReferenceConfig(trajectory="bag", file=str(first / "bag"), max_acceleration=4.0)
-    trajectory = configured_trajectory(config, read_bag=flown_points)
-    seconds = np.arange(0.0, 1e-9 * trajectory.period_ns, 0.01)
-    p_WB = trajectory.at((1e9 * seconds).astype(int).tolist()).p_WB
-    assert np.linalg.norm(p_WB[:, :2], axis=1)[200:350] == pytest.approx(2.0, abs=0.01)
-    flown = flown_points(second / "bag")
-    expected = trajectory.at((1e9 * flown.seconds).round().astype(int).tolist()).p_WB
-    assert np.linalg.norm(flown.p_WB - expected, axis=1).max() < 0.02

@@ -18,7 +18,6 @@ from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.references.config import TRAJECTORIES, ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
-from quad_mpc_ros.references.point_table import PointTable
 from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples
 
 SECOND = 1_000_000_000
@@ -49,7 +48,6 @@ CASES: dict[str, dict[str, object]] = {
     "excitation": {"yaw": -1.0},
     "excitation quick": {"excitation_duration": 7.0},
     "csv": {},
-    "bag": {"origin": [3.0, 0.0], "max_acceleration": 5.0},
     "gates": {"gates": "split_s", "file": "", "max_acceleration": 5.0},
 }
 PERIODIC = ("hover", "circle", "ellipse", "lemniscate")
@@ -59,13 +57,6 @@ ENDING = [case for case in CASES if case.split()[0] not in PERIODIC]
 def spiral(seconds: Array) -> Array:
     angle = 1.5 * seconds
     return np.column_stack((np.cos(angle), np.sin(angle), 1.0 + 0.2 * seconds))
-
-
-def recorded(path: Path) -> PointTable:
-    """Return a run around a spiral, as recorded with noisy odometry."""
-    seconds = np.arange(0.0, 4.0, 0.02)
-    noise = np.random.default_rng(1).normal(0.0, 0.003, (len(seconds), 3))
-    return PointTable(source=str(path), seconds=seconds, p_WB=spiral(seconds) + noise)
 
 
 def table(folder: Path) -> Path:
@@ -84,7 +75,7 @@ def make(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Trajectory
 
     def made(case: str) -> Trajectory:
         changes = {"trajectory": case.split()[0], "file": str(file), **CASES[case]}
-        return configured_trajectory(ReferenceConfig.build(changes), read_bag=recorded)
+        return configured_trajectory(ReferenceConfig.build(changes))
 
     return made
 

@@ -140,7 +140,7 @@ def test_the_whole_trajectory_visits_every_corner_and_closes() -> None:
 
 
 CASES = {
-    **{name: {"trajectory": name} for name in TRAJECTORIES if name not in ("csv", "bag")},
+    **{name: {"trajectory": name} for name in TRAJECTORIES if name != "csv"},
     "gates": {"trajectory": "gates", "gates": "seven_gates"},
     "square, shown ahead": {"preview": True},
 }

@@ -23,7 +23,6 @@ from quad_mpc_ros.configuration.fields import ParameterSpec
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.extras.campaigns.variation import SameAs, Variation
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
-from quad_mpc_ros.recordings.recording import flown_points
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.references.trajectory import Trajectory
@@ -229,7 +228,7 @@ def number_text(number: int, flights: int) -> str:
 @functools.lru_cache(maxsize=64)
 def _trajectory(reference: ReferenceConfig) -> Trajectory:
     """Return a trajectory; preparing a smooth trajectory takes longer than a second of flight."""
-    return configured_trajectory(reference, read_bag=flown_points)
+    return configured_trajectory(reference)
 
 
 def _cells(name: str, value: Any) -> dict[str, Any]:

@@ -10,7 +10,6 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from std_srvs.srv import Trigger
@@ -23,7 +22,6 @@ from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory, joined_trajectory
 from quad_mpc_ros.references.director import GROUND, TOO_LATE, Reply
 from quad_mpc_ros.references.live import LiveReference, Published
-from quad_mpc_ros.references.point_table import PointTable
 from quad_mpc_ros.references.timeline import FlightTime, StampClock
 from quad_mpc_ros.references.trajectory import TrajectorySamples
 from quad_mpc_ros.references.velocity import VelocityCommand
@@ -133,12 +131,10 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         del self._live
 
     def _prepared(self) -> LiveReference:
-        joined = functools.cache(
-            functools.partial(joined_trajectory, self._config, read_bag=_flown_points)
-        )
+        joined = functools.cache(functools.partial(joined_trajectory, self._config))
         if self._config.mode == "on_request":
             return LiveReference(self._config, joined(), joined=joined)
-        trajectory = configured_trajectory(self._config, read_bag=_flown_points)
+        trajectory = configured_trajectory(self._config)
         return LiveReference(
             self._config, trajectory, joined=(lambda: trajectory) if trajectory.smooth else joined
         )
@@ -330,12 +326,6 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
                 ("request", self._request),
             ],
         )
-
-
-def _flown_points(bag: Path) -> PointTable:
-    from quad_mpc_ros.recordings.recording import flown_points  # slow, and for bags only
-
-    return flown_points(bag)
 
 
 main = functools.partial(run, ReferenceNode)

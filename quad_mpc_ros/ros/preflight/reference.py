@@ -15,7 +15,6 @@ from quad_mpc_ros.control.safety.flight_limits import FlightLimits
 from quad_mpc_ros.control.safety.ladder import Action
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import judged_trajectory
-from quad_mpc_ros.references.point_table import BagReader
 from quad_mpc_ros.ros.preflight.facts import Facts, ReferenceSamples
 from quad_mpc_ros.ros.preflight.finding import Finding, error, ok, unknown, warning
 from quad_mpc_ros.ros.preflight.own import limit_findings
@@ -24,12 +23,12 @@ _MAX_SAMPLES = 500
 _UNKNOWN = unknown("the parameters of mpc or reference are unknown")
 
 
-def sample_reference(config: ReferenceConfig, *, read_bag: BagReader) -> ReferenceSamples:
+def sample_reference(config: ReferenceConfig) -> ReferenceSamples:
     """Return samples along a configured reference, as odometry.
 
     Raises :class:`UserError` if this is impossible, as for a file on another computer.
     """
-    trajectory, verdict = judged_trajectory(config, read_bag=read_bag)
+    trajectory, verdict = judged_trajectory(config)
     seconds = verdict.over_time.seconds
     chosen = seconds[:: max(len(seconds) // _MAX_SAMPLES, 1)]
     samples = trajectory.at([round(1e9 * second) for second in chosen])

@@ -32,10 +32,6 @@ NOW_NS = 50_000_000_000
 Change = Callable[[Facts], Facts]
 
 
-def no_bag(_: object) -> Any:
-    raise AssertionError
-
-
 def arrivals(
     count: int = 50, *, period: float = 0.02, age: float = 0.002, **fields: Any
 ) -> tuple[Arrival, ...]:
@@ -64,7 +60,7 @@ def fit() -> Facts:
             "rates_bridge": NodeFacts(config=RatesConfig(), values=GROUNDED),
         },
         arrivals=arrivals(),
-        reference_samples=sample_reference(reference, read_bag=no_bag),
+        reference_samples=sample_reference(reference),
     )
 
 
@@ -100,7 +96,7 @@ def configured(name: str, **values: Any) -> Change:
         wanted = config.updated({key.replace("__", "."): each for key, each in values.items()})
         changed = with_node(name, config=wanted)(facts)
         if isinstance(wanted, ReferenceConfig):
-            changed = changed.changed(reference_samples=sample_reference(wanted, read_bag=no_bag))
+            changed = changed.changed(reference_samples=sample_reference(wanted))
         return changed
 
     return change
