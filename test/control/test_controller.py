@@ -479,6 +479,6 @@ def test_warns_once_of_odometry_slower_than_the_control_rate(
         now_ns = START + count * SECOND // rate
         controller.receive_odometry(make_odometry(now_ns), now_ns=now_ns)
         warnings += [each for each in controller.take_warnings() if "times a second" in each]
-    warning = f"odometry arrives {rate}.0 times a second, control_rate is 50: the rate of commands"
+    warning = f"odometry arrives {rate}.0 times a second, control_rate is 50: commands are limited"
     assert [each.startswith(warning) for each in warnings] == ([True] if rate < 50 else [])
     assert all(("odom_timeout is 0.1 s" in each) == (rate <= 10) for each in warnings)

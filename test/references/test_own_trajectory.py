@@ -79,7 +79,7 @@ def test_refuses_broken_entry_points() -> None:
         ReferenceConfig.build({"trajectory": "ghost"})
     with pytest.raises(UserError, match=r"quad_mpc_ros.trajectories: bare is <class"):
         ReferenceConfig.build({"trajectory": "bare"})
-    with pytest.raises(ConfigurationError, match=r"circle_radius: .* another name in thief"):
+    with pytest.raises(ConfigurationError, match=r"circle_radius: .* a name that is not in thief"):
         ReferenceConfig.build({"trajectory": "thief"})
 
 

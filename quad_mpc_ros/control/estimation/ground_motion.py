@@ -27,6 +27,8 @@ _EXPECTED_SINK = 0.2  # m/s, expected change of the sink rate before it is compa
 _MIN_SINK_SHARE = 0.3  # of the expected change; below it the ground carries the vehicle
 # Time constants [s] with which an impact is forgotten, and of the thrust before the impact.
 _IMPACT_TIME, _RECENT_TIME = 0.5, 1.0
+_NOISE_TIME = 2.0  # s, of the unexplained changes of the climb rate
+_MIN_IMPACT_RATIO = 5.0  # of an impact to their root mean square; noise of an odometry sums to 3.5
 
 
 class VehicleMotion(NamedTuple):
@@ -34,8 +36,8 @@ class VehicleMotion(NamedTuple):
 
     ``displacement`` and ``rise`` [m] are relative to the position on the ground, or the first
     position. ``lift`` is the vertical thrust as a share of the weight; ``carried``: the ground
-    seems to carry the vehicle; ``impact`` [m/s]: recent rise of the climb rate that the thrust
-    does not explain. Not filtered: ``up``, cosine of the tilt, and ``reported_speed``.
+    seems to carry the vehicle; ``impact`` [m/s]: recent rise of the climb rate that neither thrust
+    nor noise explain. Not filtered: ``up``, cosine of the tilt, and ``reported_speed``.
     """
 
     aside: float = 0.0
@@ -71,6 +73,7 @@ class Filters(Record):
     reported_climb: float
     impact: float
     recent: float
+    noise: float  # m^2/s^2, mean square of the unexplained changes of the reported climb rate
 
 
 class MotionFilter:
@@ -139,7 +142,7 @@ def _follow(
     filters.lift += kernels.lowpass_share(duration, _THRUST_TIME) * (thrust * up - filters.lift)
     vx, vy, climb = kernels.vector(filters.v_WB_W)
     carried = _is_carried(filters, max(thrust, 0.0), is_flying)
-    _update_impact(filters, v_WB_W[2], is_flying and not restarts)
+    impact = _impact(filters, v_WB_W[2], is_flying and not restarts)
     return VehicleMotion(
         aside=math.hypot(vx, vy),
         climb=climb,
@@ -149,7 +152,7 @@ def _follow(
         rise=filters.p_WB[2] - filters.ground_W[2],
         lift=filters.lift,
         carried=carried,
-        impact=filters.impact,
+        impact=impact,
         up=up,
         reported_speed=kernels.length(v_WB_B),
     )
@@ -174,15 +177,18 @@ def _is_carried(filters: Filters, thrust: float, is_flying: bool) -> bool:
 
 
 @compiled
-def _update_impact(filters: Filters, climb: float, is_flying: bool) -> None:
-    """Update the impact with the reported climb rate [m/s]."""
+def _impact(filters: Filters, climb: float, is_flying: bool) -> float:
+    """Update the impact with the reported climb rate [m/s], and return it; 0 within the noise."""
     rise, filters.reported_climb = climb - filters.reported_climb, climb
     if not is_flying or filters.recent <= 0.0:
-        filters.impact, filters.recent = 0.0, filters.thrust
-        return
+        filters.impact, filters.recent, filters.noise = 0.0, filters.thrust, 0.0
+        return 0.0
     duration = filters.duration
     change = filters.thrust - filters.recent
     filters.recent += kernels.lowpass_share(duration, _RECENT_TIME) * change
-    by_thrust = filters.gravity * (filters.thrust / filters.recent - 1.0) * duration
+    rise -= filters.gravity * (filters.thrust / filters.recent - 1.0) * duration
     kept = 1.0 - kernels.lowpass_share(duration, _IMPACT_TIME)
-    filters.impact = max(kept * (filters.impact + rise - by_thrust), 0.0)
+    filters.impact = max(kept * (filters.impact + rise), 0.0)
+    filters.noise += kernels.lowpass_share(duration, _NOISE_TIME) * (rise * rise - filters.noise)
+    is_noise = filters.impact < _MIN_IMPACT_RATIO * math.sqrt(filters.noise)
+    return 0.0 if is_noise else filters.impact

@@ -9,6 +9,9 @@ of a leg is a state of every node, so that the constraints couple only neighbour
 
 from __future__ import annotations
 
+import contextlib
+import signal
+import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +22,6 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.racing.planning.casadi_module import casadi
 from quad_mpc_ros.extras.racing.planning.legs import GATE_NODE_GAP, CourseLeg, Goal
 
-_INTERRUPTED = "User_Requested_Stop"
 MIN_LEG_DURATION, MAX_LEG_DURATION = 0.02, 60.0  # s, of a leg
 
 _Rows = tuple[Any, Array, Array]
@@ -127,19 +129,44 @@ def solve(
     cost += dynamics.smoothing * ca.sumsqr(change)
     solver = ca.nlpsol(name, "ipopt", {"x": variables, "f": cost, "g": constraints}, options)
     least, most = (np.concatenate(bounds) for bounds in list(zip(*rows, strict=True))[1:])
-    try:
+    with _interruptible():
         found = solver(x0=_packed(guess), lbx=lower, ubx=upper, lbg=least, ubg=most)
-    except SystemError:  # CasADi returns a result in spite of Ctrl-C
-        raise KeyboardInterrupt from None
     stats = solver.stats()
-    if stats["return_status"] == _INTERRUPTED:  # CasADi checks for Python's signals
-        raise KeyboardInterrupt
     return Solved(
         nodes=_unpacked(np.array(found["x"]).ravel(), guess),
         optimal=bool(stats["success"]),
         status=str(stats["return_status"]),
         iterations=int(stats["iter_count"]),
     )
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[None]:
+    """Raise KeyboardInterrupt at the end if Ctrl-C was pressed.
+
+    CasADi checks for Python's signals, stops, and may return a result nevertheless.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    main = threading.current_thread() is threading.main_thread()
+    if not main or before is not signal.default_int_handler:
+        yield
+        return
+    pressed = threading.Event()
+
+    def press(number: int, frame: object) -> None:
+        pressed.set()
+        signal.default_int_handler(number, None)
+
+    signal.signal(signal.SIGINT, press)
+    try:
+        yield
+    except SystemError:  # a result together with an exception
+        if not pressed.is_set():
+            raise
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if pressed.is_set():
+        raise KeyboardInterrupt
 
 
 def _unpacked(variables: Array, like: Nodes) -> Nodes:

@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
+import signal
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,7 @@ from race_plans import random_course
 from quad_mpc_ros import load_config, simulate, summarise
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.extras.racing.gates import course_from, read_course
+from quad_mpc_ros.extras.racing.planning import transcription
 from quad_mpc_ros.extras.racing.planning.race_plan import RacePlan, plan_race
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
 from quad_mpc_ros.references.feasibility import judged
@@ -161,3 +164,10 @@ def test_split_s_is_faster_than_published() -> None:
 def test_random_races_are_planned_and_feasible(seed: int) -> None:
     found = check(plan_race(course_from(random_course(seed)), *vehicle()), vehicle())
     assert found.good, found
+
+
+def test_ctrl_c_is_not_lost_in_the_solver() -> None:
+    lost = contextlib.suppress(KeyboardInterrupt)  # as a callback of CasADi may
+    with pytest.raises(KeyboardInterrupt), transcription._interruptible(), lost:
+        signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
