@@ -33,7 +33,7 @@ _TABLE_COLUMNS = (
     *((_MPC, key) for key in ("odom_age_ms", "reference_age_ms", "step_time_us")),
     *((_MPC, key) for key in ("solver_status", "iterations", "commands", "fallbacks")),
     *((_MPC, key) for key in ("solver_failures", "deadline_misses", "rejected_inputs")),
-    *((_MPC, key) for key in ("estimate", "thrust_scale", "drag")),
+    *((_MPC, key) for key in ("estimate", "estimate_resets", "thrust_scale", "drag")),
     *((_MPC, f"disturbance_{axis}") for axis in "xyz"),
     *((_MPC, f"{lag}_time_constant_ms") for lag in ("rate", "yaw", "thrust")),
 )

@@ -167,6 +167,7 @@ class Controller:
     def take_warnings(self) -> list[str]:
         """Return the warnings for the log since the last call."""
         self._inputs.report()
+        self._estimation.report()
         return self._log.take_warnings()
 
     def step(self, odometry: OdometrySample, reference: ReferenceWindow) -> Tick | None:

@@ -14,6 +14,10 @@ from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.stage import Due, Failure, Stage, StageLog
 
+_RESET = (
+    "the estimate of thrust, wind and lags did not fit the vehicle and was reset: check mass, "
+    "thrust_curve and lags, and whether the odometry jumps"
+)
 _NO_ODOMETRY = Failure("estimate", "skipped without odometry")
 
 
@@ -34,6 +38,7 @@ class EstimateStage(Stage):
         self.ground = GroundDetector(config.gravity)
         self.estimator = DelayCompensation(config, ground=self.ground)
         self._has_failed = False
+        self._resets_reported = 0
 
     def step(
         self,
@@ -100,3 +105,10 @@ class EstimateStage(Stage):
             self.ground.update(odometry, thrust=thrust, window=reference)
         except Exception as error:
             self._log.stage_error("ground detector", error)
+
+    def report(self) -> None:
+        """Warn of a reset of the estimate since the last call."""
+        resets = self.estimator.status.resets
+        if resets > self._resets_reported:
+            self._log.warn(_RESET)
+        self._resets_reported = resets

@@ -71,6 +71,7 @@ class Tick:
             reference_stamp_ns=self.reference_stamp_ns,
             ground=self.ground.value,
             progress_delay_s=self.behind,
+            estimate_resets=self.estimate.resets,
             **figures,
             **self.counts,
             **_solver_figures(self.step, self.estimate),
@@ -109,8 +110,9 @@ class TickStats:
     drag: float = 0.0  # estimated, mean over the axes [1/s]
     rate_offset_x: float = 0.0  # estimated offset of the roll rate from its command [rad/s]
     rate_offset_y: float = 0.0  # estimated offset of the pitch rate from its command [rad/s]
-    # Status of the estimate: hold, velocity only, learn, reject, at bounds.
+    # Status of the estimate: hold, velocity only, learn, reject, at bounds, reset.
     estimate: str = "hold"
+    estimate_resets: int = 0  # resets of the estimate so far
     # Use of the accelerometer since the last odometry: off, missing, paused, used or refused.
     accelerometer: str = "off"
     odom_age_ms: float  # age of the odometry by its stamp at the start of the tick [ms]

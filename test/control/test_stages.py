@@ -420,6 +420,7 @@ def test_an_error_in_a_stage_is_reported_and_does_not_stop_other_stages(
     assert after.avoidance == ("around" if guide else "off")
     assert after.thrust_scale == pytest.approx(thrust_scale, abs=0.01)
     assert after.disturbance_x == pytest.approx(learned.disturbance_x, abs=0.05)
+    assert after.estimate_resets == 0
 
 
 def test_failing_guide_gives_the_commands_without_a_guide(

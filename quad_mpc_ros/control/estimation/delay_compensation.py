@@ -20,6 +20,7 @@ from quad_mpc_ros.configuration.records import Record, RecordArray
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.command_history import CommandHistory, acting_between
 from quad_mpc_ros.control.estimation.ekf import VehicleEkf, update
+from quad_mpc_ros.control.estimation.estimate_health import EstimateHealth
 from quad_mpc_ros.control.estimation.filter_state import (
     MOTION,
     Filter,
@@ -59,9 +60,13 @@ class EstimatorState(Record):
 
 
 class EstimateStatus(NamedTuple):
-    """Status of the estimate: the update mode or ``at bounds``; use of accelerometer samples."""
+    """Status of the estimate: the update mode, ``at bounds`` or ``reset``.
+
+    ``resets`` is the number of resets, ``accelerometer`` the use of accelerometer samples.
+    """
 
     text: str = MODE_TEXTS[UpdateMode.HOLD]
+    resets: int = 0
     accelerometer: str = "off"  # or missing, paused, used, refused
     imu_stamp_ns: int = 0  # of the newest accelerometer sample
 
@@ -111,6 +116,7 @@ class DelayCompensation(Stage):
         self.specific_forces = SpecificForces()
         """Accelerometer samples for the next odometry."""
         self._ground = ground
+        self._health = EstimateHealth()
         self.status = EstimateStatus()
         self._sent = hover.vector()
         self._engaged, self._was_idle = True, False
@@ -154,12 +160,16 @@ class DelayCompensation(Stage):
     def engage(self, engaged: bool) -> None:
         """Set whether the vehicle executes commands (initially true).
 
-        If not, estimation is paused. Commands are still recorded, as this call may be late.
+        If not, estimation is paused, and the estimate of some seconds before is restored. Commands
+        are still recorded, as this call may be late.
         """
         if engaged and not self._engaged:
             self._history.forget()
             self._previous_ns = None
             self._was_idle = True
+        elif self._engaged and not engaged:
+            # The vehicle may have landed before disarming.
+            self._ekf.restore()
         self._engaged = engaged
 
     def reset_estimate(self, reset: EstimateReset) -> None:
@@ -183,7 +193,7 @@ class DelayCompensation(Stage):
             measured = self._estimator.measured
             measured.angular_acceleration[:] = 0.0
             self._ekf.start(p_WB=measured.p_WB, v_WB_W=measured.v_WB_W, w_WB_B=measured.w_WB_B)
-            self.status = EstimateStatus()
+            self.status = EstimateStatus(resets=self._health.resets)
             if self._force_variance > 0.0:
                 self._take_specific_force(stamp_ns, stamp_ns)
         elif self._follows:
@@ -227,9 +237,7 @@ class DelayCompensation(Stage):
             stamps_ns=(previous_ns, stamp_ns),
             permitted=int(self._permitted_mode(previous_ns)),
         )
-        text = "at bounds" if at_bounds and mode == UpdateMode.LEARN else MODE_TEXTS[mode]
-        if text != self.status.text:
-            self.status = EstimateStatus(text)
+        self._check_health(mode, at_bounds, stamp_ns, duration=1e-9 * (stamp_ns - previous_ns))
         if measures:
             self.status = self.status._replace(
                 accelerometer=self._accelerometer_use(mode, is_measured),
@@ -252,16 +260,36 @@ class DelayCompensation(Stage):
             return "used"
         return "refused" if mode in (UpdateMode.LEARN, UpdateMode.REJECT) else "paused"
 
+    def _check_health(self, mode: int, at_bounds: bool, stamp_ns: int, *, duration: float) -> None:
+        """Set the status after an odometry; reset an estimate that has failed too long."""
+        text = MODE_TEXTS[mode]
+        if mode in (UpdateMode.LEARN, UpdateMode.REJECT):
+            refused = mode == UpdateMode.REJECT
+            if at_bounds and not refused:
+                text = "at bounds"
+            if self._health.fails(
+                stamp_ns, duration=duration, refused=refused, at_bounds=at_bounds
+            ):
+                self._ekf.start_over()
+            if self._health.resets > 0 and self._health.was_reset(stamp_ns):
+                text = "reset"
+        if (text, self._health.resets) != self.status[:2]:
+            self.status = EstimateStatus(text, self._health.resets)
+
     def _permitted_mode(self, previous_ns: int) -> UpdateMode:
         """Return the update that commands and ground permit since the previous odometry."""
         permitted = UpdateMode.LEARN
         if self._ground is not None and self._learns and self._engaged:
             permitted = self._ground.learning
+            if self._ground.state.is_on_ground:
+                self._ekf.restore()
         settling_ns = _ACTUATOR_SETTLING_NS if self._was_idle else 0
         acts_ns = self._history.acts_ns
         acts = acts_ns.size > 0 and acts_ns.item(0) <= previous_ns - settling_ns
         if not (self._learns and self._engaged and acts):
             return UpdateMode.HOLD
+        if permitted is UpdateMode.LEARN:
+            self._ekf.keep(previous_ns)
         return permitted
 
 

@@ -25,6 +25,7 @@ unmodelled delay appears as a lag of the torque.
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 
@@ -35,6 +36,7 @@ from quad_mpc_ros.control.estimation.filter_state import (
     ACCELEROMETER,
     DISTURBANCE,
     DRAG,
+    LEARNED_STATES,
     LONGEST_RATE_LAG,
     MOTION,
     OFFSET,
@@ -43,15 +45,22 @@ from quad_mpc_ros.control.estimation.filter_state import (
     RATES,
     ROLL_PITCH,
     SCALE,
+    SCALE_BOUNDS,
     THRUST_LAG,
     TORQUE_LAG,
     VERTICAL,
     YAW,
     Filter,
+    RateEstimate,
+    TranslationEstimate,
     variances_at,
     write_estimated,
 )
-from quad_mpc_ros.control.estimation.rate_update import begin_rates, update_rates
+from quad_mpc_ros.control.estimation.rate_update import (
+    begin_rates,
+    take_rates,
+    update_rates,
+)
 from quad_mpc_ros.control.estimation.translation_update import restart, update_translation
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode, update_mode
 from quad_mpc_ros.control.lie import Array
@@ -59,6 +68,10 @@ from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.parameters import ModelParameters
 from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.state import U_THROTTLE
+
+# A landing is detected some time after the touchdown, and the estimate since then is wrong. So the
+# estimate is restored from the oldest of some snapshots.
+_SNAPSHOT_PERIOD_NS, _MAX_SNAPSHOTS = 1_000_000_000, 5
 
 # Of the model's rates [rad/s / sqrt(s)] and angular accelerations [rad/s^2 / sqrt(s)].
 _RATE_PROCESS_NOISE, _ACCELERATION_PROCESS_NOISE = 0.2, 2.0
@@ -84,6 +97,9 @@ class VehicleEkf:
         ``delay`` [s] is the input delay. The estimate is kept in ``state``, initially zeros.
         """
         self._filter, self._initial_throttle = state, throttle
+        self._snapshots: deque[tuple[int, TranslationEstimate, RateEstimate]] = deque(
+            maxlen=_MAX_SNAPSHOTS
+        )
         state.nominal = state.estimated = nominal
         state.enabled = int(enabled)
         state.drag_shape[:] = nominal.anisotropic_drag / (nominal.drag or 1.0)
@@ -94,13 +110,30 @@ class VehicleEkf:
         measurement_noise.start(state.velocity_noise, measurement_noise.USUAL / bandwidth_scale)
         measurement_noise.start(state.position_noise, measurement_noise.LEAST_OF_POSITION)
         measurement_noise.start_drift(state.drift)
+        state.translation.x[MOTION.scale] = 1.0
         set_initial_variances(state, bandwidth_scale, uses_accelerometer)
-        x = state.translation.x
-        x[MOTION.scale], x[MOTION.lag] = 1.0, nominal.thrust_time_constant
-        x[MOTION.drag] = nominal.drag
-        state.translation.P[:] = state.process_noise.translation.P
-        state.rates.P[:] = state.process_noise.rates.P
+        self.start_over()
         self.start(p_WB=np.zeros(3), v_WB_W=np.zeros(3), w_WB_B=np.zeros(3))
+
+    def start_over(self) -> None:
+        """Return to the configured parameters, with the initial covariance.
+
+        The vertical disturbance is moved into the thrust scale, so that the total vertical force
+        is kept: the vehicle may depend on it in flight.
+        """
+        self._snapshots.clear()
+        state = self._filter
+        nominal, x = state.nominal, state.translation.x
+        lifted = nominal.gravity - x[MOTION.disturbance + 2]
+        scale = x[MOTION.scale] * nominal.gravity / lifted
+        x[MOTION.disturbance : MOTION.scale] = 0.0
+        x[MOTION.scale] = min(max(scale, SCALE_BOUNDS[0]), SCALE_BOUNDS[1])
+        x[MOTION.accelerometer :] = 0.0
+        x[MOTION.lag], x[MOTION.drag] = nominal.thrust_time_constant, nominal.drag
+        state.translation.P[:] = state.process_noise.translation.P
+        state.rates.x[:] = 0.0
+        state.rates.P[:] = state.process_noise.rates.P
+        restart(state, x[: MOTION.velocity].copy(), x[MOTION.velocity : MOTION.disturbance].copy())
 
     def reconfigure(
         self, *, throttle_min: float, throttle_max: float, disturbance_max: float
@@ -115,8 +148,30 @@ class VehicleEkf:
         write_estimated(self._filter)
         return self._filter.estimated.copy()
 
+    def keep(self, now_ns: int) -> None:
+        """Keep a snapshot of estimate and covariance, once a second."""
+        state, snapshots = self._filter, self._snapshots
+        if not (snapshots and 0 <= now_ns - snapshots[-1][0] < _SNAPSHOT_PERIOD_NS):
+            snapshots.append((now_ns, state.translation.copy(), state.rates.copy()))
+
+    def restore(self) -> None:
+        """Return to the oldest snapshot, if there is one, but keep the current motion."""
+        if not self._snapshots:
+            return
+        _, translation, rates = self._snapshots[0]
+        self._snapshots.clear()
+        state, learned = self._filter, slice(*LEARNED_STATES)
+        now = state.translation.x.copy()
+        now[learned] = translation.x[learned]
+        state.translation, state.rates = translation, rates
+        state.translation.x[:] = now
+        position, velocity = now[: MOTION.velocity], now[MOTION.velocity : MOTION.disturbance]
+        restart(state, position.copy(), velocity + now[MOTION.bias : MOTION.accelerometer])
+        take_rates(state)
+
     def turn(self, reset: EstimateReset) -> None:
         """Apply an announced jump of the world frame."""
+        self._snapshots.clear()  # in the old coordinates
         x, P, turns = self._filter.translation.x, self._filter.translation.P, np.eye(MOTION.size)
         turn, drift = reset.vectors(np.eye(3)).T, self._filter.drift
         for begin in (MOTION.position, MOTION.velocity, MOTION.disturbance, MOTION.bias):

@@ -45,6 +45,7 @@ _SUMMARY_KEYS = (
     "solver_failures",
     "fallbacks",
     "deadline_misses",
+    "estimate_resets",
     "rejected_inputs",
     "rate_saturation_fraction",
     "clearance_min_m",

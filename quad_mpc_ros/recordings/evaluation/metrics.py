@@ -25,7 +25,7 @@ from quad_mpc_ros.recordings.evaluation.waypoints import waypoints
 from quad_mpc_ros.recordings.flight import Flight
 
 NOT_FAILED = ["solved", "not run"]
-_COUNTERS = ("rejected_inputs", "stage_errors")  # of mpc/stats, until the end
+_COUNTERS = ("estimate_resets", "rejected_inputs", "stage_errors")  # of mpc/stats, until the end
 _SATURATION_TOLERANCE = 1e-3  # rad/s: rates closer to a bound are saturated
 _DEADLINE_TOLERANCE = 0.4  # of a control period: as much as the controller itself forgives
 

@@ -34,6 +34,7 @@ _COUNTS = {
         "Odometries and references rejected as unusable",
         "Read in the log why messages were rejected (docs/reference/diagnostics.md).",
     ),
+    "estimate_resets": ("Resets of an estimate that did not fit the vehicle", ""),
 }
 _FAILSAFE_ADVICE = {
     "disagree": "Correct frames, signs and units of the odometry (docs/explanation/safety.md).",

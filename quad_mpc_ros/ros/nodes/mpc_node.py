@@ -40,7 +40,10 @@ if TYPE_CHECKING:  # imported only with a guide
     from quad_mpc_ros.extras.guidance import Guidance
     from quad_mpc_ros.extras.racing.held_gates import HeldGates
 
-_ESTIMATE_WARNINGS = {"at bounds": "the estimate of thrust and wind is at its bounds"}
+_ESTIMATE_WARNINGS = {
+    "at bounds": "the estimate of thrust and wind is at its bounds",
+    "reset": "the estimate of thrust and wind was reset",
+}
 _IMU_WARNINGS = {
     "missing": "the accelerometer is silent",
     "refused": "the accelerometer contradicts the odometry",

@@ -12,6 +12,8 @@ from fixtures.presets import agile
 
 from quad_mpc_ros.control.estimation.command_history import Acting, CommandHistory, acting_between
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
+from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
+from quad_mpc_ros.control.estimation.ground_state import GroundState
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import Input
@@ -122,7 +124,7 @@ def test_engaging_drops_commands_that_were_not_executed() -> None:
     [
         ({}, 1, 99),
         ({0: False, 20: True}, 20 + 16, 99),  # 0.3 s after the first of them acts
-        ({20: False}, 1, 19),
+        ({20: False}, 1, 20),  # the earlier estimate is restored at the end
         ({0: False}, None, None),
     ],
 )
@@ -142,7 +144,30 @@ def test_estimates_only_while_commands_are_executed(
     assert (min(changes, default=None), max(changes, default=None)) == (first, last)
 
 
-def test_continuous_jumps_are_rejected() -> None:
+@pytest.mark.parametrize("event", ["disengaged", "landed"])
+def test_restores_an_estimate_from_before_a_touchdown(event: str) -> None:
+    """A landing is detected late, and disarming at the touchdown leaves no time for it."""
+    ground = GroundDetector()
+    ground.state = GroundState.FLYING
+    compensation = DelayCompensation(agile(), ground=ground)
+    learned, p_WB = [], np.array([0.0, 0.0, 5.0])
+    for k in range(600):
+        if k == 550 and event == "landed":
+            ground.state = GroundState.ON_GROUND
+        elif k == 550:
+            compensation.engage(False)
+        pushed = np.array([0.02 * k if k < 100 else 2.0, 0.0, 0.04 * max(k - 500, 0)])
+        p_WB = p_WB + 0.02 * pushed
+        odometry = _odometry(stamp_ns=20 * MS * k, v_WB_B=pushed)
+        odometry = dataclasses.replace(odometry, p_WB=p_WB)
+        learned.append(np.array(compensation.predict(odometry).parameters[()].a_W))
+        compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
+    assert learned[549][2] > 0.5
+    assert any(np.array_equal(learned[550], learned[k]) for k in range(300, 350))
+    np.testing.assert_array_equal(learned[550], learned[-1])
+
+
+def test_continuous_jumps_reset_estimate() -> None:
     compensation = DelayCompensation(agile())
     statuses = []
     for k in range(200):
@@ -155,6 +180,7 @@ def test_continuous_jumps_are_rejected() -> None:
         statuses.append(compensation.status)
     assert {status.text for status in statuses[2:100]} == {"learn"}
     assert statuses[102].text == "reject"
+    assert statuses[-1][:2] == ("reset", 1)
 
 
 def _odometry(*, stamp_ns: int, v_WB_B: np.ndarray | None = None) -> OdometrySample:

@@ -238,6 +238,21 @@ def test_held_estimate_does_not_change() -> None:
     np.testing.assert_array_equal(numbers(ekf.parameters()), numbers(modelled))
 
 
+def test_recall_restores_estimate_and_keeps_velocity() -> None:
+    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    flown(ekf, rate=0.03, thrust=0.03, a_W=np.array([0.6, -0.4, 0.2]))
+    before = ekf.parameters()
+    ekf.keep(0)
+    idle = Input(throttle=0.1, w_WB_B=np.zeros(3))
+    for _ in range(50):  # what carries it is not the thrust
+        ekf.update(measured(), idle)
+    assert np.abs(ekf.parameters().a_W).max() > 2.0
+    ekf.restore()
+    np.testing.assert_array_equal(numbers(ekf.parameters()), numbers(before))
+    flown(ekf, rate=0.03, thrust=0.03, a_W=np.array([0.6, -0.4, 0.2]))
+    np.testing.assert_allclose(ekf.parameters().a_W, [0.6, -0.4, 0.2], atol=0.1)
+
+
 def hovering(ekf: Ekf, *, scale: float, seconds: float) -> list[ModelParameters]:
     """Return the estimates of a vehicle that a controller holds in place by them.
 
@@ -267,6 +282,19 @@ def test_lasting_error_in_hover_becomes_thrust_scale(scale: float) -> None:
         assert together == pytest.approx(VEHICLE.gravity, abs=0.1)
     assert found[-1].thrust_scale == pytest.approx(scale, abs=0.005)
     assert found[-1].a_W[2] == pytest.approx(0.0, abs=0.05)
+
+
+def test_reset_keeps_total_thrust() -> None:
+    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    found = hovering(ekf, scale=0.8, seconds=0.6)[-1]
+    assert abs(found.a_W[2]) > 0.05
+    ekf.start_over()
+    after = ekf.parameters()
+    carried = found.thrust_scale * VEHICLE.gravity / (VEHICLE.gravity - found.a_W[2])
+    assert after.thrust_scale == pytest.approx(carried, rel=1e-12)
+    np.testing.assert_array_equal(after.a_W, 0.0)
+    np.testing.assert_array_equal(after.rate_time_constants, 0.03)
+    assert after.thrust_time_constant == 0.03
 
 
 @pytest.mark.parametrize(

@@ -203,6 +203,8 @@ def test_distinguishes_bias_from_wind() -> None:
     flown.go_on(20.0)
     np.testing.assert_allclose(flown.state.translation.x[MOTION.accelerometer :], bias, atol=0.06)
     np.testing.assert_allclose(flown.ekf.parameters().a_W[:2], 0.0, atol=0.1)
+    flown.ekf.start_over()
+    assert not flown.state.translation.x[MOTION.accelerometer :].any()
 
 
 def test_the_innovation_gate_rejects_contradicting_measurements() -> None:
