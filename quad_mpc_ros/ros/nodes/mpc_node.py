@@ -93,6 +93,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._margins = stability_margins(config)
         self.health.lockstep = config.lockstep
         self._engaged: bool | None = None  # commands act unless a bridge reports otherwise
+        self._has_receiver = True
         self._landed: bool | None = None
         self._command = self.health.publisher(topics.COMMAND)
         self._ownership.watch(self._command, waits=not config.lockstep)
@@ -161,8 +162,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._ownership.end()
         self._controller, self._tick = self._controller.fresh_copy(), None
         self._rate_loop = RateLoopMonitor()
-        if self._engaged is not None:
-            self._controller.engage(self._engaged)
+        self._engage()
         self._controller.landed(self._landed)
         self._publish_ground()
 
@@ -217,12 +217,24 @@ class MpcNode(ManagedNode[MpcConfig]):
     def _on_engaged(self, message: Any) -> None:
         """Receive whether the vehicle executes commands, and log changes."""
         engaged = bool(message.data)
-        self._controller.engage(engaged)
         if engaged is not self._engaged:
             self._engaged = engaged
+            self._engage()
             self.get_logger().info(
                 "commands act" if engaged else "commands are not executed: estimation is paused"
             )
+
+    def _engage(self) -> None:
+        """Let the controller know whether the vehicle executes commands."""
+        self._controller.engage(self._engaged is not False and self._has_receiver)
+
+    def _note_receiver(self) -> None:
+        """Note whether anything subscribes to the command: until then, nothing executes it."""
+        if self._controller.config.lockstep:  # the simulator waits for each command
+            return
+        if (self._command.get_subscription_count() > 0) != self._has_receiver:
+            self._has_receiver = not self._has_receiver
+            self._engage()
 
     def _on_landed(self, message: Any) -> None:
         self._landed = bool(message.data)
@@ -273,6 +285,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._publish_ground()
             if tick.command is not None:
                 self._command.publish(cdr.written_command(tick.command))
+                self._note_receiver()
             self._log_change(tick)
             self._note_errors(tick)
             self._publish_insight(tick)
@@ -372,6 +385,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             _ESTIMATE_WARNINGS.get(tick.stats.estimate),
             _IMU_WARNINGS.get(tick.stats.accelerometer),
             self._rate_loop_fault,
+            None if self._has_receiver else f"nothing subscribes to {self._command.topic_name}",
             _GUIDE_WARNINGS.get(tick.stats.avoidance),
         ]
         texts = [tick.decision.reason or "flying", *filter(None, warnings)]

@@ -12,7 +12,8 @@ from typing import Any
 from unittest.mock import Mock
 
 import pytest
-from geometry_msgs.msg import TransformStamped, Twist
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import TransformStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from std_msgs.msg import Bool
@@ -112,3 +113,22 @@ def test_reports_publishers_that_do_not_match_an_optional_input(
         peer.node.destroy_publisher(publisher)
     assert peer.wait(lambda: "test_peer" not in mpc.health["text"]), mpc.health
     assert log.read_text().count("messages are not delivered") == len(publishers)
+
+
+def test_contradictions_are_searched_for_once_something_receives_the_commands(
+    start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
+) -> None:
+    feed.height = 1.0  # below the reference, and it does not climb
+    start("mpc")
+    mpc, log = managed("mpc"), tmp_path / "mpc.log"
+
+    def alone_for_five_seconds() -> bool:
+        commands = int(mpc.health.get("commands", "0"))
+        return commands > 250 and "nothing subscribes to /command" in mpc.health["text"]
+
+    assert peer.wait(alone_for_five_seconds)
+    assert mpc.level == DiagnosticStatus.WARN
+    assert "takes over" not in log.read_text()
+    peer.node.create_subscription(TwistStamped, "command", lambda _: None, qos_profile_sensor_data)
+    assert peer.wait(lambda: "takes over: " in log.read_text())
+    assert "nothing subscribes" not in mpc.health["text"]
