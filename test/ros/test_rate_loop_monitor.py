@@ -43,7 +43,7 @@ def reported(tau: float, torque: float) -> list[str]:
 @pytest.mark.parametrize(("tau", "torque"), [(0.04, 0.1), (0.04, 0.2), (0.3, 0.15)])
 def test_reports_loops_that_ring_or_are_slow(tau: float, torque: float) -> None:
     last = reported(tau, torque)[-1]
-    numbers = re.fullmatch(r"rate loop of roll and pitch: (.*) Hz, damping (.*?): .*", last)
+    numbers = re.fullmatch(r"rate loop of roll and pitch: (.*) Hz, damping (.*?); .*", last)
     assert numbers is not None
     frequency, damping = map(float, numbers.groups())
     assert frequency == pytest.approx(1.0 / (6.283 * (tau * torque) ** 0.5), abs=0.15)

@@ -12,11 +12,12 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from quad_mpc_ros.configuration import Configuration
+from quad_mpc_ros.configuration import Configuration, per_axis
 from quad_mpc_ros.control.config import MPC, MpcConfig
 from quad_mpc_ros.control.ocp.margins import stability_margins
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.ros.preflight.finding import Finding, warning
+from quad_mpc_ros.ros.rate_loop_monitor import rate_loop_finding
 
 STACK_FAULT_KEY, LANDED_KEY = "stack_fault", "landed"
 """Keys in a bridge's diagnostics: error of the stack, and whether the vehicle has landed."""
@@ -41,13 +42,20 @@ def own_findings(config: Configuration) -> list[Finding]:
 
 
 def lag_findings(mpc: MpcConfig) -> Iterator[Finding]:
-    """Yield a warning for lags that are not modelled."""
+    """Yield a warning for lags that are not modelled, and for rate loops that ring or are slow."""
     if mpc.unmodelled_lags:
         yield warning(
             f"{', '.join(mpc.unmodelled_lags)} = 0: every real vehicle lags, and a vehicle that "
             "lags more than modelled oscillates",
             "set an estimate, and after a first flight the result of quad_mpc identify",
         )
+    loops = (per_axis(mpc.rate_time_constant), per_axis(mpc.torque_time_constant))
+    axes: dict[tuple[float, float], list[str]] = {}
+    for name, loop in zip(("roll", "pitch", "yaw"), zip(*loops, strict=True), strict=True):
+        axes.setdefault(loop, []).append(name)
+    for (tau, torque), names in axes.items():
+        if found := rate_loop_finding(", ".join(names), tau=tau, torque=torque):
+            yield found
 
 
 def margin_findings(mpc: MpcConfig) -> Iterator[Finding]:

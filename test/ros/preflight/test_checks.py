@@ -217,6 +217,18 @@ CASES: dict[str, dict[str, tuple[Change, Level, str]]] = {
             WARNING,
             "input_delay = 0: every real vehicle lags",
         ),
+        "rate loops that ring": (
+            configured(
+                "mpc", rate_time_constant=[0.05, 0.05, 0.2], torque_time_constant=[0.2, 0.2, 0.1]
+            ),
+            WARNING,
+            "rate loop of roll, pitch: 1.6 Hz, damping 0.25; lower P",
+        ),
+        "a slow rate loop": (
+            configured("mpc", rate_time_constant=0.3, torque_time_constant=0.1),
+            WARNING,
+            "rate loop of roll, pitch, yaw: 0.9 Hz, damping 0.87; raise P",
+        ),
     },
     "limits": {
         "plans beyond the envelope": (
