@@ -104,7 +104,7 @@ class OscillationParameters(Configuration):
 
     action: str = _live_advanced(
         "hover",
-        doc="Action on oscillation, as fence.action, for 10 s; tripled with each further "
+        doc="Action on oscillation, as fence.action, for 3 s; tripled with each further "
         "oscillation.",
         choices=_ACTIONS,
     )

@@ -27,7 +27,7 @@ _JUMP, _TILT_JUMP = 0.5, 0.3  # m, rad, of the reference from tick to tick
 _MAX_DISTANCE = 5.0  # m from the reference; farther away the vehicle tilts to approach it
 _MIN_SWING_NS = _SECOND // 10  # no vehicle swings faster; upside down the sides are ambiguous
 # Hold time of an oscillation; growth and largest hold time of repeated oscillations.
-_HOLD_NS, _HOLD_GROWTH, _MAX_HOLD_NS = 10 * _SECOND, 3, 300 * _SECOND
+_HOLD_NS, _HOLD_GROWTH, _MAX_HOLD_NS = 3 * _SECOND, 3, 300 * _SECOND
 _MEMORY_NS = 30 * _SECOND  # after so long an oscillation counts as the first one
 
 _Pose = tuple[Array, Array]  # position (3,) and quaternion (4,)
