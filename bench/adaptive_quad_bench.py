@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 import published_table
 from scipy import signal
+from step_times import median_step_us
 
 from quad_mpc_ros import load_config
 from quad_mpc_ros.control.lie import Array, so3
@@ -340,12 +341,16 @@ class Job:
 
 @dataclass(frozen=True)
 class Flown:
-    """Result of a flight: errors of the true position [m], and of the heading [degrees]."""
+    """Result of a flight: errors of the true position [m], and of the heading [degrees].
+
+    ``step_us`` is the median time of a step of the controller [us].
+    """
 
     job: Job
     rmse: float
     largest: float
     heading: float
+    step_us: float
 
     @property
     def name(self) -> str:
@@ -378,7 +383,7 @@ def flown(job: Job) -> Flown:
     trial = trials(job.family)[job.trial]
     config = misjudged(load_config(*job.sources, assignments=job.assignments), trial.assumed)
     reference = config.reference
-    errors, headings = [], []
+    errors, headings, ticks = [], [], []
     for step in fly(
         mpc=config.mpc,
         simulator=config.simulator,
@@ -387,11 +392,18 @@ def flown(job: Job) -> Flown:
         trajectory=FlatTrajectory(Primitive(trial.goal), reference),
         controller=warmed_up(config.mpc),
     ):
+        ticks.append(step.tick)
         errors.append(float(np.linalg.norm(step.truth.p_WB - step.window.p_WB[0])))
         R_WB = so3.rotation_from_quaternion_xyzw(step.truth.q_WB_xyzw)
         headings.append(abs(math.degrees(math.atan2(R_WB[1, 0], R_WB[0, 0]))))
     rmse = math.sqrt(np.mean(np.square(errors)))
-    return Flown(job, rmse, max(errors), float(np.mean(headings)))
+    return Flown(
+        job,
+        rmse=rmse,
+        largest=max(errors),
+        heading=float(np.mean(headings)),
+        step_us=median_step_us(ticks, config.mpc.controller),
+    )
 
 
 def misjudged(config: FlightConfig, assumed: dict[str, float]) -> FlightConfig:

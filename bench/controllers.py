@@ -9,7 +9,7 @@ All controllers of a row fly the same vehicles, odometry, delays, limits and fai
 numbers are fixed. RAPTOR flies only on plants with rotors. It needs ``quad_mpc_ros[raptor]``,
 acados ``quad_mpc_ros[bench]``, AdaptiveQuadBench rotorpy, and the vehicles of l2f the package l2f
 (see bench/l2f_vehicles.py). With ``--cells FILE`` an interrupted run continues. The times are
-those of the first flight of each campaign, flown alone after all others. ``--page`` is where the
+those of the first flight of each row, flown alone after all others. ``--page`` is where the
 page goes; without it the table is printed.
 """
 
@@ -137,13 +137,17 @@ class BenchRow:
         """Whether a controller flies this row."""
         return self.has_rotors or controller != "raptor"
 
-    def fly(self, controller: str, flights: int, engine: LocalWorkers) -> Results:
-        """Return for each flight whether it crashed, and its error [m]."""
+    def jobs_of(self, controller: str) -> Sequence[Any]:
+        """Return the flights of a controller."""
         rates = ("mpc.control_rate=100", "simulator.odom_rate=100")
         assignments = (f"mpc.controller={controller}", *_WARN_ONLY)
-        jobs = self.jobs(assignments + rates if controller == "raptor" else assignments)
+        return self.jobs(assignments + rates if controller == "raptor" else assignments)
+
+    def fly(self, controller: str, flights: int, engine: LocalWorkers) -> Results:
+        """Return for each flight whether it crashed, and its error [m]."""
         with ProcessPoolExecutor(engine.workers) as pool:
-            return [self.result(each) for each in pool.map(self.flown, jobs)]
+            flown = pool.map(self.flown, self.jobs_of(controller))
+            return [self.result(each) for each in flown]
 
 
 def _l2f_jobs(given: tuple[str, ...], *, task: str, delay: float) -> list[l2f_vehicles.Flight]:
@@ -329,8 +333,8 @@ the same noise.
 
 {controllers}
 
-*Error*: mean distance to the reference after settling; mean and 95th percentile over the
-completed flights. *Time*: median of a step of the controller alone, for the MPC including its
+*Mean*, *p95*: mean distance to the reference after settling, its mean and 95th percentile over
+the completed flights. *Time*: median of a step of the controller alone, for the MPC including its
 estimator. All are in Python, but the solvers and the functions of the MPC are compiled. *Crashed*
 follows the [crash criteria](../howto/campaigns.md#crash-criteria). The gains of the other
 controllers were not tuned for these vehicles.
@@ -372,7 +376,7 @@ def main() -> None:
     for line, (row, name) in zip(lines, chosen, strict=True):
         timed = partial(step_time, row, name)
         line += finished.get(f"{row.name}, {name}, time", timed)
-    header = ["flights", "controller", "crashed", "error, mean", "error, p95", "time"]
+    header = ["flights", "controller", "crashed", "mean [cm]", "p95 [cm]", "time [ms]"]
     table = markdown_table(header, lines, align="llrrrr")
     if options.page is None:
         print(table)
@@ -404,7 +408,7 @@ def _centimetres(errors: Sequence[float]) -> tuple[str, str]:
     if not errors:
         return "-", "-"
     p95 = float(np.percentile(errors, 95, method="inverted_cdf"))
-    return f"{100 * np.mean(errors):.1f} cm", f"{100 * p95:.1f} cm"
+    return f"{100 * np.mean(errors):.1f}", f"{100 * p95:.1f}"
 
 
 class Finished:
@@ -425,14 +429,15 @@ class Finished:
 
 
 def step_time(row: Row | BenchRow, controller: str) -> list[str]:
-    """Fly the first flight alone; return the median time of a controller's step."""
+    """Fly the first flight alone; return the median time of a controller's step [ms]."""
     if isinstance(row, BenchRow):
-        return ["-"]
-    plan = row.campaign(controller, 1).plan(0)
-    summary = summarise(simulate(*plan.config, trajectory=plan.trajectory))
-    own = plan.config.mpc.controller != "mpc"
-    taken = summary["solve_time_us" if own else "step_time_us"]["p50"]
-    return [f"{1e-3 * taken:.2f} ms"]
+        taken = row.flown(row.jobs_of(controller)[0]).step_us
+    else:
+        plan = row.campaign(controller, 1).plan(0)
+        summary = summarise(simulate(*plan.config, trajectory=plan.trajectory))
+        own = plan.config.mpc.controller != "mpc"
+        taken = summary["solve_time_us" if own else "step_time_us"]["p50"]
+    return [f"{1e-3 * taken:.2f}"]
 
 
 if __name__ == "__main__":

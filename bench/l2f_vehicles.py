@@ -38,11 +38,13 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from step_times import median_step_us
 
 from quad_mpc_ros import load_config
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import Input, State, odometry_from_state
+from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.simulation.closed_loop import fly, start_on
 from quad_mpc_ros.simulation.config import SimulatorConfig
@@ -64,10 +66,14 @@ _LAG_DOWN = (0.03, 0.3)  # s
 
 
 class Result(NamedTuple):
-    """Result of a flight: whether the vehicle crashed, and the mean error once settled [m]."""
+    """Result of a flight: whether the vehicle crashed, and the mean error once settled [m].
+
+    ``step_us`` is the median time of a step of the controller [us].
+    """
 
     crashed: bool
     mean: float
+    step_us: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -278,16 +284,20 @@ def result_of(flight: Flight, duration: float = 20.0) -> Result:
         flown = configured_trajectory(reference)
         simulator = simulator.updated(start_on(flown, simulator.updated(own)))
         plant = L2fPlant(simulator, flight.vehicle, flight.loop)
-    errors = []
+    errors: list[float] = []
+    ticks: list[Tick | None] = []
     first_ns = None
     for step in fly(mpc=mpc, simulator=simulator, reference=reference, plant=plant):
         first_ns = step.sent_ns if first_ns is None else first_ns
+        ticks.append(step.tick)
         if step.truth.p_WB[2] < 0.0:
-            return Result(crashed=True, mean=math.nan)
+            errors = [math.nan]
+            break
         if step.sent_ns - first_ns >= 1e9 * SETTLED:
             errors.append(float(np.linalg.norm(step.truth.p_WB - step.window.p_WB[0])))
     mean = float(np.mean(errors))
-    return Result(crashed=not mean <= 1.0, mean=mean)
+    step_us = median_step_us(ticks, mpc.controller)
+    return Result(crashed=not mean <= 1.0, mean=mean, step_us=step_us)
 
 
 def flights(count: int, only: str) -> Iterator[tuple[str, list[Flight]]]:

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import published_table
+from step_times import median_step_us
 
 from quad_mpc_ros import load_config
 from quad_mpc_ros.control.warm_up import warmed_up
@@ -162,13 +163,17 @@ class Job:
 
 @dataclass(frozen=True)
 class Flown:
-    """Result of a flight; ``rmse`` and ``largest`` [m] are of the true position."""
+    """Result of a flight; ``rmse`` and ``largest`` [m] are of the true position.
+
+    ``step_us`` is the median time of a step of the controller [us].
+    """
 
     job: Job
     rmse: float
     largest: float
     crashed: bool
     fallbacks: int
+    step_us: float
 
     @property
     def name(self) -> str:
@@ -239,7 +244,7 @@ def flown(job: Job) -> Flown:
     mpc, simulator, reference = _loaded(job.sources, job.assignments)
     trajectory, _ = judged_trajectory(reference)  # also one that the vehicle cannot fly
     start = _start(trajectory, simulator)
-    places, wanted, fallbacks = [], [], 0
+    places, wanted, ticks, fallbacks = [], [], [], 0
     for step in fly(
         mpc=mpc,
         simulator=simulator.updated(start),
@@ -247,6 +252,7 @@ def flown(job: Job) -> Flown:
         trajectory=trajectory,
         controller=warmed_up(mpc),
     ):
+        ticks.append(step.tick)
         places.append(step.truth.p_WB)
         wanted.append(step.window.p_WB[0])
         fallbacks += step.tick is None or step.tick.stats.source != "mpc"
@@ -258,7 +264,14 @@ def flown(job: Job) -> Flown:
     crashed = bool(np.linalg.norm(outside, axis=1).max() > FARTHEST)
     error = np.linalg.norm(p - reference_p, axis=1)
     rmse = float(np.sqrt(np.mean(error**2)))
-    return Flown(job, FARTHEST if crashed else rmse, float(error.max()), crashed, fallbacks)
+    return Flown(
+        job,
+        rmse=FARTHEST if crashed else rmse,
+        largest=float(error.max()),
+        crashed=crashed,
+        fallbacks=fallbacks,
+        step_us=median_step_us(ticks, mpc.controller),
+    )
 
 
 def _start(trajectory: Trajectory, simulator: SimulatorConfig) -> dict[str, Any]:
