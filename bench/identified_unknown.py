@@ -70,6 +70,7 @@ def truth_of(simulator: SimulatorConfig) -> VehicleParameters:
         "mass": vehicle.mass,
         "thrust_curve": vehicle.thrust_curve,
         "rate_time_constant": simulator.rate_time_constant,
+        "torque_time_constant": simulator.torque_time_constant,
         "rate_gain": simulator.rate_gain,
         "thrust_time_constant": simulator.thrust_time_constant,
         "input_delay": simulator.command_delay + simulator.odom_delay,

@@ -76,5 +76,7 @@ def test_a_missing_accelerometer_changes_no_command() -> None:
     silent = flown(noise=0.5, imu_rate=0.0, velocity_noise=0.05)
     assert commands(silent) == commands(without_imu)
     stats = [step.tick.stats for step in silent if step.tick]
-    assert {each.accelerometer for each in stats[1:]} == {"missing"}
+    begins = [each.accelerometer for each in stats].index("missing")  # as commands act
+    assert {each.accelerometer for each in stats[:begins]} == {"paused"}
+    assert {each.accelerometer for each in stats[begins:]} == {"missing"}
     assert {each.imu_stamp_ns for each in stats} == {0}

@@ -175,6 +175,24 @@ def test_estimates_a_disturbance_despite_noise(tmp_path: Path) -> None:
     assert run.distance.max() <= 0.06
 
 
+def test_unknown_commands_before_the_first_one_teach_nothing() -> None:
+    """They hold the vehicle on the lemniscate until the delayed first command acts."""
+    lags = {"rate_time_constant": 0.05, "torque_time_constant": 0.02, "thrust_time_constant": 0.05}
+    steps = list(
+        fly(
+            mpc=MpcConfig().updated({**lags, "input_delay": 0.08}),
+            simulator=ideal(lags, command_delay=0.08, duration=2.0),
+            reference=ReferenceConfig(trajectory="lemniscate", angular_frequency=1.2),
+            on_reference=True,
+        )
+    )
+    lag = [step.tick.stats.rate_time_constant_ms for step in steps if step.tick]
+    assert min(lag) > 0.9 * 50.0
+    assert max(lag) < 1.1 * 50.0
+    errors = [np.linalg.norm(step.truth.p_WB - step.window.p_WB[0]) for step in steps]
+    assert max(errors) < 0.02
+
+
 def test_square_with_lags_settles_without_limit_cycle(tmp_path: Path) -> None:
     run = flown(tmp_path, *MODELLED, *lagging(0.03))
     assert run.failures == 0

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.state import INPUT_SIZE
+from quad_mpc_ros.control.model.state import BODY_RATE, INPUT_SIZE
 
 _CAPACITY = 4096  # commands; half of them last for two seconds at 1 kHz
 
@@ -52,6 +52,14 @@ class CommandHistory:
         self._times_ns[count] = acts_ns
         self.acts_ns = self._times_ns[: count + 1]
         self.commands[count + 1] = command
+
+    def acts_at(self, stamp_ns: int) -> bool:
+        """Whether a sent command acts at a time, and not the initial one."""
+        return self.acts_ns.size > 0 and self.acts_ns.item(0) <= stamp_ns
+
+    def assume(self, w_WB_B: Array) -> None:
+        """Set the rates (3,) of the initial command: unknown commands hold the measured rates."""
+        self.commands[0, BODY_RATE] = w_WB_B
 
     def forget(self) -> None:
         """Drop all commands, because the vehicle did not execute them."""

@@ -187,15 +187,19 @@ class DelayCompensation(Stage):
         The odometry's state is predicted over the input delay plus the extra latency ``late_ns``.
         """
         stamp_ns, previous_ns = odometry.stamp_ns, self._previous_ns
-        # Restart after a long gap, and after a clock was set.
-        if previous_ns is None or not 0 <= stamp_ns - previous_ns <= LONGEST_GAP_NS:
+        # Restart after a long gap, after a clock was set, and until commands act: what moved the
+        # vehicle before is unknown.
+        is_next = previous_ns is not None and 0 <= stamp_ns - previous_ns <= LONGEST_GAP_NS
+        if previous_ns is None or not (is_next and self._history.acts_at(previous_ns)):
             _read_measurement(self._buffer, odometry.measured)
             measured = self._estimator.measured
             measured.angular_acceleration[:] = 0.0
+            self._history.assume(measured.w_WB_B)
             self._ekf.start(p_WB=measured.p_WB, v_WB_W=measured.v_WB_W, w_WB_B=measured.w_WB_B)
             self.status = EstimateStatus(resets=self._health.resets)
             if self._force_variance > 0.0:
                 self._take_specific_force(stamp_ns, stamp_ns)
+                self.status = self.status._replace(accelerometer="paused")
         elif self._follows:
             self._update_to(odometry, previous_ns)
         else:
@@ -283,10 +287,9 @@ class DelayCompensation(Stage):
             permitted = self._ground.learning
             if self._ground.state.is_on_ground:
                 self._ekf.restore()
-        settling_ns = _ACTUATOR_SETTLING_NS if self._was_idle else 0
-        acts_ns = self._history.acts_ns
-        acts = acts_ns.size > 0 and acts_ns.item(0) <= previous_ns - settling_ns
-        if not (self._learns and self._engaged and acts):
+        if self._was_idle:
+            self._was_idle = not self._history.acts_at(previous_ns - _ACTUATOR_SETTLING_NS)
+        if not self._learns or not self._engaged or self._was_idle:
             return UpdateMode.HOLD
         if permitted is UpdateMode.LEARN:
             self._ekf.keep(previous_ns)
