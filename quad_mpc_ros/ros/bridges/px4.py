@@ -54,7 +54,7 @@ OFFBOARD, HOLD = (1.0, 6.0, 0.0), (1.0, 4.0, 3.0)
 _POSE_FRAMES = {POSE_FRAME_NED: "NED", POSE_FRAME_FRD: "FRD"}
 
 _STATUS_TIMEOUT = 1.5  # s: published at 2 Hz and on change; DDS forwards 5 Hz at most
-_MODE_TIMEOUT = 0.5  # s: published at 50 Hz
+_MODE_TIMEOUT = 0.5  # s: published at 2 Hz and on change
 _LAND_TIMEOUT = 2.5  # s: published at 1 Hz and on change
 _ACCEPTED, _IN_PROGRESS = 0, 5
 _HOLD_RETRY_NS = 1_000_000_000
@@ -131,8 +131,6 @@ class Px4Bridge(Bridge):
     Config = Px4Config
     warm_up = 1.1  # for more than a second
     streams = True
-    _control_mode_suffices = True
-    """Whether ``VehicleControlMode`` alone shows the mode for setpoints."""
 
     @classmethod
     def configured(cls, config: Any, new: NewMessage) -> Bridge:
@@ -145,6 +143,7 @@ class Px4Bridge(Bridge):
         self._mode = LatestStatus(timeout=_MODE_TIMEOUT)
         self._land = LatestStatus(timeout=_LAND_TIMEOUT)
         self._resets: tuple[int, int] | None = None
+        self._first_ns: int | None = None  # arrival of the first odometry
         odometry = self._versioned("out/vehicle_odometry", "VehicleOdometry")
         status = self._versioned("out/vehicle_status", "VehicleStatus")
         self._status_name = status.name
@@ -172,19 +171,19 @@ class Px4Bridge(Bridge):
 
     def _stack(self, now_ns: int) -> Stack:
         status, mode = self._status.value(now_ns=now_ns), self._mode.value(now_ns=now_ns)
-        if status is None and (mode is None or not self._control_mode_suffices):
+        if status is None:
             fault = f"no vehicle_status within {_STATUS_TIMEOUT:g} s on {self._status_name}"
+            waited = 0 if self._first_ns is None else now_ns - self._first_ns
+            if self._status.is_empty and waited > _STATUS_TIMEOUT * 1e9:
+                fault += ", but odometry: px4_msgs is not of the vehicle's PX4 release"
             return Stack(fault=fault)
-        # Use both if both are available: either may report a change first.
-        selected, armed = [], []
-        if status is not None:
-            selected.append(self._selects_mpc(status))
-            armed.append(status.arming_state == ARMING_STATE_ARMED)
-        if mode is not None:
+        selected = [self._selects_mpc(status)]
+        armed = [status.arming_state == ARMING_STATE_ARMED]
+        if mode is not None:  # either may report a change first
             selected.append(bool(mode.flag_control_offboard_enabled))
             armed.append(bool(mode.flag_armed))
         exit_reason = "PX4 switched the mode in a failsafe"
-        if status is None or not status.failsafe:
+        if not status.failsafe:
             exit_reason = "a pilot, a ground station or another node switched PX4's mode"
         return Stack(takes_setpoints=all(selected), armed=all(armed), exit_reason=exit_reason)
 
@@ -224,6 +223,7 @@ class Px4Bridge(Bridge):
         self._land.receive(message, now_ns)
 
     def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
+        self._first_ns = now_ns if self._first_ns is None else self._first_ns
         odometry = self._converted(
             "vehicle_odometry", lambda: odometry_from_vehicle_odometry(message)
         )
@@ -287,7 +287,6 @@ class ExternalModeBridge(Px4Bridge):
 
     warm_up = 0.0
     streams = False
-    _control_mode_suffices = False
 
     def __init__(self, config: Px4Config, new: NewMessage) -> None:
         super().__init__(config, new)

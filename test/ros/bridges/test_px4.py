@@ -292,6 +292,25 @@ def test_px4_topics_end_in_the_version_of_their_message(new: New) -> None:
     assert "/px4_1/fmu/out/vehicle_status_v4" in names(made(new, fmu="/px4_1/fmu"))
 
 
+def test_names_px4_msgs_of_another_release_if_only_the_status_is_missing(new: New) -> None:
+    bridge = made(new)
+    mismatch = "px4_msgs is not of the vehicle's PX4 release"
+
+    def fault_after(seconds: float) -> str:
+        now_ns = T0 + round(seconds * SECOND)
+        deliver(bridge, "/fmu/out/vehicle_odometry", odometry_message(new, now_ns), now_ns)
+        deliver(bridge, "/fmu/out/vehicle_control_mode", new(f"{PX4}/VehicleControlMode"), now_ns)
+        return bridge.stack_fault(now_ns=now_ns)
+
+    assert "vehicle_status_v4" in fault_after(0.0)
+    assert mismatch not in fault_after(1.4)  # PX4 may not have published it yet
+    assert mismatch in fault_after(1.6)
+    report_status(bridge, T0 + 2 * SECOND)
+    assert fault_after(2.1) == ""
+    assert "vehicle_status_v4" in fault_after(4.0)  # the link was cut
+    assert mismatch not in fault_after(4.0)
+
+
 @pytest.mark.parametrize("field", ["position", "velocity", "angular_velocity"])
 def test_px4_state_marked_invalid_is_not_passed_on(new: New, field: str) -> None:
     bridge = made(new)
