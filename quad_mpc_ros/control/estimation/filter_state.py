@@ -94,9 +94,10 @@ DIFFERENCE = 1e-6  # of states, for the Jacobians of predictions
 
 VERTICAL_BOUND = 3.0  # m/s^2
 SCALE_BOUNDS = (0.5, 1.5)
-LAG_FACTOR = 2.0  # of the thrust's time constant, either way
-# Factors on the rates' time constants: racers and slow rate loops with the default of 70 ms.
-SHORTEST_RATE_LAG, LONGEST_RATE_LAG = 0.2, 8.0
+SHORTEST_THRUST_LAG, LAG_FACTOR = 0.2, 2.0  # factors on the thrust's time constant
+# Factors on the rates' time constants: quick and slow rate loops with the default of 70 ms, and
+# delays shorter than configured.
+SHORTEST_RATE_LAG, LONGEST_RATE_LAG = 0.05, 8.0
 TORQUE_LAG_FACTOR = 10.0  # on the torque's time constants, either way
 MAX_THRUST_DELAY = 0.1  # s, beyond its longest time constant
 DRAG_FACTORS, MIN_DRAG_MARGIN = (0.1, 3.0), 0.8  # of the configured drag, and 1/s beyond it

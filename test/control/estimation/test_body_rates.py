@@ -131,13 +131,13 @@ def test_single_wrong_rates_do_not_change_the_lag(outlier: float) -> None:
 
 
 @pytest.mark.parametrize("gain", [60.0, 100.0])
-def test_short_lag_is_estimated_down_to_a_fifth_of_the_configured(gain: float) -> None:
-    """A racer's lag is far below the default of 70 ms; the estimate ends at a fifth of it."""
+def test_a_lag_far_below_the_configured_is_estimated(gain: float) -> None:
+    """A racer's lag is far below the default of 70 ms."""
     commands = 2.0 * np.sin(6.0 * PERIOD * np.arange(1500))
     rates = np.column_stack([rates_of_a_loop(commands, gain=gain, rotor_lag=0.0001)] * 3)
     learned = Rates(lagging(0.07), delay=USUAL_DELAY).follow(same_rates(commands), rates)[-1]
     roll, pitch, _ = learned.rate_time_constants
-    assert 0.014 <= roll == pitch < 0.02
+    assert roll == pitch == pytest.approx(1.0 / gain, rel=0.15)
 
 
 def off_centre_rates(
