@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Take a simulated PX4 over and give it back, again and again, and print how much it tilted.
 
-    python tools/px4_handovers.py --config vehicle.yaml [--bridge mavlink] [--external]
+    python tools/px4_handovers.py --config vehicle.yaml [--bridge mavlink] [--external] [--sticks]
                                   [--out DIR] [--station udpin:127.0.0.1:14550]
 
 PX4 runs already, in real time, disarmed on the ground; by px4_bridge its uXRCE-DDS agent does as
@@ -10,6 +10,8 @@ well, and px4_msgs is there: docs/howto/stacks/px4.md. The nodes are started her
 mpc, reference and the bridge. The pilot is a ground station, to which PX4 speaks MAVLink. Not for
 a real vehicle: in the air the MPC is killed, and PX4 is switched to hold. With --external the
 ground station selects the mode quad MPC (px4_bridge, mode: external) instead of calling engage.
+With --sticks the ground station also sends the sticks, and takes over by them: COM_RC_IN_MODE 1,
+COM_RC_OVERRIDE 3.
 
 Each line is one handover: who flies after it, and by how much [deg] the vehicle tilted more than
 the reference asks for, from it until the next; all of it where PX4 flies by itself. The exit code
@@ -48,8 +50,10 @@ BRIDGES = "px4", "mavlink"
 MOST_TILT = 20.0  # degrees beyond what the reference asks for
 PATIENCE = 60.0  # s
 REQUEST_PERIOD = 0.1  # s, for the mode
+STICK_PERIOD = 0.05  # s
 TAKE_OFF = 22  # MAV_CMD
-OFFBOARD, HOLD, EXTERNAL = (6, 0), (4, 3), (4, 11)  # main and sub mode, px4_custom_mode.h
+# Main and sub modes, px4_custom_mode.h
+OFFBOARD, HOLD, EXTERNAL, POSITION = (6, 0), (4, 3), (4, 11), (3, 0)
 CUSTOM, ARMED = 1, 128  # bits of MAV_MODE_FLAG
 
 
@@ -68,8 +72,10 @@ class Station:
     def __init__(self, device: str) -> None:
         self._line = line_to(device, 0)
         self._codec = codec.Codec(system=255)
-        self._requested = 0.0
+        self._requested, self._moved = 0.0, 0.0
         self.system, self.mode, self.armed = 0, (0, 0), False
+        self.roll: int | None = None
+        """Stick of roll, 1000 to the right; None sends no sticks."""
 
     def poll(self) -> None:
         """Read messages, and request a heartbeat: PX4 accepts no interval for it."""
@@ -82,6 +88,12 @@ class Station:
         if self.system and time.monotonic() - self._requested > REQUEST_PERIOD:
             self._requested = time.monotonic()
             self.send(codec.REQUEST_MESSAGE, codec.HEARTBEAT)
+        sends = self.system and self.roll is not None
+        if sends and time.monotonic() - self._moved > STICK_PERIOD:
+            self._moved = time.monotonic()
+            sticks = {"x": 0, "y": self.roll, "z": 500, "r": 0, "buttons": 0}
+            message = codec.dialect().MAVLink_manual_control_message(self.system, **sticks)
+            self._line.write(self._codec.packed(message))
 
     def send(self, command: int, *parameters: float) -> None:
         """Send a command."""
@@ -254,6 +266,13 @@ def pilot_takes_over(rig: Rig) -> None:
     rig.wait(lambda: rig.station.mode == HOLD and not rig.engaged, "in hold")
 
 
+def pilot_moves_a_stick(rig: Rig) -> None:
+    """Move the stick of roll until PX4 is in position mode."""
+    rig.station.roll = 600
+    rig.wait(lambda: rig.station.mode == POSITION and not rig.engaged, "in position mode")
+    rig.station.roll = 0
+
+
 def land(rig: Rig) -> None:
     """Land, until PX4 disarms by itself."""
     rig.ask("reference/land")
@@ -268,6 +287,10 @@ def px4_takes_off(rig: Rig) -> None:
     rig.wait(lambda: rig.height > 1.5 and rig.station.mode == HOLD, "hovering by itself")
 
 
+STICKS = (
+    Handover("pilot takes over by a stick", pilot_moves_a_stick, offboard=False),
+    Handover("pilot gives back: engaged", engage, offboard=True),
+)
 FLIGHTS = (
     Handover("take-off by the MPC", take_off, offboard=True),
     Handover("MPC killed: PX4's failsafe", kill, offboard=False),
@@ -306,6 +329,7 @@ def main() -> int:
     parser.add_argument(
         "--external", action="store_true", help="px4_bridge flies in a mode of its own"
     )
+    parser.add_argument("--sticks", action="store_true", help="the pilot has sticks as well")
     parser.add_argument(
         "--station",
         default="udpin:127.0.0.1:14550",
@@ -318,6 +342,7 @@ def main() -> int:
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     rclpy.init()
     station = Station(options.station)
+    station.roll = 0 if options.sticks else None
     mode = EXTERNAL if options.external else OFFBOARD
     rig = Rig(options.config, bridge=options.bridge, mode=mode, station=station, out=options.out)
     wrong = 0
@@ -328,7 +353,7 @@ def main() -> int:
             print(f"PX4: {error} within {PATIENCE:.0f} s", flush=True)
             return 1
         print(f"{'handover':32} {'flies':>10} {'tilt beyond [deg]':>18}", flush=True)
-        for each in FLIGHTS:
+        for each in (*FLIGHTS[:6], *(STICKS if options.sticks else ()), *FLIGHTS[6:]):
             rig.tilt = 0.0
             try:
                 each.act(rig)

@@ -20,7 +20,8 @@ LAND_NS = SIMULATION_START_NS + 500_000_000
 
 
 @pytest.mark.parametrize("error", [-0.3, 0.3])
-def test_lands_with_an_error_of_the_height(error: float) -> None:
+def test_lands_on_unknown_ground_with_an_error_of_the_height(error: float) -> None:
+    """The controller begins in the air, and notices the contact within 0.16 s."""
     config = ReferenceConfig(trajectory="hover", height=1.0)
     live = LiveReference(
         config, configured_trajectory(config), joined=lambda: joined_trajectory(config)
@@ -33,7 +34,7 @@ def test_lands_with_an_error_of_the_height(error: float) -> None:
     )
     plant, controller = make_plant(simulator), warmed_up(MpcConfig.build(LAGS))
     stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)
-    heights, throttles = [], []
+    heights, throttles, states = [], [], []
     while (sent := stream.step()) is not None:
         now_ns = sent.odometry.stamp_ns
         live.observe(sent.odometry)
@@ -49,9 +50,14 @@ def test_lands_with_an_error_of_the_height(error: float) -> None:
         plant.apply(tick.command)
         heights.append(sent.truth.p_WB[2])
         throttles.append(tick.command.throttle)
+        states.append(tick.stats.ground)
     assert live.mode(SIMULATION_START_NS + 8_500_000_000) == "ground"
     touchdown = heights.index(0.0)
     assert not any(heights[touchdown:])
+    touching = states.index("touching_down")
+    assert 0 <= touching - touchdown <= 8
+    assert states.index("on_ground") > touching
+    assert "flying" not in states[touching:]
     assert max(throttles[-20:]) < 0.02
     speed = (heights[touchdown - 3] - heights[touchdown - 1]) * 25.0
     assert speed == pytest.approx(0.3, abs=0.1)

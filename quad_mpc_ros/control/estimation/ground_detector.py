@@ -53,7 +53,8 @@ _MOVING_SPEED = 0.5 * FAST  # m/s, filtered: with a change of height, faster veh
 _SLIPPING_SPEED = 0.5 * SLOW  # m/s, horizontal with thrust: the vehicle has left the ground
 _CLIMB_SPEED = 0.3  # m/s, with thrust, half of HEIGHT above the ground: it has left the ground
 _NEAR_GROUND = 0.5  # m above the place on the ground, as odometry drifts
-_MIN_IMPACT = 0.2  # m/s: near the ground a sinking vehicle has met it
+_MIN_IMPACT = 0.2  # m/s: near the ground, or if it has stopped, a sinking vehicle has met it
+_STOPPED = 0.1  # m/s, filtered climb rate of a vehicle that should sink
 _MIN_HEIGHT_CHANGE = 0.01  # m within its window: the reference climbs or sinks
 
 
@@ -187,11 +188,12 @@ class GroundDetector(Stage):
         below = wanted < height - HEIGHT
         rests = not self._climbs and (speed < _MOVING_SPEED or below)
         sinks = lowest < wanted - _MIN_HEIGHT_CHANGE
-        self._lands = rests and (below or sinks) and self._is_low(height)
+        descends = rests and (below or sinks)
+        self._lands = descends and self._is_low(height)
         if self._climbs:
             found += (GroundEvidence.CLIMBS,)
         touches = below and self._might_be_down(height, sinks=sinks)
-        if rests and (touches or self._meets_ground()):
+        if (rests and touches) or (descends and self._meets_ground()):
             found += (GroundEvidence.TOUCHES,)
         if self._has_left() or self._is_moving():
             found += (GroundEvidence.LEFT,)
@@ -256,10 +258,14 @@ class GroundDetector(Stage):
         """Whether a landing has just met the ground, before the reference is far below it.
 
         On the ground the reported velocity still drifts. Tilting against the drift would only
-        make the vehicle lean.
+        make the vehicle lean. Where the ground is unknown or higher, the impact must also have
+        stopped the descent.
         """
         motion = self._motion.now
-        return self._lands and motion.impact > _MIN_IMPACT and motion.speed < SLOW
+        stopped = abs(motion.climb) < _STOPPED
+        met = motion.impact > _MIN_IMPACT and (self._lands or stopped)
+        remains = self.state is GroundState.TOUCHING_DOWN and stopped
+        return motion.speed < SLOW and (met or remains)
 
     def _is_low(self, height: float) -> bool:
         """Whether the vehicle is near the height of the ground."""
