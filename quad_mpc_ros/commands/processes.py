@@ -94,24 +94,6 @@ class NodeProcess:
         return "\n".join(f"  {self.node}: {line}" for line in lines[-_LOG_TAIL:])
 
 
-def run_in_foreground(node: str, ros_arguments: Sequence[str]) -> int:
-    """Run a node in this terminal until it ends or Ctrl-C; return its exit code.
-
-    Ctrl-C reaches the node as well; ``KeyboardInterrupt`` is raised after it has ended.
-    """
-    process = subprocess.Popen(
-        (*_executable(node), "--ros-args", *ros_arguments),
-        stdin=subprocess.DEVNULL,
-        env=_environment(),
-        preexec_fn=_die_with_parent,
-    )
-    try:
-        return process.wait()
-    except KeyboardInterrupt:
-        process.wait(_STOP_TIMEOUT)
-        raise
-
-
 def require_ros(command: str, *, instead: str = "") -> None:
     """Raise :class:`UserError` without ROS 2; ``instead`` names an alternative without it."""
     missing = [name for name in _ROS_PACKAGES if importlib.util.find_spec(name) is None]

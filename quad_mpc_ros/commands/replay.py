@@ -5,10 +5,8 @@
 from __future__ import annotations
 
 import argparse
-import tempfile
-from pathlib import Path
 
-from quad_mpc_ros.commands.processes import require_ros, run_in_foreground
+from quad_mpc_ros.commands.processes import require_ros
 from quad_mpc_ros.commands.recording import WHICH_BAG
 from quad_mpc_ros.configuration import ConfigurationError, files
 from quad_mpc_ros.recordings.config import PlayerConfig
@@ -57,8 +55,9 @@ def run(options: argparse.Namespace) -> int:
         option = _OPTION_NAMES.get(name, f"--{name}")
         raise ConfigurationError(option, error.given, error.expected) from error
     require_ros("replay")
-    values = {**given, "progress": True}
-    with tempfile.TemporaryDirectory() as folder:
-        parameters = Path(folder, "player.yaml")
-        parameters.write_text(files.dump("player", values), encoding="utf-8")
-        return run_in_foreground("player", ["--params-file", str(parameters)])
+    from quad_mpc_ros.ros.nodes.player_node import main
+
+    arguments = ["--ros-args", "-p", "progress:=true"]
+    for name, value in given.items():
+        arguments += ["-p", f"{name}:={files.value_text(value)}"]
+    return main(arguments)
