@@ -76,9 +76,9 @@ def _write_lost(out: Path, found: Rehearsal) -> Path | None:
 
     Returns the file of the direction with the smallest margin, None without a crash.
     """
-    lost = {"as guessed": next(iter(found.guess.lost), None)}
+    lost = {"as guessed": next(iter(found.lost), None)}
     tightest_first = sorted(found.limits, key=lambda each: each.margin / each.direction.ready)
-    lost |= {limit.direction.name: limit.first_lost for limit in tightest_first}
+    lost |= {limit.direction.name: limit.lost for limit in tightest_first}
     written = []
     for name, flown in lost.items():
         if flown is not None:

@@ -148,60 +148,48 @@ def directions_of(simulator: SimulatorConfig) -> list[Direction]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Flown:
-    """A disturbed vehicle, and the reason if it did not recover.
+class Lost:
+    """A disturbed vehicle that did not recover, and the reason.
 
     ``parameter_file`` repeats the flight.
     """
 
     number: int
-    lost: str
+    reason: str
     parameter_file: str = field(repr=False)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Point:
-    """All disturbed vehicles with a model error ``by``."""
-
-    by: float
-    flown: Sequence[Flown]
-
-    @property
-    def lost(self) -> list[Flown]:
-        """Vehicles that did not recover."""
-        return [each for each in self.flown if each.lost]
-
-
-@dataclass(frozen=True, kw_only=True)
 class Limit:
-    """The tolerated model error of one direction, with all flown points in order.
+    """The tolerated model error of one direction.
 
-    ``margin`` is the largest difference with which every vehicle recovered. ``bounded`` is whether
-    a vehicle did not recover beyond the margin; otherwise ``margin`` is the end of the search.
+    ``margin`` is the largest difference with which every vehicle recovered, or the end of the
+    search. ``lost`` is a vehicle that did not recover just beyond the margin, if any.
     """
 
     direction: Direction
-    points: Sequence[Point]
     margin: float
-    bounded: bool
+    lost: Lost | None
 
     @property
     def text(self) -> str:
         """The margin with its unit."""
         shown = self.direction.text(self.margin)
-        return shown if self.bounded else f"{shown} or more"
+        return f"{shown} or more" if self.lost is None else shown
 
     @property
-    def first_lost(self) -> Flown | None:
-        """A vehicle that did not recover just beyond the margin."""
-        return next((point.lost[0] for point in self.points if point.lost), None)
+    def word(self) -> str:
+        """The verdict on the margin."""
+        if self.margin >= self.direction.ready:
+            return READY
+        return MARGINAL if self.margin >= self.direction.marginal else NOT_READY
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rehearsal:
-    """The vehicles as configured, and the limits; empty if a vehicle did not recover."""
+    """The lost vehicles as configured, and the limits; empty if a vehicle did not recover."""
 
-    guess: Point
+    lost: Sequence[Lost]
     limits: Sequence[Limit]
 
 
@@ -218,44 +206,43 @@ def rehearse(
     result does not depend on the number of workers. Raises :class:`UserError`.
     """
 
-    def fly(*changes: str) -> list[Flown]:
+    def lost(*changes: str) -> list[Lost]:
         campaign = disturbed_campaign(config, [*assignments, *changes])
-        return _flown(campaign, engine)
+        return _lost(campaign, engine)
 
     observe("as configured")
     simulator = disturbed_campaign(config, assignments).base["simulator"]
     assert isinstance(simulator, SimulatorConfig)
-    guess = Point(by=0.0, flown=fly())
+    as_configured = lost()
     limits: list[Limit] = []
-    directions = [] if guess.lost else directions_of(simulator)
+    directions = [] if as_configured else directions_of(simulator)
     for number, direction in enumerate(directions, start=1):
 
-        def flown_by(by: float, direction: Direction = direction, number: int = number) -> Point:
+        def lost_by(
+            by: float, direction: Direction = direction, number: int = number
+        ) -> list[Lost]:
             place = f"{number} of {len(directions)}"
             observe(f"{place}: {direction.name} by {direction.text(by)}")
             value = direction.changed(getattr(simulator, direction.parameter), by)
-            change = f"simulator.{direction.parameter}={files.value_text(value)}"
-            return Point(by=by, flown=fly(change))
+            return lost(f"simulator.{direction.parameter}={files.value_text(value)}")
 
-        limits.append(limit_of(direction, guess, flown_by))
-    return Rehearsal(guess=guess, limits=limits)
+        limits.append(limit_of(direction, lost_by))
+    return Rehearsal(lost=as_configured, limits=limits)
 
 
-def limit_of(direction: Direction, guess: Point, fly: Callable[[float], Point]) -> Limit:
-    """Return the limit of a direction by bisection."""
-    farthest = fly(direction.most)
-    points = [guess, farthest]
-    held, lost = (0.0, direction.most) if farthest.lost else (direction.most, direction.most)
-    for _ in range(_BISECTION_STEPS if farthest.lost else 0):
-        point = fly(0.5 * (held + lost))
-        points.append(point)
-        held, lost = (held, point.by) if point.lost else (point.by, lost)
-    return Limit(
-        direction=direction,
-        points=sorted(points, key=lambda point: point.by),
-        margin=held,
-        bounded=bool(farthest.lost),
-    )
+def limit_of(direction: Direction, lost_by: Callable[[float], Sequence[Lost]]) -> Limit:
+    """Return the limit of a direction by bisection; ``lost_by`` flies a difference."""
+    margin, beyond = 0.0, direction.most
+    lost = lost_by(beyond)
+    if not lost:
+        return Limit(direction=direction, margin=beyond, lost=None)
+    for _ in range(_BISECTION_STEPS):
+        by = 0.5 * (margin + beyond)
+        if found := lost_by(by):
+            beyond, lost = by, found
+        else:
+            margin = by
+    return Limit(direction=direction, margin=margin, lost=lost[0])
 
 
 def disturbed_campaign(config: Sequence[str], assignments: Sequence[str]) -> Campaign:
@@ -264,18 +251,15 @@ def disturbed_campaign(config: Sequence[str], assignments: Sequence[str]) -> Cam
     return campaign_from(DISTURBED, overrides, where="rehearse")
 
 
-def _flown(campaign: Campaign, engine: LocalWorkers) -> list[Flown]:
+def _lost(campaign: Campaign, engine: LocalWorkers) -> list[Lost]:
     batches = batched(range(campaign.flights), workers=engine.workers)
-    flown = [
-        Flown(
-            number=int(flight.row["flight"]),
-            lost=_why_lost(flight.row),
-            parameter_file=flight.parameter_file,
-        )
+    lost = [
+        Lost(number=int(flight.row["flight"]), reason=reason, parameter_file=flight.parameter_file)
         for batch in engine.fly(campaign, batches)
         for flight in batch
+        if (reason := _why_lost(flight.row))
     ]
-    return sorted(flown, key=lambda each: each.number)
+    return sorted(lost, key=lambda each: each.number)
 
 
 def _why_lost(row: Any) -> str:
@@ -304,13 +288,13 @@ class RehearsalVerdict:
 
 def verdict_on(rehearsal: Rehearsal) -> RehearsalVerdict:
     """Return the verdict of a rehearsal."""
-    guess = rehearsal.guess
-    if guess.lost:
+    if rehearsal.lost:
+        first = rehearsal.lost[0]
         return RehearsalVerdict(
             word=NOT_READY,
             reasons=[
-                f"as configured, {len(guess.lost)} of {len(guess.flown)} disturbed vehicles did "
-                f"not recover: vehicle {guess.lost[0].number}: {guess.lost[0].lost}"
+                f"as configured, {len(rehearsal.lost)} of {VEHICLES} disturbed vehicles did not "
+                f"recover: vehicle {first.number}: {first.reason}"
             ],
             advice=[
                 "compare the vehicle file with the table of docs/tutorials/first_flight.md",
@@ -318,10 +302,10 @@ def verdict_on(rehearsal: Rehearsal) -> RehearsalVerdict:
                 "(docs/howto/tune.md)",
             ],
         )
-    small = [limit for limit in rehearsal.limits if limit.margin < limit.direction.ready]
-    tiny = [limit for limit in small if limit.margin < limit.direction.marginal]
+    small = [limit for limit in rehearsal.limits if limit.word != READY]
+    words = {limit.word for limit in small}
     return RehearsalVerdict(
-        word=NOT_READY if tiny else MARGINAL if small else READY,
+        word=NOT_READY if NOT_READY in words else MARGINAL if small else READY,
         reasons=[_reason(limit) for limit in small]
         or ["every disturbed vehicle recovered, with the margins of the table"],
         advice=list(dict.fromkeys(limit.direction.advice for limit in small))
@@ -330,8 +314,8 @@ def verdict_on(rehearsal: Rehearsal) -> RehearsalVerdict:
 
 
 def _reason(limit: Limit) -> str:
-    direction, lost = limit.direction, limit.first_lost
-    why = f"; beyond, vehicle {lost.number}: {lost.lost}" if lost is not None else ""
+    direction, lost = limit.direction, limit.lost
+    why = f"; beyond, vehicle {lost.number}: {lost.reason}" if lost is not None else ""
     return (
         f"{direction.name}: margin {direction.text(limit.margin)}, needed "
         f"{direction.text(direction.ready)}{why}"
@@ -343,11 +327,5 @@ def rehearsal_table(rehearsal: Rehearsal) -> str:
     rows = [["the true vehicle", "margin", "needed", "verdict"]]
     for limit in rehearsal.limits:
         needed = limit.direction.text(limit.direction.ready)
-        rows.append([limit.direction.name, limit.text, needed, _word(limit)])
+        rows.append([limit.direction.name, limit.text, needed, limit.word])
     return "\n".join(text_table(rows, align="lrrl"))
-
-
-def _word(limit: Limit) -> str:
-    if limit.margin >= limit.direction.ready:
-        return READY
-    return MARGINAL if limit.margin >= limit.direction.marginal else NOT_READY

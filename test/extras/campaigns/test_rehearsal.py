@@ -15,9 +15,8 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.extras.campaigns import rehearsal
 from quad_mpc_ros.extras.campaigns.rehearsal import (
     Direction,
-    Flown,
     Limit,
-    Point,
+    Lost,
     Rehearsal,
     directions_of,
     limit_of,
@@ -29,28 +28,24 @@ from quad_mpc_ros.simulation.config import SimulatorConfig
 DELAY = next(each for each in directions_of(SimulatorConfig()) if each.name == "delay is longer")
 
 
-def point(by: float, *, lost: bool = False) -> Point:
-    why = "it fell" if lost else ""
-    return Point(by=by, flown=[Flown(number=0, lost=why, parameter_file="")])
+LOST = Lost(number=0, reason="it fell", parameter_file="")
 
 
 def limit(direction: Direction, tolerated: float) -> Limit:
     """Return the limit of a vehicle that crashes beyond a deviation."""
-    return limit_of(direction, point(0.0), lambda by: point(by, lost=by > tolerated))
+    return limit_of(direction, lambda by: [LOST] if by > tolerated else [])
 
 
 @pytest.mark.parametrize("tolerated", [0.0, 0.001, 0.02, 0.0999, 0.17])
 def test_the_margin_is_just_below_the_limit(tolerated: float) -> None:
     found = limit(DELAY, tolerated)
-    assert found.bounded
     assert found.margin <= tolerated < found.margin + DELAY.most / 2**5
-    assert found.first_lost is not None
-    assert [each.by for each in found.points] == sorted(each.by for each in found.points)
+    assert found.lost is LOST
 
 
 def test_stops_the_search_at_the_largest_disturbance() -> None:
     found = limit(DELAY, 1.0)
-    assert (found.margin, found.bounded, len(found.points)) == (DELAY.most, False, 2)
+    assert (found.margin, found.lost) == (DELAY.most, None)
     assert found.text == "200 ms or more"
 
 
@@ -59,7 +54,7 @@ def test_stops_the_search_at_the_largest_disturbance() -> None:
 )
 def test_the_verdict_follows_the_smallest_margin(tolerated: float, word: str) -> None:
     others = [limit(each, 1.0) for each in directions_of(SimulatorConfig())]
-    found = Rehearsal(guess=point(0.0), limits=[*others, limit(DELAY, tolerated)])
+    found = Rehearsal(lost=[], limits=[*others, limit(DELAY, tolerated)])
     verdict = verdict_on(found)
     assert verdict.word == word
     if word != "ready":
@@ -68,9 +63,9 @@ def test_the_verdict_follows_the_smallest_margin(tolerated: float, word: str) ->
 
 
 def test_is_not_ready_if_the_configured_vehicle_crashes() -> None:
-    verdict = verdict_on(Rehearsal(guess=point(0.0, lost=True), limits=[]))
+    verdict = verdict_on(Rehearsal(lost=[LOST], limits=[]))
     assert verdict.word == "not ready"
-    assert "1 of 1 disturbed vehicles did not recover: vehicle 0: it fell" in verdict.reasons[0]
+    assert "1 of 6 disturbed vehicles did not recover: vehicle 0: it fell" in verdict.reasons[0]
 
 
 def test_omits_the_lags_of_a_plant_that_has_its_own() -> None:
@@ -91,10 +86,9 @@ def test_agile_crashes_with_an_unmodelled_delay(monkeypatch: pytest.MonkeyPatch)
         rehearsal, "directions_of", lambda _: [dataclasses.replace(DELAY, most=0.06)]
     )
     found = rehearse(["agile"], ["mpc.omega_max=[6,6,3]"], InThisProcess(), lambda _: None)
-    assert found.guess.lost == []
+    assert found.lost == []
     (delay,) = found.limits
-    assert delay.bounded
-    assert len(delay.points[-1].lost) >= 4
+    assert delay.lost is not None
 
 
 def test_rejects_a_parameter_that_the_rehearsal_varies() -> None:
