@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What viewers are shown: where it stands, how large it is, and when it vanishes."""
+"""Markers for viewers: positions, sizes and lifetimes."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from visualization_msgs.msg import Marker
 
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.messages import conversions, markers
-from quad_mpc_ros.messages.markers import DrawnFence, Trail
+from quad_mpc_ros.messages.markers import DrawnFence
 from quad_mpc_ros.ros.messages import new_message
 
 SECOND = 1_000_000_000
@@ -41,37 +40,15 @@ def in_frame(marker: Marker) -> np.ndarray:
     return points @ rotation.T + np.array([p.x, p.y, p.z])
 
 
-def test_hover_thrust_is_an_arrow_of_the_given_length(odometry: OdometrySample) -> None:
-    vehicle = Vehicle()
-    hover = vehicle.hover_throttle
-    arrow = markers.thrust_marker(odometry, hover, vehicle, length=0.3, new=new_message)
-    assert arrow.type == Marker.ARROW
-    tail, tip = in_frame(arrow)
-    assert tail == pytest.approx([1.0, 2.0, 3.0])
-    # Rolled about the nose by +90 degrees in FLU, up points to the right: -y.
-    assert tip - tail == pytest.approx([0.0, -0.3, 0.0])
-
-
-def test_vehicle_marker_is_at_its_position(odometry: OdometrySample) -> None:
-    drawn = markers.vehicle_marker(odometry, arm=0.2, new=new_message)
-    assert drawn.type == Marker.LINE_LIST
-    assert len(drawn.points) % 2 == 0
-    points = in_frame(drawn) - odometry.p_WB
-    # Beams of 0.4 m across, rotors of 0.12 m beyond; flat in the body's plane, here x-z.
-    assert np.linalg.norm(points, axis=1).max() == pytest.approx(0.32)
-    assert np.linalg.norm(points[0] - points[1]) == pytest.approx(0.4)
-    assert np.abs(points[:, 1]).max() < 1e-12
-
-
 def test_lines_are_in_the_frame_of_the_odometry(odometry: OdometrySample) -> None:
-    path = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5], [2.0, 1.0, 1.0]])
-    for look in (markers.TRAIL, markers.PREDICTED):
-        line = markers.line_marker(look, odometry, path, new=new_message)
-        assert (line.type, line.action) == (Marker.LINE_STRIP, Marker.ADD)
-        assert line.header.frame_id == "map"
-        assert conversions.nanoseconds(line.header.stamp) == odometry.stamp_ns
-        assert in_frame(line) == pytest.approx(path)
-        assert line.color.a == 1.0
+    path = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5], [2.0, 1.0, 1.0], [2.0, 1.0, 2.0]])
+    line = markers.line_marker(markers.CORRIDOR, odometry, path, new=new_message)
+    assert (line.type, line.action) == (Marker.LINE_LIST, Marker.ADD)
+    assert line.header.frame_id == "map"
+    assert conversions.nanoseconds(line.header.stamp) == odometry.stamp_ns
+    assert in_frame(line) == pytest.approx(path)
+    assert line.color.a == 1.0
+    assert 0 < conversions.nanoseconds(line.lifetime) <= SECOND
 
 
 def test_the_fence_is_its_twelve_edges_and_is_closed_by_six_walls(
@@ -92,34 +69,9 @@ def test_the_fence_is_its_twelve_edges_and_is_closed_by_six_walls(
 
 def test_single_point_deletes_the_marker(odometry: OdometrySample) -> None:
     for count in (0, 1):
-        line = markers.line_marker(markers.TRAIL, odometry, np.zeros((count, 3)), new=new_message)
+        points = np.zeros((count, 3))
+        line = markers.line_marker(markers.CORRIDOR, odometry, points, new=new_message)
         assert line.action == Marker.DELETE
-
-
-def test_thrust_and_plan_have_a_lifetime(odometry: OdometrySample) -> None:
-    path = np.zeros((2, 3))
-    fleeting = [
-        markers.line_marker(markers.PREDICTED, odometry, path, new=new_message),
-        markers.thrust_marker(odometry, 0.3, Vehicle(), length=1.0, new=new_message),
-    ]
-    staying = [
-        markers.line_marker(markers.TRAIL, odometry, path, new=new_message),
-        markers.vehicle_marker(odometry, arm=0.1, new=new_message),
-    ]
-    assert all(0 < conversions.nanoseconds(marker.lifetime) <= SECOND for marker in fleeting)
-    assert not any(conversions.nanoseconds(marker.lifetime) for marker in staying)
-    names = {marker.ns for marker in fleeting + staying}
-    assert len(names) == 4  # or one would replace the other
-
-
-def test_trail_drops_old_positions(odometry: OdometrySample) -> None:
-    trail = Trail(duration=2.0, spacing=0.1)
-    assert trail.p_WB.shape == (0, 3)
-    for tick in range(500):  # 10 s at 50 Hz
-        trail.add(tick * SECOND // 50, np.array([float(tick), 0.0, 0.0]))
-    assert trail.p_WB[:, 0].tolist() == list(range(400, 500, 5))
-    trail.add(0, np.array([9.0, 9.0, 9.0]))  # another flight
-    assert trail.p_WB.tolist() == [[9.0, 9.0, 9.0]]
 
 
 def test_transform_is_the_pose_of_the_odometry(odometry: OdometrySample) -> None:

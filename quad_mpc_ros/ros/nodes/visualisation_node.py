@@ -1,6 +1,6 @@
 # Copyright 2026 quad_mpc_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The visualisation node: markers of vehicle, trail, plan and thrust; the pose on /tf."""
+"""The visualisation node: markers of fence, gates and corridor; the pose on /tf."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from typing import Any
 from rclpy.publisher import Publisher
 
 from quad_mpc_ros.configuration import optional_part
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import conversions, markers, topics
 from quad_mpc_ros.messages.corridor import corridor_edges, corridor_from_message
 from quad_mpc_ros.messages.diagnostics import OK, WARN
-from quad_mpc_ros.messages.markers import Trail, VisualisationConfig
+from quad_mpc_ros.messages.markers import VisualisationConfig
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
@@ -25,15 +25,15 @@ from quad_mpc_ros.ros.spin import run
 
 
 class VisualisationNode(ReportingNode[VisualisationConfig]):
-    """Publishes markers of the newest received messages periodically."""
+    """Publishes markers and the transform of the newest odometry periodically.
+
+    Viewers draw odometry and paths from their own messages.
+    """
 
     def __init__(self) -> None:
         super().__init__("visualisation", VisualisationConfig)
         period = 1.0 / self.config.publish_rate
-        self._vehicle = self.config.vehicle()
-        self._trail = Trail(duration=self.config.trail_duration, spacing=period)
         self._odometry: OdometrySample | None = None
-        self._command: CommandSample | None = None
         self._plan: Any = None
         self._has_new_odometry = False
         self._corridor: Any = None
@@ -45,8 +45,7 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         self._markers = self.health.publisher(topics.MARKERS)
         self._transforms = self._transform_publisher()
         self.health.subscription(topics.ODOMETRY, self._on_odometry)
-        self.health.subscription(topics.COMMAND, self._on_command)
-        self.health.subscription(topics.PREDICTED_PATH, self._on_plan)
+        self.health.subscription(topics.PREDICTED_PATH, self._on_plan, expected=False)
         self.health.subscription(topics.CORRIDOR, self._on_corridor, expected=False)
         create_steady_timer(self, period, self._show)
 
@@ -66,10 +65,6 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         if fault is not None:
             return  # the controller warns about it
         self._odometry, self._has_new_odometry = odometry, True
-        self._trail.add(odometry.stamp_ns, odometry.p_WB)
-
-    def _on_command(self, message: Any) -> None:
-        self._command = conversions.command_from_message(message)
 
     def _on_plan(self, message: Any) -> None:
         self._plan = message
@@ -82,37 +77,29 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         if self._odometry is None or not self._has_new_odometry:
             return
         self._has_new_odometry = False
-        message = new_message(topics.MARKERS.type_name)
-        message.markers = self._drawn(self._odometry)
-        self._markers.publish(message)
+        if drawn := self._drawn(self._odometry):
+            message = new_message(topics.MARKERS.type_name)
+            message.markers = drawn
+            self._markers.publish(message)
         if self._transforms is not None:
             transform = new_message(topics.TF.type_name)
             conversions.fill_transform(transform, self._odometry, new=new_message)
             self._transforms.publish(transform)
 
     def _drawn(self, odometry: OdometrySample) -> list[Any]:
-        config, new = self.config, new_message
-        drawn = [
-            markers.vehicle_marker(odometry, arm=config.arm, new=new),
-            markers.line_marker(markers.TRAIL, odometry, self._trail.p_WB, new=new),
-        ]
-        if config.fence.is_closed:
-            drawn.append(markers.fence_marker(odometry, config.fence, new=new))
+        fence, drawn = self.config.fence, []
+        if fence.is_closed:
+            drawn.append(markers.fence_marker(odometry, fence, new=new_message))
         if self._gates:
-            drawn.append(markers.gates_marker(odometry, self._gates, new=new))
-        if self._command is not None:
-            throttle, length = self._command.throttle, config.thrust_length
-            drawn.append(
-                markers.thrust_marker(odometry, throttle, self._vehicle, length=length, new=new)
-            )
-        if self._plan is not None:
+            drawn.append(markers.gates_marker(odometry, self._gates, new=new_message))
+        if self._plan is not None and self._corridor is not None:
             p_WB = conversions.positions_from_path(self._plan)
-            drawn.append(markers.line_marker(markers.PREDICTED, odometry, p_WB, new=new))
-            if self._corridor is not None and len(p_WB):
-                found = corridor_edges(self._corridor, p_WB).reshape(-1, 3)
-                drawn.append(markers.line_marker(markers.CORRIDOR, odometry, found, new=new))
-        # Each is published once: viewers drop expired markers.
-        self._command = self._plan = self._corridor = None
+            if len(p_WB):
+                edges = corridor_edges(self._corridor, p_WB).reshape(-1, 3)
+                drawn.append(
+                    markers.line_marker(markers.CORRIDOR, odometry, edges, new=new_message)
+                )
+            self._plan = self._corridor = None  # published once: viewers drop expired markers
         return drawn
 
     def report(self) -> Health:
