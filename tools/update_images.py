@@ -51,12 +51,10 @@ def update_references() -> None:
             if name == "csv":
                 changes["file"] = str(_helix(Path(scratch)))
             config = ReferenceConfig.build(changes)
-            trajectory, verdict = judged_trajectory(config)
-            times = [round(1e9 * seconds) for seconds in verdict.over_time.seconds]
+            _, verdict = judged_trajectory(config)
             picture = IMAGES / f"reference_{name}.png"
             write_reference(
                 name,
-                trajectory.at(times),
                 verdict,
                 picture,
                 course=configured_course(config),

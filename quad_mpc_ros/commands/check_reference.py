@@ -38,18 +38,16 @@ def run(options: argparse.Namespace) -> int:
     assignments = [*reference_assignments(options), *options.assignments]
     loaded = load_config(*(options.config or ["default"]), assignments=assignments)
     config = _within_the_mpc(loaded.reference, loaded.mpc)
-    trajectory, verdict = judged_trajectory(config)
+    _, verdict = judged_trajectory(config)
     out = prepared_out(options.out or create_out(config.trajectory), holds=(_FIGURE_NAME,))
     figure = out / _FIGURE_NAME
-    times = [round(1e9 * seconds) for seconds in verdict.over_time.seconds]
     course = None
     if config.gates:
         from quad_mpc_ros.extras.racing.gates import read_course
 
         course = read_course(config.gates)
     with results_in(out):
-        samples = trajectory.at(times)
-        write_reference(config.trajectory, samples, verdict, figure, course=course)
+        write_reference(config.trajectory, verdict, figure, course=course)
     print(f"{config.trajectory}\n\n{_verdict_table(verdict)}")
     for need, bound in rates_beyond(verdict, loaded.mpc.omega_max):
         print(

@@ -100,11 +100,9 @@ def run(options: argparse.Namespace) -> int:
     seconds = time.monotonic() - started
     write_new("--out", options.out, plan.table.text(), overwrite=options.overwrite)
     verdict = judged(plan.trajectory(), config.reference)
-    times = [round(1e9 * each) for each in verdict.over_time.seconds]
     with results_in(options.out.parent):
         title = f"{course.source}: {plan.lap.time or plan.race_time:.2f} s"
-        samples = plan.trajectory().at(times)
-        write_reference(title, samples, verdict, picture, course=course)
+        write_reference(title, verdict, picture, course=course)
     print(_table(plan, verdict, seconds=seconds))
     print(f"\nplan     {options.out}\npicture  {picture}")
     return 0 if verdict.feasible else EXIT_FAILED

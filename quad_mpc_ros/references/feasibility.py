@@ -119,10 +119,14 @@ class Need:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Feasibility:
-    """The worst requirements of a trajectory, the requirements over time, and its jumps [s]."""
+    """The worst requirements of a trajectory, the requirements over time, and its jumps [s].
+
+    ``samples`` are the samples of the trajectory at the times of ``over_time``.
+    """
 
     needs: tuple[Need, ...]
     over_time: Needs
+    samples: TrajectorySamples
     limits: FeasibilityParameters
     jumps: tuple[float, ...]
 
@@ -164,12 +168,14 @@ def judged(
     step = min(_CHECK_STEP_NS, period // _LEAST_SAMPLES)
     step = max(step, -(-period // _MOST_SAMPLES), 1)
     times = [*range(0, period, step), period]
-    needs = needs_of(trajectory.at(times), vehicle, seconds=1e-9 * np.array(times))
+    samples = trajectory.at(times)
+    needs = needs_of(samples, vehicle, seconds=1e-9 * np.array(times))
     # A trajectory that begins in motion is also started in motion: see --start.
     jumps = trajectory.jumps(0, period - 1)
     return Feasibility(
         needs=_worst(needs, limits, hover=vehicle.hover_throttle, ground=ground),
         over_time=needs,
+        samples=samples,
         limits=limits,
         jumps=tuple(1e-9 * jump for jump in jumps),
     )

@@ -91,22 +91,18 @@ class PointTable:
     yaw: Array | None = None
 
     def __post_init__(self) -> None:
-        """Raise :class:`UserError` for too few points and for times that do not increase."""
+        """Raise :class:`UserError` for too few points."""
         if len(self.seconds) < LEAST_POINTS:
             raise UserError(
                 f"{self.source}: {len(self.seconds)} points, expected at least {LEAST_POINTS}"
             )
-        values = [self.seconds[:, None], self.p_WB, *([] if self.yaw is None else [self.yaw])]
-        for index in np.flatnonzero(~np.isfinite(np.column_stack(values)).all(axis=1))[:1]:
-            raise UserError(f"{self.source}: point {index} (counted from 0) is not finite")
-        check_increasing(self.seconds, f"{self.source}: ")
 
 
-def check_increasing(seconds: Array, prefix: str = "") -> None:
+def check_increasing(seconds: Array) -> None:
     """Raise :class:`UserError` for times (n,) [s] that do not increase."""
     for index in np.flatnonzero(np.diff(seconds) <= 0.0)[:1]:
         raise UserError(
-            f"{prefix}the time of point {index + 1} (counted from 0), {seconds[index + 1]:g} s, "
+            f"the time of point {index + 1} (counted from 0), {seconds[index + 1]:g} s, "
             f"is not after the time of the previous point, {seconds[index]:g} s"
         )
 

@@ -139,12 +139,7 @@ def test_recorded_yaw_is_unwound() -> None:
     assert np.ptp(samples.yaw) == pytest.approx(6.0, abs=1.5)
 
 
-def test_invalid_recording_names_the_point() -> None:
-    seconds, p_WB = np.arange(8.0), np.zeros((8, 3))
-    with pytest.raises(UserError, match=r"run: the time of point 4 .* 1 s, is not after .* 3 s"):
-        PointTable(source="run", seconds=np.array([0, 1, 2, 3, 1, 5, 6, 7.0]), p_WB=p_WB)
-    p_WB[5, 1] = np.nan
-    with pytest.raises(UserError, match=r"run: point 5 .* is not finite"):
-        PointTable(source="run", seconds=seconds, p_WB=p_WB)
+def test_too_few_points_name_the_recording() -> None:
+    seconds = np.arange(5.0)
     with pytest.raises(UserError, match="run: 5 points, expected at least 6"):
-        PointTable(source="run", seconds=seconds[:5], p_WB=np.zeros((5, 3)))
+        PointTable(source="run", seconds=seconds, p_WB=np.zeros((5, 3)))

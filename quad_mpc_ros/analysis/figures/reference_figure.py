@@ -24,7 +24,6 @@ _START, _PATH, _VEHICLES = 4, 2, 3
 
 def write_reference(
     title: str,
-    samples: TrajectorySamples,
     verdict: Feasibility,
     path: Path,
     *,
@@ -35,8 +34,7 @@ def write_reference(
 
     Args:
         title: The title of the figure.
-        samples: Samples along the whole reference.
-        verdict: Required throttle and rates, and the limits.
+        verdict: Samples along the whole reference, required throttle and rates, limits.
         path: The file to write.
         course: The gates, if there are any.
         dpi: Resolution [1/inch].
@@ -46,7 +44,7 @@ def write_reference(
     """
     figure = style.new_figure(_WIDTH, _HEIGHT, dpi=dpi)
     grid = figure.add_gridspec(5, 2, width_ratios=(1.15, 1.0))
-    _draw_path(figure, grid[:, 0], samples, course)
+    _draw_path(figure, grid[:, 0], verdict.samples, course)
     _draw_needs(figure, [figure.add_subplot(grid[row, 1]) for row in range(5)], verdict)
     figure.suptitle(title, x=0.01, ha="left", fontsize=11, color=style.INK, fontweight="bold")
     style.save(figure, path)

@@ -28,13 +28,11 @@ def sample_reference(config: ReferenceConfig) -> ReferenceSamples:
 
     Raises :class:`UserError` if this is impossible, as for a file on another computer.
     """
-    trajectory, verdict = judged_trajectory(config)
-    seconds = verdict.over_time.seconds
-    chosen = seconds[:: max(len(seconds) // _MAX_SAMPLES, 1)]
-    samples = trajectory.at([round(1e9 * second) for second in chosen])
+    _, verdict = judged_trajectory(config)
+    samples = verdict.samples
     R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
     v_WB_B = np.einsum("nji,nj->ni", R_WB, samples.v_WB_W)
-    w_WB_B = np.einsum("nji,nj->ni", R_WB, samples.w_WB_W)
+    w_WB_B = verdict.over_time.w_WB_B
     return tuple(
         OdometrySample(
             stamp_ns=0,
@@ -44,7 +42,7 @@ def sample_reference(config: ReferenceConfig) -> ReferenceSamples:
             v_WB_B=v_WB_B[i],
             w_WB_B=w_WB_B[i],
         )
-        for i in range(len(chosen))
+        for i in range(0, len(samples.p_WB), max(len(samples.p_WB) // _MAX_SAMPLES, 1))
     )
 
 
