@@ -38,7 +38,6 @@ from typing import Any, ClassVar
 from quad_mpc_ros.control.estimation.ground_state import GroundState
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages.conversions import NewMessage, odometry_from_message
 from quad_mpc_ros.messages.topics import Topic
@@ -168,7 +167,7 @@ class Bridge(ABC):
         self._odometries: list[tuple[OdometrySample, EstimateReset | None]] = []
         self._warnings: list[str] = []
         self._handover = Handover(config.handover, by_pilot=self.pilot_switches_mode)
-        self._handover_conditions = HandoverConditions(config.handover)
+        self._handover_conditions = HandoverConditions()
         self._ground, self._mpc_ground = Ground(), GroundState.UNKNOWN
         self._arming: tuple[bool, int] | None = None  # requested state, and when [ns]
         self._refusal: list[str] = []  # refusal of that request
@@ -407,24 +406,11 @@ class Bridge(ABC):
             service=name, type_name=type_name, request=request, receive=receive, optional=optional
         )
 
-    def _estimator_subscription(self) -> Subscription:
-        """Return a subscription to the estimator of an :class:`EstimatorConfig`."""
-        config = self._config
-        return self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)
-
-    def _odometry_subscription(self, name: str, *, twist_frame: str) -> Subscription:
-        """Return a subscription to ``nav_msgs/Odometry`` of an estimator, in ENU.
-
-        ``twist_frame`` is the frame of the twist: ``child`` (body) or ``world``.
-        """
+    def _odometry_subscription(self, name: str) -> Subscription:
+        """Return a subscription to ``nav_msgs/Odometry`` of an estimator, in ENU."""
 
         def receive(message: Any, now_ns: int) -> OdometrySample | None:
-            odometry: OdometrySample | None = odometry_from_message(message)
-            if twist_frame == "world":
-                odometry = self._converted(
-                    name, lambda: with_body_twist(odometry_from_message(message))
-                )
-            return self._passed_on(odometry, now_ns=now_ns)
+            return self._passed_on(odometry_from_message(message), now_ns=now_ns)
 
         return Subscription(
             topic=Topic(name=name, type_name="nav_msgs/msg/Odometry"), receive=receive

@@ -75,26 +75,10 @@ class ThrustParameters(Configuration):
 
 @dataclass(frozen=True, kw_only=True)
 class HandoverParameters(Configuration):
-    """Conditions for engaging the MPC, and for releasing the vehicle."""
+    """Conditions for releasing the vehicle."""
 
     owner = "bridge.handover"
 
-    engage_tilt_max: float = _advanced(
-        0.35, doc="Largest tilt for engaging and arming.", unit="rad", above=0.0
-    )
-    engage_distance_max: float = _advanced(
-        1.0,
-        doc="Largest distance of the reference for engaging and arming; on the ground, a "
-        "reference below the vehicle is ignored.",
-        unit="m",
-        above=0.0,
-    )
-    engage_rate_max: float = _advanced(
-        2.0,
-        doc="Largest commanded body rate for engaging and arming.",
-        unit="rad/s",
-        above=0.0,
-    )
     release_after: float = _advanced(
         0.5,
         doc="The bridge releases the vehicle after this time without a fresh command, until it is "
@@ -126,8 +110,7 @@ class EstimatorConfig(BridgeConfig):
     """Parameters of a bridge that uses the odometry of an estimator outside the stack."""
 
     odometry_topic: str = parameter(
-        "stack_odom", doc="Topic of the estimator's nav_msgs/Odometry, in ENU."
-    )
-    twist_frame: str = parameter(
-        "child", doc="Frame of the twist: child (body) or world.", choices=("child", "world")
+        "stack_odom",
+        doc="Topic of the estimator's nav_msgs/Odometry, in ENU; for a twist in the world frame, "
+        "set odometry.twist_frame of the mpc.",
     )

@@ -34,6 +34,7 @@ _SWITCH_TIMEOUT_NS = 5 * _SECOND  # for the stack to switch its mode
 _BLOCKED_NS = 300_000_000  # shorter blockers of an offered handover are ignored
 _COMMAND_GAP_NS = 100_000_000  # without a fresh command: the stack may react to a longer gap
 _MAX_AGE, _MAX_REFERENCE_AGE = 0.5, 1.0  # s
+_MAX_TILT, _MAX_DISTANCE, _MAX_RATE = 20.0, 1.0, 2.0  # degrees, m, rad/s: to engage and arm
 _HOVER_THRUST_RATIOS = (0.5, 1.6)  # thrust over weight that roughly keeps the height
 
 
@@ -194,8 +195,7 @@ class LatestStatus:
 class HandoverConditions:
     """Conditions of a handover: the newest odometry, command and reference."""
 
-    def __init__(self, parameters: HandoverParameters) -> None:
-        self._limits = parameters
+    def __init__(self) -> None:
         self.odometry = LatestStatus(timeout=_MAX_AGE)
         self.command = LatestStatus(timeout=_MAX_AGE)
         """The newest command and its thrust-to-weight ratio."""
@@ -209,10 +209,9 @@ class HandoverConditions:
         odometry = self.odometry.value(now_ns=now_ns)
         if odometry is None:
             return "there is no fresh odometry"
-        tilt, most = math.acos(min(max(odometry.up, -1.0), 1.0)), self._limits.engage_tilt_max
-        if tilt > most:
-            degrees = math.degrees(tilt)
-            return f"the vehicle tilts by {degrees:.0f}°, engage_tilt_max is {most:g} rad"
+        tilt = math.degrees(math.acos(min(max(odometry.up, -1.0), 1.0)))
+        if tilt > _MAX_TILT:
+            return f"the vehicle tilts by {tilt:.0f}°, expected at most {_MAX_TILT:g}°"
         reference = self._reference_blocker(odometry, landed=landed, now_ns=now_ns)
         return reference or self._command_blocker(landed=landed, now_ns=now_ns)
 
@@ -230,10 +229,10 @@ class HandoverConditions:
             if rises > LEFT_GROUND_UNPOWERED:
                 return f"the reference climbs {rises:.2f} m: the vehicle would take off at once"
             away[2] = max(away[2], 0.0)
-        distance, most = float(np.linalg.norm(away)), self._limits.engage_distance_max
-        if distance <= most:
+        distance = float(np.linalg.norm(away))
+        if distance <= _MAX_DISTANCE:
             return ""
-        return f"the reference is {distance:.2f} m away, engage_distance_max is {most:g} m"
+        return f"the reference is {distance:.2f} m away, expected at most {_MAX_DISTANCE:g} m"
 
     def _command_blocker(self, *, landed: bool | None, now_ns: int) -> str:
         newest = self.command.value(now_ns=now_ns)
@@ -251,10 +250,10 @@ class HandoverConditions:
                 f"{least:g} to {most:g} {'on the ground' if landed else 'in the air'}"
             )
         fastest = max(map(abs, command.w_WB_B.tolist()))
-        if fastest > self._limits.engage_rate_max:
+        if fastest > _MAX_RATE:
             return (
-                f"the MPC would start with a body rate of {fastest:.1f} rad/s, engage_rate_max "
-                f"is {self._limits.engage_rate_max:g} rad/s"
+                f"the MPC would start with a body rate of {fastest:.1f} rad/s, expected at most "
+                f"{_MAX_RATE:g} rad/s"
             )
         return ""
 

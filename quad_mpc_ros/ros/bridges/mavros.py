@@ -72,9 +72,7 @@ class MavrosBridge(Bridge):
         state = self._topic("state", "mavros_msgs/msg/State", reliable=True, depth=10)
         battery = self._topic("battery", "sensor_msgs/msg/BatteryState")
         self.subscriptions = [
-            self._odometry_subscription(
-                f"{config.mavros}/local_position/odom", twist_frame="child"
-            ),
+            self._odometry_subscription(f"{config.mavros}/local_position/odom"),
             Subscription(topic=state, receive=self._state.receive),
             *self._battery_subscription(battery),
         ]

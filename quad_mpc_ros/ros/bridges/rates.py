@@ -55,7 +55,7 @@ class RatesBridge(SwitchedBridge):
         super().__init__(config, new)
         self.publications = (_SETPOINT,)
         battery = self._battery_subscription(_BATTERY)
-        self.subscriptions = [self._estimator_subscription(), *battery]
+        self.subscriptions = [self._odometry_subscription(config.odometry_topic), *battery]
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         """Return the rates in ``twist.angular`` and the thrust along body z in ``linear.z``."""

@@ -44,14 +44,14 @@ VARIANTS: dict[str, list[dict[str, Any]]] = {
     "mavros_bridge": [{}, {"thrust_map.kind": "linear"}],
     "mavlink_bridge": [
         {"odometry_topic": "stack_odom"},
-        {"odometry_topic": "stack_odom", "twist_frame": "world", "thrust_map.kind": "table"},
+        {"odometry_topic": "stack_odom", "thrust_map.kind": "table"},
     ],
     "rosflight_bridge": [{"thrust_map.kind": "table"}],
     "crazyswarm2_bridge": [{"thrust_map.kind": "linear"}],
     "rates_bridge": [
         {},
         {"thrust_unit": "newton", "body_frame": "frd", "angle_unit": "deg"},
-        {"thrust_unit": "mps2", "twist_frame": "world"},
+        {"thrust_unit": "mps2"},
     ],
 }
 

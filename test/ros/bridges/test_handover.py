@@ -160,7 +160,7 @@ class Scene:
     rises: float = 0.0
 
     def blocker(self) -> str:
-        surroundings = HandoverConditions(HandoverParameters())
+        surroundings = HandoverConditions()
         tilted = so3.quaternion_xyzw_from_rotation(so3.exp([self.tilt, 0.0, 0.0]))
         odometry = dataclasses.replace(
             OdometrySample.at_rest(PLACE, stamp_ns=T0), q_WB_xyzw=np.asarray(tilted)

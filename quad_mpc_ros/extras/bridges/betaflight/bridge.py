@@ -115,7 +115,7 @@ class BetaflightBridge(Bridge):
         self.pilot_switches_mode = config.receiver == "pilot"
         super().__init__(config, new)
         self.line = line_to(config.device, config.baud)
-        self.subscriptions = [self._estimator_subscription()]
+        self.subscriptions = [self._odometry_subscription(config.odometry_topic)]
         self._telemetry = BetaflightTelemetry()
         self._protocol = MspProtocol(self._telemetry)
         self._arming_ns: int | None = None

@@ -93,7 +93,7 @@ class CrazyflieBridge(Bridge):
     def __init__(self, config: CrazyflieConfig, new: NewMessage) -> None:
         super().__init__(config, new)
         self.line = CrazyflieLine(config.uri)
-        self.subscriptions = [self._estimator_subscription()]
+        self.subscriptions = [self._odometry_subscription(config.odometry_topic)]
         self._reader = crtp.PacketReader()
         self._session = Session()
         self._unlocking = 0

@@ -72,7 +72,7 @@ class MavlinkBridge(Bridge):
         self.line = line_to(config.device, config.baud)
         self.line.period = _LINE_PERIOD
         if config.odometry_topic:
-            self.subscriptions = [self._estimator_subscription()]
+            self.subscriptions = [self._odometry_subscription(config.odometry_topic)]
         self._codec: Codec | None = None
         self._autopilot: Autopilot | None = None
         self._settings = AutopilotParameters(())
