@@ -37,9 +37,10 @@ def write_new(option: str, path: Path, text: str, *, overwrite: bool) -> None:
 
     Raises :class:`UserError` for a file that exists by now, or cannot be written.
     """
+    check_writable(option, path, overwrite=overwrite)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, text, overwrite=overwrite)
+        write_atomically(path, text)
     except OSError as error:
         raise UserError(f"{option}: {path} cannot be written: {error.strerror}") from error
 

@@ -24,15 +24,6 @@ def test_a_file_is_written_and_replaced(tmp_path: Path) -> None:
     assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask
 
 
-def test_keeps_an_existing_file_without_overwrite(tmp_path: Path) -> None:
-    path = tmp_path / "a.txt"
-    write_atomically(path, "first", overwrite=False)
-    with pytest.raises(FileExistsError):
-        write_atomically(path, "second", overwrite=False)
-    assert path.read_text() == "first"
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_a_failure_keeps_the_previous_file(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     write_atomically(path, "first")

@@ -37,7 +37,7 @@ _MAX_TICK_CHARACTERS = 30  # of all names below one axis
 
 def write_figure(folder: Path, campaign: Campaign, rows: Sequence[Row]) -> None:
     """Draw the flights of a campaign as PNG into its folder. Raises ``OSError``."""
-    with placed(folder / FIGURE_NAME, overwrite=True) as draft:
+    with placed(folder / FIGURE_NAME) as draft:
         style.save(campaign_figure(campaign, rows), draft)
 
 

@@ -28,7 +28,7 @@ def write_table(folder: Path, rows: Sequence[Row], names: Sequence[str]) -> None
     Columns in order: ``flight``, the number; the varied parameters, vectors as ``name.0`` and so
     on; :data:`VERDICT`; the figures. Cells without a value are empty.
     """
-    write_atomically(folder / CSV_NAME, csv_text(rows, names), overwrite=True)
+    write_atomically(folder / CSV_NAME, csv_text(rows, names))
 
 
 def csv_text(rows: Iterable[Row], names: Sequence[str]) -> str:
