@@ -94,7 +94,7 @@ DIFFERENCE = 1e-6  # of states, for the Jacobians of predictions
 
 VERTICAL_BOUND = 3.0  # m/s^2
 SCALE_BOUNDS = (0.5, 1.5)
-SHORTEST_THRUST_LAG, LAG_FACTOR = 0.2, 2.0  # factors on the thrust's time constant
+LAG_FACTOR = 2.0  # of the thrust's time constant, either way
 # Factors on the rates' time constants: quick and slow rate loops with the default of 70 ms, and
 # delays shorter than configured.
 SHORTEST_RATE_LAG, LONGEST_RATE_LAG = 0.05, 8.0

@@ -188,12 +188,11 @@ class GroundDetector(Stage):
         below = wanted < height - HEIGHT
         rests = not self._climbs and (speed < _MOVING_SPEED or below)
         sinks = lowest < wanted - _MIN_HEIGHT_CHANGE
-        descends = rests and (below or sinks)
-        self._lands = descends and self._is_low(height)
+        self._lands = rests and (below or sinks) and self._is_low(height)
         if self._climbs:
             found += (GroundEvidence.CLIMBS,)
         touches = below and self._might_be_down(height, sinks=sinks)
-        if (rests and touches) or (descends and self._meets_ground()):
+        if rests and (touches or self._meets_ground(sinks=sinks)):
             found += (GroundEvidence.TOUCHES,)
         if self._has_left() or self._is_moving():
             found += (GroundEvidence.LEFT,)
@@ -254,15 +253,15 @@ class GroundDetector(Stage):
         carried = sinks and self._motion.now.carried
         return self._motion.now.speed < SLOW and (carried or self.idle_wanted or low)
 
-    def _meets_ground(self) -> bool:
+    def _meets_ground(self, *, sinks: bool) -> bool:
         """Whether a landing has just met the ground, before the reference is far below it.
 
         On the ground the reported velocity still drifts. Tilting against the drift would only
-        make the vehicle lean. Where the ground is unknown or higher, the impact must also have
-        stopped the descent.
+        make the vehicle lean. Where the ground is unknown or higher, the impact must have stopped
+        the descent although the reference sinks.
         """
         motion = self._motion.now
-        stopped = abs(motion.climb) < _STOPPED
+        stopped = sinks and abs(motion.climb) < _STOPPED
         met = motion.impact > _MIN_IMPACT and (self._lands or stopped)
         remains = self.state is GroundState.TOUCHING_DOWN and stopped
         return motion.speed < SLOW and (met or remains)

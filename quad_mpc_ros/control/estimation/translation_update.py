@@ -25,7 +25,6 @@ from quad_mpc_ros.control.estimation.filter_state import (
     MIN_DRAG_MARGIN,
     MOTION,
     SCALE_BOUNDS,
-    SHORTEST_THRUST_LAG,
     VERTICAL_BOUND,
     VERTICAL_TIME,
     Filter,
@@ -331,15 +330,15 @@ def _constrain_translation(state: Filter, considered: Array) -> None:
     """Project the parameters into their bounds."""
     x, P, nominal = state.translation.x, state.translation.P, state.nominal
     lag, drag, d = nominal.thrust_time_constant, nominal.drag, MOTION.disturbance
-    farthest = state.bounds.disturbance_max
-    latest = lag * LAG_FACTOR + (MAX_THRUST_DELAY if lag > 0.0 else 0.0)
+    factor, farthest = LAG_FACTOR, state.bounds.disturbance_max
+    latest = lag * factor + (MAX_THRUST_DELAY if lag > 0.0 else 0.0)
     least, most = DRAG_FACTORS
     bounds = (
         (d, -farthest, farthest),
         (d + 1, -farthest, farthest),
         (d + 2, -VERTICAL_BOUND, VERTICAL_BOUND),
         (MOTION.drag, least * drag, max(most * drag, drag + MIN_DRAG_MARGIN)),
-        (MOTION.lag, lag * SHORTEST_THRUST_LAG, latest),
+        (MOTION.lag, lag / factor, latest),
         (MOTION.scale, SCALE_BOUNDS[0], SCALE_BOUNDS[1]),
     )
     for i, low, high in bounds:
