@@ -33,8 +33,9 @@ from quad_mpc_ros.analysis.identification.report import parameter_file
 from quad_mpc_ros.analysis.identification.result import Identification
 from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.extras.campaigns.campaign_file import located_campaign, read_campaign
-from quad_mpc_ros.extras.campaigns.flight import TruthLog
-from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
+from quad_mpc_ros.recordings.evaluation.crash import crash_of
+from quad_mpc_ros.recordings.evaluation.metrics import position_errors
+from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, FlightLog
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
@@ -49,14 +50,14 @@ VehicleParameters = Mapping[str, Mapping[str, Any]]
 
 def rmse(config: FlightConfig, *, settle_time: float) -> tuple[float, float]:
     """Return the RMSE of the true position over a flight, and settled [cm]; NaN if it crashed."""
-    log = TruthLog()
+    log = FlightLog(config.mpc)
     for step in fly(mpc=config.mpc, simulator=config.simulator, reference=config.reference):
         log.take(step)
-    truth = log.truth()
-    error = np.linalg.norm(truth.motion.p_WB - truth.motion.p_WB_reference, axis=1)
-    if truth.crash():
+    truth = log.with_truth(log.flight(config))
+    error = position_errors(truth)
+    if crash_of(truth):
         return math.nan, math.nan
-    parts = error, error[truth.motion.time >= settle_time]
+    parts = error, error[truth.time >= settle_time]
     whole, settled = (100.0 * math.sqrt(np.mean(part**2)) for part in parts)
     return whole, settled
 

@@ -46,8 +46,10 @@ from quad_mpc_ros.extras.campaigns.campaign_file import (
     located_campaign,
     read_content,
 )
-from quad_mpc_ros.extras.campaigns.flight import TruthLog
+from quad_mpc_ros.extras.campaigns.flight import figures_of
+from quad_mpc_ros.recordings.evaluation.crash import crash_of
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
+from quad_mpc_ros.recordings.evaluation.simulated import FlightLog
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.internal_plant import InternalPlant, constants
@@ -237,17 +239,19 @@ class Figures(NamedTuple):
 
 def flown(name: str, number: int) -> Figures:
     """Fly a flight of a source."""
-    campaign, log, left = _campaign(name), TruthLog(), False
-    for step in steps(campaign.plan(number), SOURCES[name].way):
+    campaign, left = _campaign(name), False
+    plan = campaign.plan(number)
+    log = FlightLog(plan.config.mpc)
+    for step in steps(plan, SOURCES[name].way):
         log.take(step)
         left |= step.tick is not None and step.tick.stats.source in FALLBACKS
-    truth = log.truth()
-    found = truth.figures(settle_time=campaign.settle_time)
+    truth = log.with_truth(log.flight(plan.config))
+    found = figures_of(truth, settle_time=campaign.settle_time)
     mean, largest, tilt = (
         math.nan if (value := found[key]) is None else value
         for key in ("settled_error_mean_m", "settled_error_max_m", "tilt_max_rad")
     )
-    crashed = truth.crash() is not None
+    crashed = crash_of(truth) is not None
     if SOURCES[name].way == "tumbling":  # it begins upside down and falls at first
         crashed = not largest < RECOVERED
     return Figures(mean, largest, tilt, crashed=crashed, left=left)

@@ -28,6 +28,9 @@ from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.recordings.logs import Log, Stamps
 from quad_mpc_ros.simulation.shapes import Scene
 
+STATES = ("p_WB", "q_WB_xyzw", "v_WB_B", "w_WB_B")
+"""Fields of an odometry with the state of the vehicle."""
+
 _CLEARANCE_SAMPLES = 5  # two odometries, at which a clearance is taken
 _GAP_PERIODS = 2.5  # of the odometry: less is jitter
 
@@ -183,11 +186,10 @@ def flown_arrays(
     command_ns, sent = first_by_stamp(commands.stamp_ns, end_ns=end_ns)
     figures = ticks.columns()
     _, tick = first_by_stamp(figures["stamp_ns"], end_ns=end_ns)
-    names = ("p_WB", "q_WB_xyzw", "v_WB_B", "w_WB_B")
     return {
         "stamp_ns": stamp_ns,
         "publish_time_ns": odometry.publish_time_ns[first],
-        **{name: odometry.column(name)[first] for name in names},
+        **{name: odometry.column(name)[first] for name in STATES},
         "commands": CommandTrack(
             stamp_ns=command_ns,
             publish_time_ns=commands.publish_time_ns[sent],

@@ -10,20 +10,24 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from quad_mpc_ros.configuration import files
-from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.extras.campaigns.campaign import SCHEMA, Campaign, FlightPlan
 from quad_mpc_ros.extras.campaigns.table import NUMBER, VERDICT, Row
-from quad_mpc_ros.recordings.evaluation.crash import Crash, TrackedMotion, crash_figures, tilts
-from quad_mpc_ros.recordings.evaluation.metrics import Summary, summarise
+from quad_mpc_ros.recordings.evaluation.crash import (
+    crash_figures,
+    crash_of,
+    tilts,
+    was_airborne,
+)
+from quad_mpc_ros.recordings.evaluation.metrics import Summary, position_errors, summarise
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, FlightLog
-from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
-from quad_mpc_ros.simulation.surroundings import Collision
+from quad_mpc_ros.recordings.flight import Flight
+from quad_mpc_ros.simulation.closed_loop import fly
 
 FIGURES = (
     "settled_error_mean_m",
@@ -56,77 +60,21 @@ _SUMMARY_KEYS = (
 _ITERATION_KEYS = ("p50", "p99", "max")
 
 
-@dataclass(kw_only=True)
-class TruthLog:
-    """The true states of a flight at each odometry, with the reference."""
-
-    stamps_ns: list[int] = field(default_factory=list)
-    rows: list[Array] = field(default_factory=list)
-    behind: list[float] = field(default_factory=list)
-    collision: Collision | None = None
-
-    def take(self, step: LoopStep) -> None:
-        """Add a step."""
-        truth, window = step.truth, step.window
-        self.collision = step.collision
-        self.stamps_ns.append(truth.stamp_ns)
-        self.rows += (truth.p_WB, truth.v_WB_B, truth.w_WB_B, truth.q_WB_xyzw)
-        self.rows += (window.p_WB[0], window.q_WB_xyzw[0])
-        before = self.behind[-1] if self.behind else 0.0
-        self.behind.append(before if step.tick is None else step.tick.behind)
-
-    def truth(self) -> Truth:
-        """Return the states as arrays."""
-        stamps_ns = np.array(self.stamps_ns, dtype=np.int64)
-        rows = np.concatenate(self.rows).reshape(len(stamps_ns), -1)
-        p, v, w, q, p_reference, q_reference = np.split(rows, [3, 6, 9, 13, 16], axis=1)
-        motion = TrackedMotion(
-            time=1e-9 * (stamps_ns - stamps_ns[0]),
-            p_WB=p,
-            tilt=tilts(q),
-            p_WB_reference=p_reference,
-            tilt_reference=tilts(q_reference),
-        )
-        motion = motion.late(np.array(self.behind))
-        return Truth(motion=motion, v_WB_B=v, w_WB_B=w, collision=self.collision)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Truth:
-    """True states at n odometries: the motion, ``v_WB_B`` [m/s] and ``w_WB_B`` [rad/s] (n, 3).
-
-    ``collision`` is the collision that ended the flight, if any.
-    """
-
-    motion: TrackedMotion
-    v_WB_B: Array
-    w_WB_B: Array
-    collision: Collision | None = None
-
-    def crash(self) -> Crash | None:
-        """Return the first crash, if any."""
-        found = [self.motion.crash()]
-        if self.collision is not None:
-            found.append(Crash(kind="obstacle", time=self.collision.time))
-        return min(filter(None, found), key=lambda crash: crash.time, default=None)
-
-    def figures(self, *, settle_time: float) -> dict[str, float | None]:
-        """Return the values of :data:`FIGURES`; ``settled`` figures start at a time [s]."""
-        motion = self.motion
-        settled = motion.time >= settle_time
-        error = np.linalg.norm(motion.p_WB_reference - motion.p_WB, axis=1)[settled]
-        speed = np.linalg.norm(self.v_WB_B, axis=1)
-        flown = motion.p_WB[motion.was_airborne(), 2]
-        values = (
-            float(error.mean()) if len(error) else None,
-            float(error.max()) if len(error) else None,
-            float(motion.tilt.max()),
-            float(motion.tilt[settled].max()) if len(error) else None,
-            float(speed.max()),
-            float(flown.min()) if len(flown) else None,
-            float(np.sqrt(np.mean(np.sum(self.w_WB_B**2, axis=1)))),
-        )
-        return dict(zip(FIGURES, values, strict=True))
+def figures_of(flight: Flight, *, settle_time: float) -> dict[str, float | None]:
+    """Return the values of :data:`FIGURES`; ``settled`` figures start at a time [s]."""
+    settled = flight.time >= settle_time
+    error, tilt = position_errors(flight)[settled], tilts(flight.q_WB_xyzw)
+    flown = flight.p_WB[was_airborne(flight.p_WB), 2]
+    values = (
+        float(error.mean()) if len(error) else None,
+        float(error.max()) if len(error) else None,
+        float(tilt.max()),
+        float(tilt[settled].max()) if len(error) else None,
+        float(np.linalg.norm(flight.v_WB_B, axis=1).max()),
+        float(flown.min()) if len(flown) else None,
+        float(np.sqrt(np.mean(np.sum(flight.w_WB_B**2, axis=1)))),
+    )
+    return dict(zip(FIGURES, values, strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,20 +116,17 @@ def fly_one(campaign: Campaign, number: int) -> FlownFlight:
 def _figures(plan: FlightPlan, *, settle_time: float) -> dict[str, Any]:
     """Fly, and return the columns of the crash and the figures."""
     mpc, simulator, reference = plan.config
-    truth_log, flight_log = TruthLog(), FlightLog(mpc)
+    log = FlightLog(mpc)
     for step in fly(mpc=mpc, simulator=simulator, reference=reference, trajectory=plan.trajectory):
-        truth_log.take(step)
-        flight_log.take(step)
-    truth = truth_log.truth()
-    figures = {
-        **_scalars(summarise(flight_log.flight(plan.config))),
-        **truth.figures(settle_time=settle_time),
-    }
+        log.take(step)
+    flight = log.flight(plan.config)
+    truth = log.with_truth(flight)
+    figures = {**_scalars(summarise(flight)), **figures_of(truth, settle_time=settle_time)}
     finite = {
         name: value if value is not None and math.isfinite(value) else None
         for name, value in figures.items()
     }
-    return {**crash_figures(truth.crash()), **finite}
+    return {**crash_figures(crash_of(truth)), **finite}
 
 
 def _scalars(summary: Summary) -> dict[str, Any]:

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -55,18 +54,6 @@ class TrackedMotion:
     p_WB_reference: Array
     tilt_reference: Array
 
-    def late(self, behind: Array) -> TrackedMotion:
-        """Return the motion with the reference delayed by times (n,) [s]."""
-        if not behind.any():
-            return self
-        at = self.time - behind
-        p_WB = [np.interp(at, self.time, axis) for axis in self.p_WB_reference.T]
-        return dataclasses.replace(
-            self,
-            p_WB_reference=np.column_stack(p_WB),
-            tilt_reference=np.interp(at, self.time, self.tilt_reference),
-        )
-
     def crash(self) -> Crash | None:
         """Return the first crash: into the ground in flight, upside down, or far away."""
         found = [
@@ -80,13 +67,9 @@ class TrackedMotion:
         ]
         return min(found, key=lambda crash: crash.time, default=None)
 
-    def was_airborne(self) -> NDArray[np.bool_]:
-        """Return at which odometries the vehicle had already been in the air."""
-        return np.asarray(np.logical_or.accumulate(self.p_WB[:, 2] > _AIRBORNE_HEIGHT))
-
     def _hits_ground(self) -> NDArray[np.bool_]:
         """Return where the vehicle is on the ground after flight, unintended or too fast."""
-        down = (self.p_WB[:, 2] <= 0.0) & self.was_airborne()
+        down = (self.p_WB[:, 2] <= 0.0) & was_airborne(self.p_WB)
         asked = self.p_WB_reference[:, 2] <= _AIRBORNE_HEIGHT
         return np.asarray(down & ((self._descent() > _MAX_LANDING_SPEED) | ~asked))
 
@@ -134,8 +117,13 @@ class TrackedMotion:
         return np.asarray(np.linalg.norm(outside, axis=1) > _MAX_DISTANCE)
 
 
+def was_airborne(p_WB: Array) -> NDArray[np.bool_]:
+    """Return at which of successive positions (n, 3) the vehicle had already been in the air."""
+    return np.asarray(np.logical_or.accumulate(p_WB[:, 2] > _AIRBORNE_HEIGHT))
+
+
 def crash_of(flight: Flight) -> Crash | None:
-    """Return the crash of a flight from its odometry, if any; requires a reference."""
+    """Return the first crash of a flight, if any; requires a reference."""
     followed = flight.followed
     if followed is None:
         return None

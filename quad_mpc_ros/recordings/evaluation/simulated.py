@@ -19,8 +19,10 @@ from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, Re
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.recordings.flight import (
+    STATES,
     Flight,
     ReferenceSampler,
+    first_by_stamp,
     flown_arrays,
 )
 from quad_mpc_ros.recordings.logs import Log, Received, T
@@ -190,14 +192,15 @@ class FlightLog:
     def __init__(self, mpc: MpcConfig, scene: Scene | None = None) -> None:
         """Take the controller, and obstacles that replace the simulator's file."""
         self._vehicle, self._scene = mpc.vehicle(), scene
-        self._odometry, self._commands = Log(OdometrySample), Log(CommandSample)
-        self._stats = Log(TickStats)
+        self._odometry, self._truth = Log(OdometrySample), Log(OdometrySample)
+        self._commands, self._stats = Log(CommandSample), Log(TickStats)
         self._windows: list[ReferenceWindow] = []
 
     def take(self, step: LoopStep) -> None:
         """Take the next step."""
         stamp_ns = step.odometry.stamp_ns
         self._odometry.append(_at(stamp_ns, step.odometry))
+        self._truth.append(_at(stamp_ns, step.truth))
         self._windows.append(step.window)
         if step.command is not None:
             self._commands.append(_at(stamp_ns, step.command))
@@ -217,6 +220,12 @@ class FlightLog:
             mpc=config.mpc,
             scene=self._scene or configured_scene(config.simulator.obstacles),
         )
+
+    def with_truth(self, flight: Flight) -> Flight:
+        """Return the flight of these steps with the true states in place of the measured ones."""
+        _, first = first_by_stamp(self._odometry.stamp_ns)
+        states: dict[str, Any] = {name: self._truth.column(name)[first] for name in STATES}
+        return dataclasses.replace(flight, **states)
 
 
 def _at(stamp_ns: int, value: T) -> Received[T]:

@@ -8,21 +8,32 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from quad_mpc_ros import MpcConfig, ReferenceConfig, SimulatorConfig
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.extras.campaigns.flight import FIGURES, TruthLog
+from quad_mpc_ros.extras.campaigns.flight import FIGURES, figures_of
+from quad_mpc_ros.recordings.evaluation import crash
+from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, FlightLog
 from quad_mpc_ros.simulation.closed_loop import LoopStep
-from quad_mpc_ros.simulation.surroundings import Collision
+from quad_mpc_ros.simulation.shapes import Scene, Sphere
 
 HOVER = np.array([0.0, 0.0, 2.0])
 
 
-def flown(p_WB, *, tilts=None, reference=HOVER, reference_tilts=None, v_WB_B=(0.0, 0.0, 0.0)):
+def flown(
+    p_WB,
+    *,
+    tilts=None,
+    reference=HOVER,
+    reference_tilts=None,
+    v_WB_B=(0.0, 0.0, 0.0),
+    scene=None,
+):
     """Return the truth of a flight at 10 Hz through positions (n, 3), rolled by angles (n,)."""
     count = len(p_WB)
     tilts = np.zeros(count) if tilts is None else np.asarray(tilts)
     reference_tilts = np.zeros(count) if reference_tilts is None else np.asarray(reference_tilts)
     reference = np.broadcast_to(reference, (count, 3))
-    log = TruthLog()
+    log = FlightLog(MpcConfig(), scene)
     for k in range(count):
         # Yaw and the sign of the quaternion say nothing of the tilt.
         attitude = (Rotation.from_euler("z", 0.7) * Rotation.from_euler("x", tilts[k])).as_quat()
@@ -44,7 +55,7 @@ def flown(p_WB, *, tilts=None, reference=HOVER, reference_tilts=None, v_WB_B=(0.
         )
         log.take(
             LoopStep(
-                odometry=truth,
+                odometry=replace(truth, p_WB=truth.p_WB + 100.0),
                 truth=truth,
                 sent_ns=truth.stamp_ns,
                 window=window,
@@ -52,7 +63,9 @@ def flown(p_WB, *, tilts=None, reference=HOVER, reference_tilts=None, v_WB_B=(0.
                 command=None,
             )
         )
-    return log.truth()
+    return log.with_truth(
+        log.flight(FlightConfig(MpcConfig(), SimulatorConfig(), ReferenceConfig()))
+    )
 
 
 def line(*heights):
@@ -60,8 +73,8 @@ def line(*heights):
 
 
 def crash_of(truth):
-    crash = truth.crash()
-    return None if crash is None else (crash.kind, round(crash.time, 6))
+    found = crash.crash_of(truth)
+    return None if found is None else (found.kind, round(found.time, 6))
 
 
 DESCENT = line(0.3, 0.2, 0.1, 0.0, 0.0, 0.0)
@@ -135,18 +148,17 @@ def test_figures():
     heights = [0.0, 0.5, 0.2, 2.0, 2.1, 1.9]
     tilts = np.radians([0, 30, 10, 5, 2, 3])
     truth = flown(line(*heights), tilts=tilts, v_WB_B=(1.0, 2.0, 2.0))
-    figures = truth.figures(settle_time=0.3)
+    figures = figures_of(truth, settle_time=0.3)
     expected = (0.2 / 3, 0.1, np.radians(30), np.radians(5), 3.0, 0.2, 3.0)
     assert list(figures) == list(FIGURES)
     assert list(figures.values()) == pytest.approx(list(expected), abs=1e-12)
 
 
 def test_a_vehicle_that_never_flew_has_no_lowest_altitude():
-    assert flown(line(0.0, 0.0)).figures(settle_time=0.0)["altitude_min_m"] is None
+    assert figures_of(flown(line(0.0, 0.0)), settle_time=0.0)["altitude_min_m"] is None
 
 
 def test_a_flight_that_a_collision_ended_has_crashed():
-    truth = replace(flown(line(1.0, 1.0)), collision=Collision(0.07, np.zeros(3), 2.0))
-    assert crash_of(truth) == ("obstacle", 0.07)
-    earlier = replace(flown(line(1.0, 0.0, 0.0)), collision=Collision(0.27, np.zeros(3), 2.0))
-    assert crash_of(earlier)[0] == "ground"
+    scene = Scene([Sphere(p_WO=np.array([0.0, 0.0, 3.0]), radius=0.5)])
+    assert crash_of(flown(line(1.0, 1.5, 2.4), scene=scene)) == ("obstacle", 0.2)
+    assert crash_of(flown(line(1.0, 0.0, 0.0, 2.9), scene=scene)) == ("ground", 0.1)
