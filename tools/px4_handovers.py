@@ -58,12 +58,16 @@ CUSTOM, ARMED = 1, 128  # bits of MAV_MODE_FLAG
 
 
 class Handover(NamedTuple):
-    """An action, and the expected source of commands afterwards, for a time [s]."""
+    """An action, and the expected source of commands afterwards, for a time [s].
+
+    ``sticks``: it requires sticks.
+    """
 
     name: str
     act: Callable[[Rig], None]
     offboard: bool
     seconds: float = 8.0
+    sticks: bool = False
 
 
 class Station:
@@ -287,10 +291,6 @@ def px4_takes_off(rig: Rig) -> None:
     rig.wait(lambda: rig.height > 1.5 and rig.station.mode == HOLD, "hovering by itself")
 
 
-STICKS = (
-    Handover("pilot takes over by a stick", pilot_moves_a_stick, offboard=False),
-    Handover("pilot gives back: engaged", engage, offboard=True),
-)
 FLIGHTS = (
     Handover("take-off by the MPC", take_off, offboard=True),
     Handover("MPC killed: PX4's failsafe", kill, offboard=False),
@@ -298,6 +298,8 @@ FLIGHTS = (
     Handover("engaged in the air", engage, offboard=True),
     Handover("pilot takes over by mode", pilot_takes_over, offboard=False),
     Handover("pilot gives back: engaged", engage, offboard=True),
+    Handover("pilot takes over by a stick", pilot_moves_a_stick, offboard=False, sticks=True),
+    Handover("pilot gives back: engaged", engage, offboard=True, sticks=True),
     Handover("landed, disarmed by PX4", land, offboard=True, seconds=3.0),
     Handover("take-off by PX4", px4_takes_off, offboard=False),
     Handover("engaged after PX4's take-off", engage, offboard=True),
@@ -353,7 +355,9 @@ def main() -> int:
             print(f"PX4: {error} within {PATIENCE:.0f} s", flush=True)
             return 1
         print(f"{'handover':32} {'flies':>10} {'tilt beyond [deg]':>18}", flush=True)
-        for each in (*FLIGHTS[:6], *(STICKS if options.sticks else ()), *FLIGHTS[6:]):
+        for each in FLIGHTS:
+            if each.sticks and not options.sticks:
+                continue
             rig.tilt = 0.0
             try:
                 each.act(rig)

@@ -287,9 +287,8 @@ class DelayCompensation(Stage):
             permitted = self._ground.learning
             if self._ground.state.is_on_ground:
                 self._ekf.restore()
-        if self._was_idle:
-            self._was_idle = not self._history.acts_at(previous_ns - _ACTUATOR_SETTLING_NS)
-        if not self._learns or not self._engaged or self._was_idle:
+        settles = self._was_idle and not self._history.acts_at(previous_ns - _ACTUATOR_SETTLING_NS)
+        if settles or not (self._learns and self._engaged):
             return UpdateMode.HOLD
         if permitted is UpdateMode.LEARN:
             self._ekf.keep(previous_ns)

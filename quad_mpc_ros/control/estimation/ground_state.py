@@ -53,7 +53,7 @@ class GroundEvidence(enum.Enum):
     )
     RESTS = "the vehicle holds its height with too little thrust to fly"
     CLIMBS = "the reference climbs, or is above the vehicle"
-    TOUCHES = "the reference sinks, and the slow vehicle is carried, low or commanded to idle"
+    TOUCHES = "the reference sinks; the slow vehicle is carried, low, idle or has met the ground"
 
 
 class Transition(NamedTuple):
