@@ -18,6 +18,7 @@ this module.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from quad_mpc_ros.control.estimation.crash import FAST, SLOW, CrashDetector
 from quad_mpc_ros.control.estimation.ground_motion import MotionFilter
@@ -53,9 +54,29 @@ _MOVING_SPEED = 0.5 * FAST  # m/s, filtered: with a change of height, faster veh
 _SLIPPING_SPEED = 0.5 * SLOW  # m/s, horizontal with thrust: the vehicle has left the ground
 _CLIMB_SPEED = 0.3  # m/s, with thrust, half of HEIGHT above the ground: it has left the ground
 _NEAR_GROUND = 0.5  # m above the place on the ground, as odometry drifts
-_MIN_IMPACT = 0.2  # m/s: near the ground, or if it has stopped, a sinking vehicle has met it
-_STOPPED = 0.1  # m/s, filtered climb rate of a vehicle that should sink
+_MIN_IMPACT = 0.2  # m/s: a sinking vehicle near the ground has met it
+# Climb rate, recent sink rate and impact [m/s] of a vehicle that has stopped sinking, and its
+# share of the sink rate of the reference.
+_STOPPED, _MIN_STOP, _STOPPED_SHARE = 0.1, 0.1, 0.5
 _MIN_HEIGHT_CHANGE = 0.01  # m within its window: the reference climbs or sinks
+
+
+class _WantedMotion(NamedTuple):
+    """Motion of the reference within its window: heights [m], speed and climb rate [m/s].
+
+    ``speed`` is the largest one. Heights are -inf if the reference is idle.
+    """
+
+    height: float = -math.inf
+    lowest: float = -math.inf
+    highest: float = -math.inf
+    speed: float = 0.0
+    climb: float = 0.0
+
+    @property
+    def sinks(self) -> bool:
+        """Whether it sinks within the window."""
+        return self.lowest < self.height - _MIN_HEIGHT_CHANGE
 
 
 class GroundDetector(Stage):
@@ -74,7 +95,7 @@ class GroundDetector(Stage):
         self._engaged = True
         self._motion = MotionFilter(gravity)
         self._window: ReferenceWindow | None = None
-        self._reference_heights = 0.0, 0.0, 0.0, 0.0
+        self._wanted = _WantedMotion()
         self._forget()
 
     def _forget(self) -> None:
@@ -183,16 +204,16 @@ class GroundDetector(Stage):
             return (GroundEvidence.LIES,)
         found: tuple[GroundEvidence, ...] = ()
         height = float(odometry.p_WB[2])
-        wanted, lowest, highest, speed = self._heights_of(window, height)
-        self._climbs = highest > height + HEIGHT or highest > wanted + _MIN_HEIGHT_CHANGE
-        below = wanted < height - HEIGHT
-        rests = not self._climbs and (speed < _MOVING_SPEED or below)
-        sinks = lowest < wanted - _MIN_HEIGHT_CHANGE
-        self._lands = rests and (below or sinks) and self._is_low(height)
+        wanted = self._wanted_motion(window, height)
+        climbs_later = wanted.highest > wanted.height + _MIN_HEIGHT_CHANGE
+        self._climbs = wanted.highest > height + HEIGHT or climbs_later
+        below = wanted.height < height - HEIGHT
+        rests = not self._climbs and (wanted.speed < _MOVING_SPEED or below)
+        self._lands = rests and (below or wanted.sinks) and self._is_low(height)
         if self._climbs:
             found += (GroundEvidence.CLIMBS,)
-        touches = below and self._might_be_down(height, sinks=sinks)
-        if rests and (touches or self._meets_ground(sinks=sinks)):
+        touches = below and self._might_be_down(height, sinks=wanted.sinks)
+        if rests and (touches or self._meets_ground(wanted)):
             found += (GroundEvidence.TOUCHES,)
         if self._has_left() or self._is_moving():
             found += (GroundEvidence.LEFT,)
@@ -200,22 +221,17 @@ class GroundDetector(Stage):
             found += (GroundEvidence.RESTS,)
         return found
 
-    def _heights_of(
-        self, window: ReferenceWindow | None, height: float
-    ) -> tuple[float, float, float, float]:
-        """Return current, lowest and highest height [m] and largest speed [m/s] of the reference.
-
-        Heights are -inf if the reference is idle, and the vehicle's without a reference.
-        """
+    def _wanted_motion(self, window: ReferenceWindow | None, height: float) -> _WantedMotion:
+        """Return the motion of the reference; without one it holds the vehicle's height [m]."""
         if self.idle_wanted:
-            return -math.inf, -math.inf, -math.inf, 0.0
+            return _WantedMotion()
         if window is None:
-            return height, height, height, 0.0
+            return _WantedMotion(height, height, height)
         if window is not self._window:
             self._window, heights = window, window.p_WB[:, 2].tolist()
-            speed = kernels.largest_length(window.v_WB_W)
-            self._reference_heights = heights[0], min(heights), max(heights), speed
-        return self._reference_heights
+            speed, climb = kernels.largest_length(window.v_WB_W), float(window.v_WB_W[0, 2])
+            self._wanted = _WantedMotion(heights[0], min(heights), max(heights), speed, climb)
+        return self._wanted
 
     def _follow_ground(self, odometry: OdometrySample) -> None:
         """Update the position on the ground, as the estimate drifts."""
@@ -253,7 +269,7 @@ class GroundDetector(Stage):
         carried = sinks and self._motion.now.carried
         return self._motion.now.speed < SLOW and (carried or self.idle_wanted or low)
 
-    def _meets_ground(self, *, sinks: bool) -> bool:
+    def _meets_ground(self, wanted: _WantedMotion) -> bool:
         """Whether a landing has just met the ground, before the reference is far below it.
 
         On the ground the reported velocity still drifts. Tilting against the drift would only
@@ -261,10 +277,12 @@ class GroundDetector(Stage):
         the descent although the reference sinks.
         """
         motion = self._motion.now
-        stopped = sinks and abs(motion.climb) < _STOPPED
-        met = motion.impact > _MIN_IMPACT and (self._lands or stopped)
-        remains = self.state is GroundState.TOUCHING_DOWN and stopped
-        return motion.speed < SLOW and (met or remains)
+        behind = motion.climb > _STOPPED_SHARE * wanted.climb
+        stays = wanted.sinks and behind and abs(motion.climb) < _STOPPED
+        stopped = stays and motion.recent_climb < -_MIN_STOP and motion.impact > _MIN_STOP
+        near = self._lands and motion.impact > _MIN_IMPACT
+        remains = self.state is GroundState.TOUCHING_DOWN and stays
+        return motion.speed < SLOW and (near or stopped or remains)
 
     def _is_low(self, height: float) -> bool:
         """Whether the vehicle is near the height of the ground."""

@@ -25,7 +25,7 @@ _ODOMETRY_TIME, _THRUST_TIME, _FLIGHT_TIME = 0.1, 0.3, 2.0
 _REDUCED_THRUST = 0.8  # share of the thrust in flight below which the vehicle must fall
 _EXPECTED_SINK = 0.2  # m/s, expected change of the sink rate before it is compared
 _MIN_SINK_SHARE = 0.3  # of the expected change; below it the ground carries the vehicle
-# Time constants [s] with which an impact is forgotten, and of the thrust before the impact.
+# Time constants [s] with which an impact is forgotten, and of thrust and climb rate before it.
 _IMPACT_TIME, _RECENT_TIME = 0.5, 1.0
 _NOISE_TIME = 2.0  # s, of the unexplained changes of the climb rate
 _MIN_IMPACT_RATIO = 5.0  # of an impact to their root mean square; noise of an odometry sums to 3.5
@@ -34,6 +34,7 @@ _MIN_IMPACT_RATIO = 5.0  # of an impact to their root mean square; noise of an o
 class VehicleMotion(NamedTuple):
     """Filtered motion: horizontal, vertical and total speed [m/s], height [m].
 
+    ``recent_climb`` [m/s] is the mean climb rate of the last second.
     ``displacement`` and ``rise`` [m] are relative to the position on the ground, or the first
     position. ``lift`` is the vertical thrust as a share of the weight; ``carried``: the ground
     seems to carry the vehicle; ``impact`` [m/s]: recent rise of the climb rate that neither thrust
@@ -49,6 +50,7 @@ class VehicleMotion(NamedTuple):
     lift: float = 0.0
     carried: bool = False
     impact: float = 0.0
+    recent_climb: float = 0.0
     up: float = 1.0
     reported_speed: float = 0.0
 
@@ -68,9 +70,10 @@ class Filters(Record):
     # m/s: expected change of the sink rate with too little thrust, climb rate before.
     fall: float
     climb: float
-    # Last reported climb rate [m/s], its recent rise that the thrust does not explain [m/s], and
-    # the recent thrust as a share of the weight.
+    # Last reported climb rate [m/s], its recent mean [m/s] and rise that the thrust does not
+    # explain [m/s], and the recent thrust as a share of the weight.
     reported_climb: float
+    recent_climb: float
     impact: float
     recent: float
     noise: float  # m^2/s^2, mean square of the unexplained changes of the reported climb rate
@@ -140,6 +143,8 @@ def _follow(
         filters.ground_W[k] = p_WB[k] if restarts else filters.ground_W[k]
     filters.duration = duration
     filters.lift += kernels.lowpass_share(duration, _THRUST_TIME) * (thrust * up - filters.lift)
+    share = 1.0 if restarts else kernels.lowpass_share(duration, _RECENT_TIME)
+    filters.recent_climb += share * (v_WB_W[2] - filters.recent_climb)
     vx, vy, climb = kernels.vector(filters.v_WB_W)
     carried = _is_carried(filters, max(thrust, 0.0), is_flying)
     impact = _impact(filters, v_WB_W[2], is_flying and not restarts)
@@ -153,6 +158,7 @@ def _follow(
         lift=filters.lift,
         carried=carried,
         impact=impact,
+        recent_climb=filters.recent_climb,
         up=up,
         reported_speed=kernels.length(v_WB_B),
     )
