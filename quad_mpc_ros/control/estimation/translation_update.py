@@ -239,13 +239,13 @@ def _update_noise(
     before, after = states
     white = measurement_noise.variance_in(state.position_noise)
     measurement_noise.update_drift(state.drift, after.p_WB, after.v_WB_W, white, duration)
-    if mode == UpdateMode.HOLD:
-        state.position_noise.has_previous = state.velocity_noise.has_previous = 0
-        return
     x = state.translation.x
     of_p = _unpredicted(before.p_WB, after.p_WB, was, x, MOTION.position)
-    of_v = _unpredicted(before.v_WB_W, after.v_WB_W, was, x, MOTION.velocity)
     measurement_noise.update_white_noise(state.position_noise, of_p, duration)
+    if mode == UpdateMode.HOLD:  # unmodelled forces change the velocity
+        state.velocity_noise.has_previous = 0
+        return
+    of_v = _unpredicted(before.v_WB_W, after.v_WB_W, was, x, MOTION.velocity)
     measurement_noise.update_white_noise(state.velocity_noise, of_v, duration)
 
 

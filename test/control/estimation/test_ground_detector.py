@@ -307,6 +307,35 @@ def test_levels_at_once_when_a_landing_meets_the_ground(
     assert (GroundState.TOUCHING_DOWN in states) is touches
 
 
+@pytest.mark.parametrize("speed", [0.17, 0.3])
+def test_notices_a_contact_with_unknown_ground(detector: Detector, speed: float) -> None:
+    """As after a restart in the air: only the end of the descent shows the ground."""
+    detector.observe(4.0, height=3.0, thrust=1.0, velocity=sinking(speed), window=descent(speed))
+    assert detector.ground.state is GroundState.FLYING
+    states = detector.observe(0.4, height=3.0, thrust=1.0, window=descent(speed))
+    assert GroundState.TOUCHING_DOWN in states
+
+
+def test_the_end_of_a_climb_is_not_a_contact(detector: Detector) -> None:
+    """Even if the thrust slows the climb less than modelled, and the reference sinks slowly."""
+    detector.observe(3.0, height=3.0, thrust=1.0, velocity=sinking(-1.5), window=descent(0.1))
+    for climb in np.linspace(1.5, 0.0, 16):
+        detector.observe(height=3.0, thrust=0.3, velocity=sinking(-climb), window=descent(0.1))
+    states = detector.observe(0.5, height=3.0, thrust=1.0, window=descent(0.1))
+    assert set(states) == {GroundState.FLYING}
+
+
+def sinking(speed: float) -> Array:
+    """Return the velocity (3,) of a descent [m/s]."""
+    return np.array([0.0, 0.0, -speed])
+
+
+def descent(speed: float) -> ReferenceWindow:
+    """Return a descent from 3 m for 2 s [m/s]."""
+    seconds = [0.0, 1.0, 2.0]
+    return window_through(seconds, [[0, 0, 3.0 - speed * each] for each in seconds])
+
+
 def test_reduced_thrust_in_hover_is_not_a_touchdown(grounded: Detector) -> None:
     """A vehicle with more thrust than modelled holds 0.15 m too high at first."""
     hover = ReferenceWindow.hover([0.0, 0.0, 1.0])
