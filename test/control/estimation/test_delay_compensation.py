@@ -144,6 +144,23 @@ def test_estimates_only_while_commands_are_executed(
     assert (min(changes, default=None), max(changes, default=None)) == (first, last)
 
 
+def test_drift_of_the_velocity_is_known_when_commands_begin_to_act() -> None:
+    """As of PX4: the position moves at a velocity of zero. A jump would tilt the vehicle."""
+    compensation = DelayCompensation(agile())
+    compensation.engage(False)
+    errors = []
+    for k in range(100):
+        if k == 50:
+            compensation.engage(True)
+        odometry = _odometry(stamp_ns=20 * MS * k)
+        odometry = dataclasses.replace(odometry, p_WB=np.array([0.0, -0.01 * k, 5.0]))
+        predicted = compensation.predict(odometry).x
+        errors.append(predicted.p_WB[1] - odometry.p_WB[1])
+        compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
+    assert compensation.status.text == "learn"
+    assert np.abs(errors[25:]).max() < 0.02
+
+
 @pytest.mark.parametrize("event", ["disengaged", "landed"])
 def test_restores_an_estimate_from_before_a_touchdown(event: str) -> None:
     """A landing is detected late, and disarming at the touchdown leaves no time for it."""
