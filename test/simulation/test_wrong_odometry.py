@@ -49,7 +49,7 @@ WORDS = {
 def test_a_contradiction_in_the_air_ends_in_a_descent_near_the_start(case: str) -> None:
     found = outcome(list(flight(case)))
     fallen_at_once = case == "world NED, body FLU"  # upside down to the MPC, which turns it over
-    assert found.farthest[0] < 3.5  # one that is off by its heading drifts furthest
+    assert found.farthest[0] < 4.0  # one that is off by its heading drifts furthest
     assert found.farthest[1] < 2.5
     assert fallen_at_once or found.found_after is not None
     if not fallen_at_once and case not in SLOW_TO_FIND:

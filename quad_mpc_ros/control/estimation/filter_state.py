@@ -94,7 +94,7 @@ DIFFERENCE = 1e-6  # of states, for the Jacobians of predictions
 
 VERTICAL_BOUND = 3.0  # m/s^2
 SCALE_BOUNDS = (0.5, 1.5)
-LAG_FACTOR = 2.0  # of the thrust's time constant, either way
+SHORTEST_THRUST_LAG, LONGEST_THRUST_LAG = 0.2, 2.0  # factors on the thrust's time constant
 # Factors on the rates' time constants: quick and slow rate loops with the default of 70 ms, and
 # delays shorter than configured.
 SHORTEST_RATE_LAG, LONGEST_RATE_LAG = 0.05, 8.0
@@ -179,7 +179,7 @@ def write_estimated(state: Filter) -> None:
     x, rates, parameters = state.translation.x, state.rates.x, state.estimated
     shape, nominal = state.drag_shape, state.nominal
     learned = x[MOTION.drag] - nominal.drag
-    longest = LAG_FACTOR * nominal.thrust_time_constant
+    longest = LONGEST_THRUST_LAG * nominal.thrust_time_constant
     parameters.thrust_time_constant = min(x[MOTION.lag], longest)
     parameters.thrust_time_constant_down = parameters.thrust_time_constant
     if nominal.thrust_time_constant > 0.0:

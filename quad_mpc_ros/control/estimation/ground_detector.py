@@ -62,21 +62,17 @@ _MIN_HEIGHT_CHANGE = 0.01  # m within its window: the reference climbs or sinks
 
 
 class _WantedMotion(NamedTuple):
-    """Motion of the reference within its window: heights [m], speed and climb rate [m/s].
+    """Motion of the reference: heights [m] now and at most, speed and climb rate [m/s].
 
-    ``speed`` is the largest one. Heights are -inf if the reference is idle.
+    ``speed`` is the largest one, ``sinks`` whether the reference sinks within its window. Heights
+    are -inf if the reference is idle.
     """
 
     height: float = -math.inf
-    lowest: float = -math.inf
     highest: float = -math.inf
+    sinks: bool = False
     speed: float = 0.0
     climb: float = 0.0
-
-    @property
-    def sinks(self) -> bool:
-        """Whether it sinks within the window."""
-        return self.lowest < self.height - _MIN_HEIGHT_CHANGE
 
 
 class GroundDetector(Stage):
@@ -226,11 +222,16 @@ class GroundDetector(Stage):
         if self.idle_wanted:
             return _WantedMotion()
         if window is None:
-            return _WantedMotion(height, height, height)
+            return _WantedMotion(height, height)
         if window is not self._window:
             self._window, heights = window, window.p_WB[:, 2].tolist()
-            speed, climb = kernels.largest_length(window.v_WB_W), float(window.v_WB_W[0, 2])
-            self._wanted = _WantedMotion(heights[0], min(heights), max(heights), speed, climb)
+            self._wanted = _WantedMotion(
+                height=heights[0],
+                highest=max(heights),
+                sinks=min(heights) < heights[0] - _MIN_HEIGHT_CHANGE,
+                speed=kernels.largest_length(window.v_WB_W),
+                climb=window.v_WB_W[0, 2],
+            )
         return self._wanted
 
     def _follow_ground(self, odometry: OdometrySample) -> None:

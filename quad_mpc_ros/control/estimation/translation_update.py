@@ -19,12 +19,13 @@ from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.filter_state import (
     DIFFERENCE,
     DRAG_FACTORS,
-    LAG_FACTOR,
     LEARNED_STATES,
+    LONGEST_THRUST_LAG,
     MAX_THRUST_DELAY,
     MIN_DRAG_MARGIN,
     MOTION,
     SCALE_BOUNDS,
+    SHORTEST_THRUST_LAG,
     VERTICAL_BOUND,
     VERTICAL_TIME,
     Filter,
@@ -224,6 +225,9 @@ def _lag_is_observable(state: Filter, F: Array, duration: float) -> bool:
         speed += state.translation.x[i] ** 2
     spread = math.sqrt(state.process_noise.translation.P[MOTION.lag, MOTION.lag])
     threshold = _MIN_LAG_EFFECT + _MIN_LAG_EFFECT_PER_SPEED * math.sqrt(speed)
+    # The commands respond to noise, which must not look like a response to the commands.
+    noise = measurement_noise.variance_in(state.velocity_noise)
+    threshold *= max(noise / measurement_noise.USUAL**2, 1.0)
     return spread * math.sqrt(effect) > threshold * duration
 
 
@@ -242,9 +246,6 @@ def _update_noise(
     x = state.translation.x
     of_p = _unpredicted(before.p_WB, after.p_WB, was, x, MOTION.position)
     measurement_noise.update_white_noise(state.position_noise, of_p, duration)
-    if mode == UpdateMode.HOLD:  # unmodelled forces change the velocity
-        state.velocity_noise.has_previous = 0
-        return
     of_v = _unpredicted(before.v_WB_W, after.v_WB_W, was, x, MOTION.velocity)
     measurement_noise.update_white_noise(state.velocity_noise, of_v, duration)
 
@@ -330,15 +331,15 @@ def _constrain_translation(state: Filter, considered: Array) -> None:
     """Project the parameters into their bounds."""
     x, P, nominal = state.translation.x, state.translation.P, state.nominal
     lag, drag, d = nominal.thrust_time_constant, nominal.drag, MOTION.disturbance
-    factor, farthest = LAG_FACTOR, state.bounds.disturbance_max
-    latest = lag * factor + (MAX_THRUST_DELAY if lag > 0.0 else 0.0)
+    farthest = state.bounds.disturbance_max
+    latest = lag * LONGEST_THRUST_LAG + (MAX_THRUST_DELAY if lag > 0.0 else 0.0)
     least, most = DRAG_FACTORS
     bounds = (
         (d, -farthest, farthest),
         (d + 1, -farthest, farthest),
         (d + 2, -VERTICAL_BOUND, VERTICAL_BOUND),
         (MOTION.drag, least * drag, max(most * drag, drag + MIN_DRAG_MARGIN)),
-        (MOTION.lag, lag / factor, latest),
+        (MOTION.lag, lag * SHORTEST_THRUST_LAG, latest),
         (MOTION.scale, SCALE_BOUNDS[0], SCALE_BOUNDS[1]),
     )
     for i, low, high in bounds:
