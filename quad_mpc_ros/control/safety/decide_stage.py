@@ -98,7 +98,6 @@ class DecideStage(Stage):
             ladder.LadderInputs(
                 now_ns=due.now_ns,
                 odometry_ns=self._inputs.odometry_ns,
-                reference_ns=self._inputs.reference_valid_ns(due.now_ns),
                 plan_fault=_CRASHED if crashed else fault,
                 breach=breach,
                 on_ground=crashed or self._ground.state.is_on_ground,

@@ -55,7 +55,7 @@ class InputMonitor(Stage):
         """Apply changed timeouts."""
         self._control_period = 1.0 / config.control_rate
         self._odometry_timeout_ns = timeouts_of(config).odometry
-        self._reference_timeout_ns = timeouts_of(config).reference
+        self._reference_timeout_ns = round(config.reference_timeout * 1e9)
 
     def accept_odometry(self, odometry: OdometrySample, *, now_ns: int) -> OdometrySample | None:
         """Take an odometry; return it with the twist in the body frame, None if rejected."""
@@ -130,25 +130,15 @@ class InputMonitor(Stage):
 
         A reference older than its timeout is still used while its window covers the horizon.
         """
-        timeout_ns = self._reference_timeout_ns
-        if self.reference is None:
-            return Failure("validate", "no usable reference")
-        old = now_ns - (self.reference_ns or 0) > timeout_ns
-        if old and not self._covers_horizon(self.reference, stamp_ns):
-            return Failure("validate", "no usable reference")
-        fault = coverage_fault(self.reference, stamp_ns, tolerance_ns=timeout_ns)
-        return self.reference if fault is None else Failure("validate", fault)
-
-    def reference_valid_ns(self, now_ns: int) -> int | None:
-        """Return the arrival of the reference; now, if it is old but covers the horizon."""
-        window, odometry, arrived_ns = self.reference, self.odometry, self.reference_ns
-        if window is None or odometry is None or arrived_ns is None:
-            return arrived_ns
-        old = not 0 <= now_ns - arrived_ns <= self._reference_timeout_ns
-        return now_ns if old and self._covers_horizon(window, odometry.stamp_ns) else arrived_ns
-
-    def _covers_horizon(self, window: ReferenceWindow, stamp_ns: int) -> bool:
-        return window.stamp_ns + int(window.offset_ns[-1]) - stamp_ns >= self._horizon_ns
+        window, timeout_ns = self.reference, self._reference_timeout_ns
+        if window is None or self.reference_ns is None:
+            return Failure("validate", "no reference yet")
+        age_ns, ends_ns = now_ns - self.reference_ns, window.stamp_ns + int(window.offset_ns[-1])
+        # From the future if a clock was set back.
+        if abs(age_ns) > timeout_ns and ends_ns - stamp_ns < self._horizon_ns:
+            return Failure("validate", f"reference is {1e-9 * age_ns:.2f} s old")
+        fault = coverage_fault(window, stamp_ns, tolerance_ns=timeout_ns)
+        return window if fault is None else Failure("validate", fault)
 
     def report(self) -> None:
         """Warn, once, if the rate of the odometry limits the control rate."""

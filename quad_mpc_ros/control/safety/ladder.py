@@ -57,7 +57,6 @@ class Timeouts(NamedTuple):
 
     odometry: int
     gap: int
-    reference: int
     plan_hold: int
     blind: int
 
@@ -65,15 +64,14 @@ class Timeouts(NamedTuple):
 class LadderInputs(NamedTuple):
     """Inputs of a decision.
 
-    ``odometry_ns`` and ``reference_ns`` are the arrivals of the last usable messages.
-    ``plan_fault`` is the reason for a missing plan, else empty. ``on_ground`` includes a crashed
-    vehicle. ``is_predicted``: the plan starts at a state predicted without odometry. ``jumped`` is
-    the reason for replacing the odometry's position, else empty.
+    ``odometry_ns`` is the arrival of the last usable odometry. ``plan_fault`` is the reason for a
+    missing plan, else empty. ``on_ground`` includes a crashed vehicle. ``is_predicted``: the plan
+    starts at a state predicted without odometry. ``jumped`` is the reason for replacing the
+    odometry's position, else empty.
     """
 
     now_ns: int
     odometry_ns: int | None
-    reference_ns: int | None
     plan_fault: str = ""
     breach: Breach | None = None
     on_ground: bool = False
@@ -98,7 +96,6 @@ def timeouts_of(config: MpcConfig) -> Timeouts:
     return Timeouts(
         odometry=round(config.odom_timeout * _SECOND),
         gap=round(max(config.odom_timeout, config.odom_gap) * _SECOND),
-        reference=round(config.reference_timeout * _SECOND),
         plan_hold=round(config.plan_hold_time * _SECOND),
         blind=round(config.blind_time * _SECOND),
     )
@@ -109,7 +106,7 @@ def decide(
 ) -> tuple[Decision, LadderState]:
     """Return the decision and the next state."""
     has_odometry = _is_within(inputs.odometry_ns, inputs.now_ns, timeouts.odometry)
-    fault = _input_fault(inputs, timeouts, has_odometry) or inputs.plan_fault
+    fault = _odometry_fault(inputs, timeouts, has_odometry) or inputs.plan_fault
     # Plans from predicted states give the fallbacks no more time.
     planned_ns = state.planned_ns if fault or inputs.is_predicted else inputs.now_ns
     if planned_ns is None:
@@ -157,24 +154,16 @@ def _level(
     return Decision(Source.SILENT, fault)
 
 
-def _input_fault(inputs: LadderInputs, timeouts: Timeouts, has_odometry: bool) -> str:
+def _odometry_fault(inputs: LadderInputs, timeouts: Timeouts, has_odometry: bool) -> str:
     if inputs.odometry_ns is None:
         return "no odometry yet"
     if inputs.is_predicted:
         has_odometry = _is_within(inputs.odometry_ns, inputs.now_ns, timeouts.gap)
     if not has_odometry:
-        return f"odometry is {_seconds(inputs.now_ns - inputs.odometry_ns)} old"
-    if inputs.reference_ns is None:
-        return "no reference yet"
-    if not _is_within(inputs.reference_ns, inputs.now_ns, timeouts.reference):
-        return f"reference is {_seconds(inputs.now_ns - inputs.reference_ns)} old"
+        return f"odometry is {(inputs.now_ns - inputs.odometry_ns) / _SECOND:.2f} s old"
     return ""
 
 
 def _is_within(since_ns: int | None, now_ns: int, duration_ns: int) -> bool:
     """Whether a time is at most a duration away, also in the future: clocks may be set back."""
     return since_ns is not None and -duration_ns <= now_ns - since_ns <= duration_ns
-
-
-def _seconds(duration_ns: int) -> str:
-    return f"{duration_ns / _SECOND:.2f} s"

@@ -28,7 +28,7 @@ FAILED = "solver: failed"
 
 
 class Flight:
-    """A ladder with a timeout of 100 ms for odometry, 500 ms for the reference, and so on.
+    """A ladder with a timeout of 100 ms for odometry, and so on.
 
     Without odometry the state is predicted for 400 ms.
     """
@@ -38,7 +38,6 @@ class Flight:
         self._timeouts = ladder.Timeouts(
             odometry=100 * MS,
             gap=400 * MS,
-            reference=500 * MS,
             plan_hold=plan_hold * MS,
             blind=blind * MS,
         )
@@ -48,16 +47,15 @@ class Flight:
         at: float,
         *,
         odometry: float | None = None,
-        reference: float | None = None,
         fault: str = "",
         breach: tuple[str, str] | None = None,
         on_ground: bool = False,
         predicted: bool = False,
-        never: str = "",
+        never: bool = False,
     ) -> tuple[str, str]:
         """Decide at a time [ms] with inputs that last came at the given times, or just now.
 
-        ``never`` names the inputs that have never come. Returns the source and the reason.
+        With ``never`` no odometry has come. Returns the source and the reason.
         """
 
         def stamp(time: float | None) -> int:
@@ -69,8 +67,7 @@ class Flight:
         decision, self._state = ladder.decide(
             ladder.LadderInputs(
                 now_ns=stamp(None),
-                odometry_ns=None if "odometry" in never else stamp(odometry),
-                reference_ns=None if "reference" in never else stamp(reference),
+                odometry_ns=None if never else stamp(odometry),
                 plan_fault=fault,
                 breach=broken,
                 on_ground=on_ground,
@@ -89,12 +86,10 @@ class Flight:
 
 def test_waits_before_the_first_plan() -> None:
     for known, reason in (
-        ({"never": "odometry"}, "no odometry yet"),
-        ({"never": "reference"}, "no reference yet"),
-        ({"never": "odometry reference"}, "no odometry yet"),
+        ({"never": True}, "no odometry yet"),
         ({"fault": FAILED}, FAILED),
         ({"odometry": 0, "fault": FAILED}, FAILED),
-        ({"never": "reference", "fault": FAILED}, "no reference yet"),
+        ({"never": True, "fault": FAILED}, "no odometry yet"),
         ({"fault": FAILED, "breach": ("STOP", "out")}, FAILED),
         ({"fault": FAILED, "breach": ("HOVER", "out"), "on_ground": True}, FAILED),
     ):
@@ -112,13 +107,6 @@ def test_a_failing_solver_leads_to_the_plan_then_hover() -> None:
         assert flight.decide(at, fault=FAILED) == (source, FAILED)
     assert flight.decide(60_020) == (MPC, "")
     flight.follow([(60_220, PLAN), (60_221, HOVER)], fault=FAILED)
-
-
-def test_a_lost_reference_leads_to_the_plan_then_hover() -> None:
-    flight = Flight()
-    flight.follow([(500, MPC), (500.000001, PLAN), (700, PLAN), (700.1, HOVER)], reference=0)
-    assert flight.decide(800, reference=0) == (HOVER, "reference is 0.80 s old")
-    assert flight.decide(5000) == (MPC, "")
 
 
 def test_lost_odometry_passes_every_level_and_recovers() -> None:
@@ -177,10 +165,9 @@ def test_hovers_when_odometry_returns_without_a_plan() -> None:
 def test_reports_first_reason() -> None:
     flight = Flight()
     flight.decide(0)
-    known: dict[str, Any] = {"odometry": 0, "reference": 0, "fault": FAILED}
+    known: dict[str, Any] = {"odometry": 0, "fault": FAILED}
     assert flight.decide(50, **known) == (PLAN, FAILED)
     assert flight.decide(150, **known) == (PLAN, "odometry is 0.15 s old")
-    assert flight.decide(600, reference=0, fault=FAILED) == (HOVER, "reference is 0.60 s old")
 
 
 def test_skips_a_level_with_zero_timeout() -> None:
@@ -270,7 +257,6 @@ _MOMENT = st.fixed_dictionaries(
         "wait": st.integers(0, 400),
         "odometry_age": st.one_of(st.integers(0, 150), st.integers(350, 450)),
         "predicted": st.booleans(),
-        "reference_age": st.integers(0, 600),
         "fault": st.sampled_from(["", FAILED]),
         "breach": st.sampled_from(
             [None, ("WARN", "high"), ("HOVER", "out"), ("DESCEND", "wrong"), ("STOP", "far")]
@@ -291,7 +277,6 @@ def test_invariants_hold_in_random_scenarios(moments: list[dict[str, Any]]) -> N
         source, reason = flight.decide(
             at,
             odometry=at - moment["odometry_age"],
-            reference=at - moment["reference_age"],
             fault=moment["fault"],
             breach=moment["breach"],
             on_ground=moment["on_ground"],
@@ -299,7 +284,7 @@ def test_invariants_hold_in_random_scenarios(moments: list[dict[str, Any]]) -> N
         )
         sighted = moment["odometry_age"] <= 100
         known = sighted or (predicted and moment["odometry_age"] <= 400)
-        well = known and moment["reference_age"] <= 500 and not moment["fault"]
+        well = known and not moment["fault"]
         flown = flown or well
         action = moment["breach"][0] if moment["breach"] and flown else ""
         if not sighted and action != "DESCEND":

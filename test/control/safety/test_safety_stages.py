@@ -232,7 +232,7 @@ def test_uses_a_reference_that_is_recent_or_covers_the_horizon(
     config = MpcConfig(reference_timeout=0.5, horizon_steps=10, horizon_step=0.05)
     flight = make_flight(config)
     inputs = flight.inputs
-    nothing = Failure("validate", "no usable reference")
+    nothing = Failure("validate", "no reference yet")
     assert inputs.reference_at(START, now_ns=START) == nothing
     flight.tick(planned(0.3))
     assert inputs.reference_at(START, now_ns=START + 500 * MS) is inputs.reference
