@@ -10,8 +10,6 @@ with A and B of the error dynamics (Eq. 4), and the reference constant over the 
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from quad_mpc_ros.configuration import per_axis
@@ -68,15 +66,11 @@ class PaperProblem:
         """Return the sparsity of I + dt A, dt B and the weights."""
         block = np.ones((3, 3), dtype=bool)
         eye, none = np.eye(3, dtype=bool), np.zeros((3, 3), dtype=bool)
-        kept = eye.copy()
-        kept[2, :2] = self._vehicle.translational_lift > 0.0
-        # Thrust pushes along z, and slows down across it where the rotors drag.
         pushed = np.zeros((6, 4), dtype=bool)
-        x_drags, y_drags, _ = (drag > 0.0 for drag in per_axis(self._vehicle.rotor_drag))
-        pushed[VELOCITY, U_THROTTLE] = x_drags, y_drags, True
+        pushed[VELOCITY.stop - 1, U_THROTTLE] = True
         return HorizonPattern(
             steps=self._steps,
-            A=np.block([[eye, block, block], [none, kept, block], [none, none, eye]]),
+            A=np.block([[eye, block, block], [none, eye, block], [none, none, eye]]),
             B=np.vstack((pushed, np.eye(3, 4, 1, dtype=bool))),
             H=np.eye(TANGENT_SIZE, dtype=bool),
             state_size=_STATE_SIZE,
@@ -136,18 +130,12 @@ def error_dynamics(
     A = np.zeros((TANGENT_SIZE, TANGENT_SIZE))
     A[POSITION, VELOCITY] = x.R_WB
     A[POSITION, ATTITUDE] = -x.R_WB @ so3.hat(x.v_WB_B)
-    drag, thrust = np.array(per_axis(vehicle.drag)), vehicle.thrust(throttle)
-    speed = math.sqrt(max(thrust, 0.0) / (vehicle.mass * vehicle.gravity))
-    rotors = np.array(per_axis(vehicle.rotor_drag))
-    A[VELOCITY, VELOCITY] = -np.diag(drag + speed * rotors)
-    A[VELOCITY.stop - 1, VELOCITY][:2] += 2.0 * vehicle.translational_lift * x.v_WB_B[:2]
+    A[VELOCITY, VELOCITY] = -np.diag(per_axis(vehicle.drag))
     A[VELOCITY, ATTITUDE] = so3.hat(-vehicle.gravity * x.R_WB[2])
 
     a, b, _ = vehicle.thrust_curve
     slope = vehicle.motor_count * (2.0 * a * throttle_error + 2.0 * a * throttle + b)
     B = np.zeros((TANGENT_SIZE, INPUT_SIZE))
     B[VELOCITY.stop - 1, U_THROTTLE] = slope / vehicle.mass
-    if thrust > 0.0:
-        B[VELOCITY, U_THROTTLE] -= 0.5 * speed / thrust * slope * rotors * x.v_WB_B
     B[ATTITUDE, BODY_RATE] = _EYE_3
     return A, B

@@ -21,7 +21,7 @@ from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.control.ocp.paper import error_dynamics
 
 VEHICLE = Vehicle()
-UNEVEN = Vehicle(drag=(0.3, 0.15, 0.45), rotor_drag=(0.2, 0.4, 0.1), translational_lift=0.015)
+UNEVEN = Vehicle(drag=(0.3, 0.15, 0.45))
 
 
 def error_rate(x: State, u: Input, x_error: Array, u_error: Array, vehicle: Vehicle) -> Array:
