@@ -79,18 +79,6 @@ def rotation(q_xyzw: Quaternion) -> Matrix:
     )
 
 
-def product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the quaternion (x, y, z, w) of the rotation b, then a."""
-    ax, ay, az, aw = a
-    bx, by, bz, bw = b
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
-
-
 def quaternion(r: Matrix) -> Quaternion:
     """Return the unit quaternion (x, y, z, w), w >= 0, of a rotation (Shepperd 1978).
 

@@ -30,8 +30,6 @@ _SMALL_DEFICIT = 0.05
 
 lowpass_share = compiled(formulas.lowpass_share)
 rotation = compiled(formulas.rotation)
-heading = compiled(formulas.heading)
-product = compiled(formulas.product)
 quaternion = compiled(formulas.quaternion)
 _polynomial = compiled(formulas.polynomial)
 _turn_ratios = compiled(formulas.turn_ratios)
@@ -133,26 +131,6 @@ def scaled(factor: float, v: Vector) -> Vector:
 def plus(a: Vector, b: Vector) -> Vector:
     """Return a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-@compiled
-def conjugate(q: Quaternion) -> Quaternion:
-    """Return the quaternion of the inverse rotation."""
-    return -q[0], -q[1], -q[2], q[3]
-
-
-@compiled
-def angle(q: Quaternion) -> float:
-    """Return the angle of a rotation, at most pi."""
-    return 2.0 * math.atan2(norm((q[0], q[1], q[2])), abs(q[3]))
-
-
-@compiled
-def quaternion_exp(phi: Vector) -> Quaternion:
-    """Return the quaternion of the rotation by a rotation vector."""
-    half = 0.5 * norm(phi)
-    ratio = 0.5 * (math.sin(half) / half if half > 0.0 else 1.0)
-    return ratio * phi[0], ratio * phi[1], ratio * phi[2], math.cos(half)
 
 
 @compiled

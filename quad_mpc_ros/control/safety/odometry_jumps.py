@@ -29,9 +29,9 @@ from typing import NamedTuple
 import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
-from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3, Vector4
-from quad_mpc_ros.control.lie import Array, formulas, kernels
-from quad_mpc_ros.control.lie.kernels import Quaternion, Vector
+from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vector3
+from quad_mpc_ros.control.lie import Array, kernels, so3
+from quad_mpc_ros.control.lie.kernels import Vector
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import Measured, OdometrySample
 from quad_mpc_ros.control.stage import Stage, StageLog
@@ -60,23 +60,25 @@ class Tracked(Record):
     """The odometry in use, and the reported position."""
 
     p_WB: Vector3
-    q_WB_xyzw: Vector4
+    R_WB: Matrix3
     v_WB_W: Vector3
     w_WB_B: Vector3
     reported_W: Vector3
 
 
 class Jumps(Record):
-    """Jumps of a quantity; offsets are a quaternion, or a vector and 0."""
+    """Jumps of a quantity; the offset of an attitude is a rotation vector in the world."""
+
+    is_attitude: int
 
     rejected: int  # whether a jump by ``offset`` is rejected since ``since_ns``
     rejected_ns: int  # since when any jump has been rejected
     since_ns: int
-    offset: Vector4
+    offset: Vector3
     accepted: int  # whether a jump was accepted, the last one at ``accepted_ns``
     accepted_ns: int
     returns: int  # whether ``back``, the jump back, is accepted at once
-    back: Vector4
+    back: Vector3
     count: int  # of the differences
     square: float  # mean square of the differences
     size: float  # of the last jump, for the log
@@ -135,6 +137,7 @@ class OdometryJumps(Stage):
 
     def _begin(self) -> None:
         self._tracking = Tracking.zeros()
+        self._tracking["attitude"]["is_attitude"] = 1
         self._stamp_ns: int | None = None
         self._used: OdometrySample | None = None
         self._began_ns = 0
@@ -156,8 +159,7 @@ class OdometryJumps(Stage):
         for position in (now["p_WB"], now["reported_W"]):
             position[:] = reset.points(position)
         now["v_WB_W"][:] = reset.vectors(now["v_WB_W"])
-        turn = (0.0, 0.0, math.sin(0.5 * reset.turn), math.cos(0.5 * reset.turn))
-        now["q_WB_xyzw"][:] = formulas.product(turn, now["q_WB_xyzw"].tolist())
+        now["R_WB"][:] = reset.vectors(now["R_WB"].T).T
         for jumps in quantities:
             jumps["rejected"] = jumps["returns"] = False
 
@@ -211,12 +213,11 @@ class OdometryJumps(Stage):
     def _replaced(self, odometry: OdometrySample) -> OdometrySample:
         """Return the odometry with position, attitude and velocity in use."""
         now = self._tracking["now"].copy()
-        R_WB = np.reshape(formulas.rotation(now["q_WB_xyzw"].tolist()), (3, 3))
         return dataclasses.replace(
             odometry,
             p_WB=now["p_WB"],
-            q_WB_xyzw=now["q_WB_xyzw"],
-            v_WB_B=R_WB.T @ now["v_WB_W"],
+            q_WB_xyzw=so3.quaternion_xyzw_from_rotation(now["R_WB"]),
+            v_WB_B=now["R_WB"].T @ now["v_WB_W"],
         )
 
 
@@ -246,7 +247,7 @@ def _check_step(
     kernels.store_vector(kernels.vector(p_WB), now.p_WB)
     kernels.store_vector(kernels.vector(p_WB), now.reported_W)
     kernels.store_vector(kernels.vector(w_WB_B), now.w_WB_B)
-    kernels.store_quaternion(kernels.quaternion_in(q_WB_xyzw), now.q_WB_xyzw)
+    kernels.store_matrix(kernels.rotation(kernels.quaternion_in(q_WB_xyzw)), now.R_WB)
     kernels.store_vector(kernels.in_world(q_WB_xyzw, v_WB_B), now.v_WB_W)
     if before_ns == stamp_ns:
         return _ALL_USED
@@ -263,19 +264,15 @@ def _check_attitude(tracking: Tracking, v_WB_B: Vector, step: Step) -> int:
     w_before, w_now = kernels.vector(before.w_WB_B), kernels.vector(now.w_WB_B)
     # Rates without lag may change abruptly, at any time of the step.
     changed = 0.5 * kernels.distance(before.w_WB_B, now.w_WB_B)
-    turn = kernels.quaternion_exp(
-        kernels.scaled(0.5 * step.duration, kernels.plus(w_before, w_now))
-    )
-    expected = kernels.product(kernels.quaternion_in(before.q_WB_xyzw), turn)
-    q_WB, was_rejected = kernels.quaternion_in(now.q_WB_xyzw), jumps.rejected
-    offset = kernels.product(q_WB, kernels.conjugate(expected))
-    _, _, z, w = offset
-    tilts = 2.0 * math.acos(min(math.hypot(z, w), 1.0)) > _SMALL_TURN
+    turn = kernels.exp(kernels.scaled(0.5 * step.duration, kernels.plus(w_before, w_now)))
+    expected = kernels.multiply(kernels.matrix(before.R_WB), turn)
+    R_WB, was_rejected = kernels.matrix(now.R_WB), jumps.rejected
+    off = kernels.multiply(R_WB, kernels.transposed(expected))
+    tilts = math.acos(kernels.clamp(off[8], -1.0, 1.0)) > _SMALL_TURN
     motion = (0.5 * _ANGULAR_ACCELERATION * step.duration + changed) * step.duration
     outcome = _outcome_of(
         jumps,
-        offset,
-        sizes=(kernels.angle(offset), _turn(offset, jumps.offset), _turn(offset, jumps.back)),
+        kernels.log(off),
         possible=_SMALL_TURN + motion,
         drift=0.0,
         most=_MOST_TURN,
@@ -283,13 +280,14 @@ def _check_attitude(tracking: Tracking, v_WB_B: Vector, step: Step) -> int:
         step=step,
     )
     if not jumps.rejected:
-        tracking.turn = kernels.heading(offset)
+        tracking.turn = math.atan2(off[3] - off[1], off[0] + off[4])
         return outcome
-    q_WB = kernels.product(kernels.conjugate(kernels.quaternion_in(jumps.offset)), q_WB)
-    kernels.store_quaternion(q_WB, now.q_WB_xyzw)
+    back = kernels.exp(kernels.scaled(-1.0, kernels.vector(jumps.offset)))
+    R_WB = kernels.multiply(back, R_WB)
+    kernels.store_matrix(R_WB, now.R_WB)
     # The velocity was measured in the body, or in the world and rotated by the attitude.
     v_before, in_world_W = kernels.vector(before.v_WB_W), kernels.vector(now.v_WB_W)
-    in_body_W, errors = kernels.apply(kernels.rotation(q_WB), v_WB_B), tracking.of_attitude
+    in_body_W, errors = kernels.apply(R_WB, v_WB_B), tracking.of_attitude
     if not was_rejected:
         # Start with the errors of a constant difference.
         for k in range(3):
@@ -313,8 +311,7 @@ def _check_velocity(tracking: Tracking, step: Step) -> int:
     change_W = kernels.minus(v_WB_W, kernels.vector(tracking.before.v_WB_W))
     outcome = _outcome_of(
         jumps,
-        (change_W[0], change_W[1], change_W[2], 0.0),
-        sizes=_distances(change_W, jumps),
+        change_W,
         possible=_SMALL_CHANGE + _VELOCITY_ACCELERATION * step.duration,
         drift=0.0,
         most=_MOST_CHANGE,
@@ -339,8 +336,7 @@ def _check_position(tracking: Tracking, step: Step) -> int:
     motion = (kernels.norm(v_WB_W) + 0.5 * _POSITION_ACCELERATION * duration) * duration
     outcome = _outcome_of(
         jumps,
-        (off_W[0], off_W[1], off_W[2], 0.0),
-        sizes=_distances(off_W, jumps),
+        off_W,
         possible=_SMALL_STEP + motion,
         drift=_DRIFT,
         most=_MOST_STEP,
@@ -355,21 +351,18 @@ def _check_position(tracking: Tracking, step: Step) -> int:
 @compiled
 def _outcome_of(
     jumps: Jumps,
-    offset: Quaternion,
-    sizes: Vector,
+    offset: Vector,
     possible: float,
     drift: float,
     most: float,
     lasting: float,
     step: Step,
 ) -> int:
-    """Take the difference of a value from the expected one; return the outcome.
+    """Take the ``offset`` of a value from the expected one; return the outcome.
 
-    ``sizes`` are the magnitudes of the difference and of its distances to the rejected jump and to
-    the jump back. ``possible`` is s + m, ``most`` bounds the noise. A jump is accepted after
-    ``lasting`` [s].
+    ``possible`` is s + m, ``most`` bounds the noise. A jump is accepted after ``lasting`` [s].
     """
-    (size, from_rejected, from_back), stamp_ns = sizes, step.stamp_ns
+    size, stamp_ns = kernels.norm(offset), step.stamp_ns
     rejected = 1e-9 * (stamp_ns - jumps.rejected_ns) if jumps.rejected else 0.0
     tolerance = possible + _NOISE_FACTOR * math.sqrt(jumps.square) + drift * rejected
     if size <= tolerance or step.learning:
@@ -382,22 +375,23 @@ def _outcome_of(
     jumps.size = size
     since_accepted = 1e-9 * (stamp_ns - jumps.accepted_ns)
     recent = jumps.accepted and since_accepted < _REPEAT_TIME
+    from_back = _distance(jumps, offset, jumps.back)
     if recent and jumps.returns and from_back <= tolerance + drift * since_accepted:
         _accept(jumps, stamp_ns)
         return _BACK
     outcome = _REJECTED
     if not jumps.rejected:
         jumps.rejected_ns = stamp_ns
-    if not jumps.rejected or from_rejected > tolerance:
+    if not jumps.rejected or _distance(jumps, offset, jumps.offset) > tolerance:
         outcome = _JUMPED
         jumps.rejected, jumps.since_ns = 1, stamp_ns
-        kernels.store_quaternion(offset, jumps.offset)
+        kernels.store_vector(offset, jumps.offset)
     jumps.lasted = 1e-9 * (stamp_ns - jumps.since_ns)
     if jumps.lasted < (_REPEAT_FACTOR * lasting if recent else lasting):
         return outcome
     _accept(jumps, stamp_ns)
     jumps.returns = 1
-    kernels.store_quaternion(kernels.conjugate(offset), jumps.back)  # -offset of a vector
+    kernels.store_vector(kernels.scaled(-1.0, offset), jumps.back)
     return _LASTED
 
 
@@ -421,13 +415,9 @@ def _prefers_second(
 
 
 @compiled
-def _turn(offset: Quaternion, other: Array) -> float:
-    return kernels.angle(kernels.product(offset, kernels.conjugate(kernels.quaternion_in(other))))
-
-
-@compiled
-def _distances(offset: Vector, jumps: Jumps) -> Vector:
-    """Return the length of an offset, and its distances to the rejected and the returning jump."""
-    from_rejected = kernels.minus(offset, kernels.vector(jumps.offset))
-    from_back = kernels.minus(offset, kernels.vector(jumps.back))
-    return kernels.norm(offset), kernels.norm(from_rejected), kernels.norm(from_back)
+def _distance(jumps: Jumps, offset: Vector, other: Array) -> float:
+    """Return the distance of two offsets; of attitudes the angle between them."""
+    if not jumps.is_attitude:
+        return kernels.norm(kernels.minus(offset, kernels.vector(other)))
+    back = kernels.exp(kernels.scaled(-1.0, kernels.vector(other)))
+    return kernels.norm(kernels.log(kernels.multiply(kernels.exp(offset), back)))
