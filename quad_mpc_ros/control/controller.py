@@ -28,7 +28,7 @@ from quad_mpc_ros.control.model.samples import (
     RotorCommand,
 )
 from quad_mpc_ros.control.model.state import Input
-from quad_mpc_ros.control.mpc import NewPlanner, Planned, PlanStage
+from quad_mpc_ros.control.mpc import Mpc, NewPlanner, Planned
 from quad_mpc_ros.control.safety.decide_stage import Decided, DecideStage
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
 from quad_mpc_ros.control.safety.limit_stage import LimitStage
@@ -79,7 +79,7 @@ class Controller:
         *,
         deadline: float = math.inf,
         guide: Guide | None = None,
-        planner: NewPlanner = PlanStage,
+        planner: NewPlanner = Mpc,
     ) -> None:
         self._config = instance(config, "config", MpcConfig)
         endless = isinstance(deadline, float) and deadline == math.inf

@@ -47,7 +47,35 @@ class MpcStep(NamedTuple):
     state: PredictedState
 
 
-class Mpc(Stage):
+class Planned(NamedTuple):
+    """Result of the stage.
+
+    Attributes:
+        step: The step of the MPC, even if its plan cannot be flown; None without a step.
+        failure: The reason why no plan can be flown, else None.
+    """
+
+    step: MpcStep | None
+    failure: Failure | None
+
+
+class Planner(Stage, ABC):
+    """A stage that plans from the estimate along the guided window."""
+
+    commands_rotors = False
+    """Whether the plans command rotors in addition to throttle and body rates."""
+
+    @abstractmethod
+    def step(self, due: Due, state: PredictedState | Failure, guided: Guided | Failure) -> Planned:
+        """Return the plan, or the reason why no plan exists."""
+
+
+NewPlanner = Callable[[MpcConfig, float, StageLog], Planner]
+"""Makes a planner of a configuration and its deadline [s]: the longest step; later plans are
+dropped."""
+
+
+class Mpc(Planner):
     """Model predictive control by sequential quadratic programming, one persistent sparse QP.
 
     A second QP and solver serve steps with a corridor. The problem owns the stages and plans, the
@@ -55,8 +83,11 @@ class Mpc(Stage):
     no lasting state.
     """
 
-    def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
-        self._config, self._deadline = config, deadline
+    def __init__(
+        self, config: MpcConfig, deadline: float = math.inf, log: StageLog | None = None
+    ) -> None:
+        """``deadline`` [s] is the longest step time; later plans are dropped."""
+        self._config, self._deadline, self._log = config, deadline, log or StageLog()
         # After this time there is no further iteration, which may take as long again.
         self._iteration_limit = 0.5 * deadline
         self.restart()
@@ -133,43 +164,6 @@ class Mpc(Stage):
         self._config = config
         self._problem.reconfigure(config)
 
-
-class Planned(NamedTuple):
-    """Result of the stage.
-
-    Attributes:
-        step: The step of the MPC, even if its plan cannot be flown; None without a step.
-        failure: The reason why no plan can be flown, else None.
-    """
-
-    step: MpcStep | None
-    failure: Failure | None
-
-
-class Planner(Stage, ABC):
-    """A stage that plans from the estimate along the guided window."""
-
-    commands_rotors = False
-    """Whether the plans command rotors in addition to throttle and body rates."""
-
-    @abstractmethod
-    def step(self, due: Due, state: PredictedState | Failure, guided: Guided | Failure) -> Planned:
-        """Return the plan, or the reason why no plan exists."""
-
-
-NewPlanner = Callable[[MpcConfig, float, StageLog], Planner]
-"""Makes a planner of a configuration and its deadline [s]: the longest step; later plans are
-dropped."""
-
-
-class PlanStage(Planner):
-    """Plans with the MPC."""
-
-    def __init__(self, config: MpcConfig, deadline: float, log: StageLog) -> None:
-        """``deadline`` [s] is the longest step time; later plans are dropped."""
-        self._log, self._deadline = log, deadline
-        self._mpc = Mpc(config, deadline=deadline)
-
     def step(self, due: Due, state: PredictedState | Failure, guided: Guided | Failure) -> Planned:
         """Return the plan, or the reason why no plan exists."""
         if isinstance(guided, Failure):
@@ -178,9 +172,9 @@ class PlanStage(Planner):
             return Planned(None, state)
         window, corridor, _avoidance = guided
         try:
-            step = self._mpc.solve(state, window, corridor, started=due.started)
+            step = self.solve(state, window, corridor, started=due.started)
         except Exception as error:  # the fallbacks have to fly the vehicle in any case
-            self._mpc.restart()
+            self.restart()
             return Planned(None, self._log.no_plan(f"error in the MPC: {error!r}"))
         return Planned(step, self._failure_of(step))
 

@@ -21,7 +21,7 @@ from quad_mpc_ros.control.model.parameters import parameters_of
 from quad_mpc_ros.control.model.prediction import PredictedState
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
-from quad_mpc_ros.control.mpc import Mpc, NewPlanner, PlanStage
+from quad_mpc_ros.control.mpc import Mpc, NewPlanner
 
 # Close enough for the estimator to learn between them, and longer than any input delay.
 _TICKS_NS = (1_000_000_000, 1_300_000_000, 1_600_000_000, 1_620_000_000)
@@ -43,7 +43,7 @@ def warmed_up(
     ``law`` replaces the MPC or the controller of ``config.controller``. Raises
     :class:`UserError` if ``config.controller`` cannot be created.
     """
-    planner: NewPlanner = PlanStage
+    planner: NewPlanner = Mpc
     if law is not None or config.controller != MPC:
         planner = optional_part("law_planner", needed_by="mpc.controller")(config, law)
     _compile(

@@ -21,7 +21,7 @@ from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.prediction import PredictedState, Prediction
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
-from quad_mpc_ros.control.mpc import Mpc, MpcStep, Planned, PlanStage
+from quad_mpc_ros.control.mpc import Mpc, MpcStep, Planned
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.ocp.qp_solver import QpSolution
 from quad_mpc_ros.control.safety.decide_stage import DecideStage
@@ -217,7 +217,7 @@ def test_refuses_missing_nonfinite_or_late_plan(
     step = step_of(plan, status="as it says", step_time=step_time)
     monkeypatch.setattr(Mpc, "solve", lambda *_, **__: step)
     log = StageLog()
-    planning = PlanStage(MpcConfig(), deadline=0.01, log=log)
+    planning = Mpc(MpcConfig(), deadline=0.01, log=log)
     due = Due(None, START, START, START, 0.02, started=0.0)
     planned = planning.step(due, step.state, Guided(make_window(START)))
     assert planned.step is step
