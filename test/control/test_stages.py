@@ -187,10 +187,12 @@ def test_a_reset_of_the_heading_between_any_two_inputs_does_not_move_the_vehicle
     sooner or later than the step in other axes.
     """
     monkeypatch.setattr("quad_mpc_ros.control.mpc._MANY_ITERATIONS", 100_000)
+    exact = {"advanced.solver.tolerance": 1e-5, "advanced.solver.max_iterations": 4000}
+    monkeypatch.setitem(CONFIGURATIONS, name, CONFIGURATIONS[name] | exact)
     expected = flown(name)
     for at in boundaries(expected)[::4]:
         places = np.array(flown(name, TURNED, at).places)
-        assert_allclose(places, expected.places, rtol=0.0, atol=0.005)
+        assert_allclose(places, expected.places, rtol=0.0, atol=0.001)
 
 
 def test_a_reset_between_odometry_and_reference_changes_no_command_in_lockstep() -> None:

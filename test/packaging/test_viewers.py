@@ -111,20 +111,6 @@ def test_rviz_sends_goals_where_the_reference_node_listens() -> None:
     assert tool["Topic"]["Reliability Policy"] == "Reliable"  # as the subscription wants it
 
 
-def test_rqt_plots_existing_values() -> None:
-    page = (VIEWERS.parents[1] / "docs/howto/viewers.md").read_text()
-    (command,) = re.findall(r"rqt_plot rqt_plot (.+)", page)
-    for address in command.split():
-        topic, rest = topic_in(address, "/")
-        assert kind_of(topic.type_name, rest.split("/")) == "float64"
-
-
-def test_every_viewer_shows_odometry_command_and_stats() -> None:
-    for addresses, separator in ((FOXGLOVE_PATHS, "."), (CURVES, "/")):
-        seen = {topic_in(address, separator)[0].name for address in addresses}
-        assert seen >= {topics.ODOMETRY.name, topics.COMMAND.name, topics.STATS.name}
-
-
 @pytest.mark.parametrize("namespace", ["", "/uav1"])
 def test_each_node_belongs_to_one_group_of_the_aggregator(namespace: str) -> None:
     file = yaml.safe_load((VIEWERS / "diagnostic_aggregator.yaml").read_text())

@@ -182,6 +182,8 @@ class VehicleEkf:
         P[:] = turns @ P @ turns.T
         drift.p_WB[:], drift.v_WB_W[:] = reset.points(drift.p_WB), reset.vectors(drift.v_WB_W)
         drift.off[:] = reset.vectors(drift.off)
+        for noise in (self._filter.position_noise, self._filter.velocity_noise):
+            noise.change[:] = reset.vectors(noise.change)
 
     def start(self, *, p_WB: Array, v_WB_W: Array, w_WB_B: Array) -> None:
         """Start at measured position, velocity and rates (3,); parameters are kept."""

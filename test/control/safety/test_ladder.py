@@ -162,14 +162,6 @@ def test_hovers_when_odometry_returns_without_a_plan() -> None:
     flight.follow([(1900, BLIND), (2900, BLIND), (2901, SILENT)], odometry=1000, fault=FAILED)
 
 
-def test_reports_first_reason() -> None:
-    flight = Flight()
-    flight.decide(0)
-    known: dict[str, Any] = {"odometry": 0, "fault": FAILED}
-    assert flight.decide(50, **known) == (PLAN, FAILED)
-    assert flight.decide(150, **known) == (PLAN, "odometry is 0.15 s old")
-
-
 def test_skips_a_level_with_zero_timeout() -> None:
     flight = Flight(plan_hold=0)
     flight.follow([(0, MPC)])
