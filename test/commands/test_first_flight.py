@@ -73,16 +73,6 @@ def held(values: dict[str, Any], kind: type[Configuration]) -> dict[str, Any]:
     }
 
 
-def test_the_page_states_vehicle_parameters_of_all_nodes() -> None:
-    assert STATED["mass"] == 0.9
-    assert {"thrust_curve", "motor_count", "omega_max", "thrust_map.full_thrust"} <= STATED.keys()
-    for name, kind in NODES.items():
-        if name != "recorder":
-            assert {"mass", "motor_count", "thrust_curve"} <= known(kind).keys(), name
-    assert "omega_max" in known(NODES["mpc"])
-    assert "thrust_map.full_thrust" in known(NODES["px4_bridge"])
-
-
 @pytest.fixture
 def ros(vehicle_file: Path) -> Iterator[None]:
     rclpy = pytest.importorskip("rclpy")

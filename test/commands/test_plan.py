@@ -63,14 +63,6 @@ def test_plan_is_written_drawn_checked_and_flown(
     assert recorded is not None and recorded.numbers == (1, 2)
 
 
-def test_without_a_plan_a_smooth_path_is_flown(course: Path, tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    options = ["--gates", str(course), "--duration", "12", "--out", str(run)]
-    assert main(["simulate", *VEHICLE, *options]) == 0
-    summary = json.loads((run / "summary.json").read_text())
-    assert all(gate["passed"] for gate in summary["gates"])
-
-
 def test_ctrl_c_ends_the_search_without_output_files(
     course: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

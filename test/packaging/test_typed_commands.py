@@ -108,13 +108,6 @@ def has_its_files(typed: Any) -> None:
         assert word in known or inside or of_the_sources or "many.yaml" in word, word
 
 
-def test_blocks_of_commands_are_marked() -> None:
-    """``tools/type_pages.py`` does not execute unmarked blocks."""
-    for page in pages.PAGES + pages.STACKS:
-        for text in re.findall(r"^```text\n(.*?)^```", Path(page).read_text(), re.S | re.M):
-            assert not re.match(r"(\.venv/bin/)?(quad_mpc|ros2|pip) ", text), (page, text)
-
-
 def test_continued_lines_are_one_command() -> None:
     text = "a --b \\\n  c\n# said\nd '{x:\n  y}'   # why\n"
     assert list(pages.commands(text)) == [(0, "a --b \\\n  c"), (3, "d '{x:\n  y}'   # why")]
@@ -127,16 +120,6 @@ case "$3" in
   *) echo "response: Trigger_Response(success=True, message='')" ;;
 esac
 """
-
-
-def test_type_pages_distinguishes_late_plans_from_other_failures() -> None:
-    late = (
-        "verdict  The MPC was not active at 3 of 90 ticks: 3 plan. First at 0.1 s: late: the plan"
-    )
-    other = "verdict  The MPC was not active at 3 of 90 ticks: 3 hover. First at 0.1 s: solver"
-    assert pages._was_only_late(late)
-    assert not pages._was_only_late(f"{late}\n{other}")
-    assert not pages._was_only_late("verdict  Crashed at 2 s")
 
 
 @pytest.mark.parametrize(
