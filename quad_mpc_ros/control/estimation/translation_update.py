@@ -41,6 +41,7 @@ from quad_mpc_ros.control.model.state import U_THROTTLE
 _ACCELERATION_NOISE = 0.1  # m/s^2 / sqrt(Hz), process noise of the model
 _UNMODELLED_ACCELERATION = 100.0  # m/s^2, if other forces move the vehicle
 _BIAS_TIME = 1.0  # s, time constant of the velocity bias
+_MOST_NOISE_BEFORE = 0.25  # m/s, of the velocity before learning begins
 # Drag is observable above this speed across the thrust [m/s], a lag above this change of the
 # specific thrust [m/s^2] at rest and per m/s.
 _MIN_DRAG_SPEED = 1.0
@@ -248,6 +249,9 @@ def _update_noise(
     measurement_noise.update_white_noise(state.position_noise, of_p, duration)
     of_v = _unpredicted(before.v_WB_W, after.v_WB_W, was, x, MOTION.velocity)
     measurement_noise.update_white_noise(state.velocity_noise, of_v, duration)
+    if mode == UpdateMode.HOLD:  # a velocity in other units must not be taken for noise
+        most = _MOST_NOISE_BEFORE**2
+        state.velocity_noise.variance = min(state.velocity_noise.variance, most)
 
 
 @compiled
