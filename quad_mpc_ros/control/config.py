@@ -268,7 +268,8 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     formulation: str = parameter(
         "manifold",
         doc="Model in the horizon: manifold, contouring (manifold that slows down along the "
-        "reference where the vehicle cannot follow), or paper (Eq. 4 of the paper).",
+        "reference where the vehicle cannot follow), or paper (Eq. 4 of the paper, without rotor "
+        "drag and lift).",
         choices=("manifold", "contouring", "paper"),
     )
     horizon_steps: int = parameter(
