@@ -90,17 +90,8 @@ class Controller:
         self._estimation = EstimateStage(config, log)
         self._guidance = GuideStage(config, guide, log)
         self._planner, self._planning = planner, planner(config, self._deadline, log)
-        ground = self._estimation.ground
-        self._deciding = DecideStage(config, self._inputs, ground, log)
-        self._limiting = LimitStage(
-            config,
-            self._inputs,
-            ground,
-            limits=self._deciding.limits,
-            consistency=self._deciding.consistency,
-            learned=lambda: self._estimation.estimator.learned(),
-            log=log,
-        )
+        self._deciding = DecideStage(config, self._inputs, self._estimation.ground, log)
+        self._limiting = LimitStage(config, self._inputs, self._estimation, self._deciding, log)
         self._period_ns = round(_SECOND / config.control_rate)
         self._decimation = Decimation(self._period_ns)
         self._last_tick: Tick | None = None

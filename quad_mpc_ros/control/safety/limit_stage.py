@@ -5,19 +5,17 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 
 from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimate_stage import EstimateStage
 from quad_mpc_ros.control.estimation.delay_compensation import LearnedModel
-from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import AllowedCommand, GroundState
 from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import Input, state_from_odometry
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.safety.command_limits import clamped
-from quad_mpc_ros.control.safety.consistency import ConsistencyMonitor
-from quad_mpc_ros.control.safety.decide_stage import Decided
+from quad_mpc_ros.control.safety.decide_stage import Decided, DecideStage
 from quad_mpc_ros.control.safety.fallbacks import (
     BlindFallback,
     HoverFallback,
@@ -25,7 +23,6 @@ from quad_mpc_ros.control.safety.fallbacks import (
     levelling,
     stop_within,
 )
-from quad_mpc_ros.control.safety.flight_limits import FlightLimits
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
 from quad_mpc_ros.control.safety.ladder import Source
 from quad_mpc_ros.control.stage import Due, Stage, StageLog
@@ -47,17 +44,13 @@ class LimitStage(Stage):
         self,
         config: MpcConfig,
         inputs: InputMonitor,
-        ground: GroundDetector,
-        *,
-        limits: FlightLimits,
-        consistency: ConsistencyMonitor,
-        learned: Callable[[], LearnedModel],
+        estimation: EstimateStage,
+        deciding: DecideStage,
         log: StageLog,
     ) -> None:
-        """``learned`` returns the estimate for the fallbacks."""
-        self._config, self._inputs = config, inputs
-        self._ground, self._log = ground, log
-        self._limits, self._consistency, self._learned = limits, consistency, learned
+        self._config, self._inputs, self._log = config, inputs, log
+        self._estimation, self._ground = estimation, estimation.ground
+        self._limits, self._consistency = deciding.limits, deciding.consistency
         vehicle = config.vehicle()
         weight = vehicle.mass * vehicle.gravity
         self._throttle_near_ground = vehicle.nearest_throttle(_MAX_TAKEOFF_LIFT * weight)
@@ -125,7 +118,7 @@ class LimitStage(Stage):
                 kept_ns = self._kept_ns
                 if kept_ns is None or not 0 <= due.now_ns - kept_ns < _ESTIMATE_PERIOD_NS:
                     self._kept_ns = due.now_ns
-                    self._kept.append(self._learned())
+                    self._kept.append(self._estimation.estimator.learned())
                 elapsed = (due.now_ns - self._planned_ns) * 1e-9
                 return self._plan.command_over(elapsed, due.duration)
             case Source.HOVER if newest is not None:
@@ -133,8 +126,9 @@ class LimitStage(Stage):
                 p_hold = self._limits.inside(x.p_WB)
                 if corridor is not None:
                     p_hold = stop_within(corridor, p_hold, v_WB_W=x.v_WB_W)
+                learned = self._estimation.estimator.learned()
                 return self._hover.command(
-                    x, p_hold=p_hold, learned=self._learned(), duration=due.duration
+                    x, p_hold=p_hold, learned=learned, duration=due.duration
                 )
             case Source.IDLE:
                 return idle(self._config)
@@ -143,7 +137,8 @@ class LimitStage(Stage):
                 if self._consistency.breach is not None:
                     return self._descend(newest, elapsed=elapsed)
                 R_WB = state_from_odometry(newest).R_WB
-                return self._blind.command(R_WB, elapsed=elapsed, learned=self._learned())
+                learned = self._estimation.estimator.learned()
+                return self._blind.command(R_WB, elapsed=elapsed, learned=learned)
             case _:
                 return None
 

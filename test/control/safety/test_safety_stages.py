@@ -13,7 +13,7 @@ from fixtures.records import state_of
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.config import FenceParameters, MpcConfig
-from quad_mpc_ros.control.estimation.delay_compensation import LearnedModel
+from quad_mpc_ros.control.estimate_stage import EstimateStage
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import GroundState
 from quad_mpc_ros.control.guide import Guided
@@ -62,17 +62,10 @@ class Flight:
     ) -> None:
         self.log = StageLog()
         self.inputs = InputMonitor(config, self.log)
-        ground = ground or GroundDetector()
-        self.deciding = DecideStage(config, self.inputs, ground, self.log)
-        self.limiting = LimitStage(
-            config,
-            self.inputs,
-            ground,
-            limits=self.deciding.limits,
-            consistency=self.deciding.consistency,
-            learned=LearnedModel,
-            log=self.log,
-        )
+        estimation = EstimateStage(config, self.log)
+        estimation.ground = ground or GroundDetector()
+        self.deciding = DecideStage(config, self.inputs, estimation.ground, self.log)
+        self.limiting = LimitStage(config, self.inputs, estimation, self.deciding, self.log)
         self.now = START
         self._make_odometry, self._make_window = make_odometry, make_window
 
