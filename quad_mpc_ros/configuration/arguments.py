@@ -83,7 +83,6 @@ def number(
     above: float = -math.inf,
     least: float = -math.inf,
     below: float = math.inf,
-    finite: bool = True,
 ) -> float:
     """Return a real number above ``above``, of at least ``least`` and below ``below``."""
     if type(given) is not float:
@@ -93,7 +92,7 @@ def number(
             given = float(given)
         except OverflowError:
             raise ArgumentError(name, given, "a finite number") from None
-    if finite and not (above < given < below and given >= least):  # NaN compares with nothing
+    if not (above < given < below and given >= least):  # NaN compares with nothing
         bounds = [f" above {above:g}"] if above > -math.inf else []
         bounds += [f" of at least {least:g}"] if least > -math.inf else []
         bounds += [f" below {below:g}"] if below < math.inf else []

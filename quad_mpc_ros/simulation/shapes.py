@@ -20,10 +20,6 @@ import numpy as np
 from quad_mpc_ros.control.lie import Array
 
 
-def _zero() -> Array:
-    return np.zeros(3)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shape(ABC):
     """Base class of all shapes.
@@ -37,7 +33,7 @@ class Shape(ABC):
 
     p_WO: Array
     R_WO: Array = field(default_factory=lambda: np.eye(3))
-    v_WO_W: Array = field(default_factory=_zero)
+    v_WO_W: Array = field(default_factory=lambda: np.zeros(3))
     appears_at: float = 0.0
 
     @property
