@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fixtures.exact_qp import exactly_solved, slacks_of
+from fixtures.motions import odometry, unit
 from fixtures.planner import Planner
 from fixtures.presets import agile
 from numpy.testing import assert_allclose, assert_array_equal
@@ -29,19 +30,6 @@ from quad_mpc_ros.control.ocp.settings import ProblemSettings
 ROWS = {"obstacles.half_spaces": 8}
 START_NS = 10**9
 PERIOD_NS = 20_000_000
-
-
-def odometry(
-    *, p_WB: Array, v_WB_W: Array, R_WB: Array | None = None, stamp_ns: int = START_NS
-) -> OdometrySample:
-    R_WB = np.eye(3) if R_WB is None else R_WB
-    return OdometrySample(
-        stamp_ns=stamp_ns,
-        p_WB=p_WB,
-        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
-        v_WB_B=R_WB.T @ v_WB_W,
-        w_WB_B=np.zeros(3),
-    )
 
 
 def wall(config: MpcConfig, n: Array, b: float, *, stamp_ns: int = START_NS) -> Corridor:
@@ -203,11 +191,6 @@ def a_random_case(seed: int) -> int:
         most = max(most, step.iterations)
         p_WB = p_WB + 0.02 * v_WB_W
     return most
-
-
-def unit(rng: np.random.Generator) -> Array:
-    v = rng.normal(size=3)
-    return v / np.linalg.norm(v)
 
 
 def test_no_problem_of_random_states_and_planes_fails() -> None:

@@ -10,6 +10,7 @@ import math
 import numpy as np
 import pytest
 from fixtures.exact_qp import exactly_solved, slacks_of
+from fixtures.motions import odometry, unit
 from fixtures.planner import Planner
 from fixtures.presets import agile
 from fixtures.stages import changed
@@ -44,23 +45,6 @@ LAGS = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03}
 PERIOD_NS = 20_000_000
 
 
-def unit(rng: np.random.Generator) -> Array:
-    v = rng.normal(size=3)
-    return v / np.linalg.norm(v)
-
-
-def odometry(
-    rotation: Array, *, p_WB: Array, v_WB_W: Array, stamp_ns: int = 10**9
-) -> OdometrySample:
-    return OdometrySample(
-        stamp_ns=stamp_ns,
-        p_WB=p_WB,
-        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(rotation),
-        v_WB_B=rotation.T @ v_WB_W,
-        w_WB_B=np.zeros(3),
-    )
-
-
 def begun(
     config: MpcConfig, seen: OdometrySample, goal: Array
 ) -> tuple[ManifoldProblem, DelayCompensation]:
@@ -93,7 +77,7 @@ def test_rows_are_the_derivatives_of_tilt_and_speed(seed: int) -> None:
     """One side of the square touches the disc where the rollout is, and turns with it."""
     rng = np.random.default_rng(seed)
     R0 = so3.exp(rng.uniform(0.3, 2.5) * unit(rng))
-    seen = odometry(R0, p_WB=np.zeros(3), v_WB_W=rng.uniform(2.0, 8.0) * unit(rng))
+    seen = odometry(R_WB=R0, p_WB=np.zeros(3), v_WB_W=rng.uniform(2.0, 8.0) * unit(rng))
     problem, compensation = begun(agile().updated(LIMITS), seen, np.array([1.0, 2.0, 0.5]))
     stages = problem.linearise()
     states = held(compensation.predict(seen))
@@ -130,9 +114,8 @@ def test_limits_yield_to_demanding_reference() -> None:
         w_WB_W=rest,
     )
     config = agile().updated(LIMITS)
-    seen = odometry(
-        so3.exp(np.array([np.pi, 0.0, 0.0])), p_WB=np.zeros(3), v_WB_W=np.array([9.0, 0.0, 0.0])
-    )
+    inverted = so3.exp(np.array([np.pi, 0.0, 0.0]))
+    seen = odometry(R_WB=inverted, p_WB=np.zeros(3), v_WB_W=np.array([9.0, 0.0, 0.0]))
     problem = ManifoldProblem(config)
     problem.begin(DelayCompensation(config).predict(seen), window)
     stages = problem.linearise()
@@ -151,7 +134,7 @@ def test_disabled_limits_are_not_in_the_problem() -> None:
 
 
 def test_limits_change_in_flight_and_stay_in_the_pattern() -> None:
-    level = odometry(np.eye(3), p_WB=np.zeros(3), v_WB_W=np.zeros(3))
+    level = odometry(p_WB=np.zeros(3), v_WB_W=np.zeros(3))
     config = agile().updated(LIMITS)
     problem, compensation = begun(config, level, np.zeros(3))
     qp = HorizonQP(problem.pattern())
@@ -312,7 +295,7 @@ def a_random_case(seed: int) -> list[QpSolution]:
     u = Input(throttle=rng.uniform(0.0, 1.0), w_WB_B=rng.uniform(-5.0, 5.0, size=3))
     mpc.sent(u, stamp_ns=stamp_ns - PERIOD_NS)
     for _ in range(3):
-        seen = odometry(R, p_WB=p_WB, v_WB_W=v_WB_W, stamp_ns=stamp_ns)
+        seen = odometry(R_WB=R, p_WB=p_WB, v_WB_W=v_WB_W, stamp_ns=stamp_ns)
         step = mpc.step(seen, ReferenceWindow.hover(goal, stamp_ns=stamp_ns))
         solutions.append(step.solution)
         assert step.plan is not None, (seed, step.solution.status)

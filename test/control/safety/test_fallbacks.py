@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 import pytest
+from fixtures.motions import unit
 from fixtures.plant_motion import integrate
 from fixtures.presets import ideal
 from hypothesis import given, settings
@@ -17,7 +18,6 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input, State, state_from_odometry
 from quad_mpc_ros.control.model.vehicle import Vehicle
@@ -36,11 +36,6 @@ def flown(x: State, u: Input, vehicle: Vehicle, duration: float = PERIOD) -> Sta
     return x
 
 
-def a_unit_vector(rng: np.random.Generator) -> Array:
-    v = rng.normal(size=3)
-    return np.asarray(v / np.linalg.norm(v))
-
-
 def assert_inside_bounds(u: Input, config: MpcConfig) -> None:
     assert config.throttle_min <= u.throttle <= config.throttle_max
     assert np.isfinite(u.w_WB_B).all()
@@ -57,7 +52,7 @@ def test_hover_brakes_from_ten_metres_per_second_in_any_attitude_and_holds(
     rng = np.random.default_rng(seed or 0)
     attitude = Rotation.from_quat(rng.normal(size=4)).as_matrix() if seed else UPSIDE_DOWN
     start = np.array([3.0, -4.0, 200.0])
-    x = State(p_WB=start, v_WB_B=10.0 * a_unit_vector(rng), R_WB=attitude)
+    x = State(p_WB=start, v_WB_B=10.0 * unit(rng), R_WB=attitude)
     hover, vehicle = HoverFallback(paper_config), Vehicle()
     furthest = 0.0
     for _ in range(round(10.0 / PERIOD)):
@@ -93,12 +88,12 @@ def test_fallback_commands_are_finite_and_inside_the_bounds(
     )
     x = State(
         p_WB=np.zeros(3),
-        v_WB_B=speed * a_unit_vector(rng),
+        v_WB_B=speed * unit(rng),
         R_WB=Rotation.from_quat(rng.normal(size=4)).as_matrix(),
     )
     hover = HoverFallback(config)
     assert_inside_bounds(hover.command(x), config)
-    moved = dataclasses.replace(x, p_WB=distance * a_unit_vector(rng))
+    moved = dataclasses.replace(x, p_WB=distance * unit(rng))
     assert_inside_bounds(hover.command(moved), config)
     assert_inside_bounds(BlindFallback(config).command(x.R_WB, elapsed=speed), config)
 
