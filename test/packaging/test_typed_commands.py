@@ -108,6 +108,13 @@ def has_its_files(typed: Any) -> None:
         assert word in known or inside or of_the_sources or "many.yaml" in word, word
 
 
+def test_blocks_of_commands_are_marked() -> None:
+    """``tools/type_pages.py`` does not execute unmarked blocks."""
+    for page in pages.PAGES + pages.STACKS:
+        for text in re.findall(r"^```text\n(.*?)^```", Path(page).read_text(), re.S | re.M):
+            assert not re.match(r"(\.venv/bin/)?(quad_mpc|ros2|pip) ", text), (page, text)
+
+
 def test_continued_lines_are_one_command() -> None:
     text = "a --b \\\n  c\n# said\nd '{x:\n  y}'   # why\n"
     assert list(pages.commands(text)) == [(0, "a --b \\\n  c"), (3, "d '{x:\n  y}'   # why")]

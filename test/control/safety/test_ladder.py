@@ -10,6 +10,7 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.safety import ladder
 
 MS = 1_000_000
@@ -236,6 +237,11 @@ def test_plan_hold_time_counts_from_the_last_valid_plan() -> None:
     flight.decide(0)
     flight.decide(150, breach=("HOVER", "out"))
     flight.follow([(340, PLAN), (351, HOVER)], fault=FAILED)
+
+
+def test_without_a_gap_odometry_is_lost_at_its_timeout() -> None:
+    off = MpcConfig(odom_timeout=0.125, odom_gap=0.0)
+    assert ladder.timeouts_of(off).gap == 125 * MS
 
 
 _MOMENT = st.fixed_dictionaries(
