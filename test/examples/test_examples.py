@@ -34,7 +34,7 @@ def closed_loop(names: Names) -> None:
 
 def own_plant(names: Names) -> None:
     assert names["summary"]["position_rmse_m"] < 1.0
-    assert names["thrust_scale"] == pytest.approx(0.9 / 1.1, abs=0.04)
+    assert names["thrust_scale"] == pytest.approx(0.9 / 1.1, abs=0.03)
 
 
 def own_controller(names: Names) -> None:

@@ -53,7 +53,8 @@ USUAL = 0.05
 """Lower bound of the velocity noise with the default bandwidth [m/s]."""
 LEAST_OF_POSITION = 0.01  # m, lower bound of the position noise
 _MIN_DRIFT = 0.02  # m/s
-_INITIAL = 0.1  # m/s or m
+INITIAL = 0.1
+"""Noise before it is estimated [m/s or m]."""
 MOST = 1.0
 """Upper bound of position noise [m], velocity noise [m/s] and velocity drift [m/s]."""
 _AVERAGING_TIME = 2.0  # s
@@ -129,10 +130,10 @@ def _share(age: float, duration: float) -> float:
 
 def start(noise: WhiteNoise, least: float) -> None:
     """Write the initial noise; its standard deviation is at least ``least``."""
-    noise.variance, noise.least = _INITIAL**2, least**2
+    noise.variance, noise.least = INITIAL**2, least**2
 
 
 def start_drift(drift: VelocityDrift) -> None:
     """Write the initial drift, as of a window of 0.1 s."""
-    drift.window = _INITIAL**2
-    drift.square = _INITIAL**2 * drift.window
+    drift.window = INITIAL**2
+    drift.square = INITIAL**2 * drift.window

@@ -41,11 +41,11 @@ from quad_mpc_ros.control.model.state import U_THROTTLE
 _ACCELERATION_NOISE = 0.1  # m/s^2 / sqrt(Hz), process noise of the model
 _UNMODELLED_ACCELERATION = 100.0  # m/s^2, if other forces move the vehicle
 _BIAS_TIME = 1.0  # s, time constant of the velocity bias
-_MOST_NOISE_BEFORE = 0.25  # m/s, of the velocity before learning begins
 # Drag is observable above this speed across the thrust [m/s], a lag above this change of the
 # specific thrust [m/s^2] at rest and per m/s.
 _MIN_DRAG_SPEED = 1.0
-_MIN_LAG_EFFECT, _MIN_LAG_EFFECT_PER_SPEED = 0.05, 0.05
+_MIN_LAG_EFFECT, _MIN_LAG_EFFECT_PER_SPEED = 0.1, 0.05
+_MIN_NOISE_AGE = 0.5  # s, after which the noise of the velocity is known
 
 
 @compiled
@@ -217,7 +217,7 @@ def _lag_is_observable(state: Filter, F: Array, duration: float) -> bool:
     The throttle, which has the same lag, contributes as well.
     """
     effect, speed, P = 0.0, 0.0, state.translation.P
-    if P[MOTION.lag, MOTION.lag] <= 0.0:
+    if P[MOTION.lag, MOTION.lag] <= 0.0 or state.velocity_noise.age < _MIN_NOISE_AGE:
         return False
     lagged = P[MOTION.throttle, MOTION.lag] / P[MOTION.lag, MOTION.lag]
     for k in range(3):
@@ -247,11 +247,14 @@ def _update_noise(
     x = state.translation.x
     of_p = _unpredicted(before.p_WB, after.p_WB, was, x, MOTION.position)
     measurement_noise.update_white_noise(state.position_noise, of_p, duration)
+    if mode == UpdateMode.HOLD:
+        # Unmodelled forces change the velocity, and positions may be in other units.
+        most = max(white, measurement_noise.INITIAL**2)
+        state.position_noise.variance = min(state.position_noise.variance, most)
+        state.velocity_noise.has_previous = 0
+        return
     of_v = _unpredicted(before.v_WB_W, after.v_WB_W, was, x, MOTION.velocity)
     measurement_noise.update_white_noise(state.velocity_noise, of_v, duration)
-    if mode == UpdateMode.HOLD:  # a velocity in other units must not be taken for noise
-        most = _MOST_NOISE_BEFORE**2
-        state.velocity_noise.variance = min(state.velocity_noise.variance, most)
 
 
 @compiled
