@@ -32,6 +32,7 @@ from quad_mpc_ros import load_config
 from quad_mpc_ros.analysis.identification.report import parameter_file
 from quad_mpc_ros.analysis.identification.result import Identification
 from quad_mpc_ros.configuration import per_axis
+from quad_mpc_ros.control.model.vehicle import LATENCY_UNCERTAINTY
 from quad_mpc_ros.extras.campaigns.campaign_file import located_campaign, read_campaign
 from quad_mpc_ros.recordings.evaluation.crash import crash_of
 from quad_mpc_ros.recordings.evaluation.metrics import position_errors
@@ -75,6 +76,7 @@ def truth_of(simulator: SimulatorConfig) -> VehicleParameters:
         "rate_gain": simulator.rate_gain,
         "thrust_time_constant": simulator.thrust_time_constant,
         "input_delay": simulator.command_delay + simulator.odom_delay,
+        "latency_uncertainty": LATENCY_UNCERTAINTY[0],
     }
     return {"mpc": known, "reference": {**air, "thrust_curve": vehicle.thrust_curve}}
 
@@ -123,6 +125,7 @@ def compared(found: VehicleParameters, simulator: SimulatorConfig) -> Iterator[s
         ("rate_time_constant", 1e3),
         ("thrust_time_constant", 1e3),
         ("input_delay", 1e3),
+        ("latency_uncertainty", 1e3),
         ("drag", 1.0),
     ):
         values = ", ".join(f"{unit * value:.3g}" for value in dict.fromkeys(per_axis(one[name])))

@@ -28,6 +28,7 @@ VEHICLE = (
     "thrust_time_constant",
     "thrust_time_constant_down",
     "input_delay",
+    "latency_uncertainty",
     "omega_max",
     "throttle_min",
     "throttle_max",

@@ -17,10 +17,16 @@ from quad_mpc_ros.configuration import (
     per_axis,
 )
 from quad_mpc_ros.configuration.box import FARTHEST, NO_WALL, BoxParameters
-from quad_mpc_ros.control.model.vehicle import ActuatorLags, VehicleParameters
+from quad_mpc_ros.control.model.vehicle import (
+    LATENCY_UNCERTAINTY,
+    ActuatorLags,
+    VehicleParameters,
+)
 
 MPC = "mpc"
 """Name of the MPC among the controllers."""
+LEAST_RATE_WEIGHT = 0.001
+"""Smallest weight of a body rate for a known rate loop, unless ``R`` is smaller."""
 
 _live = functools.partial(parameter, live=True)
 _advanced = functools.partial(parameter, advanced=True)
@@ -352,6 +358,15 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
         minimum=0.0,
         maximum=0.5,
     )
+    latency_uncertainty: float = parameter(
+        LATENCY_UNCERTAINTY[1],
+        doc="manifold: half width of the 95 % interval of the sum of rate_time_constant, "
+        "torque_time_constant and input_delay, written by quad_mpc identify. R of the body rates "
+        "is proportional to it at the start.",
+        unit="s",
+        minimum=LATENCY_UNCERTAINTY[0],
+        maximum=LATENCY_UNCERTAINTY[1],
+    )
     estimate_disturbance: bool = parameter(
         True,
         doc="manifold: estimate and compensate a disturbance acceleration, the thrust scale, the "
@@ -440,6 +455,11 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
             torque=self.torque_time_constant,
             angular_acceleration_max=self.angular_acceleration_max,
         )
+
+    @property
+    def rate_weight_scale(self) -> float:
+        """Factor on ``R`` of the body rates before the lags are estimated in flight."""
+        return self.latency_uncertainty / LATENCY_UNCERTAINTY[1] if self.on_manifold else 1.0
 
     @property
     def uses_accelerometer(self) -> bool:

@@ -106,7 +106,7 @@ class TickStats:
         0.0  # estimated, of the rate loops, mean of roll and pitch [ms]
     )
     thrust_time_constant_ms: float = 0.0  # estimated, of the throttle [ms]
-    rate_weight_scale: float = 1.0  # on the weights of the rates, above 1 if rates are unexplained
+    rate_weight_scale: float = 1.0  # factor on the weights of the rates
     drag: float = 0.0  # estimated, mean over the axes [1/s]
     rate_offset_x: float = 0.0  # estimated offset of the roll rate from its command [rad/s]
     rate_offset_y: float = 0.0  # estimated offset of the pitch rate from its command [rad/s]
@@ -156,7 +156,7 @@ def _solver_figures(step: MpcStep | None, estimate: EstimateStatus) -> dict[str,
         "yaw_time_constant_ms": 1e3 * yaw_lag,
         "torque_time_constant_ms": 5e2 * sum(model["torque_time_constants"].tolist()[:2]),
         "thrust_time_constant_ms": 1e3 * float(model["thrust_time_constant"]),
-        "rate_weight_scale": 1.0 + step.state.prediction["caution"].item(),
+        "rate_weight_scale": step.state.prediction["rate_weight_scale"].item(),
         "drag": float(model["drag"]),
         "rate_offset_x": roll_offset,
         "rate_offset_y": pitch_offset,

@@ -19,6 +19,7 @@ from quad_mpc_ros.analysis.identification.result import Identification, Paramete
 from quad_mpc_ros.configuration import UserError, per_axis
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.model.vehicle import LATENCY_UNCERTAINTY
 
 _WIDTH = 80
 # Largest residuals beyond noise, as shares of the variation of body rates and velocity.
@@ -206,6 +207,10 @@ def parameter_file(
             if estimate is None
             else vehicle_file.found_entry(estimate)
         )
+    latency = found.latency_half_width
+    if latency is not None:
+        width = min(max(latency, LATENCY_UNCERTAINTY[0]), LATENCY_UNCERTAINTY[1])
+        entries["latency_uncertainty"] = vehicle_file.rounded(width), "of roll and pitch"
     if found.thrust_scale.observable:
         entries |= vehicle_file.thrust_entries(found.thrust_scale, given, keep=keep)
     else:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from quad_mpc_ros.control.lie import Array
@@ -88,3 +89,16 @@ class Identification:
     specific_force: FittedCourse
     flown: float
     fitted: float
+
+    @property
+    def latency_half_width(self) -> float | None:
+        """Half width of the 95 % interval of the latency of roll and pitch [s].
+
+        The latency is the sum of both time constants and the delay, whose estimates are taken as
+        independent. None if one of them is not observable.
+        """
+        loops = zip(self.rate_time_constant[:2], self.torque_time_constant[:2], strict=True)
+        sums = [(*loop, self.input_delay) for loop in loops]
+        if not all(part.observable for parts in sums for part in parts):
+            return None
+        return max(math.hypot(*(part.half_width for part in parts)) for parts in sums)

@@ -28,8 +28,8 @@ from quad_mpc_ros.control.estimation.filter_state import (
     write_estimated,
 )
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
-from quad_mpc_ros.control.estimation.loop_rates import unexplained
 from quad_mpc_ros.control.estimation.rate_update import add_offsets, track_acceleration
+from quad_mpc_ros.control.estimation.rate_weights import rate_weight_scale
 from quad_mpc_ros.control.estimation.specific_force import SpecificForces
 from quad_mpc_ros.control.estimation.update_mode import LONGEST_GAP_NS, MODE_TEXTS, UpdateMode
 from quad_mpc_ros.control.lie import Array, kernels
@@ -47,8 +47,6 @@ from quad_mpc_ros.control.stage import Stage
 
 # Learning starts this long after commands begin to act, as the actuators have to settle.
 _ACTUATOR_SETTLING_NS = 300_000_000
-# Increase of the weights of the rates per unexplained share of the measured rates above the usual.
-_CAUTION, _USUAL = 8.0, 0.08
 
 
 class EstimatorState(Record):
@@ -104,6 +102,7 @@ class DelayCompensation(Stage):
         self._buffer = EstimatorState.zeros()
         self._estimator = estimator = self._buffer[()]
         nominal = parameters_of(vehicle, config.lags)
+        estimator.filter.latency_uncertainty = config.latency_uncertainty
         self._ekf = VehicleEkf(
             nominal[()],
             throttle=hover.throttle,
@@ -377,6 +376,6 @@ def _predict_ahead(
             start=predicted.state,
             end=predicted.state,
         )
-    predicted.caution = _CAUTION * max(unexplained(estimate.loop) - _USUAL, 0.0)
+    predicted.rate_weight_scale = rate_weight_scale(estimate)
     predicted.sent[:] = sent
     add_offsets(estimate, predicted.sent)

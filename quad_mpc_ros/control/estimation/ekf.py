@@ -61,6 +61,7 @@ from quad_mpc_ros.control.estimation.rate_update import (
     take_rates,
     update_rates,
 )
+from quad_mpc_ros.control.estimation.rate_weights import start_rate_weights
 from quad_mpc_ros.control.estimation.translation_update import restart, update_translation
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode, update_mode
 from quad_mpc_ros.control.lie import Array
@@ -133,6 +134,7 @@ class VehicleEkf:
         state.translation.P[:] = state.process_noise.translation.P
         state.rates.x[:] = 0.0
         state.rates.P[:] = state.process_noise.rates.P
+        start_rate_weights(state)
         restart(state, x[: MOTION.velocity].copy(), x[MOTION.velocity : MOTION.disturbance].copy())
 
     def reconfigure(

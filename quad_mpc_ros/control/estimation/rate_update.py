@@ -30,6 +30,7 @@ from quad_mpc_ros.control.estimation.filter_state import (
     loop_lags,
 )
 from quad_mpc_ros.control.estimation.loop_rates import follow_loops, start_loops
+from quad_mpc_ros.control.estimation.rate_weights import update_rate_weights
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.actuators import axis_step, first_order_lag, loop_step
@@ -75,6 +76,7 @@ def update_rates(state: Filter, after: StateRecord, acting: Acting, mode: Update
     R = _RATE_NOISE**2 / duration + (share * off) ** 2
     kalman.update(x, P, kalman.innovation(P, H, R, nu), considered)
     _constrain_rates(state, considered)
+    update_rate_weights(state, duration)
 
 
 @compiled

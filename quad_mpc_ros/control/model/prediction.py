@@ -23,8 +23,7 @@ class Prediction(Record):
     parameters: ModelParameters  # as estimated
     # Last commanded throttle and rates [rad/s], including the offset of the rates.
     sent: Vector4
-    # Relative increase of the weights of the rates, 0 if the model explains the measured rates.
-    caution: float
+    rate_weight_scale: float  # factor on the weights of the rates
 
 
 class PredictedState(NamedTuple):
@@ -40,6 +39,7 @@ class PredictedState(NamedTuple):
         predicted = prediction[()]
         predicted.state.R_WB[:] = np.eye(3)
         predicted.parameters = parameters[()]
+        predicted.rate_weight_scale = 1.0
         return cls(0, prediction)
 
     @property

@@ -24,6 +24,9 @@ from quad_mpc_ros.control.lie import Array
 ARM = 0.11
 """Distance from the centre to a rotor [m]: the paper's 220 mm diagonal."""
 
+LATENCY_UNCERTAINTY = 0.003, 0.15
+"""Half the 95 % interval of the latency [s]: the smallest, and that of an unidentified vehicle."""
+
 _ROTOR_POINTS = 24
 
 

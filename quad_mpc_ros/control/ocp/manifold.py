@@ -180,7 +180,9 @@ def begin(
     """
     settings, work = problem.settings[()], problem.work
     work.R[:] = settings.R
-    work.R[U_RATE:] *= 1.0 + problem.prediction[()].caution
+    scale = problem.prediction[()].rate_weight_scale
+    for k in range(U_RATE, U_RATE + 3):
+        work.R[k] = max(scale * settings.R[k], settings.R_least[k])
     planned, speeds = work.plan.deviation, work.progress.nominal
     if len(speeds) > 0:
         plan = work.progress.plan

@@ -16,13 +16,14 @@ the margins.
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import NamedTuple
 
 import numpy as np
 
 from quad_mpc_ros.configuration import per_axis
-from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.config import LEAST_RATE_WEIGHT, MpcConfig
 from quad_mpc_ros.control.lie import Array
 
 _FREQUENCIES = np.geomspace(0.3, 150.0, 300)  # rad/s
@@ -51,14 +52,21 @@ class _Axis(NamedTuple):
     unmeasured: int = 0
 
 
-def stability_margins(config: MpcConfig) -> StabilityMargins:
-    """Return the smallest margins of the horizontal, vertical and yaw motion in hover."""
+@functools.lru_cache(maxsize=64)
+def stability_margins(
+    config: MpcConfig, rate_weight_scale: float | None = None
+) -> StabilityMargins:
+    """Return the smallest margins of the horizontal, vertical and yaw motion in hover.
+
+    ``rate_weight_scale`` is the factor on the weights of the rates, None the initial factor.
+    """
+    scale = config.rate_weight_scale if rate_weight_scale is None else rate_weight_scale
     # As a rule pitch and roll are the same.
-    margins = [_margins(axis, config) for axis in dict.fromkeys(_axes(config))]
+    margins = [_margins(axis, config) for axis in dict.fromkeys(_axes(config, scale))]
     return StabilityMargins(*(min(values) for values in zip(*margins, strict=True)))
 
 
-def _axes(config: MpcConfig) -> list[_Axis]:
+def _axes(config: MpcConfig, rate_weight_scale: float) -> list[_Axis]:
     """Return the motion along x, y and z, and the turn about z."""
     rate_lags = np.maximum(per_axis(config.rate_time_constant), _SHORTEST_LAG)
     torque_lags = per_axis(config.torque_time_constant)
@@ -71,6 +79,7 @@ def _axes(config: MpcConfig) -> list[_Axis]:
     slope = 0.5 * change / _CHANGE / config.mass
     throttle = (max(config.thrust_time_constant, _SHORTEST_LAG),)
     (px, py, pz, vx, vy, vz, *turns), (thrust, *rates) = config.Q, config.R
+    rates = [max(rate_weight_scale * R, min(R, LEAST_RATE_WEIGHT)) for R in rates]
     return [
         _Axis((1.0, config.gravity, 1.0), pitch, (px, vx, turns[1]), rates[1]),
         _Axis((1.0, config.gravity, 1.0), roll, (py, vy, turns[0]), rates[0]),

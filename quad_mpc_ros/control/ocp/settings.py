@@ -11,7 +11,7 @@ import numpy as np
 from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3, Vector4
-from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.config import LEAST_RATE_WEIGHT, MpcConfig
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.state import POSITION, TANGENT_SIZE
 
@@ -21,6 +21,7 @@ class ProblemSettings(Record):
 
     Q: Annotated[Array, (TANGENT_SIZE,)]  # weights of position, velocity and attitude
     R: Vector4  # weights of throttle and rates
+    R_least: Vector4  # of rates, for a known rate loop
     terminal_weight: float  # factor on Q at the last stage
     step: float  # s, of a stage
     # Bounds of throttle and rates.
@@ -48,6 +49,7 @@ def settings_of(config: MpcConfig) -> RecordArray[ProblemSettings]:
     # Inputs of the problem are what the rates follow, commands times their gain.
     fastest = gain * config.omega_max
     settings.Q[:], settings.R[:] = config.Q, config.R
+    settings.R_least[:] = np.minimum(config.R, LEAST_RATE_WEIGHT)
     settings.terminal_weight = config.terminal_weight
     settings.step, settings.rate_gain[:] = config.horizon_step, gain
     settings.u_min[:] = config.throttle_min, *(-fastest)

@@ -278,10 +278,11 @@ class ObstacleAvoidance(Guide):
         if kept is not None and _is_worse(found, kept):
             return kept
         if path is not None and not (found.complete or path.complete):
-            # Keep the previous stop unless the new one is clearly nearer.
-            before = path.points[-1]
-            nearer = _distance(before, goal.p_W) - _distance(found.points[-1], goal.p_W)
-            if nearer < _MIN_IMPROVEMENT and view.map.are_clear(before[None], keep).all():
+            # Keep the previous stop unless the new one is clearly nearer, or on the way.
+            before, stop = path.points[-1], found.points[-1]
+            nearer = _distance(before, goal.p_W) - _distance(stop, goal.p_W)
+            needed = min(max(0.5 * _distance(before, stop), VOXEL_SIZE), _MIN_IMPROVEMENT)
+            if nearer < needed and view.map.are_clear(before[None], keep).all():
                 there = self._search_path(view, _Goal(before, goal.ahead, None))
                 found = there._replace(complete=False)
         return found

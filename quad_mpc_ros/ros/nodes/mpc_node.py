@@ -90,7 +90,6 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._rate_loop = RateLoopMonitor()
         self._rate_loop_fault: str | None = None
         self._standby = Standby(config)
-        self._margins = stability_margins(config)
         self.health.lockstep = config.lockstep
         self._engaged: bool | None = None  # commands act unless a bridge reports otherwise
         self._has_receiver = True
@@ -183,7 +182,6 @@ class MpcNode(ManagedNode[MpcConfig]):
         """Apply live parameters between two control steps."""
         self._controller.reconfigure(config)
         self._standby.reconfigure(config)
-        self._margins = stability_margins(config)
 
     def _on_odometry(self, odometry: OdometrySample) -> None:
         now_ns = self._time.now_ns()
@@ -397,7 +395,8 @@ class MpcNode(ManagedNode[MpcConfig]):
             obstacle_values = self._obstacle_inputs.values(tick.stats.stamp_ns)
         values = [*tick.stats.items(), *obstacle_values, ("engaged", engaged)]
         if self._controller.config.controller == MPC:
-            delay, gain = self._margins
+            scale = round(tick.stats.rate_weight_scale, 2)  # few values: each takes a millisecond
+            delay, gain = stability_margins(self._controller.config, scale)
             values += [("delay_margin_ms", f"{1e3 * delay:.0f}"), ("gain_margin", f"{gain:.1f}")]
         return Health(level=level, text=text, values=values)
 
