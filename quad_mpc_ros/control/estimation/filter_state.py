@@ -155,7 +155,7 @@ class Filter(Record):
     nominal: ModelParameters  # as configured
     estimated: ModelParameters
     drag_shape: Vector3  # anisotropic drag over the mean drag
-    latency_uncertainty: float  # s, half the 95 % interval before the flight
+    latency_uncertainty: float  # s, configured half of the 95 % interval; rises if refuted
     known_loop_scale: float  # factor on the weights of the rates if the loop explains the rates
     longest_rate_lag: float  # factor on the time constants of roll and pitch
     lowpass: LowpassedRates

@@ -45,15 +45,13 @@ def update_rate_weights(state: Filter, duration: float) -> None:
 
     A vehicle whose rates are not explained is no longer the identified vehicle.
     """
-    most, time = LATENCY_UNCERTAINTY[1], _FALL_TIME
-    if unexplained(state.loop) > _USUAL:
-        time = _RISE_TIME
-        rise = -math.expm1(-duration / time)
-        state.latency_uncertainty += rise * (most - state.latency_uncertainty)
-        uncertainty = state.latency_uncertainty
-    else:
+    most, explained = LATENCY_UNCERTAINTY[1], unexplained(state.loop) <= _USUAL
+    share = -math.expm1(-duration / (_FALL_TIME if explained else _RISE_TIME))
+    if explained:
         uncertainty = min(_latency_uncertainty(state), state.latency_uncertainty)
-    share = -math.expm1(-duration / time)
+    else:
+        state.latency_uncertainty += share * (most - state.latency_uncertainty)
+        uncertainty = state.latency_uncertainty
     state.known_loop_scale += share * (uncertainty / most - state.known_loop_scale)
 
 
